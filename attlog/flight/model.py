@@ -1,0 +1,223 @@
+"""A flight as numbers: one clock, SI units, body FRD, earth NED.
+
+``t`` is float64 seconds; 0 is the first sample of the IMU that is replayed. The
+autopilot's own clock at that instant is ``FlightLog.t0_us``. Quaternions are
+scalar first and turn body vectors into earth vectors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Severity = Literal["info", "note", "warning", "error"]
+
+
+@dataclass(slots=True)
+class Stream:
+    """A measured quantity over time.
+
+    ``t`` (n,) s and ``x`` (n, k) in ``unit`` (SI). ``sampling`` is ``interval`` where a
+    value is the mean over the interval that ends at its stamp (PX4), ``instant``
+    where it is the value at the stamp (ArduPilot). ``delay`` (s) is the known lag of
+    filters ahead of the logger. ``t_sample`` is set where the time of measurement
+    differs from the time of publication ``t``.
+    """
+
+    t: Array
+    x: Array
+    unit: str
+    frame: str
+    source: str
+    sampling: Literal["interval", "instant"] = "instant"
+    delay: float = 0.0
+    t_sample: Array | None = None
+
+    @property
+    def rate(self) -> float:
+        """Mean rate in Hz: count over span, 0 for fewer than two samples."""
+        if len(self.t) < 2:
+            return 0.0
+        span = float(self.t[-1] - self.t[0])
+        return (len(self.t) - 1) / span if span > 0 else 0.0
+
+    @property
+    def t_best(self) -> Array:
+        """The time of measurement where the log tells it, else the stamp."""
+        return self.t if self.t_sample is None else self.t_sample
+
+
+@dataclass(slots=True)
+class Imu:
+    """One inertial unit. ``gyro`` rad/s and ``acc`` m/s^2 (specific force) at the same times.
+
+    ``filtered`` says what happened before logging ("none", "low-pass 80 Hz", ...).
+    ``dt`` (n,) is the own integration time of each sample where the log holds
+    increments (delta angles), else None.
+    """
+
+    index: int
+    gyro: Stream
+    acc: Stream
+    calibrated: bool = True
+    filtered: str = "unknown"
+    device: str | None = None
+    temperature: Stream | None = None
+    dt: Array | None = None
+    note: str = ""
+
+
+@dataclass(slots=True)
+class Mag:
+    """One magnetometer, ``field`` in tesla (n, 3), body FRD, calibrated unless said."""
+
+    index: int
+    field: Stream
+    calibrated: bool = True
+    device: str | None = None
+    enabled: bool = True
+
+
+@dataclass(slots=True)
+class Gnss:
+    """One receiver at ``t`` (n,): degrees, metres, m/s NED; NaN where the log has no value."""
+
+    index: int
+    t: Array
+    source: str
+    lat: Array
+    lon: Array
+    alt: Array
+    vel_ned: Array
+    h_acc: Array
+    v_acc: Array
+    s_acc: Array
+    fix: NDArray[np.int64]
+    yaw: Array | None = None
+    utc_us: NDArray[np.int64] | None = None
+
+
+@dataclass(slots=True)
+class Attitude:
+    """An attitude somebody estimated: ``q`` (n, 4) at ``t``.
+
+    ``resets`` (k,) are indices i where the step from sample i-1 to i is a reset and
+    not a rotation. ``has_trim`` is True where the vehicle's trim (ArduPilot
+    AHRS_TRIM) is already taken out. ``step_deg`` is the quantisation of the logged
+    values in degrees (0 for float).
+    """
+
+    t: Array
+    q: Array
+    source: str
+    t_sample: Array | None = None
+    resets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    has_trim: bool = False
+    step_deg: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """Mean rate in Hz: count over span, 0 for fewer than two samples."""
+        if len(self.t) < 2:
+            return 0.0
+        span = float(self.t[-1] - self.t[0])
+        return (len(self.t) - 1) / span if span > 0 else 0.0
+
+
+@dataclass(slots=True)
+class TimeLine:
+    """A value that holds from ``t[i]`` until ``t[i+1]``: modes, arming, parameters."""
+
+    t: Array
+    value: list[Any]
+    source: str
+
+    def at(self, t: float) -> Any:
+        """The value that holds at ``t``; the first value before the first entry, None if empty."""
+        if not self.value:
+            return None
+        i = int(np.searchsorted(self.t, t, side="right")) - 1
+        return self.value[max(i, 0)]
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """Who flew: ``name`` is ``PX4`` or ``ArduPilot`` (or what the log says), ``version`` as text."""
+
+    name: str
+    version: str = ""
+    git: str = ""
+    board: str = ""
+
+    def __str__(self) -> str:
+        return " ".join(x for x in (self.name, self.version) if x)
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something the reader of a result must know. ``t`` s or ``offset`` bytes say where."""
+
+    code: str
+    severity: Severity
+    text: str
+    t: float | None = None
+    offset: int | None = None
+    count: int = 1
+
+
+@dataclass(slots=True)
+class FlightLog:
+    """Everything of one boot that attlog uses. See the module docstring for clock and frames.
+
+    ``imus[imu]`` is the one to replay, ``mags[mag]`` likewise (None: no usable one);
+    the reason for each choice stands in ``choices`` (quantity -> sentence).
+    ``attitudes`` maps source names to attitudes; ``onboard`` names the one that flew.
+    ``setpoints`` is the attitude set-point, ``rate_setpoints`` a stream in rad/s.
+    ``utc_offset`` (s) turns ``t`` into Unix time where GNSS told it.
+    """
+
+    path: Path
+    format: str
+    size: int
+    t0_us: int
+    firmware: Firmware
+    vehicle: str
+    simulated: bool = False
+    utc_offset: float | None = None
+    imus: list[Imu] = field(default_factory=list)
+    imu: int | None = None
+    imu_that_flew: TimeLine | None = None
+    mags: list[Mag] = field(default_factory=list)
+    mag: int | None = None
+    gnss: list[Gnss] = field(default_factory=list)
+    baro: list[Stream] = field(default_factory=list)
+    airspeed: Stream | None = None
+    attitudes: dict[str, Attitude] = field(default_factory=dict)
+    onboard: str | None = None
+    truth: Attitude | None = None
+    setpoints: Attitude | None = None
+    rate_setpoints: Stream | None = None
+    armed: TimeLine | None = None
+    landed: TimeLine | None = None
+    mode: TimeLine | None = None
+    throttle: Stream | None = None
+    rpm: Stream | None = None
+    battery: Stream | None = None
+    params: dict[str, TimeLine] = field(default_factory=dict)
+    param_defaults: dict[str, float] = field(default_factory=dict)
+    texts: list[tuple[float, int, str]] = field(default_factory=list)
+    boot: int = 0
+    boots: int = 1
+    choices: dict[str, str] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def param(self, name: str, t: float | None = None) -> float | None:
+        """A parameter's value at ``t`` (default: at the first IMU sample); None if the log has none."""
+        line = self.params.get(name)
+        return None if line is None else line.at(0.0 if t is None else t)

@@ -1,0 +1,186 @@
+"""What every reader returns: lazy columns, parameters, texts and a list of damage.
+
+A reader maps the file, makes one index pass and decodes a column when somebody
+asks for it. All readers return the same :class:`Messages`, so that the flight
+layer never knows how a byte was stored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One column of a message as the format declares it.
+
+    ``dtype`` is the stored type (numpy notation; sub-arrays such as ``64S1`` for
+    text). ``scale`` turns the stored number into the printed one (0.01 for
+    DataFlash ``c``), ``unit`` is what the format says of the printed number, None
+    where it says nothing.
+    """
+
+    name: str
+    dtype: np.dtype[Any]
+    unit: str | None = None
+    scale: float = 1.0
+
+
+class Table:
+    """All records of one message and instance, in file order, columns on demand.
+
+    ``table["GyrX"]`` is the column with its stored dtype, ``table.value("Roll")``
+    the same as float64 with the format's own scaling applied (what the format's
+    official library prints). ``offsets`` (n,) int64 are the byte offsets of the
+    records in the file; slices of a table stay lazy.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        instance: int,
+        fields: dict[str, Field],
+        offsets: NDArray[np.int64],
+        decode: Callable[[str, NDArray[np.int64]], NDArray[Any]],
+    ) -> None:
+        self.name = name
+        self.instance = instance
+        self.fields = fields
+        self.offsets = offsets
+        self._decode = decode
+        self._columns: dict[str, NDArray[Any]] = {}
+
+    def __len__(self) -> int:
+        return len(self.offsets)
+
+    def __contains__(self, column: object) -> bool:
+        return column in self.fields
+
+    def __repr__(self) -> str:
+        return f"<Table {self.name}:{self.instance} {len(self)} records, {len(self.fields)} fields>"
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """The column as stored, (n,) or (n, k) for array fields. KeyError if the message has no such field."""
+        if column not in self._columns:
+            if column not in self.fields:
+                raise KeyError(f"{self.name} has no field {column!r}; it has {', '.join(self.fields)}")
+            self._columns[column] = self._decode(column, self.offsets)
+        return self._columns[column]
+
+    def value(self, column: str) -> NDArray[np.float64]:
+        """The column as float64 in the unit that the format prints."""
+        stored = self[column]
+        scale = self.fields[column].scale
+        as_float = stored.astype(np.float64)
+        return as_float if scale == 1.0 else as_float * scale
+
+    def rows(self, select: NDArray[Any] | slice) -> Table:
+        """The same message, only the selected records (mask, indices or slice)."""
+        return Table(self.name, self.instance, self.fields, self.offsets[select], self._decode)
+
+
+@dataclass(frozen=True, slots=True)
+class ParamChange:
+    """A parameter value as the log states it. ``t_us`` is None for values from before the first data."""
+
+    name: str
+    value: float | int
+    t_us: int | None = None
+    is_default: bool = False
+    offset: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A message of the autopilot. ``level``: syslog severity 0 (emergency) to 7 (debug)."""
+
+    text: str
+    level: int
+    t_us: int | None = None
+    offset: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A place where the file is broken: what was lost there and how reading went on."""
+
+    offset: int
+    length: int
+    lost: str
+    resumed: str
+
+
+@dataclass(frozen=True, slots=True)
+class Boot:
+    """One power-up inside a file: records from ``start`` to before ``end`` (byte offsets)."""
+
+    start: int
+    end: int
+
+
+@dataclass(slots=True)
+class Messages(Mapping[tuple[str, int], Table]):
+    """An opened log: ``(name, instance) -> Table`` plus what stands beside the data.
+
+    ``format`` is ``ulog``, ``dataflash``, ``dataflash_text``, ``tlog``, ``mavlink`` or
+    ``px4log``. ``info`` holds the format's own statements (versions, hardware).
+    ``damage_bytes`` counts all unusable bytes, also beyond the list's limit.
+    For MAVLink the instance is ``system * 256 + component``.
+    """
+
+    path: Path
+    format: str
+    size: int
+    tables: dict[tuple[str, int], Table]
+    params: list[ParamChange] = field(default_factory=list)
+    texts: list[Text] = field(default_factory=list)
+    info: dict[str, Any] = field(default_factory=dict)
+    damage: list[Damage] = field(default_factory=list)
+    damage_bytes: int = 0
+    dropouts_ms: list[int] = field(default_factory=list)
+    boots: list[Boot] = field(default_factory=list)
+
+    def __getitem__(self, key: tuple[str, int]) -> Table:
+        return self.tables[key]
+
+    def __iter__(self) -> Iterator[tuple[str, int]]:
+        return iter(self.tables)
+
+    def __len__(self) -> int:
+        return len(self.tables)
+
+    def names(self) -> list[str]:
+        """Message names, each once, in file order."""
+        return list(dict.fromkeys(name for name, _ in self.tables))
+
+    def instances(self, name: str) -> list[int]:
+        """Instances of one message, ascending; empty if the log has none."""
+        return sorted(i for n, i in self.tables if n == name)
+
+    def first(self, name: str) -> Table | None:
+        """The lowest instance of a message, None if absent."""
+        found = self.instances(name)
+        return self.tables[name, found[0]] if found else None
+
+    def boot(self, index: int) -> Messages:
+        """The same log restricted to one power-up. IndexError if there is no such boot."""
+        if len(self.boots) <= 1 and index == 0:
+            return self
+        b = self.boots[index]
+        tables: dict[tuple[str, int], Table] = {}
+        for key, table in self.tables.items():
+            part = table.rows((table.offsets >= b.start) & (table.offsets < b.end))
+            if len(part):
+                tables[key] = part
+        return Messages(
+            self.path, self.format, self.size, tables,
+            [p for p in self.params if b.start <= p.offset < b.end],
+            [x for x in self.texts if b.start <= x.offset < b.end],
+            self.info, self.damage, self.damage_bytes, self.dropouts_ms, [b],
+        )

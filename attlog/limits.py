@@ -1,0 +1,41 @@
+"""Upper limits on what a log may ask for, each with its reason.
+
+Logs come from crashes and from strangers: sizes and counts found in a file are
+never trusted. A limit that is hit becomes a problem in the list, never an
+exception that hides the rest of the log.
+"""
+
+from __future__ import annotations
+
+MAX_FORMATS = 4096
+"""Message formats per log. Real firmware defines under 300; ULog ids are u16."""
+
+MAX_FIELDS = 4096
+"""Flattened fields per message. The largest real topics (fifo, esc) have a few hundred."""
+
+MAX_NESTING = 8
+"""Depth of nested ULog types. Real logs use 2; a cycle in the definitions must end."""
+
+MAX_TEXTS = 100_000
+"""Log messages kept. A log that repeats one warning for hours stays readable."""
+
+MAX_TEXT_LENGTH = 4096
+"""Characters kept of one log message or info value; crash dumps are longer and useless here."""
+
+MAX_PARAM_CHANGES = 1_000_000
+"""Parameter records kept; a logger that repeats the table every second stays bounded."""
+
+MAX_DAMAGE = 1000
+"""Damaged places kept one by one; beyond that only their count and bytes grow."""
+
+MAX_TIME_JUMP_S = 3600.0 * 12
+"""A record this far from its neighbours in time is a false record, not a flight."""
+
+GYRO_LIMIT_RAD_S = 100.0
+"""No MEMS gyro measures beyond 4000 deg/s = 70 rad/s; larger values are damage."""
+
+ACC_LIMIT_M_S2 = 2000.0
+"""No accelerometer of an autopilot measures beyond 200 g; larger values are damage."""
+
+MAG_LIMIT_T = 5e-3
+"""The earth's field is below 70 uT; 5 mT leaves room for magnets and excludes damage."""

@@ -1,0 +1,47 @@
+"""An answer: a number with its evidence, or a code and a sentence that says what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+CODES = (
+    "no_rest", "rest_too_short", "no_reference", "reference_too_slow", "reference_diverged",
+    "no_events", "too_few_events", "no_magnetometer", "no_setpoint", "no_gnss", "not_converged",
+    "diverged", "bent", "not_covered", "clock_unknown", "not_applicable", "did_not_move",
+    "lag_at_edge", "rate_too_low", "record_too_short",
+)
+
+
+@dataclass(slots=True)
+class Answer:
+    """The value of one metric for one row and window.
+
+    With a value: ``n`` independent pieces of evidence over ``seconds``, ``ci95`` the
+    95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
+    the value is shown but may not be "best"; ``reason`` then says why. ``detail``
+    holds what the report shows beside it (per-axis values, slopes, flags).
+    """
+
+    value: float | None
+    unit: str
+    window: str
+    n: int = 0
+    seconds: float = 0.0
+    ci95: tuple[float, float] | None = None
+    method: str = ""
+    code: str | None = None
+    reason: str | None = None
+    ranked: bool = True
+    detail: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.value is None:
+            if self.code not in CODES or not self.reason:
+                raise ValueError(f"an absent value needs a code of CODES and a reason, got {self.code!r}, {self.reason!r}")
+            self.ranked = False
+
+
+def missing(code: str, reason: str, unit: str, window: str, **detail: Any) -> Answer:
+    """An answer without a value: why, and what would be needed."""
+    return Answer(None, unit, window, code=code, reason=reason, detail=detail)

@@ -1,0 +1,110 @@
+"""What the rows of a comparison are: aligned attitudes, and their errors against the reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentStep:
+    """One decision between raw attitudes and a fair comparison, printed with value and source.
+
+    ``name``: clock, input_delay, resampling, declination, trim, heading_offset,
+    scoring_start, ... ``applied`` is False where the step was found unnecessary or
+    was switched off; ``option`` is the command-line switch that changes it.
+    """
+
+    name: str
+    text: str
+    value: float | str | None = None
+    unit: str = ""
+    source: str = ""
+    applied: bool = True
+    option: str = ""
+
+
+@dataclass(slots=True)
+class Reference:
+    """The attitude to compare with. ``kind`` says what agreement with it proves.
+
+    ``q`` (n, 4) at ``t`` (n,) s; ``run`` (n,) counts pieces between gaps, ``piece``
+    (n,) counts pieces between gaps *and* resets. ``floor_deg`` is the smallest
+    difference this log can resolve. ``scoring_start`` is a map from run to the
+    first scored time.
+    """
+
+    kind: Literal["truth", "smoother", "onboard", "none"]
+    source: str
+    t: Array
+    q: Array
+    run: NDArray[np.int64]
+    piece: NDArray[np.int64]
+    rate: float = 0.0
+    floor_deg: float = 0.0
+    step_deg: float = 0.0
+    declination_deg: float | None = None
+    input_delay_s: float = 0.0
+    input_delay_shared: bool = False
+    scoring_start: float = 0.0
+    end: float = np.inf
+    """Comparisons end here (impact), s."""
+    steps: list[AlignmentStep] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Errors:
+    """A row against the reference, at the slower one's own times (the reference is never upsampled).
+
+    All (n,) in degrees; ``heading`` is signed. ``run`` and ``piece`` as in
+    :class:`Reference`. ``scored`` marks the samples after the scoring start.
+    """
+
+    t: Array
+    total: Array
+    heading: Array
+    inclination: Array
+    run: NDArray[np.int64]
+    piece: NDArray[np.int64]
+    scored: NDArray[np.bool_]
+    q_est: Array
+    q_ref: Array
+
+
+@dataclass(slots=True)
+class Row:
+    """One line of the comparison: a replayed estimate or an onboard attitude, aligned.
+
+    ``name`` as in DESIGN 6 (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q``
+    are at the row's own times with trim, declination and heading offset applied.
+    ``run`` (n,) counts restarts. ``start`` is the time of its first attitude.
+    ``uses_mag`` tells whether its heading means anything without the offset.
+    ``ns_per_update`` is None for onboard rows. ``status``: ok, diverged,
+    not_converged, failed; ``reason`` the sentence for it.
+    """
+
+    name: str
+    kind: Literal["replay", "onboard"]
+    t: Array
+    q: Array
+    run: NDArray[np.int64]
+    uses_mag: bool
+    start: float = 0.0
+    causal: bool = True
+    bias: Array | None = None
+    errors: Errors | None = None
+    status: str = "ok"
+    reason: str = ""
+    is_reference: bool = False
+    step_deg: float = 0.0
+    skipped: dict[str, int] = field(default_factory=dict)
+    ns_per_update: float | None = None
+    coverage_pct: float | None = None
+    convergence_s: float | None = None
+    estimator: str = ""
+    parameters: dict[str, Any] = field(default_factory=dict)

@@ -1,0 +1,204 @@
+"""The result of an analysis: the dataclasses that are the JSON contract.
+
+``Result.to_json`` writes one document without NaN (null with a code instead),
+keys sorted by meaning as declared here, angles in degrees, times in s or ms.
+``traces`` are arrays for the figures; they go packed into the page, not into the
+JSON file.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.flight.model import Problem
+from attlog.metrics.answer import Answer
+from attlog.reference.model import AlignmentStep
+from attlog.segments.model import Segment
+
+if TYPE_CHECKING:
+    import pandas
+
+SCHEMA = "attlog-result/1"
+MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
+"""What differs between two runs of the same log; ``--deterministic`` leaves it out."""
+
+
+@dataclass(slots=True)
+class ParameterValue:
+    """A parameter as it was used. ``origin``: default, preset, option, config, log."""
+
+    value: float | str
+    origin: str
+    unit: str = ""
+    meaning: str = ""
+
+
+@dataclass(slots=True)
+class EstimatorRow:
+    """One line of the table: who, with which parameters, and every answer by window."""
+
+    name: str
+    kind: str
+    estimator: str
+    preset: str | None
+    parameters: dict[str, ParameterValue]
+    metrics: dict[str, dict[str, Answer]]
+    skipped: dict[str, int]
+    ns_per_update: float | None
+    status: str
+    reason: str = ""
+    is_reference: bool = False
+    causal: bool = True
+    uses_mag: bool = True
+    start_s: float = 0.0
+
+
+@dataclass(slots=True)
+class Check:
+    """One physics check of the log: ``verdict`` is good, look, bad or cannot_judge."""
+
+    name: str
+    verdict: str
+    text: str
+    value: float | str | None = None
+    unit: str = ""
+    threshold: str = ""
+
+
+@dataclass(slots=True)
+class Verdict:
+    """The answer to one of the three questions in plain sentences.
+
+    ``question``: quiet, late, drifting. ``sentence`` is plain text. ``bars`` are
+    (row, value, unit) for the card, ``not_judged`` (row, reason).
+    """
+
+    question: str
+    title: str
+    sentence: str
+    metric: str
+    window: str
+    bars: list[tuple[str, float, str]] = field(default_factory=list)
+    not_judged: list[tuple[str, str]] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class ReferenceSummary:
+    """What everything was compared with, and each step of the alignment."""
+
+    choice: str
+    source: str
+    rate_hz: float
+    floor_deg: float
+    text: str
+    alignment: list[AlignmentStep] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Trace:
+    """Arrays of one row for one figure; never in the JSON.
+
+    ``figure`` and its ``columns`` (all (n,), degrees, NaN breaks the line):
+    ``attitude``: roll pitch heading at the row's own times (the reference is a row
+    too); ``difference``: total heading inclination roll pitch at the reference's
+    times; ``rest``: roll pitch heading deviations from the mean of rest ``key``;
+    ``drift``: heading error block means and ``line`` (fit), ``key`` = "rest" or the
+    witness; ``allan``: tau, deviation, low, high; ``bias``: x y z in deg/s; ``step``:
+    est and ref of one aligned event, t from its onset, ``key`` = axis.
+    """
+
+    figure: str
+    row: str
+    t: NDArray[np.float64]
+    columns: dict[str, NDArray[np.float64]]
+    key: str = ""
+
+
+@dataclass(slots=True)
+class Result:
+    """Everything ``attlog analyze`` found out about one log."""
+
+    attlog: dict[str, str]
+    command: str
+    config: dict[str, Any]
+    log: dict[str, Any]
+    problems: list[Problem] = field(default_factory=list)
+    audit: list[Check] = field(default_factory=list)
+    segments: list[Segment] = field(default_factory=list)
+    reference: ReferenceSummary | None = None
+    estimators: list[EstimatorRow] = field(default_factory=list)
+    comparisons: list[dict[str, Any]] = field(default_factory=list)
+    verdicts: list[Verdict] = field(default_factory=list)
+    best: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    definitions: dict[str, dict[str, str]] = field(default_factory=dict)
+    health: list[dict[str, Any]] = field(default_factory=list)
+    timing: dict[str, float] = field(default_factory=dict)
+    schema: str = SCHEMA
+    traces: list[Trace] = field(default_factory=list)
+
+    def to_dict(self, deterministic: bool = False) -> dict[str, Any]:
+        """The JSON document as plain Python; ``deterministic`` drops measured times."""
+        names = [f.name for f in dataclasses.fields(self) if f.name not in ("traces", "schema")]
+        document = {"schema": self.schema} | {name: plain(getattr(self, name)) for name in names}
+        return without(document, MEASURED_TIMES) if deterministic else document
+
+    def to_json(self, path: str | Path | None = None, deterministic: bool = False) -> str:
+        """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be."""
+        text = json.dumps(self.to_dict(deterministic), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+        if path is not None:
+            from attlog.output import write_atomic
+
+            write_atomic(Path(path), text)
+        return text
+
+    def to_html(self, path: str | Path, **options: Any) -> None:
+        """Write the self-contained report. OutputError if it cannot be written."""
+        from attlog.report import write_report
+
+        write_report(self, Path(path), **options)
+
+    def table(self, window: str = "all") -> pandas.DataFrame:
+        """Rows by metrics for one window: values, NaN where there is none."""
+        import pandas
+
+        rows = {
+            r.name: {m: (np.nan if a.value is None else a.value) for m, a in r.metrics.get(window, {}).items()}
+            for r in self.estimators
+        }
+        return pandas.DataFrame.from_dict(rows, orient="index")
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(v) for v in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def without(value: Any, keys: tuple[str, ...]) -> Any:
+    """The document with the named keys left out at every level."""
+    if isinstance(value, dict):
+        return {k: without(v, keys) for k, v in value.items() if k not in keys}
+    if isinstance(value, list):
+        return [without(v, keys) for v in value]
+    return value

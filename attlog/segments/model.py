@@ -1,0 +1,63 @@
+"""Segments of a flight: what was going on when, and why we think so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+KINDS = ("run", "rest.long", "rest.short", "idle", "armed", "airborne", "hover", "impact", "reset", "gap")
+WINDOWS = ("all", "rest", "rest.long", "idle", "armed", "airborne", "hover")
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One stretch of time, seconds on the log's clock. ``why`` is a sentence with the numbers."""
+
+    kind: str
+    t0: float
+    t1: float
+    why: str = ""
+
+    @property
+    def seconds(self) -> float:
+        """Length in s."""
+        return self.t1 - self.t0
+
+
+@dataclass(slots=True)
+class Segments:
+    """All segments of a log. ``notes`` says how flags and sensors were weighed, by kind."""
+
+    segments: list[Segment] = field(default_factory=list)
+    notes: dict[str, str] = field(default_factory=dict)
+
+    def of(self, kind: str) -> list[Segment]:
+        """Segments of a kind in time order; ``rest`` means long and short."""
+        kinds = ("rest.long", "rest.short") if kind == "rest" else (kind,)
+        return sorted((s for s in self.segments if s.kind in kinds), key=lambda s: s.t0)
+
+    def spans(self, window: str) -> list[tuple[float, float]]:
+        """(t0, t1) pairs of a ``--window``: a name of WINDOWS or ``T0:T1`` in s. ValueError otherwise."""
+        if window == "all":
+            return [(s.t0, s.t1) for s in self.of("run")]
+        if window in WINDOWS:
+            return [(s.t0, s.t1) for s in self.of(window)]
+        start, colon, end = window.partition(":")
+        try:
+            span = (float(start), float(end)) if colon else None
+        except ValueError:
+            span = None
+        if span is None or not span[0] < span[1]:
+            raise ValueError(f"window {window!r}: use {', '.join(WINDOWS)} or T0:T1 in seconds with T0 < T1")
+        return [span]
+
+    def mask(self, t: Array, window: str) -> NDArray[np.bool_]:
+        """Which of the times (n,) lie inside a window."""
+        inside = np.zeros(len(t), bool)
+        for t0, t1 in self.spans(window):
+            inside |= (t >= t0) & (t <= t1)
+        return inside

@@ -1,0 +1,42 @@
+"""Where the logs are: ``sample_logs`` is in the repository, the corpus is named by ATTLOG_CORPUS."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SAMPLES = ROOT / "sample_logs"
+
+
+def corpus_root() -> Path | None:
+    """The corpus folder, None where the tests have to do without."""
+    named = os.environ.get("ATTLOG_CORPUS")
+    return Path(named) if named and Path(named).is_dir() else None
+
+
+def corpus_logs(*suffixes: str) -> list[Path]:
+    """Every flight log in hand (samples and corpus), of the given suffixes or all; for parametrize."""
+    found = sorted(p for p in SAMPLES.glob("*") if p.suffix != ".md")
+    root = corpus_root()
+    if root is not None:
+        found += sorted(p for folder in ("logs", "sitl/px4", "sitl/ardupilot") for p in (root / folder).glob("*"))
+    found = [p for p in found if p.suffix.lower() in (".ulg", ".bin", ".tlog", ".log", ".px4log", ".mavlink")]
+    return [p for p in found if not suffixes or p.suffix.lower() in suffixes]
+
+
+@pytest.fixture(scope="session")
+def corpus() -> Path:
+    """The corpus folder; the test skips where ATTLOG_CORPUS does not name one."""
+    root = corpus_root()
+    if root is None:
+        pytest.skip("ATTLOG_CORPUS does not name a folder with logs")
+    return root
+
+
+@pytest.fixture(scope="session")
+def samples() -> Path:
+    """The committed sample logs."""
+    return SAMPLES
