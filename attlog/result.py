@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from attlog.flight.model import Problem
 from attlog.metrics.answer import Answer
+from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep
 from attlog.segments.model import Segment
 
@@ -100,26 +100,6 @@ class ReferenceSummary:
     floor_deg: float
     text: str
     alignment: list[AlignmentStep] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class Trace:
-    """Arrays of one row for one figure; never in the JSON.
-
-    ``figure`` and its ``columns`` (all (n,), degrees, NaN breaks the line):
-    ``attitude``: roll pitch heading at the row's own times (the reference is a row
-    too); ``difference``: total heading inclination roll pitch at the reference's
-    times; ``rest``: roll pitch heading deviations from the mean of rest ``key``;
-    ``drift``: heading error block means and ``line`` (fit), ``key`` = "rest" or the
-    witness; ``allan``: tau, deviation, low, high; ``bias``: x y z in deg/s; ``step``:
-    est and ref of one aligned event, t from its onset, ``key`` = axis.
-    """
-
-    figure: str
-    row: str
-    t: NDArray[np.float64]
-    columns: dict[str, NDArray[np.float64]]
-    key: str = ""
 
 
 @dataclass(slots=True)

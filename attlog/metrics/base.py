@@ -1,0 +1,53 @@
+"""What a metric is, and what it may look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.flight.model import FlightLog
+from attlog.reference.model import Reference, Row
+from attlog.segments.model import Segments
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A column of the table. ``definition`` is the paragraph that the report shows.
+
+    ``name`` carries the unit (``noise_roll_deg``); ``better`` says which value is best;
+    ``needs`` names what must be in the log (rest, reference, events, mag, gnss, setpoint).
+    """
+
+    name: str
+    title: str
+    unit: str
+    better: Literal["low", "zero", "one"]
+    needs: tuple[str, ...]
+    definition: str
+
+
+@dataclass(slots=True)
+class Witness:
+    """A heading somebody else tells: degrees (n,) at ``t``; ``piece`` (n,) counts stretches without gap or reset."""
+
+    name: str
+    t: NDArray[np.float64]
+    heading_deg: NDArray[np.float64]
+    piece: NDArray[np.int64]
+    text: str = ""
+
+
+@dataclass(slots=True)
+class Trial:
+    """All that metrics see of one log. ``witnesses``: headings by name for drift in the air."""
+
+    log: FlightLog
+    segments: Segments
+    reference: Reference
+    rows: list[Row]
+    witnesses: dict[str, Witness] = field(default_factory=dict)
+    cache: dict[str, Any] = field(default_factory=dict)
+    """For values that several rows share (events, for one); keyed by the metric file's name."""

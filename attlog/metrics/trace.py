@@ -1,0 +1,28 @@
+"""What a figure needs: arrays of one row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(slots=True)
+class Trace:
+    """Arrays of one row for one figure; never in the JSON.
+
+    ``figure`` and its ``columns`` (all (n,), degrees, NaN breaks the line):
+    ``attitude``: roll pitch heading at the row's own times (the reference is a row
+    too); ``difference``: total heading inclination roll pitch at the reference's
+    times; ``rest``: roll pitch heading deviations from the mean of rest ``key``;
+    ``drift``: heading error block means and ``line`` (fit), ``key`` = "rest" or the
+    witness; ``allan``: tau, deviation, low, high; ``bias``: x y z in deg/s; ``step``:
+    est and ref of one aligned event, t from its onset, ``key`` = axis.
+    """
+
+    figure: str
+    row: str
+    t: NDArray[np.float64]
+    columns: dict[str, NDArray[np.float64]]
+    key: str = ""
