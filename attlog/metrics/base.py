@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from attlog.flight.model import FlightLog
-from attlog.reference.model import Reference, Row
+from attlog.reference.model import Reference, Row, Witness
 from attlog.segments.model import Segments
+
+__all__ = ["Metric", "Trial", "Witness"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +26,6 @@ class Metric:
     better: Literal["low", "zero", "one"]
     needs: tuple[str, ...]
     definition: str
-
-
-@dataclass(slots=True)
-class Witness:
-    """A heading somebody else tells: degrees (n,) at ``t``; ``piece`` (n,) counts stretches without gap or reset."""
-
-    name: str
-    t: NDArray[np.float64]
-    heading_deg: NDArray[np.float64]
-    piece: NDArray[np.int64]
-    text: str = ""
 
 
 @dataclass(slots=True)

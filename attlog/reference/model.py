@@ -108,3 +108,14 @@ class Row:
     convergence_s: float | None = None
     estimator: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Witness:
+    """A heading somebody else tells: degrees (n,) at ``t``; ``piece`` (n,) counts stretches without gap or reset."""
+
+    name: str
+    t: Array
+    heading_deg: Array
+    piece: NDArray[np.int64]
+    text: str = ""
