@@ -1,1 +1,68 @@
+"""The command line: one file per command; this one only gathers them and turns errors into exit codes.
 
+Command modules import typer and nothing heavy, so that ``attlog --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from attlog import __version__
+from attlog.cli import analyze, check_estimator, estimators, extract, info, new, schema
+from attlog.errors import AttlogError
+
+INTERRUPTED = 130
+BUG = 70
+
+app = typer.Typer(
+    name="attlog",
+    help="Re-run attitude filters on a flight log and say which is quiet at rest, late in a step, drifting in heading.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"attlog {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+) -> None:
+    """Options of every command stand with the command."""
+
+
+app.command("analyze")(analyze.command)
+app.command("info")(info.command)
+app.command("extract")(extract.command)
+app.command("estimators")(estimators.command)
+app.command("new")(new.command)
+app.command("check-estimator")(check_estimator.command)
+app.command("schema")(schema.command)
+
+
+def main() -> None:
+    """Entry point: run the command, print expected errors as one message, end with the documented exit code."""
+    try:
+        app()
+    except AttlogError as error:
+        print(f"attlog: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+    except Exception as error:
+        if "-vv" in sys.argv:
+            raise
+        print(
+            f"attlog: a bug in attlog {__version__}: {type(error).__name__}: {error}\n"
+            "Please report this line with the output of the same command and -vv.",
+            file=sys.stderr,
+        )
+        sys.exit(BUG)

@@ -1,0 +1,163 @@
+"""``attlog analyze``: one report and one JSON per log, three sentences and the table on the terminal."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from attlog.cli.common import Boot, NoColor, Quiet, System, Verbose, console, existing, number_or
+from attlog.errors import AttlogError, UsageError
+
+if TYPE_CHECKING:
+    from attlog.config import Config
+    from attlog.result import Result
+
+EXIT_ORDER = (130, 70, 73, 2, 66, 65, 75, 1)
+"""With several logs, the first of these that occurred is the exit code."""
+
+
+def command(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Flight logs: .ulg, .bin, .log, .tlog.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for reports and JSON.")] = Path("reports"),
+    estimators: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. [default: default]"),
+    ] = None,
+    imu: Annotated[str | None, typer.Option(metavar="N|all", help="IMU to replay. [default: the one that flew]")] = None,
+    mag: Annotated[str | None, typer.Option(metavar="N|none", help="Magnetometer to use. [default: the log's choice]")] = None,
+    reference: Annotated[
+        str | None, typer.Option(metavar="R", help="auto, truth, onboard, onboard:NAME or none. [default: auto]")
+    ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(metavar="W", help="all, rest, rest.long, idle, armed, airborne, hover or T0:T1 (s). [default: all]"),
+    ] = None,
+    score_from: Annotated[float | None, typer.Option(metavar="S", help="Compare from this time on. [default: 15 s]")] = None,
+    clock: Annotated[str | None, typer.Option(metavar="sample|publication", help="Which time stamps count. [default: sample]")] = None,
+    declination: Annotated[
+        str | None, typer.Option(metavar="DEG|model|param", help="Magnetic declination. [default: model, else parameter]")
+    ] = None,
+    trim: Annotated[str | None, typer.Option(metavar="on|off", help="Apply the autopilot's trim to the replay. [default: on]")] = None,
+    input_delay: Annotated[
+        str | None, typer.Option(metavar="MS|off", help="Known delay of the logged IMU. [default: from the log]")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(metavar="F.toml", help="Options from a file; options given here win.")] = None,
+    json: Annotated[str | None, typer.Option("--json", metavar="-", help="- prints the JSON on standard output.")] = None,
+    plotly: Annotated[str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")] = "inline",
+    open_report: Annotated[bool, typer.Option("--open", help="Open the report in a browser.")] = False,
+    deterministic: Annotated[bool, typer.Option("--deterministic", help="Leave measured times out of the JSON.")] = False,
+    boot: Boot = None,
+    system: System = None,
+    no_color: NoColor = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Re-run attitude filters on each LOG and compare them with the onboard attitude: a report, a JSON, a table."""
+    if json not in (None, "-"):
+        raise UsageError(f"--json {json}: only - (standard output); files are written to the folder of -o")
+    if plotly not in ("inline", "shared"):
+        raise UsageError(f"--plotly {plotly}: use inline or shared")
+    options = {
+        "estimators": estimators, "imu": _int_or(imu, "all", "--imu"), "mag": _int_or(mag, "none", "--mag"),
+        "reference": reference, "window": window, "score_from": score_from, "clock": clock,
+        "declination": None if declination is None else number_or(declination, ("auto", "model", "param"), "--declination"),
+        "trim": _on_off(trim), "boot": boot, "system": system,
+        "input_delay": None if input_delay is None else number_or(input_delay, ("auto", "off"), "--input-delay"),
+    }
+    settings = _settings(config, {k: v for k, v in options.items() if v is not None})
+    codes = set()
+    for number, (log, name) in enumerate(zip(logs, report_names(logs), strict=True), 1):
+        try:
+            if len(logs) > 1 and not quiet and sys.stderr.isatty():
+                print(f"[{number}/{len(logs)}] {log}", file=sys.stderr)
+            result = _analyze(log, settings, output / name, plotly, deterministic)
+        except AttlogError as error:
+            if len(logs) == 1:
+                raise
+            print(f"attlog: {error}", file=sys.stderr)
+            codes.add(error.exit_code)
+            continue
+        if json == "-":
+            print(_json_text(result, deterministic, one_line=len(logs) > 1))
+        if not quiet:
+            _show(result, output / f"{name}.html", settings, on_stderr=json == "-", verbose=verbose)
+        if open_report:
+            typer.launch(str(output / f"{name}.html"))
+    if codes:
+        raise typer.Exit(next(code for code in EXIT_ORDER if code in codes))
+
+
+def report_names(logs: list[Path]) -> list[str]:
+    """The name of each log's report: its file name with suffix; a second of the same name gets a number."""
+    used: set[str] = set()
+    names = []
+    for log in logs:
+        name, k = log.name, 1
+        while name in used:
+            k += 1
+            name = f"{log.name}-{k}"
+        used.add(name)
+        names.append(name)
+    return names
+
+
+def _analyze(log: Path, settings: Config, stem: Path, plotly: str, deterministic: bool) -> Result:
+    from attlog.analysis import analyze
+
+    existing(log)
+    result = analyze(log, settings, command=" ".join(["attlog", *sys.argv[1:]]))
+    result.to_html(stem.with_name(stem.name + ".html"), plotly=plotly)
+    result.to_json(stem.with_name(stem.name + ".json"), deterministic=deterministic)
+    return result
+
+
+def _settings(path: Path | None, options: dict[str, Any]) -> Config:
+    from attlog.config import Config
+
+    return Config.build(options) if path is None else Config.load(path, **options)
+
+
+def _json_text(result: Result, deterministic: bool, one_line: bool) -> str:
+    text = result.to_json(deterministic=deterministic)
+    if not one_line:
+        return text.rstrip("\n")
+    import json
+
+    return json.dumps(json.loads(text), ensure_ascii=False, separators=(",", ":"))
+
+
+def _int_or(text: str | None, word: str, option: str) -> int | str | None:
+    if text is None or text == word:
+        return text
+    if not text.isdecimal():
+        raise UsageError(f"{option} {text!r}: use a number from 0 or {word}")
+    return int(text)
+
+
+def _on_off(text: str | None) -> bool | None:
+    if text in (None, "on", "off"):
+        return None if text is None else text == "on"
+    raise UsageError(f"--trim {text!r}: use on or off")
+
+
+def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbose: int) -> None:
+    from rich.markup import escape
+
+    from attlog.cli.table import comparison_table
+    from attlog.report import bundle_notice
+
+    out = console(stderr=on_stderr)
+    out.print(f"[bold]{escape(result.log['name'])}[/]")
+    for verdict in result.verdicts:
+        out.print(f"  [bold]{escape(verdict.title)}[/] {escape(verdict.sentence)}")
+    out.print(comparison_table(result, settings.window or "all"))
+    for problem in result.problems:
+        if verbose or problem.severity in ("warning", "error"):
+            out.print(f"  {problem.severity}: {escape(problem.text)}")
+    out.print(f"report: {escape(str(report))}")
+    notice = bundle_notice()
+    if notice:
+        print(f"attlog: {notice}", file=sys.stderr)

@@ -1,0 +1,14 @@
+"""``attlog schema``: the JSON schema of the result."""
+
+from __future__ import annotations
+
+import typer
+
+
+def command() -> None:
+    """Print the JSON schema of what analyze writes."""
+    import json
+
+    from attlog.schema import schema
+
+    typer.echo(json.dumps(schema(), indent=1))

@@ -1,0 +1,213 @@
+"""Data out of a log: messages, SI streams or estimates as tables, to CSV or Parquet.
+
+Every table begins with ``time_s``: seconds on the log's clock (0 = first IMU sample).
+Column names carry the unit (``gyro_x_rad_s``, ``roll_deg``); messages keep the names of
+their log. Parquet files hold frames, units, the log's hash and the version in the
+schema metadata under the key ``attlog``; a CSV gets the same as ``NAME.csv.json``
+beside it, so that PlotJuggler and pandas read the CSV as it is.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import formats, rotation
+from attlog.errors import OutputError, UsageError
+from attlog.flight.model import FlightLog
+from attlog.output import write_atomic
+from attlog.summary import sha256
+
+if TYPE_CHECKING:
+    import pandas
+
+TIME_FIELDS = {  # field -> seconds per count, in order of preference
+    "timestamp": 1e-6, "TimeUS": 1e-6, "TimeMS": 1e-3, "time_usec": 1e-6, "time_boot_ms": 1e-3, "StartTime": 1e-6, "_t_us": 1e-6,
+}
+
+
+@dataclass(slots=True)
+class Extract:
+    """One table to write: columns of equal length by name, ``units`` of those that have one."""
+
+    name: str
+    columns: dict[str, NDArray[Any]]
+    units: dict[str, str] = field(default_factory=dict)
+    note: str = ""
+
+    def between(self, start: float | None, end: float | None) -> Extract:
+        """Only the rows with start <= time_s <= end; all rows of a table without time."""
+        if "time_s" not in self.columns:
+            return self
+        t = self.columns["time_s"]
+        inside = (t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end))
+        return Extract(self.name, {k: v[inside] for k, v in self.columns.items()}, self.units, self.note)
+
+    def frame(self) -> pandas.DataFrame:
+        """The table as a pandas DataFrame."""
+        import pandas
+
+        return pandas.DataFrame(self.columns)
+
+
+def messages(log: FlightLog, names: Iterable[str]) -> Iterator[Extract]:
+    """The named messages as the log holds them (all instances), scaled as the format prints them.
+
+    UsageError names what the log has where a name is unknown.
+    """
+    opened = formats.open(log.path).boot(log.boot)
+    known = opened.names()
+    wanted = list(names) or known
+    unknown = [n for n in wanted if n not in known]
+    if unknown:
+        raise UsageError(f"{log.path}: no message {', '.join(unknown)}; it has {', '.join(sorted(known))}")
+    for name in wanted:
+        for instance in opened.instances(name):
+            table = opened[name, instance]
+            columns: dict[str, NDArray[Any]] = {}
+            clock = next((f for f in TIME_FIELDS if f in table), None)
+            if clock is not None and table[clock].ndim == 1:
+                columns["time_s"] = _since_start(table[clock], TIME_FIELDS[clock], log, clock)
+            for column, spec in table.fields.items():
+                columns.update(_flat(column, table.value(column) if spec.scale != 1.0 else table[column]))
+            units = {c: spec.unit for c, spec in table.fields.items() if spec.unit}
+            several = len(opened.instances(name)) > 1
+            yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
+
+
+def streams(log: FlightLog) -> Iterator[Extract]:
+    """The flight in SI units: imuN, magN, gnssN, baroN, attitudes, truth and set-points."""
+    for imu in log.imus:
+        yield _table(f"imu{imu.index}", imu.gyro.t, gyro_rad_s=imu.gyro.x, acc_m_s2=imu.acc.x, note=imu.gyro.source)
+    for mag in log.mags:
+        yield _table(f"mag{mag.index}", mag.field.t_best, mag_ut=1e6 * mag.field.x, note=mag.field.source)
+    for g in log.gnss:
+        columns = {
+            "time_s": g.t, "lat_deg": g.lat, "lon_deg": g.lon, "alt_m": g.alt, "fix": g.fix,
+            "vel_n_m_s": g.vel_ned[:, 0], "vel_e_m_s": g.vel_ned[:, 1], "vel_d_m_s": g.vel_ned[:, 2],
+            "h_acc_m": g.h_acc, "v_acc_m": g.v_acc, "s_acc_m_s": g.s_acc,
+        }
+        yield Extract(f"gnss{g.index}", columns, _units(columns), g.source)
+    for k, baro in enumerate(log.baro):
+        yield Extract(f"baro{k}", {"time_s": baro.t, f"baro_{_word(baro.unit)}": baro.x.reshape(len(baro.t), -1)[:, 0]},
+                      {"time_s": "s"}, baro.source)
+    attitudes = dict(log.attitudes)
+    if log.truth is not None:
+        attitudes["truth"] = log.truth
+    if log.setpoints is not None:
+        attitudes["setpoint"] = log.setpoints
+    for name, attitude in attitudes.items():
+        yield _attitude(f"attitude_{_word(name)}", attitude.t, attitude.q, attitude.source)
+
+
+def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
+    """The attitudes of re-run estimators at IMU rate, one table per row specification."""
+    from attlog.analysis import run_rows
+    from attlog.config import Config
+
+    for row in run_rows(log, Config.build({"estimators": specs})):
+        table = _attitude(f"estimate_{_word(row.name)}", row.t, row.q, row.name)
+        if row.bias is not None:
+            for k, axis in enumerate("xyz"):
+                table.columns[f"bias_{axis}_rad_s"] = row.bias[:, k]
+            table.units |= {f"bias_{axis}_rad_s": "rad/s" for axis in "xyz"}
+        yield table
+
+
+def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> list[Path]:
+    """Write tables; returns the files written.
+
+    One table goes to ``path`` itself if that ends in the format's suffix; otherwise
+    ``path`` is a folder and every table becomes a file in it. OutputError if a file
+    cannot be written or pyarrow is missing.
+    """
+    from attlog import __version__
+
+    listed = list(tables)
+    meta = {"log": log.path.name, "sha256": sha256(log.path), "attlog": __version__,
+            "frame": "body FRD, earth NED", "t0_us": log.t0_us, "utc_offset_s": log.utc_offset}
+    single = path.suffix == f".{kind}"
+    if single and len(listed) > 1:
+        raise UsageError(f"-o {path}: {len(listed)} tables need a folder ({', '.join(t.name for t in listed[:6])} ...)")
+    written = []
+    for table in listed:
+        target = path if single else path / f"{table.name}.{kind}"
+        about = meta | {"table": table.name, "units": table.units, "source": table.note}
+        if kind == "csv":
+            buffer = io.StringIO()
+            table.frame().to_csv(buffer, index=False, lineterminator="\n")
+            write_atomic(target, buffer.getvalue())
+            write_atomic(target.with_name(target.name + ".json"), json.dumps(about, indent=1) + "\n")
+        else:
+            write_atomic(target, _parquet(table, about))
+        written.append(target)
+    return written
+
+
+def _parquet(table: Extract, about: dict[str, Any]) -> bytes:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise OutputError('Parquet needs pyarrow: pip install "attlog[export]", or use --format csv') from None
+    arrow = pyarrow.Table.from_pandas(table.frame(), preserve_index=False)
+    arrow = arrow.replace_schema_metadata((arrow.schema.metadata or {}) | {b"attlog": json.dumps(about).encode()})
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(arrow, buffer)
+    return buffer.getvalue()
+
+
+def _table(name: str, t: NDArray[np.float64], note: str, **vectors: NDArray[np.float64]) -> Extract:
+    columns: dict[str, NDArray[Any]] = {"time_s": t}
+    for label, x in vectors.items():
+        quantity, _, unit = label.partition("_")
+        for k, axis in enumerate("xyz"):
+            columns[f"{quantity}_{axis}_{unit}"] = x[:, k]
+    return Extract(name, columns, _units(columns), note)
+
+
+def _attitude(name: str, t: NDArray[np.float64], q: NDArray[np.float64], note: str) -> Extract:
+    euler = np.degrees(rotation.to_euler(q))
+    columns: dict[str, NDArray[Any]] = {"time_s": t}
+    columns |= {f"q_{c}": q[:, k] for k, c in enumerate("wxyz")}
+    columns |= {f"{c}_deg": euler[:, k] for k, c in enumerate(("roll", "pitch", "yaw"))}
+    return Extract(name, columns, _units(columns), note)
+
+
+def _units(columns: Iterable[str]) -> dict[str, str]:
+    """The unit that a column name ends in, as people write it."""
+    endings = {"_rad_s": "rad/s", "_m_s2": "m/s^2", "_m_s": "m/s", "_ut": "uT", "_deg": "deg", "_m": "m", "_s": "s"}
+    return {c: unit for c in columns for unit in [next((u for e, u in endings.items() if c.endswith(e)), "")] if unit}
+
+
+def _since_start(stamps: NDArray[Any], seconds: float, log: FlightLog, clock: str) -> NDArray[np.float64]:
+    """Seconds since t = 0; integer arithmetic first, so that large clocks lose nothing."""
+    if clock == "_t_us" and log.utc_offset is not None:
+        zero = round(log.utc_offset * 1e6)
+    elif clock == "_t_us":
+        zero = int(stamps[0]) if len(stamps) else 0
+    else:
+        zero = log.t0_us
+    per_us = round(seconds * 1e6)
+    return (stamps.astype(np.int64) * per_us - zero) / 1e6
+
+
+def _flat(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """An array column as scalar columns ``name[0]``, text as str."""
+    if values.dtype.kind == "S":
+        return {name: np.array([v.split(b"\0")[0].decode("utf-8", "replace") for v in values.tolist()], dtype=object)}
+    if values.ndim == 1:
+        return {name: values}
+    return {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
+
+
+def _word(text: str) -> str:
+    """Text as part of a file or column name."""
+    return "".join(c if c.isalnum() or c in "-." else "_" for c in text)

@@ -1,0 +1,113 @@
+"""What a log is, in one dictionary: the ``log`` part of the result and of ``attlog info``."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from attlog.flight.model import FlightLog, Stream, TimeLine
+from attlog.segments.model import Segments
+
+
+def sha256(path: Path) -> str:
+    """The file's SHA-256 as hex text; read in blocks, so that size does not matter."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]:
+    """Aircraft, sensors, times and time lines of a flight as plain values; absent things are None."""
+    imu = None if log.imu is None else log.imus[log.imu]
+    mag = None if log.mag is None else log.mags[log.mag]
+    onboard = log.attitudes.get(log.onboard) if log.onboard else None
+    start_utc = None if log.utc_offset is None else datetime.fromtimestamp(log.utc_offset, UTC)
+    return {
+        "name": log.path.name,
+        "sha256": sha256(log.path),
+        "size": log.size,
+        "format": log.format,
+        "firmware": {f: getattr(log.firmware, f) for f in ("name", "version", "git", "board")},
+        "vehicle": log.vehicle,
+        "simulated": log.simulated,
+        "date_utc": None if start_utc is None else start_utc.isoformat(timespec="seconds"),
+        "duration_s": log.seconds,
+        "t0_us": log.t0_us,
+        "utc_offset": log.utc_offset,
+        "boot": log.boot,
+        "boots": log.boots,
+        "imu": None if imu is None else _sensor(imu.gyro) | {
+            "index": imu.index, "device": imu.device, "filtered": imu.filtered,
+            "sampling": imu.gyro.sampling, "delay_ms": 1e3 * imu.gyro.delay,
+        },
+        "imus": len(log.imus),
+        "mag": None if mag is None else _sensor(mag.field) | {"index": mag.index, "device": mag.device},
+        "mags": len(log.mags),
+        "attitude": None if onboard is None else {"source": onboard.source, "rate_hz": onboard.rate},
+        "attitudes": sorted(log.attitudes),
+        "truth": None if log.truth is None else {"source": log.truth.source, "rate_hz": log.truth.rate},
+        "place": place(log),
+        "seconds": None if segments is None else {
+            kind: sum(s.seconds for s in segments.of(kind)) for kind in ("airborne", "rest", "armed")
+        },
+        "timeline": {
+            "modes": _intervals(log.mode, log.seconds),
+            "armed": _true_intervals(log.armed, log.seconds),
+            "airborne": [] if segments is None else [[s.t0, s.t1] for s in segments.of("airborne")],
+            "texts": [[t, level, text] for t, level, text in log.texts],
+        },
+        "choices": dict(log.choices),
+        "params_changed": _changed(log),
+    }
+
+
+def place(log: FlightLog) -> dict[str, float] | None:
+    """Where the flight was: the median of the fixes of the first receiver that has any, None without."""
+    import numpy as np
+
+    for receiver in log.gnss:
+        good = (receiver.fix >= 3) & np.isfinite(receiver.lat) & np.isfinite(receiver.lon)
+        good &= (receiver.lat != 0) | (receiver.lon != 0)
+        if good.any():
+            alt = receiver.alt[good]
+            alt = alt[np.isfinite(alt)]
+            return {
+                "lat": float(np.median(receiver.lat[good])),
+                "lon": float(np.median(receiver.lon[good])),
+                "alt_m": float(np.median(alt)) if len(alt) else 0.0,
+            }
+    return None
+
+
+def _sensor(stream: Stream) -> dict[str, Any]:
+    return {"source": stream.source, "rate_hz": stream.rate}
+
+
+def _intervals(line: TimeLine | None, end: float) -> list[list[Any]]:
+    """[[t0, t1, value], ...] without repeats of the same value."""
+    out: list[list[Any]] = []
+    if line is None:
+        return out
+    for t, value in zip(line.t.tolist(), line.value, strict=True):
+        if out and out[-1][2] == value:
+            continue
+        if out:
+            out[-1][1] = t
+        out.append([t, max(end, t), value])
+    return [[a, b, str(v)] for a, b, v in out if b > a]
+
+
+def _true_intervals(line: TimeLine | None, end: float) -> list[list[float]]:
+    return [[a, b] for a, b, value in _intervals(line, end) if value == "True"]
+
+
+def _changed(log: FlightLog) -> dict[str, list[Any]]:
+    """Parameters that differ from their default where the log tells defaults: name -> [value, default]."""
+    out = {}
+    for name, line in sorted(log.params.items()):
+        default = log.param_defaults.get(name)
+        value = line.value[-1] if line.value else None
+        if default is not None and value is not None and value != default:
+            out[name] = [value, default]
+    return out
