@@ -1,0 +1,99 @@
+"""How numbers are written for people: the report, the verdicts and the terminal agree.
+
+Angles get 3 decimals below 0.1, 2 below 1, else 1; drifts 2 below 1, else 1 and
+always a sign; ms and % are whole. Minus is the true minus sign. A value too small
+to show is "<0.001", never 0.
+"""
+
+from __future__ import annotations
+
+import math
+
+MINUS = "\u2212"
+
+UNITS = {
+    "deg": "°",
+    "deg/s": "°/s",
+    "deg/min": "°/min",
+    "deg/h": "°/h",
+    "deg/sqrt(h)": "°/√h",
+    "deg/sqrt_h": "°/√h",
+    "pct": "%",
+    "us": "µs",
+    "uT": "µT",
+    "ratio": "×",
+}
+
+SIGNED = ("deg/min", "ms")
+"""Where the sign is the message: which way it drifts, late or early."""
+
+
+def unit_sign(unit: str) -> str:
+    """The unit as people write it: ``deg/min`` is °/min."""
+    return UNITS.get(unit, unit)
+
+
+def number(value: float | None, unit: str = "", signed: bool | None = None) -> str:
+    """The value as text without its unit; an empty string for None and what is not finite."""
+    if value is None or not math.isfinite(value):
+        return ""
+    size = abs(value)
+    places = decimals(size, unit)
+    signed = unit in SIGNED if signed is None else signed
+    text = f"{size:.{places}f}"
+    if float(text) == 0 and size > 0 and not signed and places:
+        return f"{MINUS if value < 0 else ''}<{10.0**-places:.{places}f}"
+    zero = float(text) == 0
+    sign = MINUS if value < 0 and not zero else "+" if signed and not zero else ""
+    if float(text) >= 10_000:
+        text = f"{float(text):,.{places}f}"
+    return sign + text
+
+
+def decimals(size: float, unit: str) -> int:
+    """How many decimals a value of this size and unit deserves."""
+    if unit == "deg":
+        return 3 if size < 0.0995 else 2 if size < 0.995 else 1
+    if unit == "deg/min":
+        return 2 if size < 0.995 else 1
+    if unit in ("ms", "pct", "%", "ns", "Hz"):
+        return 0 if size >= 9.5 or unit != "Hz" else 1
+    if unit == "s":
+        return 1 if size < 99.5 else 0
+    return 3 if size < 0.0995 else 2 if size < 9.95 else 1 if size < 99.5 else 0
+
+
+def quantity(value: float | None, unit: str = "", signed: bool | None = None) -> str:
+    """The value with its unit: ``0.012°``, ``+12 ms``, ``−1.2°/min``."""
+    text = number(value, unit, signed)
+    sign = unit_sign(unit)
+    if not text or not sign:
+        return text
+    return text + sign if sign.startswith(("°", "×")) else f"{text} {sign}"
+
+
+def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
+    """The interval as text, ``−6.7 to −2.7``; empty where there is none."""
+    if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
+        return ""
+    low, high = ci95
+    return f"{number(low, unit)} to {number(high, unit)}"
+
+
+def duration(seconds: float | None) -> str:
+    """A length of time as people say it: ``36 s``, ``4.0 min``, ``2 h 05 min``."""
+    if seconds is None or not math.isfinite(seconds):
+        return ""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    if seconds < 119.5:
+        return f"{seconds:.0f} s"
+    if seconds < 3600:
+        return f"{seconds / 60:.1f} min"
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def listed(names: list[str]) -> str:
+    """Names in a row: ``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join(x for x in (", ".join(names[:-1]), names[-1]) if x) if names else ""

@@ -1,0 +1,284 @@
+"""Results as a flight would give them, made by hand so that every figure has something to show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog.flight.model import Problem
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.trace import Trace
+from attlog.reference.model import AlignmentStep
+from attlog.result import Check, EstimatorRow, ParameterValue, ReferenceSummary, Result
+from attlog.segments.model import Segment
+from attlog.verdicts import verdicts
+
+NAMES = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick@marg", "vqf")
+SECONDS, RATE = 200.0, 100.0
+REST = (5.0, 45.0)
+AIR = (60.0, 185.0)
+AXES = ("roll", "pitch", "heading")
+
+
+def flight(seed: int = 1) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times and the true roll, pitch, heading of a flight with rest, steps and turns."""
+    t = np.arange(0, SECONDS, 1 / RATE)
+    flying = (t > AIR[0]) & (t < AIR[1])
+    steps = 25 * np.sign(np.sin(2 * np.pi * t / 12)) * flying
+    kernel = np.hanning(31) / np.hanning(31).sum()
+    roll = np.convolve(steps, kernel, "same")
+    pitch = np.convolve(np.roll(steps, 400), kernel, "same") * 0.6
+    heading = np.where(flying, 140 + 2.2 * (t - AIR[0]), 140.0)
+    heading = np.where(t >= AIR[1], 140 + 2.2 * (AIR[1] - AIR[0]), heading)
+    return t, {"roll": roll, "pitch": pitch, "heading": (heading + 180) % 360 - 180}
+
+
+def answer(value: float, unit: str, window: str, spread: float = 0.1, **more: object) -> Answer:
+    """A value with an interval around it."""
+    return Answer(
+        value, unit, window, n=28, seconds=40.0, ci95=(value - spread, value + spread), method="for the tests", **more
+    )
+
+
+def row(name: str, i: int, **changes: object) -> EstimatorRow:
+    """A replayed row whose numbers grow with ``i``."""
+    noise = (0.0031, 0.018, 0.0042, 0.0441, 0.0035)[i % 5]
+    lag = (2.0, -120.0, 12.0, 8.0, -1.0)[i % 5]
+    drift = (-1.2, -0.43, -0.14, 0.16, -0.05)[i % 5]
+    bent = i % 5 == 1
+    lag_answer = (
+        missing("bent", "follows 51 % of the movement; a delay fitted to that means nothing", "ms", "airborne")
+        if bent
+        else answer(lag, "ms", "airborne", 1.5)
+    )
+    gain = answer(0.51 if bent else 1.01, "", "airborne", 0.03)
+    values = dict(
+        name=name,
+        kind="replay",
+        estimator=name.partition("@")[0],
+        preset=name.partition("@")[2] or None,
+        parameters={
+            "kp": ParameterValue(0.6, "preset", "1/s", "gain of the correction"),
+            "ki": ParameterValue(0.0, "default"),
+        },
+        metrics={
+            "rest": {
+                "noise_roll_deg": answer(noise, "deg", "rest", noise / 10),
+                "noise_pitch_deg": answer(noise * 0.9, "deg", "rest", noise / 10),
+                "noise_heading_deg": answer(noise * 2, "deg", "rest", noise / 10),
+                "drift_rest_deg_per_min": answer(drift, "deg/min", "rest", 0.1),
+            },
+            "airborne": {
+                "lag_ms": lag_answer,
+                "lag_roll_ms": lag_answer,
+                "step_gain_roll": gain,
+                "distortion_roll_pct": answer(3.0 + 20 * bent, "pct", "airborne", 1),
+                "drift_air_deg_per_min.onboard": answer(drift * 2, "deg/min", "airborne", 1.0),
+                "inclination_rmse_deg": answer(1.2 + i, "deg", "airborne"),
+                "heading_rmse_deg": missing("no_magnetometer", "uses no magnetometer", "deg", "airborne")
+                if name == "gyro"
+                else answer(3.2 + i, "deg", "airborne"),
+            },
+            "all": {
+                "convergence_s": answer(0.4 * i, "s", "all"),
+                "cost_ns": answer(150.0 + 200 * i, "ns", "all", 10),
+                "total_rmse_deg": answer(4.2 + i, "deg", "all"),
+            },
+        },
+        skipped={"gap_bridged": 2},
+        ns_per_update=150.0 + 200 * i,
+        status="ok",
+        uses_mag=name != "gyro",
+    )
+    return EstimatorRow(**(values | changes))
+
+
+def onboard() -> EstimatorRow:
+    """The attitude that flew, as the reference."""
+    said = "it is the reference itself"
+    return row(
+        "onboard",
+        3,
+        kind="onboard",
+        estimator="onboard",
+        preset=None,
+        parameters={},
+        is_reference=True,
+        ns_per_update=None,
+        metrics={
+            "rest": {
+                "noise_roll_deg": answer(0.012, "deg", "rest", 0.001),
+                "noise_pitch_deg": answer(0.011, "deg", "rest", 0.001),
+                "noise_heading_deg": answer(0.02, "deg", "rest", 0.001),
+                "drift_rest_deg_per_min": answer(-5.7, "deg/min", "rest", 1.2),
+            },
+            "airborne": {
+                m: missing("not_applicable", said, u, "airborne")
+                for m, u in (("lag_ms", "ms"), ("inclination_rmse_deg", "deg"), ("heading_rmse_deg", "deg"))
+            },
+        },
+    )
+
+
+def traces(names: tuple[str, ...]) -> list[Trace]:
+    """Every figure's arrays for the reference and the named rows."""
+    t, truth = flight()
+    random = np.random.default_rng(3)
+    at_rest = (t > REST[0]) & (t < REST[1])
+    in_air = (t > AIR[0]) & (t < AIR[1])
+    out = [Trace("attitude", "onboard", t[::10], {a: truth[a][::10] for a in AXES})]
+    for i, name in enumerate(names):
+        size = 0.003 * (1 + 4 * (i % 5))
+        error = {a: np.cumsum(random.normal(0, size, len(t))) * 0.2 + random.normal(0, size, len(t)) for a in AXES}
+        error["heading"] = error["heading"] + 0.02 * (i % 5) * (t - 60) * in_air
+        own = {a: (truth[a] + error[a] + 180) % 360 - 180 for a in AXES}
+        out.append(Trace("attitude", name, t, own))
+        coarse = {a: error[a][::10] for a in AXES}
+        out.append(
+            Trace(
+                "difference",
+                name,
+                t[::10],
+                coarse | {"inclination": np.hypot(coarse["roll"], coarse["pitch"]), "total": np.abs(coarse["heading"])},
+            )
+        )
+        out.append(
+            Trace("rest", name, t[at_rest], {a: error[a][at_rest] - error[a][at_rest].mean() for a in AXES}, "0")
+        )
+        tau = np.geomspace(0.02, 10, 20)
+        deviation = size / np.sqrt(tau)
+        out.append(
+            Trace(
+                "allan",
+                name,
+                tau,
+                {"tau": tau, "deviation": deviation, "low": deviation * 0.8, "high": deviation * 1.3},
+            )
+        )
+        for key, span in (("rest", REST), ("onboard", AIR)):
+            block = np.arange(span[0], span[1]) + 0.5
+            slope = 0.01 * (i % 5 - 2)
+            line = slope * (block - block.mean())
+            out.append(
+                Trace("drift", name, block, {"heading": line + random.normal(0, 0.2, len(block)), "line": line}, key)
+            )
+        if i:
+            out.append(Trace("bias", name, t[::50], {a: np.full(len(t[::50]), 0.1 * i) for a in "xyz"}))
+        for start in (66.0, 72.0, 78.0):
+            near = (t > start - 0.5) & (t < start + 1.0)
+            for axis in ("roll", "pitch"):
+                ref = truth[axis][near] - truth[axis][near][0]
+                est = np.roll(ref, i) * (1 - 0.1 * i)
+                out.append(Trace("step", name, t[near] - start, {"est": est, "ref": ref}, axis))
+    return out
+
+
+def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Result:
+    """A whole result with verdicts."""
+    rows = [onboard(), *(row(name, i) for i, name in enumerate(names))]
+    result = Result(
+        attlog={"version": "0.1.0", "python": "3.11.9", "numpy": "2.4.6", "cpu": "x86-64, 2 cores"},
+        command="attlog analyze flight.bin -o reports",
+        config={"estimators": list(names), "reference": "auto", "imu": None, "gates": {}},
+        log=dict(
+            name="flight.bin",
+            sha256="a4a3883fa13f28d55878c041cb4cc14deb3e5335aad6b9091f235c9b4e0d95f0",
+            size=2_981_888,
+            format="DataFlash",
+            firmware={"name": "ArduPilot", "version": "4.5.7", "git": "2a3dc4b7", "board": "CubeOrange"},
+            vehicle="Copter, quad",
+            simulated=False,
+            date_utc="2025-05-17T09:41:07Z",
+            duration_s=SECONDS,
+            t0_us=12_345_678,
+            utc_offset=1.7e9,
+            boot=0,
+            boots=1,
+            imu={
+                "source": "IMU:0",
+                "rate_hz": RATE,
+                "sampling": "instant",
+                "filtered": "low-pass 80 Hz",
+                "index": 0,
+                "device": None,
+            },
+            mag={"source": "MAG:0", "rate_hz": 10.0},
+            attitude={"source": "ATT", "rate_hz": 10.0},
+            place={"lat": 47.4, "lon": 8.5},
+            seconds={"airborne": 125.0, "rest": 40.0, "armed": 135.0},
+            timeline={
+                "modes": [[0, 75, "STABILIZE"], [75, 150, "LOITER"], [150, 200, "RTL"]],
+                "armed": [[55, 190]],
+                "airborne": [list(AIR)],
+                "texts": [
+                    [2.0, 6, "ArduCopter V4.5.7 (2a3dc4b7)"],
+                    [55.2, 5, "Arming motors"],
+                    [104.0, 4, "EKF3 IMU0 yaw aligned"],
+                    [149.8, 2, "Radio Failsafe - Continuing RTL"],
+                    [190.1, 5, "Disarming motors"],
+                ],
+            },
+            choices={
+                "imu": "IMU:0 was replayed: it is the one that flew.",
+                "attitude": "ATT is the primary lane's attitude.",
+            },
+            params_changed={"AHRS_TRIM_X": [0.0205, 0.0], "INS_GYRO_FILTER": [40, 20], "FRAME_TYPE": [1, None]},
+        ),
+        problems=[
+            Problem("imu_slow", "warning", "The IMU was logged at 100 Hz behind a 40 Hz low-pass.", None),
+            Problem("onboard_reset", "error", "The onboard heading jumps by 15.7 deg without a rotation.", 103.4),
+            Problem("text_truncated", "note", "3 messages were cut to 4096 characters.", count=3),
+        ],
+        audit=[
+            Check("gravity", "good", "The accelerometer reads 9.81 m/s² at rest.", 9.81, "m/s^2", "9.80 ± 0.3"),
+            Check("field", "look", "The magnetic field changes by 12 % with the throttle.", 12.0, "%", "below 10 %"),
+        ],
+        segments=[
+            Segment("run", 0, SECONDS, "one stretch without a gap"),
+            Segment("rest.long", *REST, "gyro below 0.15 deg/s, motors off"),
+            Segment("armed", 55, 190, "EV arming events"),
+            Segment("airborne", *AIR, "landed flag"),
+            Segment("reset", 103.4, 103.4, "15.7 deg without rotation"),
+            Segment("gap", 130.0, 130.4, "0.4 s without IMU samples"),
+        ],
+        reference=ReferenceSummary(
+            "onboard",
+            "ATT",
+            10.0,
+            0.003,
+            "Compared with the onboard attitude: agreement, not truth.",
+            [
+                AlignmentStep("clock", "sample time of the IMU", "TimeUS", "", "log"),
+                AlignmentStep(
+                    "declination", "world magnetic model at place and date", 2.9, "deg", "model", True, "--declination"
+                ),
+                AlignmentStep("trim", "AHRS_TRIM taken out", "1.18, 0.30", "deg", "parameter", True, "--trim"),
+            ],
+        ),
+        estimators=rows,
+        definitions={
+            "noise_roll_deg": {
+                "unit": "deg",
+                "better": "low",
+                "text": "Standard deviation of roll in 5 s windows of rest.",
+            },
+            "lag_ms": {"unit": "ms", "better": "zero", "text": "How late the estimate follows a quick movement."},
+        },
+        best={
+            "rest": {
+                "noise_roll_deg": ["gyro", "vqf", "mahony@xu-0.6"],
+                "drift_rest_deg_per_min": ["mahony@xu-0.6", "vqf"],
+            },
+            "airborne": {"lag_ms": ["gyro", "vqf"], "inclination_rmse_deg": ["gyro"]},
+        },
+        timing={"read": 0.21, "estimators": 0.33},
+        traces=traces(names) if with_traces else [],
+    )
+    result.verdicts = verdicts(result)
+    return result
+
+
+@pytest.fixture
+def result() -> Result:
+    """A good flight with five filters."""
+    return make_result()
