@@ -1,0 +1,250 @@
+"""Where the records of a DataFlash or sdlog2 file begin, found in one vectorised pass.
+
+Both formats frame alike: ``a3 95 type payload``, where FMT records (type 128)
+tell the length of every other type. There is no checksum, so a record counts
+only when its end is again a header (or the end of the file); what does not is
+damage, and reading goes on at the next record that is confirmed in this way.
+Work and memory are linear in the file size, whatever the bytes are.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.formats.base import Damage
+from attlog.limits import MAX_DAMAGE, MAX_FORMATS
+
+FMT_TYPE = 128
+FMT_LENGTH = 89
+HEADER_LENGTH = 3
+_HEADER = 0x95A3  # a3 95 read as little-endian u16
+_CHUNK = 1 << 22  # bytes scanned at once, keeps the temporaries in cache
+
+LETTER_DTYPES = {
+    "a": "(32,)<i2", "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
+    "f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "M": "u1",
+    "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
+}  # fmt: skip
+LETTER_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One FMT record: the layout of a message type, valid from ``offset`` in the file on."""
+
+    type: int
+    length: int
+    name: str
+    letters: str
+    columns: tuple[str, ...]
+    offset: int
+
+    @property
+    def readable(self) -> bool:
+        """True when the letters are known and their sizes add up to the declared length."""
+        if any(letter not in LETTER_DTYPES for letter in self.letters):
+            return False
+        return HEADER_LENGTH + sum(np.dtype(LETTER_DTYPES[c]).itemsize for c in self.letters) == self.length
+
+    def same_layout(self, other: Format) -> bool:
+        """True when both describe the same bytes by the same names."""
+        return (self.length, self.name, self.letters, self.columns) == (
+            other.length, other.name, other.letters, other.columns,
+        )  # fmt: skip
+
+
+FMT_FORMAT = Format(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"), 0)
+
+
+@dataclass(slots=True)
+class Index:
+    """Offsets of all records in file order, the layout of each, and what is damaged.
+
+    ``layout[i]`` is the position in ``layouts`` of the format of the record at
+    ``offsets[i]``.
+    """
+
+    layouts: list[Format]
+    offsets: NDArray[np.int64]
+    layout: NDArray[np.int16]
+    damage: list[Damage] = field(default_factory=list)
+    damage_bytes: int = 0
+
+
+def _headers(data: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Every offset at which ``a3 95 type`` stands, real header or not."""
+    found = []
+    last = len(data) - HEADER_LENGTH + 1
+    for start in range(0, last, _CHUNK):
+        stop = min(start + _CHUNK, last)
+        mark = data[start:stop] == 0xA3
+        mark &= data[start + 1 : stop + 1] == 0x95
+        found.append(np.flatnonzero(mark) + start)
+    return np.concatenate(found) if found else np.zeros(0, np.int64)
+
+
+def _printable(raw: bytes) -> str | None:
+    """The text before the first NUL without padding blanks, None if it is not plain ASCII."""
+    text = raw.split(b"\0", 1)[0]
+    if any(c < 32 or c > 126 for c in text):
+        return None
+    return text.decode("ascii").strip()
+
+
+def parse_format(raw: bytes, offset: int) -> Format | None:
+    """The Format in the 89 bytes of an FMT record, None if they cannot be one."""
+    name, letters, columns = _printable(raw[5:9]), _printable(raw[9:25]), _printable(raw[25:89])
+    if not name or letters is None or columns is None or raw[4] < HEADER_LENGTH:
+        return None
+    if raw[3] == FMT_TYPE:
+        return None if raw[4] != FMT_LENGTH else FMT_FORMAT
+    names = tuple(c.strip() for c in columns.split(",")) if columns else ()
+    return Format(raw[3], raw[4], name, letters, names, offset)
+
+
+def _formats(data: NDArray[np.uint8], headers: NDArray[np.int64]) -> list[Format]:
+    """The formats in file order, repetitions left out."""
+    size = len(data)
+    at = headers[data[headers + 2] == FMT_TYPE]
+    at = at[at + FMT_LENGTH <= size]
+    layouts = [FMT_FORMAT]
+    current: dict[int, Format] = {FMT_TYPE: FMT_FORMAT}
+    for offset in at.tolist():
+        fmt = parse_format(data[offset : offset + FMT_LENGTH].tobytes(), offset)
+        if fmt is None or fmt.type == FMT_TYPE:
+            continue
+        known = current.get(fmt.type)
+        if known is None or not known.same_layout(fmt):
+            current[fmt.type] = fmt
+            layouts.append(fmt)
+            if len(layouts) >= MAX_FORMATS:
+                break
+    return layouts
+
+
+def _layout_of(types: NDArray[np.uint8], headers: NDArray[np.int64], layouts: list[Format]) -> NDArray[np.int16]:
+    """The layout of each header: the last definition of its type before it, else the first; -1 without one."""
+    table = np.full(256, -1, np.int16)
+    per_type: dict[int, list[int]] = {}
+    for k, fmt in enumerate(layouts):
+        per_type.setdefault(fmt.type, []).append(k)
+        if table[fmt.type] < 0:
+            table[fmt.type] = k
+    layout = table[types]
+    for kind, defined in per_type.items():
+        if len(defined) > 1:
+            mine = np.flatnonzero(types == kind)
+            since = np.array([layouts[k].offset for k in defined])
+            which = np.searchsorted(since, headers[mine], side="right") - 1
+            layout[mine] = np.array(defined, np.int16)[np.maximum(which, 0)]
+    return layout
+
+
+def index_records(data: NDArray[np.uint8]) -> Index:
+    """The index of a whole file (bytes as uint8 array); no formats means no records.
+
+    A header inside a payload is passed over because the chain of lengths does
+    not lead to it. A record whose end is no header is given up: nothing tells
+    whether its bytes or the following ones were overwritten.
+    """
+    size = len(data)
+    headers = _headers(data)
+    layouts = _formats(data, headers)
+    layout = _layout_of(data[headers + 2], headers, layouts)
+    known = layout >= 0
+    start, layout = headers[known], layout[known]
+    end = start + np.array([f.length for f in layouts], np.int64)[layout]
+    followed = _is_header(data, end)
+    kept, holes = _walk(start, end, followed, size)
+    damage, lost = _describe(data, holes, layouts)
+    return Index(layouts, start[kept], layout[kept], damage, lost)
+
+
+def _is_header(data: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """True where a header stands at the offset, also one cut by the end of the file, or the file ends there."""
+    size = len(data)
+    result = at == size
+    if size >= 2:
+        pairs = np.ndarray((size - 1,), "<u2", buffer=data, strides=(1,))
+        result |= (at < size - 1) & (pairs[np.minimum(at, size - 2)] == _HEADER)
+        result |= (at == size - 1) & (data[-1] == 0xA3)
+    return result
+
+
+def _walk(
+    start: NDArray[np.int64], end: NDArray[np.int64], followed: NDArray[np.bool_], size: int
+) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:
+    """Which candidates are records, and the holes (from, to) between them.
+
+    Long runs of records that follow each other directly are taken at once; the
+    loop only steps from break to break.
+    """
+    n = len(start)
+    kept = np.zeros(n, np.bool_)
+    holes: list[tuple[int, int]] = []
+    if n == 0:
+        return kept, [(0, size)] if size else []
+    breaks = np.append(np.flatnonzero(end[:-1] != start[1:]), n - 1).tolist()
+    confirmed = np.flatnonzero(followed)
+    i = int(confirmed[0]) if len(confirmed) else n
+    hole = 0
+    while True:
+        stop = int(start[i]) if i < n else size
+        if stop > hole:
+            holes.append((hole, stop))
+        if i >= n:
+            break
+        last = breaks[bisect_left(breaks, i)]
+        if followed[last]:
+            kept[i : last + 1] = True
+            hole = int(end[last])
+            following = int(np.searchsorted(start, hole))
+            if following < n and start[following] == hole:
+                i = following
+                continue
+        else:
+            kept[i:last] = True
+            hole = int(start[last])
+            following = last + 1
+        k = int(np.searchsorted(confirmed, following))
+        i = int(confirmed[k]) if k < len(confirmed) else n
+    return kept, holes
+
+
+def _describe(data: NDArray[np.uint8], holes: list[tuple[int, int]], layouts: list[Format]) -> tuple[list[Damage], int]:
+    """The damage list and the number of lost bytes. Records without FMT are counted per type, not one by one."""
+    size = len(data)
+    defined = {f.type for f in layouts}
+    damage: list[Damage] = []
+    unknown: Counter[int] = Counter()
+    unknown_bytes: Counter[int] = Counter()
+    first: dict[int, int] = {}
+    total = 0
+    for begin, stop in holes:
+        total += stop - begin
+        if stop - begin >= HEADER_LENGTH and data[begin] == 0xA3 and data[begin + 1] == 0x95:
+            kind = int(data[begin + 2])
+            if kind not in defined and stop < size:
+                unknown[kind] += 1
+                unknown_bytes[kind] += stop - begin
+                first.setdefault(kind, begin)
+                continue
+        if len(damage) < MAX_DAMAGE:
+            if stop == size:
+                damage.append(
+                    Damage(begin, stop - begin, f"{stop - begin} bytes at the end of the file", "end of file")
+                )
+            else:
+                damage.append(
+                    Damage(begin, stop - begin, f"{stop - begin} bytes that are no records", f"next record at {stop}")
+                )
+    for kind, count in sorted(unknown.items()):
+        lost = f"{count} records of type {kind}, whose FMT record is missing"
+        damage.append(Damage(first[kind], unknown_bytes[kind], lost, "next record of a known type"))
+    damage.sort(key=lambda d: d.offset)
+    return damage[:MAX_DAMAGE], total

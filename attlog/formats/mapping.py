@@ -1,0 +1,57 @@
+"""The bytes of a file as a read-only array that the system pages in on demand."""
+
+from __future__ import annotations
+
+import mmap
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.errors import LogUnreadable, LogUnusable
+
+
+def map_bytes(path: str | Path) -> NDArray[np.uint8]:
+    """The content of a file as uint8 array (n,), memory-mapped, never copied.
+
+    LogUnreadable if the file cannot be opened, LogUnusable if it is empty.
+    """
+    try:
+        with open(path, "rb") as file:
+            if file.seek(0, 2) == 0:
+                raise LogUnusable(f"{path}: the file is empty.")
+            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    except OSError as error:
+        raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error}).") from error
+    return np.frombuffer(mapped, np.uint8)
+
+
+def gather(data: NDArray[np.uint8], at: NDArray[np.int64], dtype: np.dtype) -> NDArray:
+    """One value of ``dtype`` (also a sub-array) from each byte offset, (n,) or (n, k). Alignment does not matter.
+
+    Offsets must leave room for the value; the callers' indexes ensure that.
+    """
+    if len(at) == 0:
+        return np.zeros((0, *dtype.shape), dtype.base)
+    bytewise = np.ndarray((len(data) - dtype.itemsize + 1,), f"V{dtype.itemsize}", buffer=data, strides=(1,))
+    raw = bytewise[at]
+    return raw.view(dtype.base).reshape(len(at), *dtype.shape)
+
+
+def cut_at_nul(text: NDArray[np.bytes_]) -> NDArray[np.bytes_]:
+    """The same strings without anything behind their first NUL byte."""
+    width = text.dtype.itemsize
+    if len(text) == 0 or width == 0:
+        return text
+    chars = text.view(np.uint8).reshape(len(text), width).copy()
+    chars[np.logical_or.accumulate(chars == 0, axis=1)] = 0
+    return chars.view(text.dtype).reshape(len(text))
+
+
+def text_of(raw: bytes) -> str:
+    """A logged string: UTF-8, else Latin-1, which can spell every byte."""
+    raw = raw.split(b"\0", 1)[0]
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
