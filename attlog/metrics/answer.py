@@ -6,10 +6,26 @@ from dataclasses import dataclass, field
 from typing import Any
 
 CODES = (
-    "no_rest", "rest_too_short", "no_reference", "reference_too_slow", "reference_diverged",
-    "no_events", "too_few_events", "no_magnetometer", "no_setpoint", "no_gnss", "not_converged",
-    "diverged", "bent", "not_covered", "clock_unknown", "not_applicable", "did_not_move",
-    "lag_at_edge", "rate_too_low", "record_too_short",
+    "no_rest",
+    "rest_too_short",
+    "no_reference",
+    "reference_too_slow",
+    "reference_diverged",
+    "no_events",
+    "too_few_events",
+    "no_magnetometer",
+    "no_setpoint",
+    "no_gnss",
+    "not_converged",
+    "diverged",
+    "bent",
+    "not_covered",
+    "clock_unknown",
+    "not_applicable",
+    "did_not_move",
+    "lag_at_edge",
+    "rate_too_low",
+    "record_too_short",
 )
 
 
@@ -38,7 +54,9 @@ class Answer:
     def __post_init__(self) -> None:
         if self.value is None:
             if self.code not in CODES or not self.reason:
-                raise ValueError(f"an absent value needs a code of CODES and a reason, got {self.code!r}, {self.reason!r}")
+                raise ValueError(
+                    f"an absent value needs a code of CODES and a reason, got {self.code!r}, {self.reason!r}"
+                )
             self.ranked = False
 
 

@@ -39,3 +39,8 @@ class Trial:
     witnesses: dict[str, Witness] = field(default_factory=dict)
     cache: dict[str, Any] = field(default_factory=dict)
     """For values that several rows share (events, for one); keyed by the metric file's name."""
+
+
+def paragraph(text: str) -> str:
+    """The text with its line breaks and indents as single spaces, for definitions written over several lines."""
+    return " ".join(text.split())

@@ -1,0 +1,114 @@
+"""Yaw drift at rest: the heading should not move, so every slope is the row's own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics import drift
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.noise import rest_spans, why_no_rest
+from attlog.metrics.spans import about, within
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+_TEXT = paragraph(
+    """Mean slope of the row's own heading while the vehicle stands still: the witness is the constant heading itself. 1 s
+    block means, cut at gaps and resets; groups of a quarter of the rest (a sixth from 120 s on), each with its own offset;
+    value = mean of the group slopes, interval = t over them. Several rests are pooled if they agree, else the interval
+    spans them all. It is the mean drift of this record, not a property of the filter for ever. The earth's own turn (up to
+    0.25 deg/min) is part of it for filters that follow the gyro."""
+)
+METRICS: tuple[Metric, ...] = (
+    Metric("drift_rest_deg_per_min", "Yaw drift at rest", "deg/min", "zero", ("rest",), _TEXT),
+)
+
+
+def rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blocks:
+    """1 s means of the row's heading in deg during one rest, relative to its mean there."""
+    pieces = within(row.t, span, row_pieces(trial, row))
+    t, e, label = [], [], []
+    for k, piece in enumerate(pieces):
+        q = row.q[piece]
+        if np.isfinite(q).all():
+            t.append(row.t[piece])
+            e.append(np.degrees(rotation.heading_angle(rotation.error(q, rotation.mean(q)))))
+            label.append(np.full(len(q), k))
+    if not t:
+        return drift.Blocks(np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
+    return drift.block_means(np.concatenate(t), np.concatenate(e), np.concatenate(label))
+
+
+def row_pieces(trial: Trial, row: Row) -> NDArray[np.int64]:
+    """Stretches of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
+    return row.run + np.searchsorted(reset_times(trial, row), row.t, side="right")
+
+
+def reset_times(trial: Trial, row: Row) -> Array:
+    """When the attitude of an onboard row was reset, s; empty for replayed rows."""
+    if row.kind != "onboard":
+        return np.zeros(0)
+    _, colon, name = row.name.partition(":")
+    if colon:
+        attitude = trial.log.attitudes.get(name)
+        return np.zeros(0) if attitude is None else attitude.t[attitude.resets]
+    return np.array([s.t0 for s in trial.segments.of("reset")])
+
+
+def records(trial: Trial, row: Row, window: str) -> list[drift.Drift]:
+    """The drift of each rest of the window, in time order."""
+    return [drift.slope(b) for b in (rest_blocks(trial, row, s) for s in rest_spans(trial, row, window)) if len(b.t)]
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
+    if not about(window, "all", "rest", "rest.long"):
+        return {}
+    found = records(trial, row, window)
+    if not found:
+        code, reason = why_no_rest(trial, row, window, rest_spans(trial, row, window))
+        return {"drift_rest_deg_per_min": missing(code, reason, "deg/min", window)}
+    answer = drift.answer(drift.together(found), window, "rest")
+    answer.detail |= bias_beside(row, answer.value, rest_spans(trial, row, window)) | heading_change(trial, row, window)
+    earth = earth_turn(trial)
+    if earth is not None:
+        answer.detail["earth_turn_deg_per_min"] = earth
+    return {"drift_rest_deg_per_min": answer}
+
+
+def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:
+    """The gyro z-bias that a drift implies (deg/s), and the filter's own mean z-bias estimate in the same time."""
+    beside: dict[str, float] = {}
+    if drift_deg_per_min is not None:
+        beside["implied_bias_dps"] = drift_deg_per_min / 60.0
+    if row.bias is not None:
+        inside = np.zeros(len(row.t), bool)
+        for t0, t1 in spans:
+            inside |= (row.t >= t0) & (row.t <= t1)
+        inside &= np.isfinite(row.bias[:, 2])
+        if inside.any():
+            beside["own_bias_z_dps"] = float(np.degrees(np.mean(row.bias[inside, 2])))
+    return beside
+
+
+def heading_change(trial: Trial, row: Row, window: str) -> dict[str, float]:
+    """Heading of the last rest minus that of the first, deg, where there are two with other things between."""
+    spans = rest_spans(trial, row, window)
+    means = [rotation.mean(row.q[w[0]]) for w in (within(row.t, s, row.run) for s in (spans[0], spans[-1])) if w]
+    if len(spans) < 2 or len(means) < 2 or not np.isfinite(means).all():
+        return {}
+    return {"heading_change_deg": float(np.degrees(rotation.heading_angle(rotation.error(means[1], means[0]))))}
+
+
+def earth_turn(trial: Trial) -> float | None:
+    """The vertical part of the earth's rotation at the place of the log in deg/min, None where the place is unknown."""
+    for receiver in trial.log.gnss:
+        latitude = receiver.lat[np.isfinite(receiver.lat) & (receiver.fix >= 3)]
+        if len(latitude):
+            return 360.9856 / 1440.0 * math.sin(math.radians(float(np.median(latitude))))
+    return None

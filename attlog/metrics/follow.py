@@ -1,0 +1,78 @@
+"""Does a row follow motion at all? A frozen filter is the quietest of all and must not win the noise table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics.base import Trial
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+LOW, HIGH = 0.8, 1.2
+MOVING_DPS = 5.0
+MIN_SAMPLES = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a row may be ranked for noise: its ``gain`` (1 = follows) and how it was found."""
+
+    follows: bool
+    gain: float | None
+    how: str
+    reason: str = ""
+
+
+def regression_gain(t: Array, q_est: Array, q_ref: Array, piece: NDArray[np.int64]) -> Array:
+    """Gains (4,) of the estimate's turning on the reference's: body x, y, z and all axes together.
+
+    Regression through the origin of the rotations between neighbouring samples, over
+    those where the reference turns faster than 5 deg/s; steps between pieces (gaps,
+    resets) are cut out. NaN where fewer than 20 samples move.
+    """
+    dt = np.diff(t)
+    same = (np.diff(piece) == 0) & (dt > 0)
+    est = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_est[:-1]), q_est[1:]))[same]
+    ref = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_ref[:-1]), q_ref[1:]))[same]
+    finite = np.isfinite(est).all(axis=1) & np.isfinite(ref).all(axis=1)
+    est, ref, dt = est[finite], ref[finite], dt[same][finite]
+    gains = np.full(4, np.nan)
+    moving = np.abs(np.degrees(ref)) > MOVING_DPS * dt[:, None]
+    for axis in range(3):
+        use = moving[:, axis]
+        if use.sum() >= MIN_SAMPLES:
+            gains[axis] = float(est[use, axis] @ ref[use, axis]) / float(ref[use, axis] @ ref[use, axis])
+    use = moving.any(axis=1)
+    if use.sum() >= MIN_SAMPLES:
+        gains[3] = float(np.sum(est[use] * ref[use])) / float(np.sum(ref[use] ** 2))
+    return gains
+
+
+def verdict(trial: Trial, row: Row, axis: str) -> Verdict:
+    """Whether a row follows motion about roll, pitch or heading: by its steps, else by regression, else by a probe."""
+    key = f"follow:{row.name}"
+    if key not in trial.cache:
+        trial.cache[key] = _regression(row)
+    gains = trial.cache[key]
+    gain = gains[("roll", "pitch", "heading").index(axis)]
+    if np.isfinite(gain):
+        return _judge(float(gain), "regression on the reference's rate")
+    return Verdict(False, None, "no motion", "did not move: nothing shows that this row follows motion")
+
+
+def _regression(row: Row) -> Array:
+    if row.errors is None or len(row.errors.t) < 2:
+        return np.full(4, np.nan)
+    e = row.errors
+    return regression_gain(e.t, e.q_est, e.q_ref, e.piece)
+
+
+def _judge(gain: float, how: str) -> Verdict:
+    if LOW <= gain <= HIGH:
+        return Verdict(True, gain, how)
+    return Verdict(False, gain, how, f"does not follow motion: gain {gain:.2f} by {how} ({LOW} to {HIGH} needed)")

@@ -1,0 +1,72 @@
+"""95 % intervals: of a mean, of a variance, of a pooled fit, of a quantile."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog.metrics.quantiles import chi_square, student
+
+Array = NDArray[np.float64]
+Interval = tuple[float, float]
+
+
+def of_mean(values: ArrayLike) -> Interval | None:
+    """t interval of the mean of independent values (k,); None for fewer than two."""
+    x = np.asarray(values, np.float64)
+    if len(x) < 2:
+        return None
+    half = student(0.975, len(x) - 1) * float(np.std(x, ddof=1)) / math.sqrt(len(x))
+    centre = float(np.mean(x))
+    return centre - half, centre + half
+
+
+def of_jackknife(value: float, left_out: ArrayLike) -> Interval | None:
+    """t interval around ``value`` from the k values found with one event left out; None for fewer than three."""
+    x = np.asarray(left_out, np.float64)
+    k = len(x)
+    if k < 3 or not np.isfinite(x).all():
+        return None
+    error = math.sqrt((k - 1) / k * float(np.sum((x - np.mean(x)) ** 2)))
+    half = student(0.975, k - 1) * error
+    return value - half, value + half
+
+
+def of_sigma_chi_square(sigma: float, dof: float) -> Interval:
+    """Interval of a standard deviation whose variance has ``dof`` degrees of freedom."""
+    return sigma * math.sqrt(dof / chi_square(0.975, dof)), sigma * math.sqrt(dof / chi_square(0.025, dof))
+
+
+def of_sigma_log(sigma: float, variances: ArrayLike) -> Interval | None:
+    """Interval of a pooled standard deviation: t interval on the logarithm of the window variances (k,)."""
+    v = np.asarray(variances, np.float64)
+    if len(v) < 2 or not (v > 0).all():
+        return None
+    half = 0.5 * student(0.975, len(v) - 1) * float(np.std(np.log(v), ddof=1)) / math.sqrt(len(v))
+    return sigma * math.exp(-half), sigma * math.exp(half)
+
+
+def equal_groups(n: int, count: int) -> list[slice]:
+    """``count`` consecutive slices of ``n`` samples, sizes equal to one sample."""
+    edges = np.linspace(0, n, count + 1).round().astype(int)
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
+
+
+def of_quantile(values: Array, probability: float, groups: list[slice]) -> Interval | None:
+    """Interval of a quantile of correlated values: Woodruff's, with the groups as independent evidence.
+
+    The share of each group below the quantile has a t interval over the groups; its
+    ends are turned back into values (Woodruff 1952).
+    """
+    if len(groups) < 2:
+        return None
+    cut = np.quantile(values, probability)
+    share = of_mean([float(np.mean(values[g] <= cut)) for g in groups])
+    if share is None:
+        return None
+    half = 0.5 * (share[1] - share[0])
+    low, high = np.quantile(values, np.clip([probability - half, probability + half], 0.0, 1.0))
+    return float(low), float(high)

@@ -1,0 +1,235 @@
+"""How quiet is a row at rest? Standard deviation within 5 s windows, with its effective sample size."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics import follow, interval
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.spans import Span, about, common, seconds, within
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+WINDOW_S = 5.0
+"""Longer swings are wander, which the Allan deviation and the drift describe."""
+SETTLE_S = 5.0
+"""Rest counts from this long after the row's own start (METRICS 2.6)."""
+SHORTEST_S = 2.0
+MIN_SAMPLES = 8
+AXES = ("roll", "pitch", "heading")
+
+_TEXT = paragraph(
+    """While the vehicle stands still with motors off (in the window idle: motors turning), in windows of 5 s (one window
+    where the rest is shorter): rotation away from the window's mean attitude, straight line removed, standard deviation
+    (n - 2), pooled over windows. Interval: chi-square with 0.7 n - 2 windows degrees of freedom, n being the samples
+    divided by 1 + 2 sum rho^2 of their autocorrelation; from 4 windows on a t interval on the logarithm of the window
+    variances. Ranked only for rows that follow motion, and only above half the step of the logged values."""
+)
+_TEXT_P2P = paragraph(
+    """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
+    samples of this record: shown without an interval and never ranked."""
+)
+METRICS: tuple[Metric, ...] = (
+    Metric("noise_roll_deg", "Static noise, roll", "deg", "low", ("rest",), _TEXT),
+    Metric("noise_pitch_deg", "Static noise, pitch", "deg", "low", ("rest",), _TEXT),
+    Metric("noise_heading_deg", "Static noise, heading", "deg", "low", ("rest",), _TEXT),
+    Metric("noise_p2p_deg", "Static noise, peak to peak", "deg", "low", ("rest",), _TEXT_P2P),
+)
+
+
+@dataclass(slots=True)
+class Noise:
+    """Pooled statistic of one signal: ``sigma`` in its unit, ``n`` effective samples, ``p2p`` the middle 99.8 %."""
+
+    sigma: float
+    ci95: interval.Interval
+    n: float
+    windows: int
+    p2p: float
+    method: str
+
+
+def cut(t: Array, piece: slice) -> list[slice]:
+    """Windows of 5 s from the start of a stretch of samples; one window where it is 2 to 5 s long."""
+    length = t[piece.stop - 1] - t[piece.start]
+    if length < SHORTEST_S - 0.1:
+        return []
+    count = int((length + 0.05) // WINDOW_S)
+    if count == 0:
+        found = [piece]
+    else:
+        edges = np.searchsorted(t[piece], t[piece.start] + WINDOW_S * np.arange(count + 1))
+        found = [slice(int(a) + piece.start, int(b) + piece.start) for a, b in pairwise(edges)]
+    return [w for w in found if w.stop - w.start >= MIN_SAMPLES]
+
+
+def detrended(t: Array, x: Array) -> Array:
+    """``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
+    u = t - np.mean(t)
+    centred = x - np.mean(x, axis=0)
+    slope = np.tensordot(u, centred, axes=(0, 0)) / float(u @ u)
+    return centred - (u[:, None] * slope if x.ndim == 2 else u * slope)
+
+
+def effective_count(residuals: list[Array]) -> float:
+    """Independent samples in windows of residuals: N / (1 + 2 sum rho_k^2).
+
+    rho is the autocorrelation pooled over the windows, up to the first lag below 0.05.
+    """
+    total = sum(len(r) for r in residuals)
+    lags = min(len(r) for r in residuals)
+    covariance = np.zeros(lags)
+    for r in residuals:
+        size = 1 << (2 * len(r) - 1).bit_length()
+        spectrum = np.fft.rfft(r, size)
+        covariance += np.fft.irfft(spectrum.real**2 + spectrum.imag**2, size)[:lags]
+    if covariance[0] <= 0:
+        return float(total)
+    rho = covariance / covariance[0]
+    small = np.flatnonzero(rho < 0.05)
+    end = int(small[0]) if len(small) else lags
+    return total / (1.0 + 2.0 * float(np.sum(rho[1:end] ** 2)))
+
+
+def pooled(residuals: list[Array]) -> Noise | None:
+    """The noise of windows of detrended residuals (METRICS 3); None without windows or without any variation."""
+    if not residuals:
+        return None
+    variances = np.array([float(r @ r) / (len(r) - 2) for r in residuals])
+    variance = sum(float(r @ r) for r in residuals) / sum(len(r) - 2 for r in residuals)
+    sigma = math.sqrt(variance)
+    n = effective_count(residuals)
+    windows = len(residuals)
+    everything = np.concatenate(residuals)
+    low, high = np.quantile(everything, [0.001, 0.999])
+    by_log = interval.of_sigma_log(sigma, variances) if windows >= 4 else None
+    if by_log is not None:
+        return Noise(sigma, by_log, n, windows, float(high - low), f"{windows} windows, t interval on log variance")
+    dof = max(1.0, 0.7 * n - 2.0 * windows)
+    ci95 = interval.of_sigma_chi_square(sigma, dof)
+    return Noise(
+        sigma, ci95, n, windows, float(high - low), f"{windows} windows, chi-square with {dof:.1f} degrees of freedom"
+    )
+
+
+def windowed_std(t: Array, x: Array, windows: list[slice]) -> Noise | None:
+    """The windowed, detrended standard deviation of a signal (n,) with its interval."""
+    return pooled([detrended(t[w], x[w]) for w in windows])
+
+
+def deviations(q: Array) -> Array:
+    """Small rotations (n, 4) in deg away from the mean attitude: about body x, y, z and about the vertical."""
+    centre = rotation.mean(q)
+    body = rotation.to_rotvec(rotation.multiply(rotation.conjugate(centre), q))
+    heading = rotation.heading_angle(rotation.error(q, centre))
+    return np.degrees(np.column_stack([body, heading]))
+
+
+def rest_spans(trial: Trial, row: Row, window: str) -> list[Span]:
+    """Rest (idle in the window idle) inside the window, from 5 s after the row's own start."""
+    kind = window if window in ("idle", "rest.long") else "rest"
+    spans = trial.segments.spans(kind)
+    if ":" in window:
+        spans = common(spans, trial.segments.spans(window))
+    return common(spans, [(row.start + SETTLE_S, math.inf)])
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
+    if not about(window, "all", "rest", "rest.long", "idle"):
+        return {}
+    spans = rest_spans(trial, row, window)
+    windows = [w for span in spans for p in within(row.t, span, row.run) for w in cut(row.t, p)]
+    windows = [w for w in windows if np.isfinite(row.q[w]).all()]
+    if not windows:
+        code, reason = why_no_rest(trial, row, window, spans)
+        return {m.name: missing(code, reason, "deg", window) for m in METRICS}
+    residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
+    noises = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
+    roll, pitch, heading, yaw = (n for n in noises if n is not None)
+    shared = {"windows": len(windows), "body_z_deg": yaw.sigma, **input_noise(trial, window, spans)}
+    duration = seconds(row.t, windows)
+    answers = {
+        f"noise_{axis}_deg": _answer(trial, row, window, axis, noise, duration, shared)
+        for axis, noise in zip(AXES, (roll, pitch, heading), strict=True)
+    }
+    wider = max(roll, pitch, key=lambda n: n.p2p)
+    answers["noise_p2p_deg"] = Answer(
+        wider.p2p,
+        "deg",
+        window,
+        max(1, round(wider.n)),
+        duration,
+        None,
+        "middle 99.8 % of the residuals",
+        reason="set by the few largest samples of this record",
+        ranked=False,
+        detail={"heading_deg": heading.p2p, "windows": len(windows)},
+    )
+    return answers
+
+
+def _answer(
+    trial: Trial, row: Row, window: str, axis: str, noise: Noise, duration: float, shared: dict[str, object]
+) -> Answer:
+    sigma, (low, high), reason = noise.sigma, noise.ci95, None
+    if sigma < 0.5 * row.step_deg:
+        reason = f"below half the step of the logged values ({row.step_deg:.3g} deg)"
+    elif row.step_deg > 0:
+        correction = row.step_deg**2 / 12.0
+        low, high = (math.sqrt(max(x**2 - correction, 0.0)) for x in (low, high))
+        sigma = math.sqrt(sigma**2 - correction)
+    elif window != "idle" or row.kind == "replay":
+        verdict = follow.verdict(trial, row, axis)
+        reason = None if verdict.follows else verdict.reason
+    return Answer(
+        sigma,
+        "deg",
+        window,
+        max(1, round(noise.n)),
+        duration,
+        (low, high),
+        noise.method,
+        reason=reason,
+        ranked=reason is None,
+        detail=shared | {"effective_samples": noise.n, "step_deg": row.step_deg, "floor_deg": row.step_deg / 2.0},
+    )
+
+
+def input_noise(trial: Trial, window: str, spans: list[Span]) -> dict[str, list[float]]:
+    """The same statistic of the replayed gyro (deg/s) and accelerometer (m/s^2) in the same windows, per body axis."""
+    key = f"noise:input:{window}:{spans}"
+    if key not in trial.cache:
+        trial.cache[key] = {}
+        if trial.log.imu is not None:
+            imu = trial.log.imus[trial.log.imu]
+            for name, stream, factor in (("gyro_dps", imu.gyro, np.degrees(1.0)), ("acc_m_s2", imu.acc, 1.0)):
+                windows = [w for span in spans for p in within(stream.t, span) for w in cut(stream.t, p)]
+                residuals = [detrended(stream.t[w], stream.x[w]) for w in windows if np.isfinite(stream.x[w]).all()]
+                if residuals:
+                    weight = sum(len(r) - 2 for r in residuals)
+                    sigma = np.sqrt(sum(np.sum(r**2, axis=0) for r in residuals) / weight) * factor
+                    trial.cache[key][f"input_{name}"] = [float(s) for s in sigma]
+    return trial.cache[key]
+
+
+def why_no_rest(trial: Trial, row: Row, window: str, spans: list[Span]) -> tuple[str, str]:
+    """Code and reason where a row has no usable rest."""
+    if window == "idle":
+        return "no_rest", "the vehicle never stood with its motors turning"
+    if not trial.segments.spans("rest"):
+        return "no_rest", "the vehicle never stood still with motors off for 2 s; record 10 s before arming"
+    if not spans:
+        return (
+            "no_rest",
+            f"no rest in window {window} later than {SETTLE_S:.0f} s after this row's start ({row.start:.1f} s)",
+        )
+    return "rest_too_short", f"no rest of {SHORTEST_S:.0f} s holds {MIN_SAMPLES} samples of this row without a gap"

@@ -1,0 +1,136 @@
+"""How far is a row from the reference? RMSE, median, 95th percentile and maximum of the error angles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.metrics import interval
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.spans import seconds, stretches
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+ANGLES = {
+    "total": "the whole rotation between the row and the reference, 2 atan2(|e_vec|, |e0|)",
+    "heading": "the part of the error about the vertical, 2 atan2(e3, e0), without its sign",
+    "inclination": "the part of the error that tilts, 2 atan2(hypot(e1, e2), hypot(e0, e3))",
+}
+STATISTICS = {"rmse": "root mean square", "median": "median", "p95": "95th percentile", "max": "largest value"}
+GROUP_S = 5.0
+"""Errors of filters wander over seconds: shorter groups would count one swing twice."""
+MAX_GROUPS = 20
+
+_EVIDENCE = """Interval: t over consecutive groups of about 5 s (at least 4), so that neighbouring samples do not count
+    as independent evidence."""
+_EXTREME = "An extreme of this record has no interval and is never ranked."
+
+METRICS: tuple[Metric, ...] = tuple(
+    Metric(
+        f"{angle}_{statistic}_deg",
+        f"{angle.capitalize()} error, {words}",
+        "deg",
+        "low",
+        ("reference",),
+        paragraph(
+            f"""{words[0].upper()}{words[1:]} of {meaning}, with e = q_est q_ref* seen in earth axes, over the scored
+            samples of the window at the times of the slower of row and reference.
+            {_EXTREME if statistic == "max" else _EVIDENCE}"""
+        ),
+    )
+    for angle, meaning in ANGLES.items()
+    for statistic, words in STATISTICS.items()
+)
+
+
+def groups_of(n: int, duration: float) -> list[slice]:
+    """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of about 5 s; none below 4 s."""
+    if duration < 4.0 or n < 8:
+        return []
+    return interval.equal_groups(n, int(np.clip(duration // GROUP_S, 4, MAX_GROUPS)))
+
+
+def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
+    """RMS of an error angle (n,) and its interval: t over the mean squares of the groups, then the root."""
+    value = math.sqrt(float(np.mean(angle**2)))
+    spread = interval.of_mean([float(np.mean(angle[g] ** 2)) for g in groups]) if groups else None
+    if spread is None:
+        return value, None
+    half = 0.5 * (spread[1] - spread[0])
+    return value, (math.sqrt(max(value**2 - half, 0.0)), math.sqrt(value**2 + half))
+
+
+def statistic(angle: Array, name: str, groups: list[slice]) -> tuple[float, interval.Interval | None]:
+    """One of STATISTICS of an error angle without sign (n,), with its interval where it has one."""
+    if name == "rmse":
+        return root_mean_square(angle, groups)
+    if name == "max":
+        return float(np.max(angle)), None
+    probability = 0.5 if name == "median" else 0.95
+    return float(np.quantile(angle, probability)), interval.of_quantile(angle, probability, groups) if groups else None
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window."""
+    errors = row.errors
+    absent = why_no_errors(trial, row, window)
+    if absent is not None or errors is None:
+        code, reason = absent or ("no_reference", "this row has no errors against the reference")
+        return {m.name: missing(code, reason, "deg", window) for m in METRICS}
+    good = errors.scored & trial.segments.mask(errors.t, window) & np.isfinite(errors.total)
+    if not good.any():
+        reason = f"no scored sample in window {window}: comparisons start at {trial.reference.scoring_start:.1f} s"
+        return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
+    duration = seconds(errors.t, stretches(errors.t, good, errors.piece))
+    groups = groups_of(int(good.sum()), duration)
+    offset_note = heading_is_offset_free(trial, row)
+    answers = {}
+    for angle in ANGLES:
+        values = np.abs(getattr(errors, angle)[good])
+        for name in STATISTICS:
+            value, ci95 = statistic(values, name, groups)
+            reason = None
+            if name == "max":
+                reason = "an extreme of this record has no interval"
+            elif ci95 is None:
+                reason = f"{duration:.1f} s are too short for an interval; 4 s are needed"
+            elif angle != "inclination" and offset_note:
+                reason = offset_note
+            answers[f"{angle}_{name}_deg"] = Answer(
+                value,
+                "deg",
+                window,
+                len(groups) or 1,
+                duration,
+                ci95,
+                f"{STATISTICS[name]}, {len(groups)} groups" if groups else STATISTICS[name],
+                reason=reason,
+                ranked=reason is None,
+                detail={"samples": int(good.sum()), "floor_deg": trial.reference.floor_deg},
+            )
+    return answers
+
+
+def why_no_errors(trial: Trial, row: Row, window: str) -> tuple[str, str] | None:
+    """Code and reason where a row cannot be compared with the reference, else None."""
+    if trial.reference.kind == "none" or len(trial.reference.t) == 0:
+        return (
+            "no_reference",
+            "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)",
+        )
+    if row.is_reference:
+        return "not_applicable", "this row is the reference itself"
+    if row.errors is None or len(row.errors.t) == 0:
+        return "not_covered", row.reason or "this row and the reference have no time in common"
+    return None
+
+
+def heading_is_offset_free(trial: Trial, row: Row) -> str | None:
+    """A reason not to rank heading errors: the offset of this row was removed while others had to find it."""
+    if row.uses_mag or not any(r.uses_mag for r in trial.rows if r.kind == "replay"):
+        return None
+    return "works without a magnetometer: its heading offset was removed, the others had to find theirs"
