@@ -1,0 +1,90 @@
+"""All segments of a log, from the sensors and the flags together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.flight.model import FlightLog, Imu
+from attlog.segments import flags, hover, impact, resets, rest, runs, spans, windows
+from attlog.segments.model import Segment, Segments
+from attlog.segments.spans import Span
+
+MOVING_M_S = 3.0
+"""GNSS speed from which a vehicle is not at rest, whatever its IMU feels."""
+
+
+def build(log: FlightLog) -> Segments:
+    """Runs, gaps, rests, idling, arming, flight, hover, impact and resets of a log, each with its reason.
+
+    A log without usable IMU has the runs of its onboard attitude and what the flags
+    tell, and the notes say so.
+    """
+    notes: dict[str, str] = {}
+    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    onboard = log.attitudes.get(log.onboard or "")
+    clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
+    clock = clock[np.isfinite(clock)]
+    found: list[Segment] = runs.find(clock)
+    if imu is None:
+        notes["run"] = "no IMU to replay: runs are those of the onboard attitude, and nothing tells rest"
+    if not found:
+        return Segments([], notes)
+    t0, t1 = float(np.min(clock)), float(np.max(clock))
+
+    armed = flags.armed(log, t0, t1)
+    parts = _windows(imu) if imu is not None else None
+    still = rest.still(parts) if parts is not None else None
+    lying = windows.join(parts, still) if parts is not None and still is not None else []
+    airborne = flags.airborne(log, armed, lying, t0, t1)
+    found += [Segment("armed", a, b, armed.why) for a, b in armed.spans]
+    found += [Segment("airborne", a, b, airborne.why) for a, b in airborne.spans]
+    notes["armed"], notes["airborne"] = armed.why, airborne.why
+
+    if parts is not None and still is not None:
+        moving = np.nan_to_num(hover.speed_m_s(log, parts.middle)) > MOVING_M_S
+        rests = rest.rests(parts, still, airborne, armed, moving)
+        notes["rest"] = _rest_note(rests, rest.rate_limit(parts), armed, airborne)
+        motors, why = _motors(log, armed, t0, t1)
+        found += rests + rest.idles(parts, still, airborne, motors, why) + hover.find(log, parts, airborne)
+        notes["idle"] = why
+    quiet = [(s.t0, s.t1) for s in found if s.kind.startswith("rest")]
+    found += impact.find(log, imu, airborne, armed, quiet, t1)
+    if onboard is not None:
+        found += [
+            Segment("reset", float(onboard.t[i - 1]), float(onboard.t[i]), why)
+            for i, why in zip(*resets.find(onboard, imu), strict=True)
+        ]
+    return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes)
+
+
+def _windows(imu: Imu) -> windows.Windows | None:
+    """Windows over the good samples of an IMU, None where it has too few."""
+    t, gyro, acc = imu.gyro.t_best, imu.gyro.x, imu.acc.x
+    n = min(len(t), len(gyro), len(acc))
+    t, gyro, acc = t[:n], gyro[:n], acc[:n]
+    good = np.isfinite(t) & np.isfinite(gyro).all(axis=1) & np.isfinite(acc).all(axis=1)
+    return windows.build(t[good], gyro[good], acc[good]) if np.count_nonzero(good) >= 10 else None
+
+
+def _motors(log: FlightLog, armed: flags.Phase, t0: float, t1: float) -> tuple[list[Span], str]:
+    """When motors turned: RPM, else arming, else throttle; and which of them says so."""
+    if armed.known:
+        return armed.spans, "armed"
+    for name, stream, limit in (("RPM", log.rpm, 100.0), ("throttle", log.throttle, 0.05)):
+        if stream is not None and len(stream.t) > 1:
+            turning = np.nanmax(np.nan_to_num(stream.x.reshape(len(stream.t), -1)), axis=1) > limit
+            held = zip(stream.t[:-1], stream.t[1:], turning[:-1], strict=True)
+            return spans.merge((float(a), float(b)) for a, b, on in held if on), f"motors turn by {name}"
+    return [], "nothing tells whether motors turned"
+
+
+def _rest_note(rests: list[Segment], limit: float, armed: flags.Phase, airborne: flags.Phase) -> str:
+    """The sentence on how rest was found, or why there is none."""
+    unknown = [word for word, phase in (("arming", armed), ("flight", airborne)) if not phase.known]
+    doubt = f"; {' and '.join(unknown)} unknown, so by the sensors alone" if unknown else ""
+    if not rests:
+        return (
+            f"no window as still as a surface (gyro noise under {limit:.2f} deg/s), disarmed and on the ground{doubt}"
+        )
+    total = sum(s.seconds for s in rests)
+    return f"{len(rests)} rests, {total:.0f} s, gyro noise under {limit:.2f} deg/s{doubt}"

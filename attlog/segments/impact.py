@@ -1,0 +1,74 @@
+"""Impact: the moment from which a log tells about a wreck and not about a flight."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.flight.model import FlightLog, Imu
+from attlog.segments import spans
+from attlog.segments.flags import Phase
+from attlog.segments.model import Segment
+from attlog.segments.spans import Span
+
+Array = NDArray[np.float64]
+
+FORCE_M_S2 = 4 * 9.80665
+TUMBLE_DPS = 200.0
+TILT_DEG = 90.0
+END_S = 10.0
+CRASH = re.compile(r"\bcrash(ed)?\b(?!.{0,2}(check|dump|log|catcher))", re.IGNORECASE)
+
+
+def find(log: FlightLog, imu: Imu | None, airborne: Phase, armed: Phase, rests: list[Span], t1: float) -> list[Segment]:
+    """The first impact as a list of one segment, or an empty list.
+
+    The autopilot's own crash message; or, in the air, a specific force above 4 g
+    with a tumble (200 deg/s within half a second: a firm touch-down has none), or a tilt beyond 90
+    deg, either followed within 10 s by disarming or stillness.
+    """
+    found = [
+        Segment("impact", t, t1, f"the autopilot says: {text.strip()[:80]}")
+        for t, _, text in log.texts
+        if CRASH.search(text) and spans.inside(np.array([t]), _stretched(airborne.spans)).any()
+    ]
+    ends = [b for _, b in armed.spans if armed.known and b < t1] + [a for a, _ in rests]
+    for t, why in _blows(imu, airborne) + _overturned(log, airborne):
+        end = min((e for e in ends if -0.5 <= e - t <= END_S), default=None)
+        if end is not None:
+            found.append(
+                Segment("impact", t, t1, f"{why}, and {end - t:.1f} s later the vehicle was disarmed or still")
+            )
+    return sorted(found, key=lambda s: s.t0)[:1]
+
+
+def _blows(imu: Imu | None, airborne: Phase) -> list[tuple[float, str]]:
+    """Times and descriptions of specific forces above 4 g with a tumble, in the air or within 1 s of it."""
+    if imu is None:
+        return []
+    force = np.sqrt(np.sum(imu.acc.x**2, axis=1))
+    t = imu.acc.t_best
+    hit = np.flatnonzero((force > FORCE_M_S2) & spans.inside(t, _stretched(airborne.spans)))
+    speed = np.degrees(np.sqrt(np.sum(imu.gyro.x**2, axis=1)))
+    tumbling = imu.gyro.t_best[speed > TUMBLE_DPS]
+    near = np.searchsorted(tumbling, t[hit] + 0.5) > np.searchsorted(tumbling, t[hit] - 0.5)
+    return [(float(t[i]), f"{force[i] / 9.80665:.1f} g with a tumble") for i in hit[near]]
+
+
+def _overturned(log: FlightLog, airborne: Phase) -> list[tuple[float, str]]:
+    """Starts of the stretches in the air in which the onboard attitude lies beyond 90 deg of tilt."""
+    attitude = log.attitudes.get(log.onboard or "")
+    if attitude is None or len(attitude.t) == 0:
+        return []
+    over = np.degrees(rotation.inclination_angle(attitude.q))
+    beyond = (over > TILT_DEG) & spans.inside(attitude.t, airborne.spans)
+    starts = np.flatnonzero(beyond & ~np.concatenate([[False], beyond[:-1]]))
+    return [(float(attitude.t[i]), f"tilt of {over[i]:.0f} deg") for i in starts]
+
+
+def _stretched(airborne: list[Span]) -> list[Span]:
+    """Flight with a second on each side: the land detector and the ground do not wait for each other."""
+    return [(a - 1.0, b + 1.0) for a, b in airborne]

@@ -1,0 +1,99 @@
+"""Resets: jumps of an attitude that no rotation of the vehicle explains."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.flight.model import Attitude, Imu
+from attlog.segments import runs
+from attlog.segments.increments import turned
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1
+NEIGHBOURS, NEIGHBOUR_FACTOR = 10, 4.0
+CHUNK = 50_000
+
+
+def find(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
+    """Indices i (k,) where the step from sample i-1 to i is a reset, and a sentence for each.
+
+    The log's own counters, and jumps that the gyro does not explain: above
+    ``max(1 deg, 6 sigma) + 10 %`` of the interval's rotation and above 4 times the
+    90th percentile of the unexplained rotation in the 10 intervals on each side, next
+    neighbours left out (METRICS 1). Not across gaps.
+    """
+    counted = {int(i): "reset counter or event of the autopilot" for i in attitude.resets if 0 < i < len(attitude.t)}
+    unexplained = unexplained_deg(attitude, imu)
+    found = dict(counted)
+    if unexplained is not None:
+        jump, rotated = unexplained
+        for i in _jumps(jump, rotated) + 1:
+            if not {int(i) - 1, int(i), int(i) + 1} & counted.keys():
+                found[int(i)] = f"jump of {jump[i - 1]:.1f} deg that the gyro does not explain"
+            elif int(i) in counted:
+                found[int(i)] = f"{counted[int(i)]}, {jump[i - 1]:.1f} deg"
+    order = sorted(found)
+    return np.array(order, np.int64), [found[i] for i in order]
+
+
+def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] | None:
+    """Rotation (n-1,) in deg of each interval that the gyro does not explain, and the gyro's own; None without gyro.
+
+    NaN for intervals that lie across a gap of the attitude or of the gyro, or outside it.
+    """
+    t = attitude.t if attitude.t_sample is None else attitude.t_sample
+    if imu is None or len(t) < 3 or len(imu.gyro.t) < 3:
+        return None
+    gyro_t = imu.gyro.t_best
+    good = np.isfinite(imu.gyro.x).all(axis=1) & np.isfinite(gyro_t)
+    good[1:] &= np.diff(np.maximum.accumulate(np.where(np.isfinite(gyro_t), gyro_t, -np.inf))) > 0
+    gyro_t, rate = gyro_t[good], imu.gyro.x[good]
+    if len(gyro_t) < 3:
+        return None
+    by_gyro = turned(gyro_t, rate, t, imu.gyro.sampling)
+    by_attitude = rotation.multiply(rotation.conjugate(attitude.q[:-1]), attitude.q[1:])
+    rest = rotation.multiply(rotation.conjugate(rotation.from_rotvec(by_gyro)), by_attitude)
+    jump = np.degrees(rotation.total_angle(rest))
+    rotated = np.degrees(np.sqrt(np.sum(by_gyro**2, axis=1)))
+    piece = runs.pieces(gyro_t)
+    where = np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)
+    whole = piece[where[:-1]] == piece[where[1:]]
+    whole &= np.diff(runs.pieces(t)) == 0
+    whole &= (t[:-1] >= gyro_t[0]) & (t[1:] <= gyro_t[-1]) & (np.diff(t) > 0)
+    jump[~whole] = np.nan
+    return jump, rotated
+
+
+def _jumps(jump: Array, rotated: Array) -> Index:
+    """Indices of the intervals whose unexplained rotation stands out of the log and of the neighbours."""
+    known = np.isfinite(jump)
+    if not known.any():
+        return np.zeros(0, np.int64)
+    sigma = 1.4826 * float(np.median(jump[known]))
+    limit = max(SMALLEST_DEG, SIGMAS * sigma) + SHARE * rotated
+    candidates = np.flatnonzero(known & (np.where(known, jump, 0.0) > limit))
+    offsets = np.concatenate([np.arange(-NEIGHBOURS - 1, -1), np.arange(2, NEIGHBOURS + 2)])
+    padded = np.concatenate([np.full(NEIGHBOURS + 1, np.nan), jump, np.full(NEIGHBOURS + 1, np.nan)])
+    kept = []
+    for a in range(0, len(candidates), CHUNK):
+        rows = candidates[a : a + CHUNK]
+        around = padded[rows[:, None] + offsets + NEIGHBOURS + 1]
+        usual = _percentile_90(around)
+        kept.append(rows[jump[rows] > NEIGHBOUR_FACTOR * usual])
+    return np.concatenate(kept) if kept else np.zeros(0, np.int64)
+
+
+def _percentile_90(rows: Array) -> Array:
+    """The 90th percentile (n,) of the finite values of each row (n, k), 0 where there is none."""
+    ordered = np.sort(rows, axis=1)
+    count = np.sum(np.isfinite(rows), axis=1)
+    place = 0.9 * np.maximum(count - 1, 0)
+    low = np.floor(place).astype(np.int64)
+    high = np.minimum(low + 1, np.maximum(count - 1, 0))
+    row = np.arange(len(rows))
+    value = ordered[row, low] + (place - low) * (ordered[row, high] - ordered[row, low])
+    return np.where(count > 0, value, 0.0)

@@ -1,0 +1,62 @@
+"""Runs: stretches of the replayed IMU without a gap. No metric crosses the end of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.segments.model import Segment
+
+Array = NDArray[np.float64]
+
+GAP_MEDIANS = 5.0
+GAP_SECONDS = 0.05
+"""A gap is longer than 5 median intervals and longer than 50 ms (METRICS 1)."""
+
+RESTART_SECONDS = 0.5
+"""Up to here a filter integrates across a gap; beyond, it restarts."""
+
+
+def gap_limit(t: Array) -> float:
+    """The longest interval in s that is still no gap: max(5 median intervals, 50 ms)."""
+    dt = np.diff(t)
+    dt = dt[np.isfinite(dt) & (dt > 0)]
+    return max(GAP_MEDIANS * float(np.median(dt)), GAP_SECONDS) if len(dt) else GAP_SECONDS
+
+
+def pieces(t: Array, limit: float | None = None) -> NDArray[np.int64]:
+    """The number of the stretch (n,) that each time belongs to; a gap or a backward step begins a new one."""
+    if len(t) == 0:
+        return np.zeros(0, np.int64)
+    dt = np.diff(t)
+    broken = ~((dt >= 0) & (dt <= (gap_limit(t) if limit is None else limit)))
+    return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
+
+
+def find(t: Array) -> list[Segment]:
+    """Runs and the gaps between them, of the times (n,) of the replayed IMU."""
+    if len(t) < 2:
+        return []
+    limit = gap_limit(t)
+    piece = pieces(t, limit)
+    first = np.flatnonzero(np.concatenate([[True], np.diff(piece) > 0]))
+    last = np.append(first[1:], len(t)) - 1
+    found = [
+        Segment("run", float(t[a]), float(t[b]), f"{b - a + 1} samples, no interval above {1e3 * limit:.0f} ms")
+        for a, b in zip(first, last, strict=True)
+        if t[b] > t[a]
+    ]
+    for a, b in zip(last[:-1], first[1:], strict=True):
+        seconds = float(t[b] - t[a])
+        if seconds > 0:
+            kind = "a filter restarts" if seconds > RESTART_SECONDS else "a filter integrates across"
+            found.append(Segment("gap", float(t[a]), float(t[b]), f"no IMU sample for {seconds:.3g} s; {kind}"))
+    return found
+
+
+def restarts(t: Array) -> Array:
+    """Times (k,) at which a filter has to start anew: the first sample, and those after gaps beyond 0.5 s."""
+    if len(t) == 0:
+        return np.zeros(0)
+    dt = np.diff(t)
+    return t[np.concatenate([[True], ~((dt >= 0) & (dt <= RESTART_SECONDS))])]

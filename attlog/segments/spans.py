@@ -1,0 +1,65 @@
+"""Arithmetic with stretches of time: lists of (t0, t1) in s."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Span = tuple[float, float]
+
+
+def merge(spans: Iterable[Span]) -> list[Span]:
+    """The same time as ascending stretches that do not touch."""
+    merged: list[Span] = []
+    for t0, t1 in sorted(s for s in spans if s[1] > s[0]):
+        if merged and t0 <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(merged[-1][1], t1))
+        else:
+            merged.append((t0, t1))
+    return merged
+
+
+def intersect(a: Iterable[Span], b: Iterable[Span]) -> list[Span]:
+    """The time that lies in both."""
+    a, b = merge(a), merge(b)
+    common, i, j = [], 0, 0
+    while i < len(a) and j < len(b):
+        t0, t1 = max(a[i][0], b[j][0]), min(a[i][1], b[j][1])
+        if t1 > t0:
+            common.append((t0, t1))
+        if a[i][1] < b[j][1]:
+            i += 1
+        else:
+            j += 1
+    return common
+
+
+def complement(spans: Iterable[Span], t0: float, t1: float) -> list[Span]:
+    """The time of [t0, t1] that lies in none of the stretches."""
+    edges = [t0]
+    for a, b in merge(spans):
+        edges += [min(max(a, t0), t1), min(max(b, t0), t1)]
+    edges.append(t1)
+    return [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
+
+
+def seconds(spans: Iterable[Span]) -> float:
+    """Total length in s; overlaps count once."""
+    return float(sum(b - a for a, b in merge(spans)))
+
+
+def inside(t: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
+    """Which times (n,) lie in a stretch, ends included."""
+    return overlaps(t, t, spans)
+
+
+def overlaps(t0: Array, t1: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
+    """Which windows [t0, t1] (n,) touch a stretch."""
+    merged = merge(spans)
+    if not merged:
+        return np.zeros(len(t0), bool)
+    start, end = (np.array(x) for x in zip(*merged, strict=True))
+    return np.searchsorted(end, t0, side="left") < np.searchsorted(start, t1, side="right")

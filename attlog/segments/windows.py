@@ -1,0 +1,92 @@
+"""The IMU in windows of half a second: what stillness, idling and hover are judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.segments import runs
+
+Array = NDArray[np.float64]
+
+SECONDS = 0.5
+MIN_SAMPLES = 5
+"""A standard deviation needs a few samples: slow logs get longer windows."""
+
+
+@dataclass(slots=True)
+class Windows:
+    """Statistics of the IMU in windows [t0, t1], (m,) and (m, 3); ``run`` numbers the run a window lies in.
+
+    ``rate`` is the mean body rate, ``rate_std`` the standard deviation of the gyro
+    (rms of the three axes), ``rate_rms`` the rms of the rate's length, all in deg/s;
+    ``force`` and ``force_std`` are mean and standard deviation of the specific force's length in m/s^2.
+    """
+
+    t0: Array
+    t1: Array
+    run: NDArray[np.int64]
+    rate: Array
+    rate_std: Array
+    rate_rms: Array
+    force: Array
+    force_std: Array
+    seconds: float
+
+    @property
+    def middle(self) -> Array:
+        """The middles of the windows (m,) in s."""
+        return 0.5 * (self.t0 + self.t1)
+
+
+def build(t: Array, gyro: Array, acc: Array) -> Windows:
+    """Windows over good samples (n,), (n, 3) rad/s, (n, 3) m/s^2; windows with under 3 samples are left out."""
+    rate = np.degrees(gyro)
+    force = np.sqrt(np.sum(acc * acc, axis=1))
+    dt = np.diff(t)
+    median = float(np.median(dt[dt > 0])) if np.any(dt > 0) else SECONDS
+    seconds = max(SECONDS, MIN_SAMPLES * median)
+    run = runs.pieces(t)
+    run_start = t[np.searchsorted(run, run)]
+    number = np.floor((t - run_start) / seconds).astype(np.int64)
+    key = np.flatnonzero(np.concatenate([[True], (np.diff(run) != 0) | (np.diff(number) != 0)]))
+    count = np.diff(np.append(key, len(t)))
+
+    def mean(x: Array) -> Array:
+        total = np.add.reduceat(x, key, axis=0)
+        return total / (count[:, None] if x.ndim == 2 else count)
+
+    rate_mean, force_mean = mean(rate), mean(force)
+    spread = rate - np.repeat(rate_mean, count, axis=0)
+    rate_var = mean(np.sum(spread * spread, axis=1) / 3.0)
+    force_var = mean((force - np.repeat(force_mean, count)) ** 2)
+    rate_rms = np.sqrt(mean(np.sum(rate * rate, axis=1)))
+    start = run_start[key] + number[key] * seconds
+    end = np.minimum(start + seconds, t[key + count - 1] + median)
+    keep = count >= 3
+    return Windows(
+        start[keep],
+        end[keep],
+        run[key][keep],
+        rate_mean[keep],
+        np.sqrt(rate_var[keep]),
+        rate_rms[keep],
+        force_mean[keep],
+        np.sqrt(force_var[keep]),
+        seconds,
+    )
+
+
+def join(windows: Windows, passed: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Stretches (t0, t1) in s of neighbouring windows of one run that all passed."""
+    i = np.flatnonzero(passed)
+    if len(i) == 0:
+        return []
+    apart = (windows.t0[i[1:]] - windows.t1[i[:-1]] > 0.1 * windows.seconds) | (
+        windows.run[i[1:]] != windows.run[i[:-1]]
+    )
+    first = np.concatenate([[0], np.flatnonzero(apart) + 1])
+    last = np.append(first[1:], len(i)) - 1
+    return [(float(windows.t0[i[a]]), float(windows.t1[i[b]])) for a, b in zip(first, last, strict=True)]
