@@ -1,0 +1,472 @@
+"""PX4 logs (``.ulg``): read to lazy columns, write from columns.
+
+Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html. The file is
+mapped; one pass finds where every record lies (:mod:`attlog.formats.ulog_index`),
+a topic's bytes are gathered when the first of its columns is asked for.
+
+ULog has no checksums. A data record counts only when another record begins where
+it ends: the one before a damaged place is given up, and reading goes on at the
+next place where three records in a row make sense and the time is near.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.errors import LogUnreadable, LogUnusable, NotALog
+from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
+from attlog.formats.ulog_index import HEADER, Bytes, Offsets, Sizes, chain
+from attlog.formats.ulog_layout import Layout, Members, layout_of, parse_format
+from attlog.formats.ulog_records import (
+    FILE_HEADER,
+    LARGEST_UNKNOWN,
+    MAGIC,
+    SYNC,
+    info_value,
+    is_record,
+    keyed,
+    parameter_value,
+    text,
+)
+from attlog.limits import (
+    MAX_DAMAGE,
+    MAX_FORMATS,
+    MAX_PARAM_CHANGES,
+    MAX_TEXT_LENGTH,
+    MAX_TEXTS,
+    MAX_TIME_JUMP_S,
+)
+
+ENCRYPTED = b"ULogEnc"
+GROUP = 1 << 20
+"""Records that are sorted into their topics at a time; bounds the memory of the sort."""
+ANCHOR_RECORDS = 3
+"""Records in a row that must make sense before reading goes on behind damage."""
+FIRST_SEARCH, LONGEST_SEARCH = 1 << 12, 1 << 20
+"""Bytes looked at together behind damage: most wounds are short, some are whole flash blocks."""
+_KINDS = np.zeros(256, bool)
+_KINDS[list(b"ABCDFILMOPQRS")] = True
+
+
+def read(path: Path | str) -> Messages:
+    """The log as :class:`Messages` with ``(topic, multi id)`` keys, format ``ulog``.
+
+    LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable
+    if it is encrypted or needs a newer reader. Damage is listed, never raised.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            raw = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    except ValueError:
+        raise NotALog(f"{path}: the file is empty") from None
+    except OSError as error:
+        raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error})") from error
+    if raw[:7] == ENCRYPTED:
+        raise LogUnusable(f"{path}: this ULog is encrypted; decrypt it with the key of the vehicle first")
+    if raw[:7] != MAGIC or len(raw) < FILE_HEADER:
+        raise NotALog(f"{path}: no ULog header at the start of the file")
+    return _Reader(path, raw).messages()
+
+
+@dataclass(slots=True)
+class _Topic:
+    """A topic's records so far; another layout (a second log in the same file) starts a new part."""
+
+    layouts: list[Layout]
+    begins: list[int]
+    offsets: list[Offsets] = field(default_factory=list)
+
+
+class _Reader:
+    """One walk over the file; ``messages`` turns what was found into the result."""
+
+    def __init__(self, path: Path, raw: mmap.mmap) -> None:
+        self.path, self.raw, self.size = path, raw, len(raw)
+        self.data: Bytes = np.frombuffer(raw, np.uint8)
+        self.sizes = Sizes()
+        self.chain = chain(self.data, self.sizes)
+        self.topics: dict[tuple[str, int], _Topic] = {}
+        self.params: list[ParamChange] = []
+        self.texts: list[Text] = []
+        self.info: dict[str, Any] = {}
+        self.dropouts: list[int] = []
+        self.damage: list[Damage] = []
+        self.damage_bytes = 0
+        self.boots: list[int] = []
+        self.unknown: dict[int, list[int]] = {}
+        self.runs: list[Offsets] = []
+        self.pending = 0
+        self.appended: list[int] = []
+        self._start_log(0)
+
+    def messages(self) -> Messages:
+        """Walk everything, then hand out the tables."""
+        position = FILE_HEADER
+        while position < self.size:
+            stop = next((a for a in self.appended if a > position), self.size)
+            position = self._walk(position, stop)
+        self._group()
+        self._report_unknown()
+        tables = {
+            key: _table(self.data, key, topic)
+            for key, topic in sorted(self.topics.items())
+            if sum(map(len, topic.offsets))
+        }
+        ends = [*self.boots[1:], self.size]
+        return Messages(
+            self.path, "ulog", self.size, tables, self.params, self.texts, self.info,
+            sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, self.dropouts,
+            [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)],
+        )  # fmt: skip
+
+    # The walk.
+
+    def _walk(self, position: int, stop: int) -> int:
+        """Read records up to ``stop``; returns ``stop`` or the place where the plan changed."""
+        plan = self.appended
+        while position < stop and self.appended is plan:
+            if position + HEADER <= stop and self.raw[position + 2] == ord("D"):
+                run = self.chain.follow(position, stop)
+                if len(run):
+                    self._keep(run)
+                    position = self._end(self.last)
+                    continue
+            following = self._record(position, stop)
+            position = self._resume(position, stop) if following is None else following
+        return position
+
+    def _end(self, start: int) -> int:
+        return start + 3 + (self.raw[start] | self.raw[start + 1] << 8)
+
+    def _keep(self, run: Offsets) -> None:
+        self.runs.append(run)
+        self.pending += len(run)
+        self.last = int(run[-1])
+        if self.pending >= GROUP:
+            self._group()
+
+    def _record(self, position: int, stop: int) -> int | None:
+        """Take in the record that is no known data; the next position, None where there is no record."""
+        if self.raw[position : position + 7] == MAGIC and position + FILE_HEADER <= stop:
+            self._group()
+            self._start_log(position)
+            return position + FILE_HEADER
+        if position + 3 > stop:
+            return self._cut(position, stop)
+        kind, end = self.raw[position + 2], self._end(position)
+        if end > stop:
+            return self._cut(position, stop) if self._known(position) else None
+        payload = self.raw[position + 3 : end]
+        strict = kind != ord("D") and is_record(kind, payload)
+        if not strict and (end == position + 3 or kind == 0 or (not _KINDS[kind] and len(payload) > LARGEST_UNKNOWN)):
+            return None
+        if not self._leads_on(end, stop, 1 if strict else 2):
+            return None
+        if kind == ord("D"):
+            self._count_unknown(position, end)
+        elif strict or kind in b"IMFPQALC":
+            self._take(kind, payload, position)
+        return end
+
+    def _known(self, position: int) -> bool:
+        """Whether the start of a record whose end is missing looks like one."""
+        size, kind = self._end(position) - position - 3, self.raw[position + 2]
+        if kind != ord("D"):
+            return bool(_KINDS[kind]) and size > 0
+        if position + HEADER > self.size:
+            return True
+        identifier = self.raw[position + 3] | self.raw[position + 4] << 8
+        return self._size_fits(identifier, size)
+
+    def _size_fits(self, identifier: int, size: int) -> bool:
+        smallest = int(self.sizes.smallest[identifier])
+        return smallest > 0 and smallest <= size <= smallest + int(self.sizes.spread[identifier])
+
+    def _leads_on(self, position: int, stop: int, records: int) -> bool:
+        """Whether ``records`` well-formed records follow, or the end of the section comes before."""
+        for _ in range(records):
+            if position >= stop - 2:
+                return True
+            if self.raw[position : position + 7] == MAGIC:
+                return True
+            kind, end = self.raw[position + 2], self._end(position)
+            if end > stop:
+                return self._known(position)
+            if kind == ord("D"):
+                if end < position + HEADER:
+                    return False
+                identifier = self.raw[position + 3] | self.raw[position + 4] << 8
+                if self.sizes.smallest[identifier] and not self._size_fits(identifier, end - position - 3):
+                    return False
+            elif not is_record(kind, self.raw[position + 3 : end]):
+                return False
+            position = end
+        return True
+
+    # Damage.
+
+    def _cut(self, position: int, stop: int) -> int:
+        self._damaged(position, stop, "a record that is cut off", "at the end of the file" if stop == self.size else
+                      f"at the appended data, byte {stop}")  # fmt: skip
+        return stop
+
+    def _resume(self, position: int, stop: int) -> int:
+        """Give up the record that ended at ``position``, find the next good one and note the damage."""
+        begin = position
+        if self.runs and self._end(self.last) == position:
+            begin = self.last
+            self._drop_last()
+        here = self._anchor(max(begin + 1, self.low), stop)
+        self.low = here
+        lost = f"{here - begin} bytes that are no records"
+        self._damaged(begin, here, lost, f"at byte {here}" if here < stop else "nothing behind it is readable")
+        return here
+
+    def _drop_last(self) -> None:
+        self.runs[-1] = self.runs[-1][:-1]
+        self.pending -= 1
+        if not len(self.runs[-1]):
+            self.runs.pop()
+        self.last = int(self.runs[-1][-1]) if self.runs else 0
+
+    def _anchor(self, position: int, stop: int) -> int:
+        """The first place from ``position`` on where records make sense again, else ``stop``."""
+        length = FIRST_SEARCH
+        while position < stop:
+            end = min(position + length, stop)
+            for candidate in self._candidates(position, end):
+                if self._anchors(candidate, stop):
+                    return candidate
+            position, length = end, min(length * 4, LONGEST_SEARCH)
+        return stop
+
+    def _candidates(self, begin: int, end: int) -> list[int]:
+        """Places whose first bytes could be a record that we can check."""
+        last = min(end, self.size - HEADER)
+        if last <= begin:
+            return []
+        window = self.data[begin : last + HEADER - 1]
+        count = last - begin
+        size = window[:count].astype(np.int32) | window[1 : count + 1].astype(np.int32) << 8
+        kind = window[2 : count + 2]
+        identifier = window[3 : count + 3].astype(np.int32) | window[4 : count + 4].astype(np.int32) << 8
+        smallest = self.sizes.smallest[identifier].astype(np.int32)
+        data = (kind == ord("D")) & (smallest > 0) & (size >= smallest)
+        data &= size <= smallest + self.sizes.spread[identifier]
+        small = ((kind == ord("R")) | (kind == ord("O"))) & (size == 2) | (kind == ord("S")) & (size == len(SYNC))
+        other = _KINDS[kind] & (size > 2) & (kind != ord("D")) & (kind != ord("S"))
+        header = (window[:count] == MAGIC[0]) & (window[1 : count + 1] == MAGIC[1]) & (kind == MAGIC[2])
+        found = np.flatnonzero(data | small | other | header)
+        return (found + begin).tolist()
+
+    def _anchors(self, position: int, stop: int) -> bool:
+        """Whether reading may go on here: this record and the next ones are well formed, at a time near the last."""
+        if self.raw[position : position + 7] == MAGIC:
+            return position + FILE_HEADER <= stop
+        if self._end(position) > stop or not self._leads_on(position, stop, ANCHOR_RECORDS):
+            return False
+        if self.raw[position + 2] != ord("D"):
+            return True
+        before, now = self._time_before(position), self._time_at(position)
+        return before is None or now is None or abs(now - before) < MAX_TIME_JUMP_S * 1e6
+
+    def _damaged(self, begin: int, end: int, lost: str, resumed: str) -> None:
+        self.damage_bytes += end - begin
+        if len(self.damage) < MAX_DAMAGE:
+            self.damage.append(Damage(begin, end - begin, lost, resumed))
+
+    def _count_unknown(self, position: int, end: int) -> None:
+        identifier = self.raw[position + 3] | self.raw[position + 4] << 8
+        seen = self.unknown.setdefault(identifier, [position, 0, 0])
+        seen[1] += 1
+        seen[2] += end - position
+
+    def _report_unknown(self) -> None:
+        for identifier, (first, count, length) in self.unknown.items():
+            self._damaged(first, first, f"{count} records ({length} bytes) of id {identifier}, which no readable "
+                          "definition describes or whose size differs from it", "skipped one by one")  # fmt: skip
+            self.damage_bytes += length
+
+    # What records mean.
+
+    def _start_log(self, position: int) -> None:
+        """A file header: a new power-up with its own definitions."""
+        self.formats: dict[str, Members] = {}
+        self.by_id: dict[int, tuple[str, int, Layout]] = {}
+        self.in_data = False
+        self.last = 0
+        self.low = 0
+        self.runs.clear()
+        self.boots.append(position)
+        self.start_us = struct.unpack_from("<Q", self.raw, position + 8)[0]
+        self.sizes.smallest[:] = 0
+        self.chain.forget()
+        if position == 0:
+            self.info["ulog_version"] = self.raw[7]
+            self.info["ulog_start_us"] = self.start_us
+
+    def _take(self, kind: int, payload: bytes, position: int) -> None:
+        try:
+            match chr(kind):
+                case "F":
+                    self._take_format(payload)
+                case "A":
+                    self._take_subscription(payload, position)
+                case "I":
+                    key_type, name, raw = keyed(payload)
+                    self.info[name] = info_value(key_type, raw)
+                case "M":
+                    self._take_parts(payload)
+                case "P" | "Q":
+                    self._take_parameter(kind, payload, position)
+                case "L" | "C":
+                    self._take_text(kind, payload, position)
+                case "O":
+                    self.dropouts.append(struct.unpack_from("<H", payload)[0])
+                case "B":
+                    self._take_flags(payload, position)
+        except (IndexError, struct.error):
+            self._damaged(position, position + 3 + len(payload), f"a malformed {chr(kind)} record", "behind it")
+
+    def _take_format(self, payload: bytes) -> None:
+        parsed = parse_format(text(payload))
+        if parsed is not None and len(self.formats) < MAX_FORMATS:
+            self.formats[parsed[0]] = parsed[1]
+
+    def _take_subscription(self, payload: bytes, position: int) -> None:
+        self.in_data = True
+        multi, identifier = struct.unpack_from("<BH", payload)
+        name = text(payload[3:])
+        layout = layout_of(name, self.formats)
+        if layout is None:
+            return
+        if identifier in self.by_id and self.by_id[identifier] != (name, multi, layout):
+            self._group()
+        self.by_id[identifier] = (name, multi, layout)
+        self.sizes.set(identifier, layout.size + 2, layout.full_size + 2)
+        self.chain.forget()
+
+    def _take_parts(self, payload: bytes) -> None:
+        key_type, name, raw = keyed(payload[1:])
+        value = info_value(key_type, raw)
+        parts = self.info.setdefault(name, [])
+        if not isinstance(parts, list):
+            return
+        if payload[0] and parts and type(parts[-1]) is type(value) and isinstance(value, str | bytes):
+            parts[-1] += value
+        elif len(parts) < MAX_TEXTS:
+            parts.append(value)
+
+    def _take_parameter(self, kind: int, payload: bytes, position: int) -> None:
+        key_type, name, raw = keyed(payload[1:] if kind == ord("Q") else payload)
+        value = parameter_value(key_type, raw)
+        if value is None or not name or len(self.params) >= MAX_PARAM_CHANGES:
+            return
+        is_default = kind == ord("Q")
+        changed = self.in_data and not is_default
+        t_us = (self._time_before(position) or self.start_us) if changed else None
+        self.params.append(ParamChange(name, value, t_us, is_default, position))
+
+    def _take_text(self, kind: int, payload: bytes, position: int) -> None:
+        self.in_data = True
+        at = 1 if kind == ord("L") else 3
+        if len(self.texts) < MAX_TEXTS:
+            t_us = struct.unpack_from("<Q", payload, at)[0]
+            level = min(max(payload[0] - ord("0"), 0), 7)
+            self.texts.append(Text(text(payload[at + 8 :])[:MAX_TEXT_LENGTH], level, t_us, position))
+
+    def _take_flags(self, payload: bytes, position: int) -> None:
+        incompatible = payload[8:16]
+        if incompatible[0] & ~1 or any(incompatible[1:]):
+            raise LogUnusable(f"{self.path}: the log says that it needs a newer reader (incompatible flags "
+                              f"{incompatible.hex()}); update attlog")  # fmt: skip
+        if incompatible[0] & 1:
+            offsets = struct.unpack_from("<3Q", payload, 16)
+            self.appended = [a for a in offsets if position < a < self.size]
+
+    def _time_at(self, start: int) -> int | None:
+        """The stamp of a data record, None if its topic has none."""
+        known = self.by_id.get(self.raw[start + 3] | self.raw[start + 4] << 8)
+        if known is None or known[2].time_at is None:
+            return None
+        return int(struct.unpack_from("<Q", self.raw, start + HEADER + known[2].time_at)[0])
+
+    def _time_before(self, position: int) -> int | None:
+        """The stamp of the last data record before, None if there is none."""
+        return self._time_at(self.last) if self.last and self.last < position else None
+
+    # From starts to tables.
+
+    def _group(self) -> None:
+        """Sort the collected starts into their topics, file order within each."""
+        starts = np.concatenate(self.runs) if self.runs else np.zeros(0, np.int64)
+        self.runs, self.pending = [], 0
+        if not len(starts):
+            return
+        identifiers = self.data[starts + 3] | (self.data[starts + 4].astype(np.uint16) << 8)
+        order = np.argsort(identifiers, kind="stable")
+        starts, identifiers = starts[order], identifiers[order]
+        begins = np.flatnonzero(np.diff(identifiers, prepend=-1))
+        for part in np.split(starts, begins[1:]):
+            name, multi, layout = self.by_id[self.raw[part[0] + 3] | self.raw[part[0] + 4] << 8]
+            topic = self.topics.setdefault((name, multi), _Topic([layout], [0]))
+            if topic.layouts[-1] != layout:
+                topic.layouts.append(layout)
+                topic.begins.append(int(part.min()))
+            topic.offsets.append(part)
+
+
+def _table(data: Bytes, key: tuple[str, int], topic: _Topic) -> Table:
+    """The topic's table; fields are those that all its layouts share."""
+    offsets = np.concatenate(topic.offsets)
+    if len(topic.offsets) > 1 and (offsets[1:] < offsets[:-1]).any():
+        offsets.sort()
+    first, *others = topic.layouts
+    fields = {n: f for n, f in first.fields.items() if all(o.fields.get(n) == f for o in others)}
+    gather = _Gather(data, topic.layouts, topic.begins)
+    return Table(key[0], key[1], fields, offsets, gather)
+
+
+class _Gather:
+    """Decodes columns of one topic: all bytes of its records are gathered once, columns are views of them."""
+
+    def __init__(self, data: Bytes, layouts: Sequence[Layout], begins: Sequence[int]) -> None:
+        self._data, self._layouts, self._begins = data, layouts, begins
+        self._records = [layout.record() for layout in layouts]
+        self._of: Offsets | None = None
+        self._gathered: list[NDArray[np.void]] = []
+
+    def __call__(self, column: str, offsets: Offsets) -> NDArray[Any]:
+        if self._of is not offsets:
+            cuts = np.searchsorted(offsets, self._begins[1:])
+            self._gathered = [
+                self._rows(record, part) for record, part in zip(self._records, np.split(offsets, cuts), strict=True)
+            ]
+            self._of = offsets
+        if len(self._gathered) == 1:
+            return self._gathered[0][column]
+        return np.concatenate([rows[column] for rows in self._gathered])
+
+    def _rows(self, record: np.dtype[np.void], offsets: Offsets) -> NDArray[np.void]:
+        count = len(self._data) - record.itemsize + 1
+        windows = np.ndarray((count,), f"V{record.itemsize}", self._data, strides=(1,))
+        return windows[offsets + HEADER].view(record)
+
+
+def write(
+    path: Path | str,
+    topics: Sequence[tuple[str, int, Mapping[str, NDArray[Any]]]],
+    params: Mapping[str, float | int] | None = None,
+    texts: Sequence[Text] = (),
+    info: Mapping[str, str | int] | None = None,
+) -> None:
+    raise NotImplementedError
