@@ -1,1 +1,22 @@
+"""Attitude filters on plain arrays: :func:`estimate` runs one, :func:`names` lists them."""
 
+from __future__ import annotations
+
+from attlog.estimators.api import DEFAULT, Row, estimate, parse, select
+from attlog.estimators.base import Estimate, Estimator, Parameter
+from attlog.estimators.loop import place
+from attlog.estimators.registry import get, names
+
+__all__ = [
+    "DEFAULT",
+    "Estimate",
+    "Estimator",
+    "Parameter",
+    "Row",
+    "estimate",
+    "get",
+    "names",
+    "parse",
+    "place",
+    "select",
+]

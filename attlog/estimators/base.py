@@ -1,18 +1,22 @@
 """What an estimator is: parameters, a start, a step, and what a run returns.
 
 An estimator knows numbers only: no log, no vehicle, no files. Its file holds a
-docstring with equations and source, ``PARAMETERS``, ``PRESETS`` and two plain
-functions that numba can compile, ``start`` and ``step``.
+docstring with equations and source, a few constants (:mod:`attlog.estimators.registry`
+lists them) and two plain functions that numba can compile, ``start`` and ``step``.
 """
 
 from __future__ import annotations
 
+import difflib
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from attlog.errors import UsageError
 
 Array = NDArray[np.float64]
 
@@ -34,6 +38,51 @@ class Parameter:
     source: str
     choices: tuple[str, ...] = ()
 
+    def check(self, value: float | str, owner: str = "") -> float | str:
+        """The value as float or as one of the choices. UsageError if it is neither or out of range."""
+        where = f"{owner}: {self.name}" if owner else self.name
+        if self.choices:
+            if value in self.choices:
+                return str(value)
+            raise UsageError(f"{where}={value} is not known{suggestion(str(value), self.choices)}")
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise UsageError(f"{where}={value} is not a number; give one {self._range()}") from None
+        if not (math.isfinite(number) and self.low <= number <= self.high):
+            raise UsageError(f"{where}={value} is out of range; give a value {self._range()}")
+        return number
+
+    def code(self, value: float | str) -> float:
+        """What the kernel sees: the number, or the position of the choice."""
+        return float(self.choices.index(str(value))) if self.choices else float(value)
+
+    def _range(self) -> str:
+        return f"from {self.low:g} to {self.high:g} {self.unit}".rstrip()
+
+
+INIT = Parameter(
+    "init",
+    "average",
+    "",
+    0,
+    1,
+    "start attitude: average of the first 0.5 s of accelerometer and magnetometer if quiet, or the first good sample",
+    "attlog; a single sample carries the whole sensor noise",
+    ("average", "first"),
+)
+DECLINATION = Parameter(
+    "declination",
+    0.0,
+    "deg",
+    -180,
+    180,
+    "angle from true to magnetic north, positive east: turns the estimated heading from magnetic to true north",
+    "attlog; 0 keeps magnetic north",
+)
+COMMON = (INIT, DECLINATION)
+"""Parameters that the shared loop handles for every filter; the kernel does not see them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
@@ -45,7 +94,9 @@ class Estimator:
     whole-run estimators. ``state[0:4]`` is the quaternion; ``slices`` names other
     parts of the state (``bias`` in rad/s, auxiliary outputs). ``equations`` and
     ``text`` are the module docstring for people. ``causal`` is False where it
-    looks ahead.
+    looks ahead. ``hold_mag`` is True where the filter wants the last magnetometer
+    vector turned on with the gyro between samples (continuous gains), False where
+    it wants new samples only (Kalman filters).
     """
 
     name: str
@@ -63,6 +114,43 @@ class Estimator:
     run: Callable[..., Any] | None = None
     causal: bool = True
     origin: str = "attlog"
+    hold_mag: bool = True
+
+    @property
+    def own(self) -> tuple[Parameter, ...]:
+        """The parameters that the kernel sees, in the order of its ``params`` array."""
+        return tuple(p for p in self.parameters if p not in COMMON)
+
+    @property
+    def outputs(self) -> int:
+        """How many leading entries of the state are kept for every sample."""
+        return max([4, *(s.stop for s in self.slices.values())])
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter of that name. UsageError with a suggestion if there is none."""
+        for p in self.parameters:
+            if p.name == name:
+                return p
+        raise UsageError(f"{self.name} has no parameter {name}{suggestion(name, [p.name for p in self.parameters])}")
+
+    def resolve(
+        self, preset: str | None = None, params: Mapping[str, float | str] | None = None, origin: str = "option"
+    ) -> dict[str, tuple[float | str, str]]:
+        """Every parameter's value and origin (default, preset, or ``origin`` for ``params``), all checked.
+
+        UsageError for unknown presets or names and for values out of range.
+        """
+        if preset is not None and preset not in self.presets:
+            raise UsageError(f"{self.name} has no preset {preset}{suggestion(preset, self.presets)}")
+        values: dict[str, tuple[float | str, str]] = {p.name: (p.default, "default") for p in self.parameters}
+        for given, told in ((self.presets[preset] if preset else {}, "preset"), (params or {}, origin)):
+            for name, value in given.items():
+                values[name] = (self.parameter(name).check(value, self.name), told)
+        return values
+
+    def pack(self, values: Mapping[str, float | str]) -> Array:
+        """The kernel's ``params`` array (float64) of resolved values."""
+        return np.array([p.code(values[p.name]) for p in self.own], np.float64)
 
 
 @dataclass(slots=True)
@@ -83,3 +171,12 @@ class Estimate:
     skipped: dict[str, int] = field(default_factory=dict)
     ns_per_update: float = 0.0
     causal: bool = True
+
+
+def suggestion(name: str, known: Any) -> str:
+    """The end of an error sentence: the nearest known names, or all of them."""
+    known = [str(k) for k in known]
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    if near:
+        return f"; did you mean {near[0]}?"
+    return f"; known are {', '.join(known)}" if known else "; there are none"

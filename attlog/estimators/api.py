@@ -1,0 +1,139 @@
+"""Running an estimator by its name: ``NAME[@PRESET][:k=v,...]`` and lists of such rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from numpy.typing import ArrayLike
+
+from attlog.errors import UsageError
+from attlog.estimators import loop
+from attlog.estimators.base import Estimate, Estimator
+from attlog.estimators.loop import Sampling
+from attlog.estimators.registry import get, names
+
+DEFAULT = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick", "ekf12", "vqf")
+"""What ``default`` stands for: the papers' rivals, the drift of the bare gyro, and one modern filter to measure against."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of a comparison: an estimator, its preset and the values set by hand.
+
+    ``name`` is what the table shows, for example ``mahony@xu-0.6`` or ``mahony:kp=0.8``.
+    """
+
+    estimator: Estimator
+    preset: str | None = None
+    params: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        text = self.estimator.name + (f"@{self.preset}" if self.preset else "")
+        values = ",".join(f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in self.params.items())
+        return f"{text}:{values}" if values else text
+
+    def resolved(self) -> dict[str, tuple[float | str, str]]:
+        """Every parameter's value and origin (default, preset, option)."""
+        return self.estimator.resolve(self.preset, self.params)
+
+
+def parse(text: str) -> Row:
+    """The row that ``NAME[@PRESET][:k=v,...]`` or ``FILE.py[@PRESET][:k=v,...]`` names.
+
+    UsageError with a suggestion for unknown names, presets, parameters and values.
+    """
+    head, pairs = _split(text.strip())
+    name, _, preset = head.partition("@")
+    estimator = get(name)
+    params = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise UsageError(f"{text}: {pair} is not NAME=VALUE")
+        params[key.strip()] = estimator.parameter(key.strip()).check(value.strip(), estimator.name)
+    row = Row(estimator, preset or None, params)
+    row.resolved()
+    return row
+
+
+def select(text: str, *, acc: bool = True, mag: bool = True) -> list[Row]:
+    """The rows of a comma-separated list; ``default`` and ``all`` stand for whole sets.
+
+    ``acc`` and ``mag`` say which sensors the log has: sets leave out what cannot run
+    without them, rows that are named stay. A row that comes twice is kept once.
+    UsageError as in :func:`parse`.
+    """
+    rows: dict[str, Row] = {}
+    for item in _items(text):
+        known = names()
+        sets = {"default": tuple(n for n in DEFAULT if n.partition("@")[0] in known), "all": known}
+        wanted = [parse(one) for one in sets[item]] if item in sets else [parse(item)]
+        for row in wanted:
+            lacking = ({"acc"} if not acc else set()) | ({"mag"} if not mag else set())
+            if item not in sets or not row.estimator.needs & lacking:
+                rows.setdefault(row.name, row)
+    return list(rows.values())
+
+
+def estimate(
+    name: str | Row | Estimator,
+    t: ArrayLike,
+    gyr: ArrayLike,
+    acc: ArrayLike | None = None,
+    mag: ArrayLike | None = None,
+    *,
+    sampling: Sampling = "interval",
+    q0: ArrayLike | None = None,
+    declination: float | None = None,
+    dt: ArrayLike | None = None,
+    every: int = 1,
+    **params: float | str,
+) -> Estimate:
+    """The attitude (n, 4) that an estimator finds in raw sensor samples, with bias and counts.
+
+    ``name``: ``NAME[@PRESET][:k=v,...]``, a Row or an Estimator. ``t`` (n,) s; ``gyr`` (n, 3)
+    rad/s; ``acc`` (n, 3) m/s^2 specific force; ``mag`` (n, 3) any unit, NaN rows where there
+    is no new sample (:func:`place` puts slow samples there); body FRD. ``sampling``:
+    ``interval`` where a sample is the mean over the time since the one before (PX4),
+    ``instant`` where it is the value at its time (ArduPilot). ``q0`` start attitude, else
+    from the sensors. ``declination`` deg, positive east. ``dt`` (n,) s: each sample's own
+    integration time where known. ``every`` keeps each n-th output. ``params`` override.
+
+    The result stands at the input's own good samples; what was left out is counted in
+    ``skipped``. UsageError for wrong shapes, names or values, or a missing sensor.
+    """
+    row = parse(name) if isinstance(name, str) else name if isinstance(name, Row) else Row(name)
+    estimator = row.estimator
+    for sensor, data in (("acc", acc), ("mag", mag)):
+        if sensor in estimator.needs and data is None:
+            raise UsageError(f"{estimator.name} needs {sensor}, which was not given")
+    if every < 1 or int(every) != every:
+        raise UsageError(f"every={every} must be a whole number from 1")
+    given = {**row.params, **params}
+    if declination is not None and any(p.name == "declination" for p in estimator.parameters):
+        given["declination"] = declination
+    values = {k: v for k, (v, _) in estimator.resolve(row.preset, given).items()}
+    samples = loop.prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
+    return loop.run(estimator, samples, values, q0, int(every))
+
+
+def _split(text: str) -> tuple[str, list[str]]:
+    """``NAME@PRESET`` and the ``k=v`` pairs; a colon of a file name (``C:\\x.py``) stays in the name."""
+    begin = text.find(".py") + 3 if ".py" in text else 0
+    head, _, tail = text[begin:].partition(":")
+    return text[:begin] + head, [p for p in tail.split(",") if p.strip()]
+
+
+def _items(text: str) -> list[str]:
+    """The rows of a list; a bare ``k=v`` belongs to the row before it."""
+    items: list[str] = []
+    for piece in (p.strip() for p in text.split(",")):
+        if items and "=" in piece and ":" not in piece.partition("=")[0]:
+            items[-1] += "," + piece
+        elif piece:
+            items.append(piece)
+    if not items:
+        raise UsageError("no estimator named; give default, all or NAME[@PRESET][:k=v,...]")
+    return items

@@ -1,0 +1,197 @@
+"""Which estimators exist: built in, installed by other packages, or in a file of the user.
+
+An estimator's module holds a docstring (its first line is the title, the rest the
+equations) and these names:
+
+======== ==================================================================================
+SOURCE   paper or package with equation numbers
+NEEDS    what it cannot run without, of ``{"gyro", "acc", "mag"}``
+USES     what it takes when there (default empty)
+STATE    sizes by name in the order of the state array, ``{"q": 4, "bias": 3, "_P": 9}``;
+         names that begin with ``_`` come last and are not kept as output
+PARAMETERS, PRESETS, HOLD_MAG, CAUSAL   see :class:`attlog.estimators.base.Estimator`
+start, step   or  run                   the functions
+======== ==================================================================================
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from attlog.errors import AttlogError, PluginError, UsageError
+from attlog.estimators.base import COMMON, DECLINATION, INIT, Estimator, Parameter, suggestion
+
+BUILT_IN = (
+    "gyro",
+    "accel_mag",
+    "complementary",
+    "variable_integral",
+    "mahony_passive",
+    "mahony_dcm",
+    "mahony",
+    "mahony_adaptive",
+    "madgwick",
+    "ekf12",
+    "vqf",
+    "fusion",
+)
+"""Module names under ``attlog.estimators``, in the order in which people see them."""
+
+GROUP = "attlog.estimators"
+"""Entry points of this group name modules of other packages: ``my_filter = "my_package.my_filter"``."""
+
+SENSORS = frozenset({"gyro", "acc", "mag"})
+
+
+def names() -> tuple[str, ...]:
+    """The names of all built-in and installed estimators; imports none of them."""
+    present = tuple(n for n in BUILT_IN if importlib.util.find_spec(f"attlog.estimators.{n}"))
+    return present + tuple(n for n in sorted(_entry_points()) if n not in present)
+
+
+def get(name: str) -> Estimator:
+    """The estimator of that name, or of the file ``name`` if it ends in ``.py``.
+
+    UsageError for an unknown name; PluginError with file and line for a broken plug-in.
+    """
+    if name.endswith(".py"):
+        return from_file(Path(name))
+    if name in BUILT_IN and importlib.util.find_spec(f"attlog.estimators.{name}"):
+        return from_module(importlib.import_module(f"attlog.estimators.{name}"), name)
+    points = _entry_points()
+    if name not in points:
+        raise UsageError(f"there is no estimator {name}{suggestion(name, names())}")
+    point = points[name]
+    try:
+        module = importlib.import_module(point.value.partition(":")[0])
+    except Exception as error:
+        raise _broken(f"estimator {name} of package {point.dist.name if point.dist else point.value}", error) from error
+    return from_module(module, name, origin=point.value)
+
+
+def from_file(path: Path) -> Estimator:
+    """The estimator that a Python file defines, named like the file. PluginError with file and line if it cannot be."""
+    if not path.is_file():
+        raise UsageError(f"{path}: there is no such estimator file")
+    spec = importlib.util.spec_from_file_location(f"attlog_plugin_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise PluginError(f"{path}: cannot be loaded as a Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        raise _broken(str(path), error) from error
+    return from_module(module, path.stem, origin=str(path))
+
+
+def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estimator:
+    """The estimator that a module describes. PluginError says which name is missing or wrong."""
+    where = origin if origin != "attlog" else name
+    title, _, text = (module.__doc__ or name).strip().partition("\n")
+    state = dict(getattr(module, "STATE", {"q": 4}))
+    needs = frozenset(getattr(module, "NEEDS", {"gyro", "acc"}))
+    uses = frozenset(getattr(module, "USES", ())) | needs
+    own = tuple(getattr(module, "PARAMETERS", ()))
+    start, step, run = (getattr(module, n, None) for n in ("start", "step", "run"))
+    presets = getattr(module, "PRESETS", {})
+    if run is None and not (callable(start) and callable(step)):
+        raise PluginError(f"{where}: defines neither start and step nor run; see attlog new")
+    if not needs <= SENSORS or not uses <= SENSORS:
+        raise PluginError(
+            f"{where}: NEEDS and USES may name gyro, acc and mag, not {', '.join(sorted((needs | uses) - SENSORS))}"
+        )
+    if not all(isinstance(p, Parameter) for p in own):
+        raise PluginError(f"{where}: PARAMETERS must hold attlog.estimators.Parameter objects")
+    if next(iter(state.items())) != ("q", 4):
+        raise PluginError(f'{where}: STATE must begin with "q": 4')
+    taken = {p.name for p in own}
+    wanted = (INIT, DECLINATION) if "mag" in uses else (INIT,)
+    common = tuple(
+        p
+        for p in wanted
+        if (p.name not in taken and p in COMMON and run is None) or (p is DECLINATION and p.name not in taken)
+    )
+    estimator = Estimator(
+        name=name,
+        title=title.strip(),
+        text=text.strip("\n"),
+        source=str(getattr(module, "SOURCE", "")),
+        needs=needs,
+        uses=uses,
+        parameters=own + common,
+        presets=presets,
+        state_size=sum(state.values()),
+        slices=_slices(state, where),
+        start=start,
+        step=step,
+        run=run,
+        causal=bool(getattr(module, "CAUSAL", True)),
+        origin=origin,
+        hold_mag=bool(getattr(module, "HOLD_MAG", True)),
+    )
+    _check_tables(estimator, where)
+    return estimator
+
+
+def _slices(state: Mapping[str, int], where: str) -> dict[str, slice]:
+    """Where each public name stands in the state; private names must come last."""
+    slices, begin, private = {}, 0, False
+    for name, size in state.items():
+        if private and not name.startswith("_"):
+            raise PluginError(
+                f"{where}: in STATE, {name} stands after a name that begins with _; private parts come last"
+            )
+        private = private or name.startswith("_")
+        if not private and name != "q":
+            slices[name] = slice(begin, begin + int(size))
+        begin += int(size)
+    if "bias" in slices and slices["bias"].stop - slices["bias"].start != 3:
+        raise PluginError(f"{where}: STATE bias must have size 3 (rad/s)")
+    return slices
+
+
+def _check_tables(estimator: Estimator, where: str) -> None:
+    """PluginError if a default or a preset breaks the estimator's own rules."""
+    try:
+        for p in estimator.parameters:
+            p.check(p.default, estimator.name)
+        for preset in estimator.presets:
+            estimator.resolve(preset)
+    except AttlogError as error:
+        raise PluginError(f"{where}: {error}") from error
+
+
+def _entry_points() -> dict[str, Any]:
+    """Installed entry points by name."""
+    from importlib.metadata import entry_points
+
+    return {p.name: p for p in entry_points(group=GROUP)}
+
+
+def _broken(where: str, error: BaseException) -> PluginError:
+    """A PluginError that names the innermost line of the plug-in."""
+    if isinstance(error, SyntaxError):
+        return PluginError(f"{error.filename or where}, line {error.lineno}: {error.msg}")
+    frames = traceback.extract_tb(error.__traceback__)
+    inside = [f for f in frames if f.filename == where] or frames[-1:]
+    line = f", line {inside[-1].lineno}" if inside else ""
+    return PluginError(f"{inside[-1].filename if inside else where}{line}: {type(error).__name__}: {error}")
+
+
+def locate(error: BaseException, function: Any) -> str:
+    """``file, line n`` of the innermost frame of ``error`` in the file that defines ``function``."""
+    file = sys.modules.get(function.__module__, None)
+    path = (
+        getattr(function, "__code__", None).co_filename
+        if hasattr(function, "__code__")
+        else getattr(file, "__file__", "?")
+    )
+    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
+    return f"{path}, line {lines[-1]}" if lines else str(path)
