@@ -1,0 +1,119 @@
+"""``attlog analyze`` from log to report, on the sample logs."""
+
+from __future__ import annotations
+
+import json
+
+import jsonschema
+import pytest
+
+from attlog.schema import schema
+
+LOGS = ("px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog")
+
+
+@pytest.fixture(scope="module", params=LOGS)
+def document(request, samples, tmp_path_factory):
+    """The JSON document and the page of one sample log."""
+    import attlog
+
+    folder = tmp_path_factory.mktemp("out")
+    result = attlog.analyze(samples / request.param, command="attlog analyze")
+    result.to_html(folder / "r.html")
+    return json.loads(result.to_json(folder / "r.json")), (folder / "r.html").read_text(encoding="utf-8")
+
+
+def answers(document):
+    for row in document["estimators"]:
+        for window, metrics in row["metrics"].items():
+            for metric, answer in metrics.items():
+                yield row["name"], window, metric, answer
+
+
+def test_the_document_follows_its_schema(document):
+    jsonschema.Draft202012Validator.check_schema(schema())
+    jsonschema.Draft202012Validator(schema()).validate(document[0])
+
+
+def test_a_missing_key_breaks_the_schema(document):
+    broken = {k: v for k, v in document[0].items() if k != "reference"}
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.Draft202012Validator(schema()).validate(broken)
+
+
+def test_every_value_has_evidence_and_every_absence_a_reason(document):
+    seen = 0
+    for name, window, metric, answer in answers(document[0]):
+        seen += 1
+        where = (name, window, metric, answer)
+        if answer["value"] is None:
+            assert answer["code"], where
+            assert len(answer["reason"]) > 15, where
+        else:
+            assert answer["n"] > 0, where
+            assert answer["ci95"] is not None or answer["reason"] or "cost" in metric or answer["method"], where
+            if answer["ci95"] is not None:
+                low, high = answer["ci95"]
+                assert low <= answer["value"] <= high, where
+    assert seen > 50
+
+
+def test_every_metric_has_a_definition_and_a_unit_in_its_name(document):
+    defined = document[0]["definitions"]
+    for _, _, metric, _answer in answers(document[0]):
+        assert metric in defined, metric
+        assert len(defined[metric]["text"]) > 40
+
+
+def test_three_verdicts_stand_in_json_and_page(document):
+    data, page = document
+    assert [v["question"] for v in data["verdicts"]] == ["quiet", "late", "drifting"]
+    assert all(v["sentence"] for v in data["verdicts"])
+    assert "<script" in page
+    assert "http://" not in page.split("<script")[0]
+
+
+def test_default_rows_ran_and_converged(document):
+    rows = {r["name"]: r for r in document[0]["estimators"]}
+    assert any(n.startswith("mahony") for n in rows)
+    assert all(r["status"] == "ok" for r in rows.values() if r["kind"] == "replay"), {n: (r["status"], r["reason"]) for n, r in rows.items()}
+
+
+@pytest.mark.parametrize("log", LOGS)
+def test_deterministic_runs_give_the_same_bytes(samples, log):
+    import attlog
+
+    first, second = (attlog.analyze(samples / log, command="x").to_json(deterministic=True) for _ in range(2))
+    assert first == second
+
+
+def test_the_resolved_configuration_can_be_fed_back(samples, tmp_path):
+    import tomli_w
+
+    import attlog
+    from attlog.config import Config
+
+    given = Config.build({"estimators": "gyro,mahony@xu-0.6:ki=0.01", "declination": 3.0, "window": "10:40"})
+    result = attlog.analyze(samples / LOGS[0], given)
+    path = tmp_path / "again.toml"
+    path.write_text(tomli_w.dumps(result.config))
+    assert Config.load(path) == given
+
+
+def test_a_broken_plug_in_is_one_row_and_the_others_finish(attlog, samples, tmp_path):
+    broken = tmp_path / "broken.py"
+    broken.write_text("raise RuntimeError('no good')\n")
+    done = attlog("analyze", samples / LOGS[0], "-o", tmp_path / "out", "--estimators", f"gyro,{broken}", "--json", "-")
+    assert done.code == 0, done.err
+    rows = {r["name"]: r for r in json.loads(done.out)["estimators"]}
+    assert rows["gyro"]["status"] == "ok"
+    failed = [r for r in rows.values() if r["status"] == "failed"]
+    assert len(failed) == 1
+    assert "no good" in failed[0]["reason"]
+
+
+def test_an_old_report_survives_a_failure(attlog, samples, tmp_path):
+    old = tmp_path / f"{LOGS[0]}.html"
+    old.write_text("old")
+    assert attlog("analyze", samples / LOGS[0], "-o", tmp_path, "--estimators", "nope").code == 2
+    assert old.read_text() == "old"
