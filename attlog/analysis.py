@@ -11,7 +11,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,10 +18,9 @@ import attlog
 from attlog import estimators, metrics, reference, segments
 from attlog.audit import audit
 from attlog.config import Config
-from attlog.errors import AttlogError, LogUnusable
-from attlog.estimators.base import Estimate, Estimator
+from attlog.errors import AttlogError, LogUnusable, PluginError, UsageError
 from attlog.flight import read
-from attlog.flight.model import FlightLog, Imu, Mag, Problem
+from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.reference.model import Reference, Row
 from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
@@ -41,10 +39,7 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
     config = config or Config()
     clock = Stopwatch()
     with clock("read"):
-        log = source if isinstance(source, FlightLog) else read(
-            source, imu=config.imu if isinstance(config.imu, int) else None,
-            mag=config.mag if isinstance(config.mag, int) else None, boot=config.boot, system=config.system,
-        )
+        log = source if isinstance(source, FlightLog) else _read(source, config)
     if log.imu is None:
         raise LogUnusable(_why_no_imu(log))
     with clock("segments"):
@@ -75,8 +70,12 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
         command=command,
         config=config.resolved(),
         log=describe(log, phases),
-        problems=log.problems + [Problem("estimator_failed", "error", f"{r.name}: {r.reason}")
-                                 for r in estimator_rows if r.status == "failed"],
+        problems=log.problems
+        + [
+            Problem("estimator_failed", "error", f"{r.name}: {r.reason}")
+            for r in estimator_rows
+            if r.status == "failed"
+        ],
         audit=checks,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(ref),
@@ -84,13 +83,23 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
         best=best,
         definitions={
             name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
-            for name, m in metrics.definitions(estimator_rows and [r.metrics for r in estimator_rows]).items()
+            for name, m in metrics.definitions().items()
         },
         traces=metrics.traces(trial, rows),
     )
     result.verdicts = verdicts(result)
     result.timing = clock.seconds
     return result
+
+
+def _read(path: str | Path, config: Config) -> FlightLog:
+    """The flight with the configured sensors; ``--mag none`` hides the magnetometers."""
+    imu, mag = (n if isinstance(n, int) else None for n in (config.imu, config.mag))
+    log = read(path, imu=imu, mag=mag, boot=config.boot, system=config.system)
+    if config.mag == "none":
+        log.mag = None
+        log.choices["mag"] = "none, as asked for"
+    return log
 
 
 class Stopwatch:
@@ -111,16 +120,22 @@ class Stopwatch:
 def reference_options(config: Config) -> reference.Options:
     """The part of a configuration that choosing and aligning the reference needs."""
     return reference.Options(
-        reference=config.reference, clock=config.clock, declination=config.declination,
-        trim=config.trim, input_delay=config.input_delay, score_from=config.score_from,
+        reference=config.reference,
+        clock=config.clock,
+        declination=config.declination,
+        trim=config.trim,
+        input_delay=config.input_delay,
+        score_from=config.score_from,
     )
 
 
 def versions() -> dict[str, str]:
     """What computed the numbers."""
     return {
-        "version": attlog.__version__, "python": platform.python_version(),
-        "numpy": np.__version__, "cpu": platform.processor() or platform.machine(),
+        "version": attlog.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "cpu": platform.processor() or platform.machine(),
     }
 
 
@@ -135,12 +150,127 @@ def summarize(ref: Reference) -> ReferenceSummary:
     return ReferenceSummary(ref.kind, ref.source, ref.rate, ref.floor_deg, texts[ref.kind], ref.steps)
 
 
-def replay(
-    log: FlightLog, imu: Imu, mag: Mag | None, estimator: Estimator, parameters: dict[str, Any],
-) -> Estimate:
-    """One estimator over one IMU of a flight, with the magnetometer at its own pace."""
-    t = imu.gyro.t
-    field = None if mag is None else estimators.place(t, mag.field.t_best, mag.field.x)
-    return estimators.estimate(
-        estimator, t, imu.gyro.x, imu.acc.x, field, sampling=imu.gyro.sampling, **parameters
+def run_rows(log: FlightLog, config: Config) -> list[Row]:
+    """The aligned attitudes of the configured estimators only; the first failure is raised."""
+    phases = segments.build(log)
+    ref = reference.choose(log, phases, reference_options(config))
+    return [
+        _replayed(log, phases, ref, imu, spec, suffix)[0]
+        for imu, suffix in _imus(log, config)
+        for spec in _specs(config, log)
+    ]
+
+
+def _replays(
+    log: FlightLog, phases: Segments, ref: Reference, config: Config
+) -> Iterator[tuple[Row | None, EstimatorRow]]:
+    """Each configured estimator as a row; one that fails is a table row with status ``failed``."""
+    for imu, suffix in _imus(log, config):
+        for item in config.estimators:
+            try:
+                specs = _specs(config, log, [item])
+            except PluginError as error:
+                yield None, _failed(Path(item).stem + suffix, error)
+                continue
+            for spec in specs:
+                try:
+                    yield _replayed(log, phases, ref, imu, spec, suffix)
+                except AttlogError as error:
+                    yield None, _failed(spec.name + suffix, error)
+
+
+def _specs(config: Config, log: FlightLog, items: list[str] | None = None) -> list[estimators.Row]:
+    chosen = (r for item in items or config.estimators for r in estimators.select(item, mag=log.mag is not None))
+    rows = {r.name: r for r in chosen}
+    return list(rows.values())
+
+
+def _imus(log: FlightLog, config: Config) -> list[tuple[Imu, str]]:
+    """The units to replay, with what their rows are called after the estimator's name."""
+    assert log.imu is not None
+    if config.imu != "all":
+        return [(log.imus[log.imu], "")]
+    return [(imu, f"/imu{imu.index}") for imu in log.imus]
+
+
+def _replayed(
+    log: FlightLog,
+    phases: Segments,
+    ref: Reference,
+    imu: Imu,
+    spec: estimators.Row,
+    suffix: str,
+) -> tuple[Row, EstimatorRow]:
+    """Run one estimator over one IMU and align what comes out."""
+    mag = None if log.mag is None else log.mags[log.mag]
+    uses_mag = mag is not None and "mag" in spec.estimator.uses
+    resolved = spec.resolved()
+    declination = None
+    if uses_mag and "declination" in resolved and resolved["declination"][1] == "default":
+        declination = ref.declination_deg or 0.0
+        resolved["declination"] = (declination, "log" if ref.declination_deg is not None else "default")
+    estimate = estimators.estimate(
+        spec,
+        imu.gyro.t,
+        imu.gyro.x,
+        imu.acc.x,
+        estimators.place(imu.gyro.t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
+        sampling=imu.gyro.sampling,
+        dt=imu.dt,
+        declination=declination,
     )
+    row = reference.replayed(
+        log,
+        phases,
+        ref,
+        estimate,
+        name=spec.name + suffix,
+        estimator=spec.estimator.name,
+        parameters={k: v for k, (v, _) in resolved.items()},
+        uses_mag=uses_mag,
+    )
+    known = {p.name: p for p in spec.estimator.parameters}
+    parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
+    return row, _table_row(row, spec.estimator.name, spec.preset, parameters)
+
+
+def _table_row(
+    row: Row, estimator: str = "", preset: str | None = None, parameters: dict[str, ParameterValue] | None = None
+) -> EstimatorRow:
+    return EstimatorRow(
+        row.name,
+        row.kind,
+        estimator,
+        preset,
+        parameters or {},
+        {},
+        row.skipped,
+        row.ns_per_update,
+        row.status,
+        row.reason,
+        row.is_reference,
+        row.causal,
+        row.uses_mag,
+        row.start,
+    )
+
+
+def _failed(name: str, error: AttlogError) -> EstimatorRow:
+    return EstimatorRow(name, "replay", name, None, {}, {}, {}, None, "failed", str(error))
+
+
+def _windows(config: Config, phases: Segments) -> list[str]:
+    """The standard windows and the one asked for. UsageError for an unknown one."""
+    if config.window is None or config.window in WINDOWS:
+        return list(WINDOWS)
+    try:
+        phases.spans(config.window)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    return [*WINDOWS, config.window]
+
+
+def _why_no_imu(log: FlightLog) -> str:
+    """The sentence for a log that cannot be replayed."""
+    reasons = [p.text for p in log.problems if p.severity == "error"]
+    return f"{log.path}: " + (" ".join(reasons) or "no inertial data: nothing to replay")

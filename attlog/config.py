@@ -58,7 +58,9 @@ class Config(BaseModel):
         try:
             return cls(**values)
         except ValidationError as error:
-            raise UsageError("\n".join(f"{origin}: {line}" for line in _explain(error, list(cls.model_fields)))) from None
+            raise UsageError(
+                "\n".join(f"{origin}: {line}" for line in _explain(error, list(cls.model_fields)))
+            ) from None
 
     @classmethod
     def load(cls, path: Path, **options: Any) -> Config:
@@ -108,5 +110,7 @@ def _explain(error: ValidationError, known: list[str]) -> list[str]:
             lines[name] = f"unknown key {name!r}{hint}"
         else:
             message = item["msg"].removeprefix("Value error, ")
-            lines[name] = f"{lines[name]}, or: {message}" if name in lines else f"{name}: {message} (got {item['input']!r})"
+            lines[name] = (
+                f"{lines[name]}, or: {message}" if name in lines else f"{name}: {message} (got {item['input']!r})"
+            )
     return list(lines.values())

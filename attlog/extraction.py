@@ -29,7 +29,13 @@ if TYPE_CHECKING:
     import pandas
 
 TIME_FIELDS = {  # field -> seconds per count, in order of preference
-    "timestamp": 1e-6, "TimeUS": 1e-6, "TimeMS": 1e-3, "time_usec": 1e-6, "time_boot_ms": 1e-3, "StartTime": 1e-6, "_t_us": 1e-6,
+    "timestamp": 1e-6,
+    "TimeUS": 1e-6,
+    "TimeMS": 1e-3,
+    "time_usec": 1e-6,
+    "time_boot_ms": 1e-3,
+    "StartTime": 1e-6,
+    "_t_us": 1e-6,
 }
 
 
@@ -90,14 +96,26 @@ def streams(log: FlightLog) -> Iterator[Extract]:
         yield _table(f"mag{mag.index}", mag.field.t_best, mag_ut=1e6 * mag.field.x, note=mag.field.source)
     for g in log.gnss:
         columns = {
-            "time_s": g.t, "lat_deg": g.lat, "lon_deg": g.lon, "alt_m": g.alt, "fix": g.fix,
-            "vel_n_m_s": g.vel_ned[:, 0], "vel_e_m_s": g.vel_ned[:, 1], "vel_d_m_s": g.vel_ned[:, 2],
-            "h_acc_m": g.h_acc, "v_acc_m": g.v_acc, "s_acc_m_s": g.s_acc,
+            "time_s": g.t,
+            "lat_deg": g.lat,
+            "lon_deg": g.lon,
+            "alt_m": g.alt,
+            "fix": g.fix,
+            "vel_n_m_s": g.vel_ned[:, 0],
+            "vel_e_m_s": g.vel_ned[:, 1],
+            "vel_d_m_s": g.vel_ned[:, 2],
+            "h_acc_m": g.h_acc,
+            "v_acc_m": g.v_acc,
+            "s_acc_m_s": g.s_acc,
         }
         yield Extract(f"gnss{g.index}", columns, _units(columns), g.source)
     for k, baro in enumerate(log.baro):
-        yield Extract(f"baro{k}", {"time_s": baro.t, f"baro_{_word(baro.unit)}": baro.x.reshape(len(baro.t), -1)[:, 0]},
-                      {"time_s": "s"}, baro.source)
+        yield Extract(
+            f"baro{k}",
+            {"time_s": baro.t, f"baro_{_word(baro.unit)}": baro.x.reshape(len(baro.t), -1)[:, 0]},
+            {"time_s": "s"},
+            baro.source,
+        )
     attitudes = dict(log.attitudes)
     if log.truth is not None:
         attitudes["truth"] = log.truth
@@ -131,8 +149,14 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
     from attlog import __version__
 
     listed = list(tables)
-    meta = {"log": log.path.name, "sha256": sha256(log.path), "attlog": __version__,
-            "frame": "body FRD, earth NED", "t0_us": log.t0_us, "utc_offset_s": log.utc_offset}
+    meta = {
+        "log": log.path.name,
+        "sha256": sha256(log.path),
+        "attlog": __version__,
+        "frame": "body FRD, earth NED",
+        "t0_us": log.t0_us,
+        "utc_offset_s": log.utc_offset,
+    }
     single = path.suffix == f".{kind}"
     if single and len(listed) > 1:
         raise UsageError(f"-o {path}: {len(listed)} tables need a folder ({', '.join(t.name for t in listed[:6])} ...)")

@@ -26,7 +26,9 @@ def write_atomic(path: Path, data: str | bytes) -> None:
     except OSError as error:
         if temporary is not None and os.path.exists(temporary):
             os.unlink(temporary)
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another place with -o") from error
+        raise OutputError(
+            f"{path}: cannot be written ({error.strerror or error}); choose another place with -o"
+        ) from error
 
 
 def _umask() -> int:

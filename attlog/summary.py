@@ -37,9 +37,15 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         "utc_offset": log.utc_offset,
         "boot": log.boot,
         "boots": log.boots,
-        "imu": None if imu is None else _sensor(imu.gyro) | {
-            "index": imu.index, "device": imu.device, "filtered": imu.filtered,
-            "sampling": imu.gyro.sampling, "delay_ms": 1e3 * imu.gyro.delay,
+        "imu": None
+        if imu is None
+        else _sensor(imu.gyro)
+        | {
+            "index": imu.index,
+            "device": imu.device,
+            "filtered": imu.filtered,
+            "sampling": imu.gyro.sampling,
+            "delay_ms": 1e3 * imu.gyro.delay,
         },
         "imus": len(log.imus),
         "mag": None if mag is None else _sensor(mag.field) | {"index": mag.index, "device": mag.device},
@@ -48,9 +54,9 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         "attitudes": sorted(log.attitudes),
         "truth": None if log.truth is None else {"source": log.truth.source, "rate_hz": log.truth.rate},
         "place": place(log),
-        "seconds": None if segments is None else {
-            kind: sum(s.seconds for s in segments.of(kind)) for kind in ("airborne", "rest", "armed")
-        },
+        "seconds": None
+        if segments is None
+        else {kind: sum(s.seconds for s in segments.of(kind)) for kind in ("airborne", "rest", "armed")},
         "timeline": {
             "modes": _intervals(log.mode, log.seconds),
             "armed": _true_intervals(log.armed, log.seconds),

@@ -14,7 +14,17 @@ import attlog
 PACKAGE = Path(attlog.__file__).parent
 EVERYWHERE = {"errors", "limits", "output"}
 SENSORS = {"flight", "rotation", "earth"}
-ANALYSIS = SENSORS | {"formats", "estimators", "segments", "reference", "audit", "metrics", "health", "config", "result"}
+ANALYSIS = SENSORS | {
+    "formats",
+    "estimators",
+    "segments",
+    "reference",
+    "audit",
+    "metrics",
+    "health",
+    "config",
+    "result",
+}
 MAY_IMPORT = {
     "rotation": set(),
     "earth": set(),
@@ -71,7 +81,19 @@ def test_a_file_imports_only_what_its_room_may(path: Path) -> None:
 
 @pytest.mark.parametrize("command", [["--help"], ["--version"], ["analyze", "--help"], ["estimators", "--help"]])
 def test_help_imports_nothing_heavy(command: list[str]) -> None:
-    heavy = {"numpy", "scipy", "numba", "pandas", "plotly", "pymavlink", "pyulog", "pyarrow", "vqf", "jinja2", "pydantic"}
+    heavy = {
+        "numpy",
+        "scipy",
+        "numba",
+        "pandas",
+        "plotly",
+        "pymavlink",
+        "pyulog",
+        "pyarrow",
+        "vqf",
+        "jinja2",
+        "pydantic",
+    }
     code = (
         "import sys\nsys.argv = ['attlog', *{!r}]\n"
         "from attlog.cli import main\n"
@@ -87,7 +109,13 @@ def test_project_files_name_no_machine() -> None:
     listed = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True)
     if listed.returncode:
         pytest.skip("not a git checkout")
-    texts = [root / f for f in listed.stdout.split() if (root / f).suffix in (".py", ".md", ".toml", ".html", ".js", ".css", "")]
+    texts = [
+        root / f
+        for f in listed.stdout.split()
+        if (root / f).suffix in (".py", ".md", ".toml", ".html", ".js", ".css", "")
+    ]
     roots = ["/" + name + "/" for name in ("work", "root", "farm")]
-    found = [str(p) for p in texts if p.is_file() and any(r in p.read_text(encoding="utf-8", errors="ignore") for r in roots)]
+    found = [
+        str(p) for p in texts if p.is_file() and any(r in p.read_text(encoding="utf-8", errors="ignore") for r in roots)
+    ]
     assert not found

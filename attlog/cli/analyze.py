@@ -21,34 +21,59 @@ EXIT_ORDER = (130, 70, 73, 2, 66, 65, 75, 1)
 
 def command(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Flight logs: .ulg, .bin, .log, .tlog.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for reports and JSON.")] = Path("reports"),
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for reports and JSON.")] = Path(
+        "reports"
+    ),
     estimators: Annotated[
         str | None,
-        typer.Option(metavar="LIST", help="default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. [default: default]"),
+        typer.Option(
+            metavar="LIST", help="default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. [default: default]"
+        ),
     ] = None,
-    imu: Annotated[str | None, typer.Option(metavar="N|all", help="IMU to replay. [default: the one that flew]")] = None,
-    mag: Annotated[str | None, typer.Option(metavar="N|none", help="Magnetometer to use. [default: the log's choice]")] = None,
+    imu: Annotated[
+        str | None, typer.Option(metavar="N|all", help="IMU to replay. [default: the one that flew]")
+    ] = None,
+    mag: Annotated[
+        str | None, typer.Option(metavar="N|none", help="Magnetometer to use. [default: the log's choice]")
+    ] = None,
     reference: Annotated[
         str | None, typer.Option(metavar="R", help="auto, truth, onboard, onboard:NAME or none. [default: auto]")
     ] = None,
     window: Annotated[
         str | None,
-        typer.Option(metavar="W", help="all, rest, rest.long, idle, armed, airborne, hover or T0:T1 (s). [default: all]"),
+        typer.Option(
+            metavar="W", help="all, rest, rest.long, idle, armed, airborne, hover or T0:T1 (s). [default: all]"
+        ),
     ] = None,
-    score_from: Annotated[float | None, typer.Option(metavar="S", help="Compare from this time on. [default: 15 s]")] = None,
-    clock: Annotated[str | None, typer.Option(metavar="sample|publication", help="Which time stamps count. [default: sample]")] = None,
+    score_from: Annotated[
+        float | None, typer.Option(metavar="S", help="Compare from this time on. [default: 15 s]")
+    ] = None,
+    clock: Annotated[
+        str | None, typer.Option(metavar="sample|publication", help="Which time stamps count. [default: sample]")
+    ] = None,
     declination: Annotated[
-        str | None, typer.Option(metavar="DEG|model|param", help="Magnetic declination. [default: model, else parameter]")
+        str | None,
+        typer.Option(metavar="DEG|model|param", help="Magnetic declination. [default: model, else parameter]"),
     ] = None,
-    trim: Annotated[str | None, typer.Option(metavar="on|off", help="Apply the autopilot's trim to the replay. [default: on]")] = None,
+    trim: Annotated[
+        str | None, typer.Option(metavar="on|off", help="Apply the autopilot's trim to the replay. [default: on]")
+    ] = None,
     input_delay: Annotated[
         str | None, typer.Option(metavar="MS|off", help="Known delay of the logged IMU. [default: from the log]")
     ] = None,
-    config: Annotated[Path | None, typer.Option(metavar="F.toml", help="Options from a file; options given here win.")] = None,
-    json: Annotated[str | None, typer.Option("--json", metavar="-", help="- prints the JSON on standard output.")] = None,
-    plotly: Annotated[str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")] = "inline",
+    config: Annotated[
+        Path | None, typer.Option(metavar="F.toml", help="Options from a file; options given here win.")
+    ] = None,
+    json: Annotated[
+        str | None, typer.Option("--json", metavar="-", help="- prints the JSON on standard output.")
+    ] = None,
+    plotly: Annotated[
+        str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")
+    ] = "inline",
     open_report: Annotated[bool, typer.Option("--open", help="Open the report in a browser.")] = False,
-    deterministic: Annotated[bool, typer.Option("--deterministic", help="Leave measured times out of the JSON.")] = False,
+    deterministic: Annotated[
+        bool, typer.Option("--deterministic", help="Leave measured times out of the JSON.")
+    ] = False,
     boot: Boot = None,
     system: System = None,
     no_color: NoColor = False,
@@ -61,10 +86,19 @@ def command(
     if plotly not in ("inline", "shared"):
         raise UsageError(f"--plotly {plotly}: use inline or shared")
     options = {
-        "estimators": estimators, "imu": _int_or(imu, "all", "--imu"), "mag": _int_or(mag, "none", "--mag"),
-        "reference": reference, "window": window, "score_from": score_from, "clock": clock,
-        "declination": None if declination is None else number_or(declination, ("auto", "model", "param"), "--declination"),
-        "trim": _on_off(trim), "boot": boot, "system": system,
+        "estimators": estimators,
+        "imu": _int_or(imu, "all", "--imu"),
+        "mag": _int_or(mag, "none", "--mag"),
+        "reference": reference,
+        "window": window,
+        "score_from": score_from,
+        "clock": clock,
+        "declination": None
+        if declination is None
+        else number_or(declination, ("auto", "model", "param"), "--declination"),
+        "trim": _on_off(trim),
+        "boot": boot,
+        "system": system,
         "input_delay": None if input_delay is None else number_or(input_delay, ("auto", "off"), "--input-delay"),
     }
     settings = _settings(config, {k: v for k, v in options.items() if v is not None})

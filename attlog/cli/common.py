@@ -20,14 +20,18 @@ def _no_color(wanted: bool) -> None:
         os.environ["NO_COLOR"] = "1"
 
 
-Log = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log: .ulg, .bin, .log, .tlog (told apart by content).")]
+Log = Annotated[
+    Path, typer.Argument(metavar="LOG", help="A flight log: .ulg, .bin, .log, .tlog (told apart by content).")
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Say more; -vv shows a traceback for a bug.")]
 NoColor = Annotated[
     bool, typer.Option("--no-color", callback=_no_color, is_eager=True, help="No colours (also by NO_COLOR).")
 ]
 Boot = Annotated[int | None, typer.Option("--boot", metavar="N", help="Which power-up of a log with several, from 0.")]
-System = Annotated[int | None, typer.Option("--system", metavar="N", help="Which MAVLink system of a log with several.")]
+System = Annotated[
+    int | None, typer.Option("--system", metavar="N", help="Which MAVLink system of a log with several.")
+]
 
 
 def console(stderr: bool = False) -> Console:

@@ -13,15 +13,24 @@ from attlog.errors import LogUnusable, UsageError
 
 def command(
     log: Log,
-    messages: Annotated[list[str] | None, typer.Argument(metavar="[MESSAGE]...", help="Messages by name; none: all.")] = None,
-    streams: Annotated[bool, typer.Option("--streams", help="SI streams (imu0, mag0, attitude_...) instead of messages.")] = False,
-    estimates: Annotated[
-        str | None, typer.Option("--estimates", metavar="LIST", help="Attitudes of re-run estimators: mahony@xu-0.6,gyro")
+    messages: Annotated[
+        list[str] | None, typer.Argument(metavar="[MESSAGE]...", help="Messages by name; none: all.")
     ] = None,
-    start: Annotated[float | None, typer.Option("--from", metavar="T", help="From this time on (s, 0 = first IMU sample).")] = None,
+    streams: Annotated[
+        bool, typer.Option("--streams", help="SI streams (imu0, mag0, attitude_...) instead of messages.")
+    ] = False,
+    estimates: Annotated[
+        str | None,
+        typer.Option("--estimates", metavar="LIST", help="Attitudes of re-run estimators: mahony@xu-0.6,gyro"),
+    ] = None,
+    start: Annotated[
+        float | None, typer.Option("--from", metavar="T", help="From this time on (s, 0 = first IMU sample).")
+    ] = None,
     end: Annotated[float | None, typer.Option("--to", metavar="T", help="Up to this time (s).")] = None,
     kind: Annotated[str, typer.Option("--format", metavar="csv|parquet", help="File format.")] = "csv",
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="PATH", help="Folder, or a file for one table.")] = Path("extract"),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="PATH", help="Folder, or a file for one table.")
+    ] = Path("extract"),
     boot: Boot = None,
     system: System = None,
     no_color: NoColor = False,

@@ -11,7 +11,12 @@ from attlog.cli.common import Boot, Log, NoColor, Quiet, System, Verbose, consol
 if TYPE_CHECKING:
     from rich.console import Console
 
-MARKS = {"good": "[green]good[/]", "look": "[yellow]look[/]", "bad": "[red]bad[/]", "cannot_judge": "[dim]cannot judge[/]"}
+MARKS = {
+    "good": "[green]good[/]",
+    "look": "[yellow]look[/]",
+    "bad": "[red]bad[/]",
+    "cannot_judge": "[dim]cannot judge[/]",
+}
 
 
 def command(
@@ -47,7 +52,9 @@ def _show(report: dict[str, Any], out: Console, verbose: int) -> None:
 
     log = report["log"]
     firmware = " ".join(x for x in (log["firmware"]["name"], log["firmware"]["version"]) if x) or "unknown firmware"
-    out.print(f"[bold]{escape(log['name'])}[/]  {log['format']}, {log['size'] / 1e6:.1f} MB, sha256 {log['sha256'][:12]}")
+    out.print(
+        f"[bold]{escape(log['name'])}[/]  {log['format']}, {log['size'] / 1e6:.1f} MB, sha256 {log['sha256'][:12]}"
+    )
     simulated = ", simulated" if log["simulated"] else ""
     out.print(escape(f"{log['vehicle'] or 'unknown vehicle'}, {firmware}{simulated}"))
     when = log["date_utc"] or "date unknown"
@@ -62,12 +69,16 @@ def _show(report: dict[str, Any], out: Console, verbose: int) -> None:
         out.print("  " + ", ".join(f"{kind} {seconds:.1f} s" for kind, seconds in log["seconds"].items()))
 
     if report["audit"]:
-        table = Table("check", "verdict", "what was seen", box=None, pad_edge=False, title="Physics", title_justify="left")
+        table = Table(
+            "check", "verdict", "what was seen", box=None, pad_edge=False, title="Physics", title_justify="left"
+        )
         for check in report["audit"]:
             table.add_row(check["name"], MARKS[check["verdict"]], escape(check["text"]))
         out.print(table)
     if report["answerable"]:
-        table = Table("question", "", "why", box=None, pad_edge=False, title="What can be answered", title_justify="left")
+        table = Table(
+            "question", "", "why", box=None, pad_edge=False, title="What can be answered", title_justify="left"
+        )
         for item in report["answerable"]:
             why = " ".join(x for x in (item["reason"], item["setting"]) if x)
             table.add_row(item["question"], "[green]yes[/]" if item["can"] else "[red]no[/]", escape(why))
@@ -76,11 +87,19 @@ def _show(report: dict[str, Any], out: Console, verbose: int) -> None:
     if problems:
         out.print("[bold]Problems[/]")
         for p in problems:
-            where = f" at {p['t']:.1f} s" if p["t"] is not None else f" at byte {p['offset']}" if p["offset"] is not None else ""
+            where = (
+                f" at {p['t']:.1f} s"
+                if p["t"] is not None
+                else f" at byte {p['offset']}"
+                if p["offset"] is not None
+                else ""
+            )
             times = f" ({p['count']} times)" if p["count"] > 1 else ""
             out.print(f"  {p['severity']}: {escape(p['text'])}{where}{times}")
     if verbose:
-        table = Table("message", "instance", "records", "fields", box=None, pad_edge=False, title="Messages", title_justify="left")
+        table = Table(
+            "message", "instance", "records", "fields", box=None, pad_edge=False, title="Messages", title_justify="left"
+        )
         for m in report["messages"]:
             table.add_row(escape(m["name"]), str(m["instance"]), str(m["records"]), str(m["fields"]))
         out.print(table)

@@ -76,7 +76,9 @@ def test_three_verdicts_stand_in_json_and_page(document):
 def test_default_rows_ran_and_converged(document):
     rows = {r["name"]: r for r in document[0]["estimators"]}
     assert any(n.startswith("mahony") for n in rows)
-    assert all(r["status"] == "ok" for r in rows.values() if r["kind"] == "replay"), {n: (r["status"], r["reason"]) for n, r in rows.items()}
+    assert all(r["status"] == "ok" for r in rows.values() if r["kind"] == "replay"), {
+        n: (r["status"], r["reason"]) for n, r in rows.items()
+    }
 
 
 @pytest.mark.parametrize("log", LOGS)

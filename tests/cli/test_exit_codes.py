@@ -55,10 +55,24 @@ def test_unreadable_for_lack_of_rights_is_66(attlog, tmp_path):
 @pytest.mark.parametrize(
     "wrong",
     [
-        ["--estimators", "mahonny"], ["--estimators", "mahony:kq=1"], ["--estimators", "mahony:kp=-1"], ["--estimators", "mahony@nope"],
-        ["--reference", "moon"], ["--window", "lunch"], ["--window", "9:3"], ["--trim", "maybe"], ["--declination", "east"],
-        ["--clock", "wall"], ["--imu", "first"], ["--imu", "7"], ["--mag", "9"], ["--json", "out.json"], ["--plotly", "cdn"],
-        ["--score-from", "-3"], ["--reference", "onboard:NOPE"], ["--estimators", "no_such_file.py"],
+        ["--estimators", "mahonny"],
+        ["--estimators", "mahony:kq=1"],
+        ["--estimators", "mahony:kp=-1"],
+        ["--estimators", "mahony@nope"],
+        ["--reference", "moon"],
+        ["--window", "lunch"],
+        ["--window", "9:3"],
+        ["--trim", "maybe"],
+        ["--declination", "east"],
+        ["--clock", "wall"],
+        ["--imu", "first"],
+        ["--imu", "7"],
+        ["--mag", "9"],
+        ["--json", "out.json"],
+        ["--plotly", "cdn"],
+        ["--score-from", "-3"],
+        ["--reference", "onboard:NOPE"],
+        ["--estimators", "no_such_file.py"],
     ],
     ids=" ".join,
 )
@@ -79,7 +93,9 @@ def test_all_problems_of_a_config_file_are_told_at_once(attlog, samples, tmp_pat
 def test_a_place_that_cannot_be_written_is_73_and_leaves_nothing(attlog, samples, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("x")
-    expect(attlog("analyze", samples / LOGS[0], "-o", blocked / "reports", "--estimators", "gyro"), 73, "cannot be written")
+    expect(
+        attlog("analyze", samples / LOGS[0], "-o", blocked / "reports", "--estimators", "gyro"), 73, "cannot be written"
+    )
     assert blocked.read_text() == "x"
 
 
@@ -87,7 +103,9 @@ def test_good_logs_are_finished_and_the_worst_code_counts(attlog, samples, tmp_p
     bad = tmp_path / "bad.bin"
     bad.write_bytes(b"no log at all" * 100)
     out = tmp_path / "out"
-    done = attlog("analyze", bad, samples / LOGS[0], tmp_path / "none.ulg", "-o", out, "--estimators", "gyro", "--json", "-")
+    done = attlog(
+        "analyze", bad, samples / LOGS[0], tmp_path / "none.ulg", "-o", out, "--estimators", "gyro", "--json", "-"
+    )
     expect(done, 66, "bad.bin", "none.ulg")
     assert (out / f"{LOGS[0]}.html").exists()
     lines = done.out.strip().splitlines()
@@ -120,4 +138,9 @@ def test_no_command_prints_help(attlog):
 def test_reports_of_equal_names_do_not_overwrite_each_other():
     from attlog.cli.analyze import report_names
 
-    assert report_names([Path("a/x.ulg"), Path("b/x.ulg"), Path("x.bin"), Path("c/x.ulg")]) == ["x.ulg", "x.ulg-2", "x.bin", "x.ulg-3"]
+    assert report_names([Path("a/x.ulg"), Path("b/x.ulg"), Path("x.bin"), Path("c/x.ulg")]) == [
+        "x.ulg",
+        "x.ulg-2",
+        "x.bin",
+        "x.ulg-3",
+    ]
