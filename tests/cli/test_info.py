@@ -1,0 +1,38 @@
+"""``attlog info``: what is in a log, in words and as JSON."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("log", "firmware", "source"),
+    [
+        ("px4_steps.ulg", "PX4", "sensor_combined"),
+        ("copter_steps_stabilize.bin", "ArduPilot", "IMU"),
+        ("copter_steps_stabilize.tlog", "ArduPilot", "RAW_IMU"),
+    ],
+)
+def test_it_names_vehicle_sensors_and_what_can_be_answered(attlog, samples, log, firmware, source):
+    done = attlog("info", samples / log, "--json")
+    assert done.code == 0, done.err
+    report = json.loads(done.out)
+    assert report["log"]["firmware"]["name"] == firmware
+    assert source in report["log"]["imu"]["source"]
+    assert report["log"]["simulated"] is True
+    assert {c["verdict"] for c in report["audit"]} <= {"good", "look", "bad", "cannot_judge"}
+    assert {a["question"] for a in report["answerable"]} >= {"quiet", "late", "drifting"}
+    text = attlog("info", samples / log)
+    assert text.code == 0
+    assert firmware in text.out
+    assert "What can be answered" in text.out
+
+
+@pytest.mark.parametrize("log", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
+@pytest.mark.slow
+def test_verify_agrees_with_the_official_reader(attlog, samples, log):
+    done = attlog("info", samples / log, "--verify")
+    assert done.code == 0, done.out + done.err
+    assert "Agrees with" in done.out
