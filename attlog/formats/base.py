@@ -60,14 +60,20 @@ class Table:
         return len(self.offsets)
 
     def __contains__(self, column: object) -> bool:
-        return column in self.fields
+        return column in self.fields or (isinstance(column, str) and self._element(column) is not None)
 
     def __repr__(self) -> str:
         return f"<Table {self.name}:{self.instance} {len(self)} records, {len(self.fields)} fields>"
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """The column as stored, (n,) or (n, k) for array fields. KeyError if the message has no such field."""
+        """The column as stored, (n,) or (n, k) for array fields; ``q[2]`` is one element of an array field.
+
+        KeyError if the message has no such field.
+        """
         if column not in self._columns:
+            element = self._element(column)
+            if element is not None:
+                return self[element[0]][:, element[1]]
             if column not in self.fields:
                 raise KeyError(f"{self.name} has no field {column!r}; it has {', '.join(self.fields)}")
             self._columns[column] = self._decode(column, self.offsets)
@@ -76,9 +82,18 @@ class Table:
     def value(self, column: str) -> NDArray[np.float64]:
         """The column as float64 in the unit that the format prints."""
         stored = self[column]
-        scale = self.fields[column].scale
+        element = None if column in self.fields else self._element(column)
+        scale = self.fields[element[0] if element else column].scale
         as_float = stored.astype(np.float64)
         return as_float if scale == 1.0 else as_float * scale
+
+    def _element(self, column: str) -> tuple[str, int] | None:
+        """Field and position that ``name[i]`` means, None if it names no element of an array field."""
+        name, _, index = column.removesuffix("]").rpartition("[")
+        known = self.fields.get(name) if column not in self.fields else None
+        if known is None or not index.isdecimal() or len(known.dtype.shape) != 1 or int(index) >= known.dtype.shape[0]:
+            return None
+        return name, int(index)
 
     def rows(self, select: NDArray[Any] | slice) -> Table:
         """The same message, only the selected records (mask, indices or slice)."""

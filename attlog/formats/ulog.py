@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import mmap
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from attlog.formats.ulog_records import (
     parameter_value,
     text,
 )
+from attlog.formats.ulog_write import write
 from attlog.limits import (
     MAX_DAMAGE,
     MAX_FORMATS,
@@ -44,6 +45,8 @@ from attlog.limits import (
     MAX_TEXTS,
     MAX_TIME_JUMP_S,
 )
+
+__all__ = ["read", "write"]
 
 ENCRYPTED = b"ULogEnc"
 GROUP = 1 << 20
@@ -460,13 +463,3 @@ class _Gather:
         count = len(self._data) - record.itemsize + 1
         windows = np.ndarray((count,), f"V{record.itemsize}", self._data, strides=(1,))
         return windows[offsets + HEADER].view(record)
-
-
-def write(
-    path: Path | str,
-    topics: Sequence[tuple[str, int, Mapping[str, NDArray[Any]]]],
-    params: Mapping[str, float | int] | None = None,
-    texts: Sequence[Text] = (),
-    info: Mapping[str, str | int] | None = None,
-) -> None:
-    raise NotImplementedError
