@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from types import ModuleType
 
-from attlog.metrics import drift_rest, noise, rmse
+from attlog.metrics import drift_air, drift_rest, noise, ranking, rmse, wander
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, Witness
 from attlog.metrics.trace import Trace
+from attlog.metrics.traces import traces
 from attlog.reference.model import Row
 
-__all__ = ["Answer", "Metric", "Trace", "Trial", "Witness", "compute", "definitions", "missing"]
+__all__ = ["Answer", "Metric", "Trace", "Trial", "Witness", "best", "compute", "definitions", "missing", "traces"]
 
-QUESTIONS: tuple[ModuleType, ...] = (noise, drift_rest, rmse)
+QUESTIONS: tuple[ModuleType, ...] = (noise, drift_rest, drift_air, wander, rmse)
 
 
-def definitions() -> dict[str, Metric]:
-    """Every metric by its id, in the order of the table."""
-    return {metric.name: metric for question in QUESTIONS for metric in question.METRICS}
+def definitions(tables: Iterable[dict[str, dict[str, Answer]]] | None = None) -> dict[str, Metric]:
+    """Every metric by its id, in the order of the table; with ``tables`` (window -> id -> Answer) those that occur."""
+    known = {metric.name: metric for question in QUESTIONS for metric in question.METRICS}
+    if tables is None:
+        return known
+    present = {name for table in tables for answers in table.values() for name in answers}
+    return {name: metric for name, metric in known.items() if name in present}
 
 
 def compute(trial: Trial, row: Row, windows: Sequence[str]) -> dict[str, dict[str, Answer]]:
@@ -29,3 +34,8 @@ def compute(trial: Trial, row: Row, windows: Sequence[str]) -> dict[str, dict[st
         }
         for window in windows
     }
+
+
+def best(table: dict[str, dict[str, dict[str, Answer]]], rows: Sequence[Row]) -> dict[str, dict[str, list[str]]]:
+    """Who leads each column: window -> metric id -> row names (row name -> window -> metric id -> Answer comes in)."""
+    return ranking.best(table, rows, definitions())

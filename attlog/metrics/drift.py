@@ -106,7 +106,7 @@ def slope(blocks: Blocks) -> Drift:
         return found
     found.value = float(np.mean(slopes))
     found.ci95 = interval.of_mean(slopes)
-    found.wander = wander(blocks, found.value)
+    found.wander = math.sqrt(float(np.mean(without_slope(blocks, found.value) ** 2)))
     rises = np.diff(slopes)
     width = found.ci95[1] - found.ci95[0] if found.ci95 else math.inf
     if ((rises > 0).all() or (rises < 0).all()) and abs(slopes[-1] - slopes[0]) > width:
@@ -114,13 +114,24 @@ def slope(blocks: Blocks) -> Drift:
     return found
 
 
-def wander(blocks: Blocks, deg_per_min: float) -> float:
-    """RMS of the heading error in deg after the slope and each piece's own offset are taken away."""
+def without_slope(blocks: Blocks, deg_per_min: float) -> Array:
+    """The heading error (n,) in deg without a drift and without each piece's own offset."""
     rest = blocks.e - deg_per_min / 60.0 * blocks.t
     for label in np.unique(blocks.piece):
         own = blocks.piece == label
         rest[own] -= np.mean(rest[own])
-    return math.sqrt(float(np.mean(rest**2)))
+    return rest
+
+
+def line(blocks: Blocks) -> Array:
+    """The least-squares line (n,) with one slope and an offset per piece: for the eye, never quoted as the drift."""
+    u, v = blocks.t.copy(), blocks.e.copy()
+    for label in np.unique(blocks.piece):
+        own = blocks.piece == label
+        u[own] -= np.mean(u[own])
+        v[own] -= np.mean(v[own])
+    spread = float(u @ u)
+    return blocks.e - v + (float(u @ v) / spread if spread > 0 else 0.0) * u
 
 
 def together(records: list[Drift]) -> Drift:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog import earth, rotation
 from attlog.metrics import drift
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
@@ -18,11 +16,11 @@ from attlog.reference.model import Row
 Array = NDArray[np.float64]
 
 _TEXT = paragraph(
-    """Mean slope of the row's own heading while the vehicle stands still: the witness is the constant heading itself. 1 s
-    block means, cut at gaps and resets; groups of a quarter of the rest (a sixth from 120 s on), each with its own offset;
-    value = mean of the group slopes, interval = t over them. Several rests are pooled if they agree, else the interval
-    spans them all. It is the mean drift of this record, not a property of the filter for ever. The earth's own turn (up to
-    0.25 deg/min) is part of it for filters that follow the gyro."""
+    """Mean slope of the row's own heading while the vehicle stands still: the witness is the constant heading itself.
+    1 s block means, cut at gaps and resets; groups of a quarter of the rest (a sixth from 120 s on), each with its
+    own offset; value = mean of the group slopes, interval = t over them. Several rests are pooled if they agree,
+    else the interval spans them all. It is the mean drift of this record, not a property of the filter for ever.
+    The earth's own turn (up to 0.25 deg/min) is part of it for filters that follow the gyro."""
 )
 METRICS: tuple[Metric, ...] = (
     Metric("drift_rest_deg_per_min", "Yaw drift at rest", "deg/min", "zero", ("rest",), _TEXT),
@@ -75,9 +73,9 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         return {"drift_rest_deg_per_min": missing(code, reason, "deg/min", window)}
     answer = drift.answer(drift.together(found), window, "rest")
     answer.detail |= bias_beside(row, answer.value, rest_spans(trial, row, window)) | heading_change(trial, row, window)
-    earth = earth_turn(trial)
-    if earth is not None:
-        answer.detail["earth_turn_deg_per_min"] = earth
+    turn = earth_turn(trial)
+    if turn is not None:
+        answer.detail["earth_turn_deg_per_min"] = turn
     return {"drift_rest_deg_per_min": answer}
 
 
@@ -106,9 +104,9 @@ def heading_change(trial: Trial, row: Row, window: str) -> dict[str, float]:
 
 
 def earth_turn(trial: Trial) -> float | None:
-    """The vertical part of the earth's rotation at the place of the log in deg/min, None where the place is unknown."""
+    """How fast the earth turns a perfect gyro's heading at the place of the log, deg/min; None where it is unknown."""
     for receiver in trial.log.gnss:
         latitude = receiver.lat[np.isfinite(receiver.lat) & (receiver.fix >= 3)]
         if len(latitude):
-            return 360.9856 / 1440.0 * math.sin(math.radians(float(np.median(latitude))))
+            return earth.heading_turn(float(np.median(latitude)))
     return None

@@ -13,8 +13,9 @@ from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
-from attlog.metrics.spans import Span, about, common, seconds, within
+from attlog.metrics.spans import Span, about, seconds, within
 from attlog.reference.model import Row
+from attlog.segments.spans import intersect
 
 Array = NDArray[np.float64]
 
@@ -27,11 +28,12 @@ MIN_SAMPLES = 8
 AXES = ("roll", "pitch", "heading")
 
 _TEXT = paragraph(
-    """While the vehicle stands still with motors off (in the window idle: motors turning), in windows of 5 s (one window
-    where the rest is shorter): rotation away from the window's mean attitude, straight line removed, standard deviation
-    (n - 2), pooled over windows. Interval: chi-square with 0.7 n - 2 windows degrees of freedom, n being the samples
-    divided by 1 + 2 sum rho^2 of their autocorrelation; from 4 windows on a t interval on the logarithm of the window
-    variances. Ranked only for rows that follow motion, and only above half the step of the logged values."""
+    """While the vehicle stands still with motors off (in the window idle: motors turning), in windows of 5 s (one
+    window where the rest is shorter): rotation away from the window's mean attitude, straight line removed,
+    standard deviation (n - 2), pooled over windows. Interval: chi-square with 0.7 n - 2 windows degrees of
+    freedom, n being the samples divided by 1 + 2 sum rho^2 of their autocorrelation; from 4 windows on a t
+    interval on the logarithm of the window variances. Ranked only for rows that follow motion, and only above half
+    the step of the logged values."""
 )
 _TEXT_P2P = paragraph(
     """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
@@ -138,8 +140,8 @@ def rest_spans(trial: Trial, row: Row, window: str) -> list[Span]:
     kind = window if window in ("idle", "rest.long") else "rest"
     spans = trial.segments.spans(kind)
     if ":" in window:
-        spans = common(spans, trial.segments.spans(window))
-    return common(spans, [(row.start + SETTLE_S, math.inf)])
+        spans = intersect(spans, trial.segments.spans(window))
+    return intersect(spans, [(row.start + SETTLE_S, math.inf)])
 
 
 def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:

@@ -11,12 +11,6 @@ Array = NDArray[np.float64]
 Span = tuple[float, float]
 
 
-def common(a: list[Span], b: list[Span]) -> list[Span]:
-    """The stretches of time that lie in both lists, in time order."""
-    found = [(max(a0, b0), min(a1, b1)) for a0, a1 in a for b0, b1 in b]
-    return sorted((t0, t1) for t0, t1 in found if t1 > t0)
-
-
 def stretches(t: Array, inside: NDArray[np.bool_], run: NDArray[np.int64] | None = None) -> list[slice]:
     """Index ranges of consecutive samples that are inside, cut where the run changes and at gaps.
 

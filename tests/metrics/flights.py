@@ -33,8 +33,14 @@ def trial(
     t, q = reference if reference is not None else (np.zeros(0), np.zeros((0, 4)))
     zeros = np.zeros(len(t), np.int64)
     ref = Reference(
-        kind if len(t) else "none", "made-up", t, q, zeros, zeros,  # type: ignore[arg-type]
-        rate=(len(t) - 1) / (t[-1] - t[0]) if len(t) else 0.0, scoring_start=scoring_start,
+        kind if len(t) else "none",
+        "made-up",
+        t,
+        q,
+        zeros,
+        zeros,  # type: ignore[arg-type]
+        rate=(len(t) - 1) / (t[-1] - t[0]) if len(t) else 0.0,
+        scoring_start=scoring_start,
     )
     if len(t):
         for r in rows:
@@ -49,8 +55,15 @@ def errors(r: Row, ref: Reference) -> Errors:
     q_est = rotation.slerp(r.t, r.q, t)
     e = rotation.error(q_est, q_ref)
     return Errors(
-        t, np.degrees(rotation.total_angle(e)), np.degrees(rotation.heading_angle(e)),
-        np.degrees(rotation.inclination_angle(e)), ref.run[inside], ref.piece[inside], t >= ref.scoring_start, q_est, q_ref,
+        t,
+        np.degrees(rotation.total_angle(e)),
+        np.degrees(rotation.heading_angle(e)),
+        np.degrees(rotation.inclination_angle(e)),
+        ref.run[inside],
+        ref.piece[inside],
+        t >= ref.scoring_start,
+        q_est,
+        q_ref,
     )
 
 

@@ -1,0 +1,121 @@
+"""Yaw drift in the air: the slope of the heading error against each witness that the log holds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics import drift
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Metric, Trial, Witness, paragraph
+from attlog.metrics.drift_rest import bias_beside
+from attlog.metrics.spans import about
+from attlog.reference.model import Row
+from attlog.segments.spans import inside, intersect
+
+Array = NDArray[np.float64]
+
+WITNESSES = {
+    "onboard": "the onboard heading that flew",
+    "truth": "the true heading (simulation or motion capture)",
+    "smoother": "the smoothed heading",
+    "mag": "the tilt-compensated magnetometer heading",
+    "gnss_yaw": "the heading of a dual-antenna GNSS receiver",
+    "course": "the direction of the GNSS velocity of a plane (wind-compensated where its text says so)",
+}
+ABSENT = {
+    "onboard": ("not_applicable", "the onboard attitude is not logged"),
+    "truth": ("no_reference", "the log holds no ground truth"),
+    "smoother": ("no_reference", "no smoothed attitude was built"),
+    "mag": ("no_magnetometer", "the log holds no usable magnetometer heading"),
+    "gnss_yaw": ("no_gnss", "the log holds no heading of a dual-antenna GNSS receiver"),
+    "course": ("no_gnss", "needs GNSS velocity of a plane faster than 5 m/s"),
+}
+STEEP_RAD = math.radians(60.0)
+"""Beyond this pitch the direction of the nose says little about heading."""
+
+METRICS: tuple[Metric, ...] = tuple(
+    Metric(
+        f"drift_air_deg_per_min.{name}",
+        f"Yaw drift in the air against {name.replace('_', ' ')}",
+        "deg/min",
+        "zero",
+        ("airborne", name),
+        paragraph(
+    f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start: 1 s block means, cut
+    at gaps and at resets of the witness; groups of a quarter of the record (a sixth from 120 s on), each with its
+    own offset; value = mean of the group slopes, interval = t over them. It says how the row drifts away from this
+    witness: a drift of the witness counts too."""
+),
+    )
+    for name, words in WITNESSES.items()
+)
+
+
+def heading_error(row: Row, witness: Witness) -> tuple[Array, NDArray[np.int64]]:
+    """The row's heading minus the witness's in deg at the witness's times, and the piece of each; both (n,).
+
+    NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
+    """
+    q = rotation.slerp(row.t, row.q, witness.t)
+    euler = rotation.to_euler(q)
+    e = np.degrees(rotation.wrap(euler[:, 2] - np.radians(witness.heading_deg)))
+    after = np.clip(np.searchsorted(row.t, witness.t), 1, max(len(row.t) - 1, 1))
+    known = (len(row.t) > 1) & np.isfinite(euler[:, 1]) & (np.abs(euler[:, 1]) < STEEP_RAD)
+    if len(row.t) > 1:
+        known &= (row.t[after] - row.t[after - 1] < 0.5) & (row.run[after] == row.run[after - 1])
+        labels = witness.piece * (int(row.run.max()) + 1) + row.run[after]
+    else:
+        labels = witness.piece
+    return np.where(known, e, np.nan), labels
+
+
+def error_blocks(trial: Trial, row: Row, name: str, window: str) -> drift.Blocks | None:
+    """1 s means of the heading error against a witness, airborne and scored; None where the witness is absent."""
+    reference, witness = trial.reference, trial.witnesses.get(name)
+    spans = intersect(trial.segments.spans("airborne"), trial.segments.spans(window))
+    if name == reference.kind and row.errors is not None:
+        errors = row.errors
+        keep = inside(errors.t, spans) & errors.scored
+        return drift.block_means(errors.t[keep], errors.heading[keep], split(errors.t, errors.piece, keep)[keep])
+    if witness is None:
+        return None
+    e, piece = heading_error(row, witness)
+    keep = inside(witness.t, spans) & (witness.t >= reference.scoring_start) & (witness.t <= reference.end)
+    return drift.block_means(witness.t[keep], e[keep], split(witness.t, piece, keep)[keep])
+
+
+def split(t: Array, piece: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Pieces (n,) that also end where time was left out between samples that are kept."""
+    left_out = np.concatenate([[0], np.cumsum(~keep)])[: len(t)]
+    changes = (np.diff(piece, prepend=piece[:1]) != 0) | (np.diff(left_out, prepend=0) != 0)
+    return np.cumsum(changes)
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows that are not about flight."""
+    if not about(window, "all", "airborne"):
+        return {}
+    return {f"drift_air_deg_per_min.{name}": _against(trial, row, name, window) for name in WITNESSES}
+
+
+def _against(trial: Trial, row: Row, name: str, window: str) -> Answer:
+    if name not in trial.witnesses and name != trial.reference.kind:
+        return missing(*ABSENT[name], "deg/min", window)
+    if name == row.name or (row.is_reference and name == trial.reference.kind):
+        return missing("not_applicable", "this row is the witness itself", "deg/min", window)
+    if not trial.segments.spans("airborne"):
+        return missing("not_covered", "the vehicle was never airborne (as far as the log tells)", "deg/min", window)
+    blocks = error_blocks(trial, row, name, window)
+    if blocks is None or len(blocks.t) == 0:
+        return missing(
+            "not_covered", f"this row and {WITNESSES[name]} have no scored flight in common", "deg/min", window
+        )
+    answer = drift.answer(drift.slope(blocks), window, name)
+    answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
+    if name in trial.witnesses and trial.witnesses[name].text:
+        answer.detail["witness"] = trial.witnesses[name].text
+    return answer

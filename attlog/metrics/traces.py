@@ -1,0 +1,97 @@
+"""Arrays for the figures: what the numbers were computed from, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics import drift, drift_air, drift_rest
+from attlog.metrics.base import Trial
+from attlog.metrics.noise import deviations, rest_spans
+from attlog.metrics.spans import within
+from attlog.metrics.trace import Trace
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+
+def traces(trial: Trial, rows: Iterable[Row]) -> list[Trace]:
+    """All traces of all rows, figure by figure within a row; see :class:`Trace` for their columns."""
+    found: list[Trace] = []
+    for row in rows:
+        found += [
+            *attitude(trial, row),
+            *difference(row),
+            *rest(trial, row),
+            *drifts(trial, row),
+            *bias(row),
+        ]
+    return found
+
+
+def attitude(trial: Trial, row: Row) -> list[Trace]:
+    """Roll, pitch, heading at the row's own times; NaN at the first sample after a restart breaks the line."""
+    if len(row.t) == 0:
+        return []
+    euler = np.degrees(rotation.to_euler(row.q))
+    return [Trace("attitude", row.name, row.t, _named(_broken(euler, row.run), ("roll", "pitch", "heading")))]
+
+
+def difference(row: Row) -> list[Trace]:
+    """Errors against the reference: total, signed heading, inclination, and differences in roll and pitch."""
+    e = row.errors
+    if e is None or len(e.t) == 0:
+        return []
+    apart = np.degrees(rotation.wrap(rotation.to_euler(e.q_est) - rotation.to_euler(e.q_ref)))
+    columns = np.column_stack([e.total, e.heading, e.inclination, apart[:, 0], apart[:, 1]])
+    names = ("total", "heading", "inclination", "roll", "pitch")
+    return [Trace("difference", row.name, e.t, _named(_broken(columns, e.run), names))]
+
+
+def rest(trial: Trial, row: Row) -> list[Trace]:
+    """Deviations from the mean attitude of each rest, ``key`` = its number in time order."""
+    found = []
+    for number, span in enumerate(rest_spans(trial, row, "rest")):
+        for piece in within(row.t, span, row.run)[:1]:
+            if np.isfinite(row.q[piece]).all():
+                columns = deviations(row.q[piece])[:, (0, 1, 3)]
+                found.append(
+                    Trace("rest", row.name, row.t[piece], _named(columns, ("roll", "pitch", "heading")), str(number))
+                )
+    return found
+
+
+def drifts(trial: Trial, row: Row) -> list[Trace]:
+    """Heading block means with their least-squares line, for the longest rest and for each witness in the air."""
+    records = [drift_rest.rest_blocks(trial, row, span) for span in rest_spans(trial, row, "rest")]
+    longest = max(records, key=lambda b: len(b.t), default=None)
+    keyed = [("rest", longest)]
+    if trial.segments.spans("airborne") and not row.is_reference:
+        names = [n for n in drift_air.WITNESSES if n in trial.witnesses or n == trial.reference.kind]
+        keyed += [(n, drift_air.error_blocks(trial, row, n, "airborne")) for n in names if n != row.name]
+    found = []
+    for key, blocks in keyed:
+        if blocks is not None and len(blocks.t) >= drift.MIN_BLOCKS:
+            columns = {"heading": blocks.e, "line": drift.line(blocks)}
+            found.append(Trace("drift", row.name, blocks.t, columns, key))
+    return found
+
+
+def bias(row: Row) -> list[Trace]:
+    """The filter's own gyro bias estimate in deg/s."""
+    if row.bias is None or len(row.t) == 0:
+        return []
+    return [Trace("bias", row.name, row.t, _named(_broken(np.degrees(row.bias), row.run), ("x", "y", "z")))]
+
+
+def _named(columns: Array, names: tuple[str, ...]) -> dict[str, Array]:
+    return {name: columns[:, k] for k, name in enumerate(names)}
+
+
+def _broken(columns: Array, run: NDArray[np.int64]) -> Array:
+    columns = columns.copy()
+    columns[np.flatnonzero(np.diff(run) != 0) + 1] = np.nan
+    return columns

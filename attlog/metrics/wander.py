@@ -1,0 +1,77 @@
+"""How far does the heading wander when its mean drift is taken away?"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.metrics import drift, interval
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.drift_air import error_blocks
+from attlog.metrics.drift_rest import rest_blocks
+from attlog.metrics.noise import rest_spans
+from attlog.metrics.rmse import root_mean_square, why_no_errors
+from attlog.metrics.spans import about
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+METRICS: tuple[Metric, ...] = (
+    Metric(
+        "wander_deg", "Heading wander", "deg", "low", ("rest",),
+        paragraph(
+    """RMS of the 1 s block means of the heading after the mean drift and each stretch's offset are removed: of the
+    heading itself at rest, of the heading error against the reference in the window airborne. Interval: t over the
+    mean squares of the drift's groups."""
+),
+    ),
+)  # fmt: skip
+
+
+def pooled(records: list[drift.Blocks]) -> tuple[float, interval.Interval | None, int] | None:
+    """RMS in deg about each record's mean drift, its interval and the number of groups; None without a long record."""
+    residuals: list[Array] = []
+    groups: list[slice] = []
+    for blocks in records:
+        found = drift.slope(blocks)
+        if found.value is None:
+            continue
+        begin = sum(len(r) for r in residuals)
+        residuals.append(drift.without_slope(blocks, found.value))
+        edges = [int(np.searchsorted(blocks.t, t0)) for t0, _ in found.spans] + [len(blocks.t)]
+        groups += [slice(begin + a, begin + b) for a, b in pairwise(edges)]
+    if not residuals:
+        return None
+    value, ci95 = root_mean_square(np.concatenate(residuals), groups)
+    return value, ci95, len(groups)
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without a heading record by definition."""
+    if not about(window, "all", "rest", "rest.long", "airborne"):
+        return {}
+    if window == "airborne":
+        absent = why_no_errors(trial, row, window)
+        if absent is not None:
+            return {"wander_deg": missing(*absent, "deg", window)}
+        flown = error_blocks(trial, row, trial.reference.kind, window)
+        records = [] if flown is None else [flown]
+    else:
+        records = [rest_blocks(trial, row, span) for span in rest_spans(trial, row, window)]
+    records = [r for r in records if len(r.t)]
+    found = pooled(records)
+    if found is None:
+        longest = max((r.seconds for r in records), default=0.0)
+        reason = f"the longest record is {longest:.0f} s; {drift.SHORTEST_S:.0f} s are needed"
+        return {"wander_deg": missing("record_too_short", reason, "deg", window)}
+    value, ci95, groups = found
+    floor = trial.reference.floor_deg if window == "airborne" else row.step_deg / 2.0
+    return {
+        "wander_deg": Answer(
+            value, "deg", window, groups, sum(r.seconds for r in records), ci95,
+            f"RMS about the mean drift, {groups} groups", detail={"floor_deg": floor},
+        )
+    }  # fmt: skip
