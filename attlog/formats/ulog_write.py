@@ -19,6 +19,8 @@ from attlog.output import write_atomic
 
 _TYPES = {np.dtype(code): name for name, code in BASIC.items() if name != "bool"}
 _NAME = re.compile(r"[A-Za-z_]\w*")
+SIZE, KIND, ID = "(size)", "(kind)", "(id)"
+"""Header columns; no field of a topic can have such a name."""
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -127,11 +129,11 @@ def _data(topics: Mapping[tuple[str, int], Columns], params: Sequence[ParamChang
 def _rows(identifier: int, columns: Columns) -> NDArray[np.void]:
     """The topic's records with their headers."""
     members = [(name, values.dtype.newbyteorder("<"), values.shape[1:]) for name, values in columns.items()]
-    record = np.dtype([("_size", "<u2"), ("_kind", "u1"), ("_id", "<u2"), *members])
+    record = np.dtype([(SIZE, "<u2"), (KIND, "u1"), (ID, "<u2"), *members])
     if record.itemsize - 3 > 0xFFFF:
         raise UsageError(f"a ULog record holds at most 65535 bytes, this one needs {record.itemsize - 3}")
     rows = np.zeros(len(columns["timestamp"]), record)
-    rows["_size"], rows["_kind"], rows["_id"] = record.itemsize - 3, ord("D"), identifier
+    rows[SIZE], rows[KIND], rows[ID] = record.itemsize - 3, ord("D"), identifier
     for name, values in columns.items():
         rows[name] = values
     return rows
