@@ -35,8 +35,11 @@ class Reference:
 
     ``q`` (n, 4) at ``t`` (n,) s; ``run`` (n,) counts pieces between gaps, ``piece``
     (n,) counts pieces between gaps *and* resets. ``floor_deg`` is the smallest
-    difference this log can resolve. ``scoring_start`` is a map from run to the
-    first scored time.
+    difference this log can resolve. Comparisons are scored from ``scoring_start`` to
+    ``end`` outside ``unscored`` (the first seconds after a restart of the filters).
+    ``name`` is the attitude's name in the log where the reference is an onboard one.
+    ``trim`` (3,) rad is what has to be taken out of attitudes of the IMU before they
+    are compared, None for nothing. ``fault`` says why agreement with it means nothing.
     """
 
     kind: Literal["truth", "smoother", "onboard", "none"]
@@ -55,6 +58,11 @@ class Reference:
     end: float = np.inf
     """Comparisons end here (impact), s."""
     steps: list[AlignmentStep] = field(default_factory=list)
+    name: str = ""
+    unscored: list[tuple[float, float]] = field(default_factory=list)
+    trim: Array | None = None
+    clock: Literal["sample", "publication"] = "sample"
+    fault: str = ""
 
 
 @dataclass(slots=True)
@@ -108,6 +116,10 @@ class Row:
     convergence_s: float | None = None
     estimator: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
+    heading_offset_deg: float | None = None
+    """Heading that was taken out of ``q`` (of its first run), None where the heading is the row's own."""
+    steps: list[AlignmentStep] = field(default_factory=list)
+    """What was done to this row alone: trim, heading offset."""
 
 
 @dataclass(slots=True)

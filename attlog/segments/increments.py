@@ -10,20 +10,27 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def turned(t: Array, rate: Array, at: Array, sampling: Literal["interval", "instant"] = "instant") -> Array:
-    """Rotation vectors (m - 1, 3) in rad by which the gyro turned between the instants ``at`` (m,).
+class Turning:
+    """The gyro's rotation as prefix sums, so that any interval costs the same.
 
-    ``t`` (n,) s and ``rate`` (n, 3) rad/s. Sum of the angle increments with the
+    ``t`` (n,) s rising and ``rate`` (n, 3) rad/s. Sum of the angle increments with the
     second-order coning term ``1/2 sum alpha x d alpha`` (Savage 1998, equation 17),
-    exact enough for intervals that turn below some 30 deg. By prefix sums: the cost
-    is linear. Instants outside ``t`` see the gyro stand still.
+    exact enough for intervals that turn below some 30 deg.
     """
-    dt = np.diff(t)
-    mean = rate[1:] if sampling == "interval" else 0.5 * (rate[:-1] + rate[1:])
-    step = mean * dt[:, None]
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(step, axis=0)])
-    coning = np.concatenate([np.zeros((1, 3)), np.cumsum(np.cross(angle[:-1], step), axis=0)])
-    a = np.stack([np.interp(at, t, angle[:, k]) for k in range(3)], axis=-1)
-    c = np.stack([np.interp(at, t, coning[:, k]) for k in range(3)], axis=-1)
-    whole = np.diff(a, axis=0)
-    return whole + 0.5 * (np.diff(c, axis=0) - np.cross(a[:-1], whole))
+
+    def __init__(self, t: Array, rate: Array, sampling: Literal["interval", "instant"] = "instant") -> None:
+        mean = rate[1:] if sampling == "interval" else 0.5 * (rate[:-1] + rate[1:])
+        step = mean * np.diff(t)[:, None]
+        zero = np.zeros((1, 3))
+        self._t = t
+        self._angle = np.concatenate([zero, np.cumsum(step, axis=0)])
+        self._coning = np.concatenate([zero, np.cumsum(np.cross(self._angle[:-1], step), axis=0)])
+
+    def between(self, start: Array, end: Array) -> Array:
+        """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
+        a = self._at(start, self._angle)
+        whole = self._at(end, self._angle) - a
+        return whole + 0.5 * (self._at(end, self._coning) - self._at(start, self._coning) - np.cross(a, whole))
+
+    def _at(self, at: Array, sums: Array) -> Array:
+        return np.stack([np.interp(at, self._t, sums[:, k]) for k in range(3)], axis=-1)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.flight.model import Attitude, Imu
 from attlog.segments import runs
-from attlog.segments.increments import turned
+from attlog.segments.increments import Turning
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -48,13 +48,10 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
     if imu is None or len(t) < 3 or len(imu.gyro.t) < 3:
         return None
-    gyro_t = imu.gyro.t_best
-    good = np.isfinite(imu.gyro.x).all(axis=1) & np.isfinite(gyro_t)
-    good[1:] &= np.diff(np.maximum.accumulate(np.where(np.isfinite(gyro_t), gyro_t, -np.inf))) > 0
-    gyro_t, rate = gyro_t[good], imu.gyro.x[good]
+    gyro_t, rate = runs.rising(imu.gyro.t_best, imu.gyro.x)
     if len(gyro_t) < 3:
         return None
-    by_gyro = turned(gyro_t, rate, t, imu.gyro.sampling)
+    by_gyro = Turning(gyro_t, rate, imu.gyro.sampling).between(t[:-1], t[1:])
     by_attitude = rotation.multiply(rotation.conjugate(attitude.q[:-1]), attitude.q[1:])
     rest = rotation.multiply(rotation.conjugate(rotation.from_rotvec(by_gyro)), by_attitude)
     jump = np.degrees(rotation.total_angle(rest))

@@ -33,6 +33,14 @@ def pieces(t: Array, limit: float | None = None) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
 
 
+def rising(t: Array, x: Array) -> tuple[Array, Array]:
+    """The samples (m,), (m, k) that are finite and later than all before them."""
+    good = np.isfinite(t) & np.isfinite(x).all(axis=1)
+    highest = np.maximum.accumulate(np.where(good, t, -np.inf))
+    good[1:] &= highest[1:] > highest[:-1]
+    return t[good], x[good]
+
+
 def find(t: Array) -> list[Segment]:
     """Runs and the gaps between them, of the times (n,) of the replayed IMU."""
     if len(t) < 2:

@@ -1,0 +1,211 @@
+"""Which attitude the others are compared with, and every step that makes the comparison fair."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.errors import UsageError
+from attlog.flight.model import Attitude, FlightLog, Imu
+from attlog.reference import clock, declination, delay, floor, scoring, trim
+from attlog.reference.compare import interpolate
+from attlog.reference.model import AlignmentStep, Reference
+from attlog.reference.options import Options
+from attlog.segments import Segments, resets, runs
+
+Array = NDArray[np.float64]
+
+FAULT_DEG = 10.0
+"""A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is (LOGS 7)."""
+
+SLOW_HZ = 5.0
+
+
+def choose(log: FlightLog, segments: Segments, options: Options | None = None) -> Reference:
+    """The reference of a log: truth, else the onboard attitude that flew, else none; with all its steps.
+
+    UsageError for an option that names something the log does not hold. An attitude
+    that gravity at rest contradicts by more than 10 deg is refused unless the user
+    asked for it.
+    """
+    options = options or Options()
+    if options.clock not in ("sample", "publication"):
+        raise UsageError(f"clock {options.clock!r}: use sample or publication")
+    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    kind, name, attitude, why = _pick(log, options.reference)
+    if attitude is None:
+        return _without(log, imu, segments, options, why)
+    reference = _build(log, imu, segments, options, kind, name, attitude, why)
+    if reference.fault and options.reference == "auto":
+        nothing = _without(log, imu, segments, options, reference.fault)
+        nothing.fault = reference.fault
+        return nothing
+    return reference
+
+
+Kind = Literal["truth", "onboard", "none"]
+
+
+def _pick(log: FlightLog, wanted: str) -> tuple[Kind, str, Attitude | None, str]:
+    """Kind, name and attitude of the reference, with the reason."""
+    kind, _, named = wanted.partition(":")
+    if kind not in ("auto", "truth", "onboard", "none") or (named and kind != "onboard"):
+        raise UsageError(f"reference {wanted!r}: use auto, truth, onboard, onboard:NAME or none")
+    if kind == "none":
+        return "none", "", None, "no reference, as asked"
+    if kind == "truth" and log.truth is None:
+        raise UsageError(f"reference truth: {log.path.name} holds no truth; it has {_known(log)}")
+    if named:
+        if named not in log.attitudes:
+            raise UsageError(f"reference {wanted!r}: {log.path.name} holds {_known(log)}")
+        return "onboard", named, log.attitudes[named], "as asked"
+    if kind in ("auto", "truth") and log.truth is not None and _enough(log.truth):
+        return "truth", "", log.truth, "the log holds the truth"
+    attitude = log.attitudes.get(log.onboard or "")
+    if attitude is None or not _enough(attitude):
+        if kind == "onboard":
+            raise UsageError(f"reference onboard: {log.path.name} holds no attitude that flew")
+        return "none", "", None, "the log holds neither truth nor an onboard attitude"
+    return "onboard", log.onboard or "", attitude, log.choices.get("onboard", "the attitude that flew")
+
+
+def _known(log: FlightLog) -> str:
+    return ", ".join(f"onboard:{name}" for name in log.attitudes) or "no attitude at all"
+
+
+def _enough(attitude: Attitude) -> bool:
+    return len(clock.usable(attitude, "publication")[0]) >= 2
+
+
+def _build(
+    log: FlightLog, imu: Imu | None, segments: Segments, options: Options,
+    kind: Kind, name: str, attitude: Attitude, why: str,
+) -> Reference:  # fmt: skip
+    which: clock.Clock = "publication" if options.clock == "publication" else "sample"
+    t, q, kept = clock.usable(attitude, which)
+    run = _runs(t, segments)
+    found, sentences = resets.find(attitude, imu)
+    jumped = np.zeros(len(attitude.t), np.int64)
+    jumped[found] = 1
+    piece = run + np.cumsum(jumped)[kept]
+    reference = Reference(kind, attitude.source, t, q, run, _consecutive(piece), name=name, clock=which)
+    span = float(t[-1] - t[0])
+    reference.rate = (len(t) - 1) / span if span > 0 else 0.0
+    reference.trim, trim_step = trim.step(log, attitude, options.trim)
+    reference.floor_deg, reference.step_deg, floor_step = floor.step(t, q, attitude.step_deg, imu)
+    start_step = _score(reference, _imu_times(imu, t), segments, options)
+    north = declination.step(log, options.declination)
+    reference.declination_deg = north.value if isinstance(north.value, float) else None
+    lag = delay.step(log, imu, reference, options.input_delay)
+    reference.input_delay_s = 1e-3 * float(lag.value) if lag.applied and isinstance(lag.value, float) else 0.0
+    reference.fault, gravity_step = _gravity(reference, imu, segments)
+    reference.steps = [
+        AlignmentStep("reference", why, kind, source=attitude.source, option="--reference"),
+        clock.step(log, attitude, which),
+        lag,
+        _resampling(reference),
+        AlignmentStep("resets", _reset_text(sentences), float(len(found)), "", attitude.source, len(found) > 0),
+        *_north(log, reference, north),
+        trim_step,
+        *gravity_step,
+        *start_step,
+        floor_step,
+    ]
+    return reference
+
+
+def _without(log: FlightLog, imu: Imu | None, segments: Segments, options: Options, why: str) -> Reference:
+    """No reference: only questions at rest can be answered."""
+    zero = np.zeros(0)
+    index = np.zeros(0, np.int64)
+    reference = Reference("none", "", zero, np.zeros((0, 4)), index, index)
+    north = declination.step(log, options.declination)
+    reference.declination_deg = north.value if isinstance(north.value, float) else None
+    start = _score(reference, _imu_times(imu, zero), segments, options)
+    reference.steps = [AlignmentStep("reference", why, "none", option="--reference"), north, *start]
+    return reference
+
+
+def _imu_times(imu: Imu | None, otherwise: Array) -> Array:
+    t = otherwise if imu is None else imu.gyro.t_best
+    return t[np.isfinite(t)]
+
+
+def _runs(t: Array, segments: Segments) -> NDArray[np.int64]:
+    """The stretch number of each time (n,): a gap of the attitude or of the replayed IMU begins a new one."""
+    starts = np.array([s.t0 for s in segments.of("run")][1:])
+    return _consecutive(runs.pieces(t) + np.searchsorted(starts, t, side="right"))
+
+
+def _consecutive(number: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Stretch numbers from 0 without jumps."""
+    return np.concatenate([[0], np.cumsum(np.diff(number) != 0)]).astype(np.int64) if len(number) else number
+
+
+def _score(reference: Reference, t: Array, segments: Segments, options: Options) -> list[AlignmentStep]:
+    """Set start, end and unscored stretches of a reference; returns the steps that tell them."""
+    reference.scoring_start, reference.unscored = scoring.start_and_unscored(t, options.score_from)
+    why = "given by the user" if options.score_from is not None else (
+        "15 s after the first IMU sample, a third of a log shorter than 30 s"
+    )  # fmt: skip
+    if reference.unscored:
+        why += f"; {len(reference.unscored)} restarts after gaps, each followed by unscored seconds"
+    steps = [AlignmentStep("scoring_start", why, reference.scoring_start, "s", "the IMU", option="--score-from")]
+    impacts = segments.of("impact")
+    if impacts:
+        reference.end = impacts[0].t0
+        steps.append(AlignmentStep("scoring_end", impacts[0].why, reference.end, "s", "impact"))
+    return steps
+
+
+def _resampling(reference: Reference) -> AlignmentStep:
+    text = f"{reference.rate:.1f} Hz; faster rows are compared at its times, slower ones at their own"
+    if reference.rate < SLOW_HZ:
+        text += "; too slow for lag, only rest and drift are answered"
+    return AlignmentStep("resampling", text, reference.rate, "Hz", reference.source)
+
+
+def _reset_text(sentences: list[str]) -> str:
+    if not sentences:
+        return "no reset of this attitude found"
+    return f"{len(sentences)} resets, cut out: {'; '.join(sentences[:3])}{' ...' if len(sentences) > 3 else ''}"
+
+
+def _north(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[AlignmentStep]:
+    """The declination, and where this reference sees magnetic north."""
+    seen = declination.seen_deg(log, reference)
+    if seen is None:
+        return [north]
+    text = f"the measured field, turned by {reference.source}, points this far east of its north (median)"
+    return [north, AlignmentStep("declination_seen", text, seen, "deg", "the log", False)]
+
+
+def _gravity(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[str, list[AlignmentStep]]:
+    """Median tilt in deg between the reference and the accelerometer at rest; a sentence if it is a fault."""
+    rests = segments.of("rest")
+    if imu is None or not rests:
+        return "", []
+    tilts: list[float] = []
+    for rest in rests:
+        inside = (imu.acc.t_best >= rest.t0) & (imu.acc.t_best <= rest.t1)
+        force = np.nanmean(imu.acc.x[inside], axis=0) if inside.any() else np.full(3, np.nan)
+        q, _ = interpolate(reference.t, reference.q, reference.piece, np.linspace(rest.t0, rest.t1, 20))
+        q = q[np.isfinite(q).all(axis=1)]
+        if len(q) and np.isfinite(force).all() and np.any(force):
+            if reference.trim is not None:
+                q = trim.apply(q, -reference.trim)
+            up = rotation.rotate(q, -force / np.sqrt(np.sum(force**2)))
+            tilts.append(float(np.median(np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])))))
+    if not tilts:
+        return "", []
+    tilt = float(np.median(tilts))
+    text = f"at rest {reference.source} and the accelerometer differ by this tilt (median of {len(tilts)} rests)"
+    step = AlignmentStep("gravity_check", text, tilt, "deg", "accelerometer at rest", False)
+    fault = (
+        f"{reference.source} disagrees with gravity at rest by {tilt:.0f} deg: it or the sensor's frame is wrong, "
+        "so agreement with it would mean nothing"
+    )
+    return (fault if tilt > FAULT_DEG else ""), [step]

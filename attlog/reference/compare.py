@@ -1,0 +1,79 @@
+"""Errors of an attitude against the reference, at the times of the slower one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.reference import scoring
+from attlog.reference.model import Errors, Reference
+from attlog.segments import runs
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SAME_RATE = 1.05
+"""Rates this close count as equal; then the row's own times are used."""
+
+
+def interpolate(t: Array, q: Array, piece: Index, at: Array) -> tuple[Array, Index]:
+    """Attitudes (m, 4) at times ``at`` and the piece each lies in; NaN and -1 where that would cross a piece's end.
+
+    ``t`` (n,) ascending, ``q`` (n, 4), ``piece`` (n,). Along the shortest arc, so
+    between two samples of one piece only: never across a gap or a reset.
+    """
+    out, where = np.full((len(at), 4), np.nan), np.full(len(at), -1, np.int64)
+    if len(t) == 0 or len(at) == 0:
+        return out, where
+    i = np.searchsorted(t, at, side="right") - 1
+    j = np.clip(i, 0, len(t) - 1)
+    k = np.minimum(j + 1, len(t) - 1)
+    on_sample = (i >= 0) & (at == t[j])
+    between = (i >= 0) & (i < len(t) - 1) & (piece[j] == piece[k])
+    valid = (on_sample | between) & np.isfinite(at)
+    span = np.where(t[k] > t[j], t[k] - t[j], 1.0)
+    share = np.where(between & ~on_sample, (at - t[j]) / span, 0.0)
+    step = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[j]), q[k]))
+    between_q = rotation.multiply(q[j], rotation.from_rotvec(share[:, None] * np.where(share[:, None] > 0, step, 0.0)))
+    out[valid] = between_q[valid]
+    where[valid] = piece[j][valid]
+    return out, where
+
+
+def errors(t: Array, q: Array, run: Index, reference: Reference) -> Errors:
+    """Errors of the attitudes (n, 4) at ``t`` against the reference.
+
+    At the reference's times where the row is faster, at the row's where it is not:
+    a slow reference is never drawn out to a fast row's times. Times at which either
+    would have to be guessed across a gap, restart or reset are left out.
+    """
+    own = runs.pieces(t) + np.concatenate([[0], np.cumsum(np.diff(run) != 0)]).astype(np.int64) if len(t) else run
+    rate = (len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 and t[-1] > t[0] else 0.0
+    if rate > SAME_RATE * reference.rate:
+        at, q_ref = reference.t, reference.q
+        q_est, mine = interpolate(t, q, own, at)
+        where = np.arange(len(at))
+    else:
+        at, q_est, mine = t, q, own
+        q_ref, _ = interpolate(reference.t, reference.q, reference.piece, at)
+        where = np.clip(np.searchsorted(reference.t, at, side="right") - 1, 0, max(len(reference.t) - 1, 0))
+    good = np.isfinite(q_est).all(axis=1) & np.isfinite(q_ref).all(axis=1)
+    at, q_est, q_ref, mine, where = at[good], q_est[good], q_ref[good], mine[good], where[good]
+    return measured(at, q_est, q_ref, _renumber(mine, reference.run[where]), _renumber(mine, reference.piece[where]),
+                    scoring.scored(reference, at))  # fmt: skip
+
+
+def measured(t: Array, q_est: Array, q_ref: Array, run: Index, piece: Index, scored: NDArray[np.bool_]) -> Errors:
+    """The errors between attitudes at common times (METRICS 2, "Angles")."""
+    e = rotation.error(q_est, q_ref)
+    total, heading, tilt = rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e)
+    return Errors(t, np.degrees(total), np.degrees(heading), np.degrees(tilt), run, piece, scored, q_est, q_ref)
+
+
+def _renumber(a: Index, b: Index) -> Index:
+    """Stretch numbers (n,) from 0 that rise wherever one of the two changes."""
+    if len(a) == 0:
+        return np.zeros(0, np.int64)
+    changed = (np.diff(a) != 0) | (np.diff(b) != 0)
+    return np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)

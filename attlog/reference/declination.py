@@ -1,0 +1,94 @@
+"""Declination: where magnetic north lies at the place and date of the flight."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import earth, rotation
+from attlog.errors import UsageError
+from attlog.flight.model import FlightLog
+from attlog.reference.compare import interpolate
+from attlog.reference.model import AlignmentStep, Reference
+
+Array = NDArray[np.float64]
+
+PARAMETERS = (("COMPASS_DEC", 180 / math.pi), ("EKF2_MAG_DECL", 1.0), ("ATT_MAG_DECL", 1.0))
+"""Names and the factor to degrees; ArduPilot's is in radians."""
+
+NOT_SET_DEG = 1e-6
+"""A parameter of 0 is "not set", not "0 deg": on almost all of the earth 0 is wrong."""
+
+
+def place(log: FlightLog) -> tuple[float, float, float] | None:
+    """Median latitude (deg), longitude (deg), altitude (m) of the first receiver with a 3D fix, None without one."""
+    for gnss in log.gnss:
+        good = (gnss.fix >= 3) & np.isfinite(gnss.lat) & np.isfinite(gnss.lon)
+        good &= (np.abs(gnss.lat) <= 90) & (np.abs(gnss.lon) <= 180) & ((gnss.lat != 0) | (gnss.lon != 0))
+        if np.count_nonzero(good):
+            altitude = gnss.alt[good]
+            altitude = altitude[np.isfinite(altitude)]
+            height = float(np.median(altitude)) if len(altitude) else 0.0
+            return float(np.median(gnss.lat[good])), float(np.median(gnss.lon[good])), height
+    return None
+
+
+def model(log: FlightLog) -> earth.Field | None:
+    """The earth's field at the flight's place and date; None without a place."""
+    where = place(log)
+    if where is None:
+        return None
+    dated = earth.field(*where, log.utc_offset) if log.utc_offset is not None else None
+    return dated or earth.field(*where, None)
+
+
+def parameter(log: FlightLog) -> tuple[str, float] | None:
+    """Name and value in deg of the autopilot's declination parameter; None where there is none or it is 0 (not set)."""
+    for name, to_deg in PARAMETERS:
+        value = log.param(name)
+        if isinstance(value, int | float) and math.isfinite(value) and abs(value * to_deg) > NOT_SET_DEG:
+            return name, float(value) * to_deg
+    return None
+
+
+def step(log: FlightLog, option: str | float) -> AlignmentStep:
+    """The declination in deg (``value``, None if unknown), with both the model's and the parameter's in the text."""
+    if option not in ("auto", "model", "param"):
+        try:
+            given = float(option)
+        except ValueError:
+            raise UsageError(f"declination {option!r}: use auto, model, param or degrees") from None
+        return AlignmentStep("declination", "given by the user", given, "deg", "option", option="--declination")
+    field, set_ = model(log), parameter(log)
+    by_model = "no position, so no model" if field is None else f"{field.declination_deg:.1f} deg by {field.model}"
+    by_param = "no declination parameter that is set" if set_ is None else f"{set_[1]:.1f} deg by {set_[0]}"
+    text = f"{by_model}; {by_param}"
+    if field is not None and option != "param":
+        return AlignmentStep("declination", text, field.declination_deg, "deg", field.model, option="--declination")
+    if set_ is not None and option != "model":
+        return AlignmentStep("declination", text, set_[1], "deg", set_[0], option="--declination")
+    text += "; unknown, so headings are magnetic and compared with their offset removed"
+    return AlignmentStep("declination", text, None, "deg", "", False, "--declination")
+
+
+def seen_deg(log: FlightLog, reference: Reference) -> float | None:
+    """Direction in deg in which the reference, turning the measured field to earth, sees magnetic north.
+
+    The circular median over the log, outside unscored time. With truth as the
+    reference it is the field's own declination plus the magnetometer's faults.
+    None without magnetometer or reference.
+    """
+    if log.mag is None or len(reference.t) == 0:
+        return None
+    field = log.mags[log.mag].field
+    q, _ = interpolate(reference.t, reference.q, reference.piece, field.t_best)
+    good = np.isfinite(q).all(axis=1) & np.isfinite(field.x).all(axis=1)
+    good &= (field.t_best >= reference.scoring_start) & (field.t_best <= reference.end)
+    if np.count_nonzero(good) < 10:
+        return None
+    north = rotation.rotate(q[good], field.x[good])
+    direction = np.arctan2(north[:, 1], north[:, 0])
+    middle = math.atan2(float(np.mean(np.sin(direction))), float(np.mean(np.cos(direction))))
+    return math.degrees(float(rotation.wrap(middle + np.median(rotation.wrap(direction - middle)))))

@@ -1,0 +1,101 @@
+"""Input delay: how late the logged gyro is, by the firmware's filter and by measurement."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.errors import UsageError
+from attlog.flight.model import FlightLog, Imu
+from attlog.reference.model import AlignmentStep, Reference
+from attlog.segments import runs
+from attlog.segments.increments import Turning
+
+Array = NDArray[np.float64]
+
+ACTIVE_DPS = 12.0
+RANGE_S = 0.06
+MOST = 4000
+FEWEST = 100
+SLOWEST_HZ = 5.0
+AGREES_S = 2e-3
+
+
+def by_parameter(log: FlightLog, imu: Imu) -> tuple[float, str]:
+    """Delay in s of the gyro's low-pass, and where it comes from; 0 where nothing filters ahead of the logger.
+
+    A second-order low-pass of cutoff f delays slow signals by sqrt(2) / (2 pi f).
+    ArduPilot's IMU records are taken behind INS_GYRO_FILTER.
+    """
+    if imu.gyro.delay > 0:
+        return imu.gyro.delay, f"{imu.gyro.source}, {imu.filtered}"
+    cutoff = log.param("INS_GYRO_FILTER")
+    filtered = imu.gyro.source.startswith(("IMU", "RAW_IMU", "SCALED_IMU"))
+    if log.firmware.name == "ArduPilot" and filtered and isinstance(cutoff, int | float) and cutoff > 0:
+        return math.sqrt(2) / (2 * math.pi * cutoff), f"INS_GYRO_FILTER {cutoff:g} Hz"
+    return 0.0, f"{imu.gyro.source}: no filter known"
+
+
+def by_rates(imu: Imu, reference: Reference) -> float | None:
+    """Delay in s of the gyro against the reference's own rotation; None where the log moves too little or too slowly.
+
+    Least squares between the reference's rotation per interval and the gyro's over
+    the same interval shifted by tau, offset per axis removed, where it turns faster
+    than 12 deg/s: 2 ms grid, then a parabola.
+    """
+    t, q = reference.t, reference.q
+    gyro_t, rate = runs.rising(imu.gyro.t_best, imu.gyro.x)
+    if reference.rate < SLOWEST_HZ or len(t) < FEWEST or len(gyro_t) < FEWEST:
+        return None
+    dt = np.diff(t)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-1]), q[1:])) / dt[:, None]
+    speed = np.degrees(np.sqrt(np.sum(own * own, axis=1)))
+    active = (speed > ACTIVE_DPS) & (np.diff(reference.piece) == 0) & (dt > 0)
+    active &= (t[:-1] > gyro_t[0] + RANGE_S) & (t[1:] < gyro_t[-1] - RANGE_S) & (t[:-1] >= reference.scoring_start)
+    i = np.flatnonzero(active)
+    if len(i) < FEWEST:
+        return None
+    i = i[:: max(1, len(i) // MOST)]
+    turning = Turning(gyro_t, rate, imu.gyro.sampling)
+
+    def misfit(tau: float) -> float:
+        off = turning.between(t[i] + tau, t[i + 1] + tau) / dt[i, None] - own[i]
+        off -= np.median(off, axis=0)
+        return float(np.mean(np.minimum(np.sum(off * off, axis=1), np.radians(60.0) ** 2)))
+
+    grid = np.arange(-RANGE_S, RANGE_S + 1e-9, 2e-3)
+    cost = np.array([misfit(tau) for tau in grid])
+    best = int(np.argmin(cost))
+    if not 2 <= best < len(grid) - 2:
+        return None
+    near = slice(best - 2, best + 3)
+    a, b, _ = np.polyfit(grid[near] - grid[best], cost[near], 2)
+    return float(grid[best] - b / (2 * a)) if a > 0 else None
+
+
+def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | float) -> AlignmentStep:
+    """The input delay in ms that lags of replayed rows are freed of, beside the one seen in the rates."""
+    name, switch = "input_delay", "--input-delay"
+    if option == "off":
+        text = "switched off: lags contain the sensor's filters"
+        return AlignmentStep(name, text, 0.0, "ms", "option", False, switch)
+    if option != "auto":
+        try:
+            given = float(option)
+        except ValueError:
+            raise UsageError(f"input_delay {option!r}: use auto, off or milliseconds") from None
+        return AlignmentStep(name, "given by the user", given, "ms", "option", option=switch)
+    if imu is None:
+        return AlignmentStep(name, "no IMU is replayed", 0.0, "ms", "", False, switch)
+    told, source = by_parameter(log, imu)
+    seen = by_rates(imu, reference)
+    if seen is None:
+        check = "the log turns too little to check it"
+    else:
+        verdict = "" if abs(seen - told) <= AGREES_S else ", which disagrees: look at --clock"
+        check = f"the rates show {1e3 * seen:.1f} ms against {reference.source}{verdict}"
+    return AlignmentStep(name, f"{1e3 * told:.1f} ms by {source}; {check}", 1e3 * told, "ms", source, told > 0, switch)

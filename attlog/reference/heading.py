@@ -1,0 +1,78 @@
+"""Heading offset: what a heading without a north of its own is allowed before it is compared."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.reference.compare import measured
+from attlog.reference.model import AlignmentStep, Errors, Reference, Row
+from attlog.segments import Segments, spans
+
+Array = NDArray[np.float64]
+
+FIRST_S = 10.0
+LEAST_REST_S = 5.0
+RESET_S = 1.0
+"""The reference's heading before and after its reset is the mean over this long."""
+
+
+def remove(row: Row, segments: Segments, reference: Reference) -> None:
+    """Turn a row so that its heading starts with the reference's, and tell it in its steps.
+
+    The mean difference over the first long rest of each run (else its first 10 s of
+    scoring) is taken out of ``q`` and the errors. Where the reference itself
+    jumps, the errors go on as if it had not: its reset is no drift of this row.
+    """
+    errors = row.errors
+    assert errors is not None
+    along = np.unwrap(np.radians(errors.heading))
+    jumps = _reset_steps(errors, along)
+    smooth = along - np.cumsum(jumps)
+    own_run = row.run[np.clip(np.searchsorted(row.t, errors.t, side="right") - 1, 0, len(row.t) - 1)]
+    offsets: dict[int, float] = {}
+    source = ""
+    for run in np.unique(own_run):
+        inside = own_run == run
+        usual, where = _first_mean(errors, smooth, inside, segments)
+        offsets[int(run)] = usual
+        source = source or where
+    turned = np.array([offsets[int(r)] for r in own_run])
+    row.errors = measured(
+        errors.t, rotation.turn_about_down(errors.q_est, -(turned + np.cumsum(jumps))), errors.q_ref,
+        errors.run, errors.piece, errors.scored,
+    )  # fmt: skip
+    filled = np.array([offsets.get(int(r), 0.0) for r in np.unique(row.run)])
+    row.q = rotation.turn_about_down(row.q, -filled[np.searchsorted(np.unique(row.run), row.run)])
+    first = next(iter(offsets.values()))
+    row.heading_offset_deg = float(np.degrees(rotation.wrap(first)))
+    text = f"mean heading difference over {source}, removed"
+    text += f" in each of {len(offsets)} runs" if len(offsets) > 1 else ""
+    resets = int(np.count_nonzero(jumps))
+    text += f"; {resets} resets of the reference not counted" if resets else ""
+    row.steps.append(AlignmentStep("heading_offset", text, row.heading_offset_deg, "deg", reference.source))
+
+
+def _first_mean(errors: Errors, along: Array, inside: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
+    """Mean of the unwrapped heading error (rad) over the first long rest of a run, else its first 10 s of scoring."""
+    for rest in segments.of("rest.long"):
+        during = inside & spans.inside(errors.t, [(rest.t0, rest.t1)])
+        if np.any(during) and np.ptp(errors.t[during]) >= LEAST_REST_S:
+            return float(np.mean(along[during])), f"the rest from {rest.t0:.0f} s"
+    counted = inside & errors.scored
+    counted = counted if counted.any() else inside
+    start = errors.t[counted][0]
+    during = counted & (errors.t <= start + FIRST_S)
+    return float(np.mean(along[during])), f"{FIRST_S:.0f} s from {start:.0f} s"
+
+
+def _reset_steps(errors: Errors, along: Array) -> Array:
+    """The jump (n,) in rad of the heading error at each reset of the reference within a run, 0 elsewhere."""
+    jumps = np.zeros(len(along))
+    t, piece = errors.t, errors.piece
+    for i in np.flatnonzero((np.diff(piece) != 0) & (np.diff(errors.run) == 0)) + 1:
+        before = slice(max(np.searchsorted(t, t[i - 1] - RESET_S), np.searchsorted(piece, piece[i - 1])), i)
+        after = slice(i, min(np.searchsorted(t, t[i] + RESET_S, "right"), np.searchsorted(piece, piece[i], "right")))
+        jumps[i] = np.mean(along[after]) - np.mean(along[before])
+    return jumps

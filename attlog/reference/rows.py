@@ -1,0 +1,98 @@
+"""Rows of the comparison: replayed and onboard attitudes, aligned and measured against the reference."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.estimators.base import Estimate
+from attlog.flight.model import FlightLog
+from attlog.reference import clock, compare, floor, heading, scoring, trim
+from attlog.reference.model import AlignmentStep, Reference, Row
+from attlog.segments import Segments, runs
+
+Array = NDArray[np.float64]
+
+
+def replayed(
+    log: FlightLog, segments: Segments, reference: Reference, estimate: Estimate, *,
+    name: str, estimator: str = "", parameters: dict[str, Any] | None = None, uses_mag: bool = False,
+) -> Row:  # fmt: skip
+    """An estimate as a row: trim once, heading offset where its heading means nothing, errors and status."""
+    t = np.asarray(estimate.t, np.float64)
+    run = np.zeros(len(t), np.int64) if estimate.run is None else np.asarray(estimate.run, np.int64)
+    row = Row(
+        name, "replay", t, rotation.normalize(estimate.q), run, uses_mag,
+        causal=estimate.causal, bias=estimate.bias, skipped=dict(estimate.skipped),
+        ns_per_update=estimate.ns_per_update, estimator=estimator or name.partition("@")[0],
+        parameters=dict(parameters or {}),
+    )  # fmt: skip
+    if reference.trim is not None:
+        row.q = trim.apply(row.q, reference.trim)
+        size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
+        row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", "AHRS_TRIM", option="--trim"))
+    return _measure(row, segments, reference, free_heading=not uses_mag or reference.declination_deg is None)
+
+
+def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Row]:
+    """All onboard attitudes as rows: ``onboard`` the one that flew, others ``onboard:NAME``.
+
+    The reference itself is among them, marked, without errors.
+    """
+    rows = []
+    for name, attitude in log.attitudes.items():
+        t, q, _ = clock.usable(attitude, reference.clock)
+        if len(t) < 2:
+            continue
+        title = "onboard" if name == log.onboard else f"onboard:{name}"
+        row = Row(title, "onboard", t, q, runs.pieces(t), uses_mag=True, estimator=name)
+        row.step_deg = attitude.step_deg if attitude.step_deg > 0 else floor.step_deg(q)
+        row.is_reference = reference.kind == "onboard" and reference.name == name
+        if reference.trim is not None and not attitude.has_trim:
+            row.q = trim.apply(row.q, reference.trim)
+            row.steps.append(AlignmentStep("trim", "taken out once, as of the replays", source="AHRS_TRIM"))
+        if row.is_reference:
+            row.start, row.coverage_pct = float(t[0]), 100.0
+            rows.append(row)
+        else:
+            rows.append(_measure(row, segments, reference, free_heading=False))
+    return sorted(rows, key=lambda r: (r.name != "onboard", not r.is_reference))
+
+
+def _measure(row: Row, segments: Segments, reference: Reference, free_heading: bool) -> Row:
+    """Fill in errors, heading offset, convergence, coverage and status of a row."""
+    good = np.isfinite(row.q).all(axis=1)
+    row.start = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
+    lost = np.flatnonzero(~good & (row.t > row.start))
+    if reference.kind != "none" and good.any():
+        row.errors = compare.errors(row.t[good], row.q[good], row.run[good], reference)
+        if free_heading and len(row.errors.t):
+            heading.remove(row, segments, reference)
+        _judge(row, segments, reference)
+    if len(lost):
+        row.status, row.reason = "diverged", f"no finite attitude from {row.t[lost[0]]:.1f} s on"
+    elif not good.any():
+        row.status, row.reason = "failed", "no finite attitude at all"
+    return row
+
+
+def _judge(row: Row, segments: Segments, reference: Reference) -> None:
+    """Status, convergence and coverage by the errors."""
+    errors = row.errors
+    if errors is None or len(errors.t) == 0:
+        row.coverage_pct = 0.0
+        row.reason = f"{row.name} and the reference {reference.source} have no time in common"
+        return
+    row.coverage_pct = scoring.coverage_pct(errors, reference, segments)
+    row.convergence_s = scoring.convergence_s(errors, row.start, row.uses_mag and row.heading_offset_deg is None)
+    diverged = scoring.diverged_at(errors)
+    if diverged is not None:
+        row.status = "diverged"
+        limit = f"{scoring.DIVERGED_DEG:.0f} deg for {scoring.DIVERGED_S:.0f} s"
+        row.reason = f"tilt error above {limit} from {diverged:.1f} s"
+    elif row.convergence_s is None and errors.t[-1] - errors.t[0] >= scoring.CONVERGED_S:
+        row.status = "not_converged"
+        row.reason = f"had not settled {scoring.CONVERGED_LIMIT_S:.0f} s after its start"

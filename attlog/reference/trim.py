@@ -1,0 +1,44 @@
+"""Trim: the small rotation between ArduPilot's IMU and the vehicle that its attitudes have taken out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.flight.model import Attitude, FlightLog
+from attlog.reference.model import AlignmentStep
+
+Array = NDArray[np.float64]
+
+
+def of(log: FlightLog) -> Array | None:
+    """AHRS_TRIM as a rotation vector (3,) in rad; None where the log does not hold it."""
+    x, y = log.param("AHRS_TRIM_X"), log.param("AHRS_TRIM_Y")
+    if not all(isinstance(v, int | float) and math.isfinite(v) for v in (x, y)):
+        return None
+    return np.array([float(x or 0.0), float(y or 0.0), 0.0])
+
+
+def apply(q: Array, trim: Array) -> Array:
+    """Attitudes of the vehicle (n, 4) from those of its IMU: ``q_imu (x) exp(-trim)``."""
+    return rotation.multiply(q, rotation.from_rotvec(-trim))
+
+
+def step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array | None, AlignmentStep]:
+    """What to take out of replays for a comparison with this attitude (None: nothing), and why."""
+    if not attitude.has_trim:
+        text = f"{attitude.source} is the attitude of the IMU itself: nothing to take out"
+        return None, AlignmentStep("trim", text, 0.0, "deg", attitude.source, False, "--trim")
+    trim = of(log)
+    if trim is None:
+        text = f"{attitude.source} has a trim taken out, but the log does not hold AHRS_TRIM_X and AHRS_TRIM_Y"
+        return None, AlignmentStep("trim", text, None, "deg", "", False, "--trim")
+    size = math.degrees(float(np.sqrt(np.sum(trim**2))))
+    text = f"roll {math.degrees(trim[0]):.2f}, pitch {math.degrees(trim[1]):.2f} deg are inside {attitude.source}"
+    applied = wanted and size > 0
+    text += ": taken out of the replays once" if applied else ": nothing to do" if size == 0 else ": switched off"
+    step = AlignmentStep("trim", text, size, "deg", "AHRS_TRIM_X, AHRS_TRIM_Y", applied, "--trim")
+    return (trim if applied else None), step

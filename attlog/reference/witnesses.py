@@ -1,0 +1,124 @@
+"""Heading witnesses: who else can tell in the air where the nose, or the path, pointed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.flight.model import FlightLog, Gnss
+from attlog.reference import clock
+from attlog.reference.compare import interpolate
+from attlog.reference.model import Reference, Row, Witness
+from attlog.segments import Segments, resets, runs
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MAG_SMOOTHING_S = 1.0
+COURSE_SPEED_M_S = 5.0
+FIXED_WING = ("plane", "fixed", "wing", "glider")
+LEAST = 10
+
+
+def witnesses(log: FlightLog, segments: Segments, reference: Reference, rows: list[Row]) -> dict[str, Witness]:
+    """Headings by name: onboard, truth, mag, gnss_yaw, course, as far as the log has them.
+
+    Degrees on the log's clock; pieces end at gaps and at resets of the witness.
+    """
+    found: dict[str, Witness] = {}
+    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    for name, attitude in (("onboard", log.attitudes.get(log.onboard or "")), ("truth", log.truth)):
+        if attitude is None:
+            continue
+        t, q, kept = clock.usable(attitude, reference.clock)
+        jumped = np.zeros(len(attitude.t), np.int64)
+        jumped[resets.find(attitude, imu)[0]] = 1
+        if len(t) >= LEAST:
+            heading = np.degrees(rotation.to_euler(q)[:, 2])
+            piece = _split(runs.pieces(t), np.cumsum(jumped)[kept])
+            found[name] = Witness(name, t, heading, piece, f"yaw of {attitude.source}")
+    for witness in (_magnetic(log, reference, rows), _dual_antenna(log), _course(log)):
+        if witness is not None:
+            found[witness.name] = witness
+    return found
+
+
+def _magnetic(log: FlightLog, reference: Reference, rows: list[Row]) -> Witness | None:
+    """Heading by the magnetometer, levelled with the reference's tilt (without reference: the first row's)."""
+    if log.mag is None:
+        return None
+    field = log.mags[log.mag].field
+    t, x = runs.rising(field.t_best, field.x)
+    if reference.kind != "none":
+        q, _ = interpolate(reference.t, reference.q, reference.piece, t)
+        level = reference.source
+    elif rows:
+        q, _ = interpolate(rows[0].t, rows[0].q, runs.pieces(rows[0].t), t)
+        level = rows[0].name
+    else:
+        return None
+    good = np.isfinite(q).all(axis=1) & np.any(x != 0, axis=1)
+    if np.count_nonzero(good) < LEAST:
+        return None
+    t, x, q = t[good], x[good], q[good]
+    roll_pitch = rotation.to_euler(q)
+    levelled = rotation.rotate(rotation.from_euler(roll_pitch[:, 0], roll_pitch[:, 1], np.zeros(len(t))), x)
+    north = reference.declination_deg or 0.0
+    piece = runs.pieces(t)
+    heading = _smooth(t, -np.arctan2(levelled[:, 1], levelled[:, 0]), roll_pitch[:, 2], piece)
+    text = f"{field.source} levelled with the tilt of {level}, mean over {MAG_SMOOTHING_S:.0f} s"
+    text += f", declination {north:.1f} deg" if reference.declination_deg is not None else ", magnetic north"
+    return Witness("mag", t, np.degrees(rotation.wrap(heading + np.radians(north))), piece, text)
+
+
+def _smooth(t: Array, heading: Array, turning: Array, piece: Index) -> Array:
+    """Headings (n,) rad low-passed by a centred mean over 1 s of their difference from ``turning``.
+
+    Averaging the difference and not the heading keeps turns as they were: the
+    magnetometer tells where north is, the levelling attitude how the nose moved.
+    """
+    off = np.exp(1j * (heading - turning))
+    total = np.concatenate([[0], np.cumsum(off)])
+    low = np.maximum(np.searchsorted(t, t - 0.5 * MAG_SMOOTHING_S), np.searchsorted(piece, piece))
+    high = np.minimum(np.searchsorted(t, t + 0.5 * MAG_SMOOTHING_S, "right"), np.searchsorted(piece, piece, "right"))
+    return turning + np.angle(total[high] - total[low])
+
+
+def _dual_antenna(log: FlightLog) -> Witness | None:
+    """Heading by the first receiver with two antennas."""
+    for gnss in log.gnss:
+        if gnss.yaw is None:
+            continue
+        good = np.isfinite(gnss.yaw) & np.isfinite(gnss.t) & (gnss.fix >= 3)
+        if np.count_nonzero(good) >= LEAST:
+            t, yaw = runs.rising(gnss.t[good], gnss.yaw[good, None])
+            heading = (yaw[:, 0] + 180.0) % 360.0 - 180.0
+            return Witness("gnss_yaw", t, heading, runs.pieces(t), f"dual-antenna yaw of {gnss.source}")
+    return None
+
+
+def _course(log: FlightLog) -> Witness | None:
+    """Course over ground of a fixed-wing aircraft above 5 m/s: the path's direction, not the nose's."""
+    if not any(word in log.vehicle.lower() for word in FIXED_WING):
+        return None
+    for gnss in log.gnss:
+        t, velocity = _moving(gnss)
+        if len(t) >= LEAST:
+            heading = np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0]))
+            text = f"course of {gnss.source} above {COURSE_SPEED_M_S:.0f} m/s; wind turns it off the heading"
+            return Witness("course", t, heading, runs.pieces(t), text)
+    return None
+
+
+def _moving(gnss: Gnss) -> tuple[Array, Array]:
+    """Times and horizontal velocities (m, 2) of a receiver with a 3D fix above 5 m/s."""
+    t, velocity = runs.rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned[:, :2])
+    fast = np.hypot(velocity[:, 0], velocity[:, 1]) > COURSE_SPEED_M_S
+    return t[fast], velocity[fast]
+
+
+def _split(a: Index, b: Index) -> Index:
+    """Stretch numbers from 0 that rise wherever one of the two changes."""
+    changed = (np.diff(a) != 0) | (np.diff(b) != 0)
+    return np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)
