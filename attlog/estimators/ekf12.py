@@ -1,0 +1,236 @@
+"""Fan's extended Kalman filter with 12 states: rate, its derivative, gravity and field, all in body axes.
+
+    X    = [w, w_dot, g, M]                                                        (6)
+    w'   = w_dot,  w_dot' = noise,  g' = -w x g,  M' = -w x M                      (7, 8)
+
+         | I      T I   0      0     |
+    F  = | 0      I     0      0     |      W = -[w]x T                            (11)
+         | [g]x T 0     I + W  0     |
+         | [M]x T 0     0      I + W |
+
+    z    = [w, g, M] = [gyro, -f, m/|m|]     H picks them, constant                (9, 10)
+    P-   = F P F^T + Q,  K = P- H^T (H P- H^T + R)^-1                              (13)
+
+    roll    = atan2(g_y, g_z),  pitch = atan2(-g_x, |g_yz|)                        (5)
+    heading = atan2(-(M_y cos roll - M_z sin roll), M_x cos pitch + M_y sin pitch sin roll + M_z sin pitch cos roll)   (12)
+
+Source: Fan 6-13. The paper gives no noise values; the defaults are ours (docs/estimators.md).
+
+Departures. Fan prints wrong entries in rows 1 and 2 of sigma_g and sigma_M (they are [g]x
+and [M]x), pitch without its sign, ``M_bx sin(phi)`` in the heading and a plain arctangent.
+The field enters as a unit vector, so its unit does not matter. There is no gyro bias among
+the states: a bias tilts g and M until the measurements balance it.
+
+How it computes. H picks states and R is diagonal, so the update of a sensor is three scalar
+updates and needs no inverse; their columns ``c_i = P h_i / sqrt(S_i)`` are found first and
+``P -= sum c_i c_i^T`` is one pass, symmetric to the last bit. F is sparse: P F^T is
+written by rows of F and the same function applied twice gives F P F^T.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from attlog.estimators.base import Parameter
+from attlog.estimators.matrices import quaternion_from_matrix
+from attlog.estimators.vectors import GRAVITY, down
+
+SOURCE = "Fan 6-13"
+NEEDS = {"gyro", "acc", "mag"}
+HOLD_MAG = False
+STATE = {"q": 4, "rate": 3, "rate_dot": 3, "gravity": 3, "field": 3, "_covariance": 144, "_work": 144}
+X, W, G, M, P, V = 4, 0, 6, 9, 16, 160
+"""Where things stand: X, P, V (work) in the state; W, G, M within X and within each row of P."""
+
+PARAMETERS = (
+    Parameter(
+        "gyro_noise",
+        2e-4,
+        "rad/s/sqrt(Hz)",
+        1e-7,
+        1,
+        "gyro noise density, R = n^2 / dt",
+        "MEMS data sheets, 0.01 deg/s/sqrt(Hz)",
+    ),
+    Parameter(
+        "acc_noise",
+        0.5,
+        "m/s^2/sqrt(Hz)",
+        1e-5,
+        1e3,
+        "specific force noise density: sensor noise, vibration and accelerations",
+        "attlog",
+    ),
+    Parameter("mag_noise", 0.1, "1", 1e-5, 1e2, "noise of one magnetometer sample, as part of the field", "attlog"),
+    Parameter(
+        "jerk_noise",
+        30.0,
+        "rad/s^2/sqrt(s)",
+        1e-6,
+        1e6,
+        "random walk of the angular acceleration: large follows the gyro at once",
+        "attlog",
+    ),
+    Parameter(
+        "gravity_noise", 3e-3, "m/s^2/sqrt(s)", 1e-9, 1e2, "random walk of g: what the gyro does not explain", "attlog"
+    ),
+    Parameter(
+        "field_noise", 3e-4, "1/sqrt(s)", 1e-9, 1e2, "random walk of M: what the gyro does not explain", "attlog"
+    ),
+)
+PRESETS: dict[str, dict[str, float | str]] = {"fan": {}}
+
+
+def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
+    """The state: g and M as the start attitude shows them, rates unknown."""
+    state = np.zeros(304)
+    state[0:4] = q0
+    dx, dy, dz = down(state)
+    state[X + G : X + M] = GRAVITY * np.array([dx, dy, dz])
+    q0w, q1, q2, q3 = state[0], state[1], state[2], state[3]
+    north = np.array([1.0 - 2.0 * (q2 * q2 + q3 * q3), 2.0 * (q1 * q2 - q0w * q3), 2.0 * (q1 * q3 + q0w * q2)])
+    # The dip is the angle between the two measured vectors; without a field it is zero.
+    size = math.sqrt(float(np.sum(acc * acc) * np.sum(mag * mag)))
+    sine = -float(np.sum(acc * mag)) / size if size > 0.0 else 0.0
+    state[X + M : P] = math.sqrt(max(1.0 - sine * sine, 0.0)) * north + sine * np.array([dx, dy, dz])
+    sigma = np.repeat([1.0, 10.0, 0.5, 0.1], 3)
+    state[P:V:13] = sigma * sigma
+    return state
+
+
+def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
+    """One update: prediction, gyro, gravity, field where new, attitude."""
+    predict(state, params, dt)
+    r = params[0] * params[0] / dt
+    measure(state, W, gyr[0], gyr[1], gyr[2], r)
+    if acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0:
+        measure(state, G, -acc[0], -acc[1], -acc[2], params[1] * params[1] / dt)
+    norm = math.sqrt(mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2])
+    if norm > 0.0:
+        measure(state, M, mag[0] / norm, mag[1] / norm, mag[2] / norm, params[2] * params[2])
+    attitude(state)
+
+
+def predict(state: Any, params: Any, dt: float) -> None:
+    """X- and P- (7, 8, 11): P- = F P F^T + Q with F at the state before the step."""
+    times_transition(state, P, V, dt)
+    times_transition(state, V, P, dt)
+    for i in range(3):
+        state[P + 13 * i + 39] += params[3] * params[3] * dt
+        state[P + 13 * i + 78] += params[4] * params[4] * dt
+        state[P + 13 * i + 117] += params[5] * params[5] * dt
+    wx = state[X] * dt
+    wy = state[X + 1] * dt
+    wz = state[X + 2] * dt
+    for at in (X + G, X + M):
+        x = state[at]
+        y = state[at + 1]
+        z = state[at + 2]
+        state[at] = x - (wy * z - wz * y)
+        state[at + 1] = y - (wz * x - wx * z)
+        state[at + 2] = z - (wx * y - wy * x)
+    for i in range(X, X + 3):
+        state[i] += dt * state[i + 3]
+
+
+def times_transition(state: Any, a: int, b: int, dt: float) -> None:
+    """B = (F A)^T for the 12 x 12 matrices at ``a`` and ``b``, F (11) without its zeros and ones."""
+    wx = dt * state[X]
+    wy = dt * state[X + 1]
+    wz = dt * state[X + 2]
+    gx = dt * state[X + G]
+    gy = dt * state[X + G + 1]
+    gz = dt * state[X + G + 2]
+    mx = dt * state[X + M]
+    my = dt * state[X + M + 1]
+    mz = dt * state[X + M + 2]
+    for j in range(12):
+        row = b + 12 * j
+        ux = state[a + j]
+        uy = state[a + 12 + j]
+        uz = state[a + 24 + j]
+        ax = state[a + 36 + j]
+        ay = state[a + 48 + j]
+        az = state[a + 60 + j]
+        px = state[a + 72 + j]
+        py = state[a + 84 + j]
+        pz = state[a + 96 + j]
+        qx = state[a + 108 + j]
+        qy = state[a + 120 + j]
+        qz = state[a + 132 + j]
+        state[row] = ux + dt * ax
+        state[row + 1] = uy + dt * ay
+        state[row + 2] = uz + dt * az
+        state[row + 3] = ax
+        state[row + 4] = ay
+        state[row + 5] = az
+        state[row + 6] = px + gy * uz - gz * uy - wy * pz + wz * py
+        state[row + 7] = py + gz * ux - gx * uz - wz * px + wx * pz
+        state[row + 8] = pz + gx * uy - gy * ux - wx * py + wy * px
+        state[row + 9] = qx + my * uz - mz * uy - wy * qz + wz * qy
+        state[row + 10] = qy + mz * ux - mx * uz - wz * qx + wx * qz
+        state[row + 11] = qz + mx * uy - my * ux - wx * qy + wy * qx
+
+
+def measure(state: Any, k: int, zx: float, zy: float, zz: float, r: float) -> None:
+    """Three scalar updates (13) with the states k, k+1, k+2 of X, each measured with variance r."""
+    p = P + 12 * k
+    s = 1.0 / math.sqrt(state[p + k] + r)
+    for j in range(12):
+        state[V + j] = s * state[p + j]
+    yx = s * (zx - state[X + k])
+    f = state[V + k + 1]
+    s = 1.0 / math.sqrt(state[p + 13 + k] - f * f + r)
+    for j in range(12):
+        state[V + 12 + j] = s * (state[p + 12 + j] - f * state[V + j])
+    yy = s * (zy - state[X + k + 1] - f * yx)
+    f = state[V + k + 2]
+    h = state[V + 12 + k + 2]
+    s = 1.0 / math.sqrt(state[p + 26 + k] - f * f - h * h + r)
+    for j in range(12):
+        state[V + 24 + j] = s * (state[p + 24 + j] - f * state[V + j] - h * state[V + 12 + j])
+    yz = s * (zz - state[X + k + 2] - f * yx - h * yy)
+    for i in range(12):
+        cx = state[V + i]
+        cy = state[V + 12 + i]
+        cz = state[V + 24 + i]
+        state[X + i] += cx * yx + cy * yy + cz * yz
+        for j in range(12):
+            state[P + 12 * i + j] -= cx * state[V + j] + cy * state[V + 12 + j] + cz * state[V + 24 + j]
+
+
+def attitude(state: Any) -> None:
+    """The quaternion of (5, 12) from g and M: down along g, east along g x M, north along east x down."""
+    dx = state[X + G]
+    dy = state[X + G + 1]
+    dz = state[X + G + 2]
+    mx = state[X + M]
+    my = state[X + M + 1]
+    mz = state[X + M + 2]
+    ex = dy * mz - dz * my
+    ey = dz * mx - dx * mz
+    ez = dx * my - dy * mx
+    down_squared = dx * dx + dy * dy + dz * dz
+    east_squared = ex * ex + ey * ey + ez * ez
+    if down_squared > 0.0 and east_squared > 0.0:
+        s = 1.0 / math.sqrt(down_squared)
+        dx *= s
+        dy *= s
+        dz *= s
+        s = 1.0 / math.sqrt(east_squared)
+        ex *= s
+        ey *= s
+        ez *= s
+        state[V] = ey * dz - ez * dy
+        state[V + 1] = ez * dx - ex * dz
+        state[V + 2] = ex * dy - ey * dx
+        state[V + 3] = ex
+        state[V + 4] = ey
+        state[V + 5] = ez
+        state[V + 6] = dx
+        state[V + 7] = dy
+        state[V + 8] = dz
+        quaternion_from_matrix(state, V)
