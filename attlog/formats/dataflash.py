@@ -10,6 +10,7 @@ are left out and counted, times are the logged ones.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
+from attlog.formats.clock import restarts, time_before
 from attlog.formats.dataflash_index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index, index_records
 from attlog.formats.mapping import cut_at_nul, gather, map_bytes, text_of
 from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
@@ -28,8 +30,6 @@ INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
 """Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0)."""
 
 _PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
-_BOOT_STEP_US = 1_000_000  # a clock that falls further than tasks log out of order (under 0.1 s) was restarted
-_NEIGHBOURS = 20  # records on either side that must agree on a fallen clock
 
 
 def read(path: str | Path) -> Messages:
@@ -282,25 +282,17 @@ def timeline(data: NDArray[np.uint8], index: Index) -> tuple[NDArray[np.int64], 
     return index.offsets[timed], time[timed] * factor[timed]
 
 
-def _time_before(offset: int, at: NDArray[np.int64], time: NDArray[np.int64]) -> int | None:
-    """The time of the last timed record before an offset, None if there is none."""
-    k = int(np.searchsorted(at, offset)) - 1
-    return int(time[k]) if k >= 0 else None
-
-
 def _boots(data: NDArray[np.uint8], index: Index, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Boot]:
     """The power-ups in the file: a boot starts where the clock falls for good or a new block of formats begins."""
     starts = {0}
-    for k in np.flatnonzero(np.diff(time) < -_BOOT_STEP_US).tolist():
-        before = time[max(0, k + 1 - _NEIGHBOURS) : k + 1]
-        after = time[k + 1 : k + 1 + _NEIGHBOURS]
-        if np.median(after) < np.median(before) - _BOOT_STEP_US:
-            first = int(np.searchsorted(index.offsets, at[k])) + 1
-            starts.add(int(index.offsets[first]))
+    for k in restarts(time):
+        # the new boot's untimed records (formats, parameters) stand before its first time
+        first = int(np.searchsorted(index.offsets, at[k - 1])) + 1
+        starts.add(int(index.offsets[first]))
     defined = index.offsets[index.layout == 0]
     own = defined[gather(data, defined + HEADER_LENGTH, np.dtype("u1")) == index.layouts[0].type]
     for offset in own[1:].tolist():
-        if _time_before(offset, at, time) is not None:
+        if time_before(offset, at, time) is not None:
             starts.add(offset)
     edges = [*sorted(starts), len(data)]
     # two hints of the same restart (FMT block, then the first earlier time) leave no timed record between them
@@ -309,7 +301,7 @@ def _boots(data: NDArray[np.uint8], index: Index, at: NDArray[np.int64], time: N
         timed = np.searchsorted(at, [joined[-1], edge])
         if timed[1] > timed[0]:
             joined.append(edge)
-    return [Boot(a, b) for a, b in zip(joined, [*joined[1:], len(data)], strict=True)]
+    return [Boot(a, b) for a, b in pairwise([*joined, len(data)])]
 
 
 # --- parameters and texts ---------------------------------------------------------------------------------------
@@ -319,7 +311,7 @@ def _times_of(table: Table, at: NDArray[np.int64], time: NDArray[np.int64]) -> l
     """The time of each record, from its own stamp or else from the record before it."""
     if "TimeUS" in table:
         return table["TimeUS"].tolist()
-    return [_time_before(offset, at, time) for offset in table.offsets.tolist()]
+    return [time_before(offset, at, time) for offset in table.offsets.tolist()]
 
 
 def _params(messages: Messages, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:

@@ -1,0 +1,32 @@
+"""Where a boot clock starts anew, from the times of the records in file order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+STEP_US = 1_000_000
+"""A clock that falls further was restarted; tasks log each other's times out of order by under 0.1 s."""
+
+_NEIGHBOURS = 20  # records on either side whose medians must agree that the clock fell
+
+
+def restarts(time_us: NDArray[np.int64]) -> list[int]:
+    """The indices of the first records after a restart of the clock.
+
+    A single record with a false time is no restart: the medians of the
+    neighbours on both sides decide.
+    """
+    found: list[int] = []
+    for k in (np.flatnonzero(np.diff(time_us) < -STEP_US) + 1).tolist():
+        before = time_us[max(found[-1] if found else 0, k - _NEIGHBOURS) : k]
+        after = time_us[k : k + _NEIGHBOURS]
+        if len(before) and np.median(after) < np.median(before) - STEP_US:
+            found.append(k)
+    return found
+
+
+def time_before(offset: int, offsets: NDArray[np.int64], time_us: NDArray[np.int64]) -> int | None:
+    """The time of the last record before a byte offset, None if there is none."""
+    k = int(np.searchsorted(offsets, offset)) - 1
+    return int(time_us[k]) if k >= 0 else None

@@ -1,0 +1,262 @@
+"""Where the MAVLink packets of a tlog or a raw capture are, found by their checksums in one vectorised pass.
+
+Every ``fe`` (MAVLink 1) or ``fd`` (MAVLink 2) byte may begin a packet; one whose
+checksum over header, payload and the message's seed (CRC extra) is right, is one.
+So damage needs no resynchronisation: nothing before or behind a packet matters.
+Source: MAVLink guide, "Packet Serialization"; CRC-16/MCRF4XX.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.formats.base import Damage
+from attlog.formats.mapping import gather
+from attlog.limits import MAX_DAMAGE
+
+V1, V2 = 0xFE, 0xFD
+SIGNED = 0x01  # incompatibility flag of MAVLink 2: a signature of 13 bytes follows the checksum
+SIGNATURE_LENGTH = 13
+STAMP_LENGTH = 8  # big-endian u64 microseconds of the receiver before each packet of a tlog
+_CHUNK = 1 << 20  # bytes scanned at once
+_PADDING = 16  # packets of up to this many bytes difference share one checksum pass
+_BATCH = 1 << 18  # bytes whose checksums are taken at once, stays in cache
+
+
+@dataclass(slots=True)
+class Packets:
+    """The packets of a file in file order: offset of the marker byte, payload place and length, ids.
+
+    ``stamped`` tells a tlog (each packet behind its receiver time) from a raw capture.
+    """
+
+    offsets: NDArray[np.int64]
+    ids: NDArray[np.int32]
+    senders: NDArray[np.int32]  # system * 256 + component
+    stamped: bool
+    unknown: Counter[int] = field(default_factory=Counter)
+    damage: list[Damage] = field(default_factory=list)
+    damage_bytes: int = 0
+
+
+def _crc_table() -> NDArray[np.uint16]:
+    """The CRC-16/MCRF4XX state after two more bytes (65536), by state xor those bytes as little-endian word."""
+    byte = np.arange(256, dtype=np.uint32)
+    for _ in range(8):
+        byte = np.where(byte & 1, (byte >> 1) ^ 0x8408, byte >> 1)
+    state = np.arange(65536, dtype=np.uint32)
+    for _ in range(2):
+        state = (state >> 8) ^ byte[state & 0xFF]
+    return state.astype(np.uint16)
+
+
+def _crc_rows(rows: NDArray[np.uint8], pad: NDArray[np.int64], table: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """CRC-16/MCRF4XX of rows (n, k), k even, whose first ``pad`` bytes do not count; changes ``rows``.
+
+    A state of zero does not change by zero bytes, so rows of many lengths go
+    together when the padding is zero and the start value 0xffff is put on the
+    first two bytes.
+    """
+    head = np.arange(min(rows.shape[1], _PADDING + 1))
+    each = np.arange(_PADDING)[:, np.newaxis]
+    rows[:, : len(head)] &= np.where(head < each, 0, 0xFF).astype(np.uint8)[pad]
+    rows[:, : len(head)] ^= np.where((head - each) >> 1 == 0, 0xFF, 0).astype(np.uint8)[pad]
+    crc = np.zeros(len(rows), np.uint16)
+    for column in np.ascontiguousarray(rows.view("<u2").T):
+        column ^= crc
+        # every u16 is a valid index; wrap only spares numpy the check
+        table.take(column, out=crc, mode="wrap")
+    return crc
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/MCRF4XX of some bytes, the checksum of MAVLink."""
+    pad = len(data) % 2
+    rows = np.frombuffer(b"\0" * pad + data, np.uint8)[np.newaxis].copy()
+    return int(_crc_rows(rows, np.array([pad]), _crc_table())[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """What is known of the messages, arrays by message id: CRC extra (-1 unknown) and full payload size."""
+
+    seeds: NDArray[np.int16]
+    sizes: NDArray[np.int16]
+
+    def knows(self, number: int) -> bool:
+        """True for a message of the dialect."""
+        return number < len(self.seeds) and self.seeds[number] >= 0
+
+
+def _markers(data: NDArray[np.uint8], value: int, smallest: int) -> NDArray[np.int64]:
+    """Every offset of a marker byte behind which the smallest packet still fits."""
+    found = []
+    last = max(len(data) - smallest + 1, 0)
+    for start in range(0, last, _CHUNK):
+        found.append(np.flatnonzero(data[start : min(start + _CHUNK, last)] == value) + start)
+    return np.concatenate(found) if found else np.zeros(0, np.int64)
+
+
+@dataclass(slots=True)
+class _Headers:
+    """The headers of known messages that marker bytes would begin, taken at their word."""
+
+    at: NDArray[np.int64]
+    covered: NDArray[np.int64]  # bytes from behind the marker to before the checksum
+    end: NDArray[np.int64]
+    ids: NDArray[np.int32]
+
+    def chosen(self, select: NDArray[Any]) -> _Headers:
+        """The selected ones."""
+        return _Headers(self.at[select], self.covered[select], self.end[select], self.ids[select])
+
+
+def _headers_v1(data: NDArray[np.uint8], catalogue: Catalogue) -> _Headers:
+    at = _markers(data, V1, 8)
+    limit = np.full(256, -1, np.int16)
+    limit[: len(catalogue.seeds)] = np.where(catalogue.seeds >= 0, catalogue.sizes, -1)[:256]
+    ids = data[at + 5]
+    length = data[at + 1]
+    possible = np.flatnonzero(length <= limit[ids])
+    at, ids, covered = at[possible], ids[possible], length[possible].astype(np.int64) + 5
+    headers = _Headers(at, covered, at + covered + 3, ids.astype(np.int32))
+    return headers.chosen(headers.end <= len(data))
+
+
+def _headers_v2(data: NDArray[np.uint8], catalogue: Catalogue) -> _Headers:
+    at = _markers(data, V2, 12)
+    at = at[data[at + 2] <= SIGNED]  # other incompatibility flags are not defined
+    ids = (gather(data, at + 6, np.dtype("<u4")) >> 8).astype(np.int32)  # behind the component: 24 bits
+    listed = np.flatnonzero(ids < len(catalogue.seeds))
+    known = listed[catalogue.seeds[ids[listed]] >= 0]
+    at, ids = at[known], ids[known]
+    covered = data[at + 1].astype(np.int64) + 9
+    headers = _Headers(at, covered, at + covered + 3 + SIGNATURE_LENGTH * data[at + 2].astype(np.int64), ids)
+    return headers.chosen(headers.end <= len(data))
+
+
+def _checked(data: NDArray[np.uint8], headers: _Headers, catalogue: Catalogue) -> NDArray[np.bool_]:
+    """True for the headers whose checksum is right."""
+    table = _crc_table()
+    good = np.zeros(len(headers.at), np.bool_)
+    sent = gather(data, headers.at + 1 + headers.covered, np.dtype("<u2"))
+    seeds = catalogue.seeds[headers.ids].astype(np.uint8)
+    widths = (headers.covered + _PADDING) // _PADDING * _PADDING  # room for the covered bytes and the seed
+    early = headers.at + headers.covered + 2 < widths  # padding would reach before the beginning of the file
+    for k in np.flatnonzero(early).tolist():
+        begin = int(headers.at[k]) + 1
+        good[k] = crc16(data[begin : begin + int(headers.covered[k])].tobytes() + bytes([seeds[k]])) == sent[k]
+    widths[early] = 0
+    order = np.argsort(widths.astype(np.uint16), kind="stable")
+    values, first = np.unique(widths[order], return_index=True)
+    for width, begin, stop in zip(values.tolist(), first.tolist(), [*first[1:].tolist(), len(order)], strict=True):
+        if width == 0:
+            continue
+        step = max(_BATCH // width, 1)
+        for k in range(begin, stop, step):
+            mine = order[k : min(k + step, stop)]
+            covered = headers.covered[mine]
+            rows = gather(data, headers.at[mine] + covered + 2 - width, np.dtype((np.uint8, (width,))))
+            rows[:, -1] = seeds[mine]
+            good[mine] = _crc_rows(rows, width - 1 - covered, table) == sent[mine]
+    return good
+
+
+def _without_embedded(start: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """True for packets that do not begin inside an accepted one (a tunnelled packet is payload)."""
+    keep = np.ones(len(start), np.bool_)
+    reach = np.maximum.accumulate(end) if len(end) else end
+    inside = np.flatnonzero(start[1:] < reach[:-1]) + 1
+    limit = -1
+    for k in inside.tolist():
+        # the last packet kept before this one decides, not the furthest candidate
+        before = k - 1
+        while before >= 0 and not keep[before]:
+            before -= 1
+        limit = int(end[before]) if before >= 0 else -1
+        keep[k] = start[k] >= limit
+    return keep
+
+
+def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
+    """All packets of known messages with a right checksum.
+
+    Packets of unknown messages cannot be checked. They count as such where a
+    whole chain of them fills the space between two checked packets; any other
+    bytes are damage.
+    """
+    found = []
+    for headers in (_headers_v1(data, catalogue), _headers_v2(data, catalogue)):
+        found.append(headers.chosen(_checked(data, headers, catalogue)))
+    start = np.concatenate([h.at for h in found])
+    order = np.argsort(start, kind="stable") if all(len(h.at) for h in found) else slice(None)
+    start, end = start[order], np.concatenate([h.end for h in found])[order]
+    ids = np.concatenate([h.ids for h in found])[order]
+    kept = _without_embedded(start, end)
+    if not kept.all():
+        start, end, ids = start[kept], end[kept], ids[kept]
+    gaps = start[1:] - end[:-1]
+    if len(gaps):
+        stamped = np.count_nonzero(gaps == STAMP_LENGTH) > np.count_nonzero(gaps == 0)
+    else:
+        stamped = len(start) > 0 and int(start[0]) >= STAMP_LENGTH
+    place = np.where(data[start] == V2, 5, 3)
+    senders = data[start + place].astype(np.int32) << 8 | data[start + place + 1]
+    packets = Packets(start, ids, senders, bool(stamped))
+    _account(data, packets, end, catalogue)
+    return packets
+
+
+def _account(data: NDArray[np.uint8], packets: Packets, end: NDArray[np.int64], catalogue: Catalogue) -> None:
+    """Fills in what lies between the packets: unknown messages, wrong checksums or other damage."""
+    size = len(data)
+    stamp = STAMP_LENGTH if packets.stamped else 0
+    begins = np.concatenate([[0], end])
+    stops = np.concatenate([packets.offsets - stamp, [size]])
+    holes = np.flatnonzero(stops != begins)
+    wrong: dict[int, list[tuple[int, int]]] = {}
+    for begin, stop in zip(begins[holes].tolist(), stops[holes].tolist(), strict=True):
+        chain = _chain(data, begin, stop, stamp)
+        for offset, after, number in chain:
+            if catalogue.knows(number):
+                wrong.setdefault(number, []).append((offset, after))
+            else:
+                packets.unknown[number] += 1
+        if chain:
+            continue
+        packets.damage_bytes += stop - begin
+        if len(packets.damage) < MAX_DAMAGE:
+            resumed = "end of file" if stop == size else f"next packet at {stop}"
+            packets.damage.append(
+                Damage(begin, stop - begin, f"{stop - begin} bytes without a packet of right checksum", resumed)
+            )
+    for number, found in wrong.items():
+        length = sum(after - offset for offset, after in found)
+        packets.damage_bytes += length
+        lost = f"{len(found)} packets of message {number} with a wrong checksum (damaged, or of another dialect)"
+        packets.damage.append(Damage(found[0][0], length, lost, "next packet"))
+    packets.damage.sort(key=lambda d: d.offset)
+    del packets.damage[MAX_DAMAGE:]
+
+
+def _chain(data: NDArray[np.uint8], begin: int, stop: int, stamp: int) -> list[tuple[int, int, int]]:
+    """Begin, end and message id of unchecked packets that fill a hole exactly; empty if there is no such chain."""
+    found = []
+    at = begin
+    while at < stop:
+        head = data[at + stamp : min(at + stamp + 10, stop)].tobytes()
+        if len(head) >= 8 and head[0] == V1:
+            after, number = at + stamp + 8 + head[1], head[5]
+        elif len(head) == 10 and head[0] == V2 and head[2] <= SIGNED:
+            after = at + stamp + 12 + head[1] + SIGNATURE_LENGTH * head[2]
+            number = int.from_bytes(head[7:10], "little")
+        else:
+            return []
+        found.append((at, after, number))
+        at = after
+    return found if at == stop else []

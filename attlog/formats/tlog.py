@@ -1,0 +1,261 @@
+"""Reads and writes MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
+
+MAVLink 1 and 2 may be mixed in one file. Layouts and CRC seeds come from
+pymavlink's ``ardupilotmega`` dialect, which contains ``common`` and so what PX4
+sends. Deliberate differences from pymavlink's reader: every packet with a right
+checksum is found wherever it begins, also behind damage, and nothing is
+reported in between; numbers stay as sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.errors import LogUnusable
+from attlog.formats.base import Boot, Field, Messages, ParamChange, Table, Text
+from attlog.formats.clock import restarts, time_before
+from attlog.formats.mapping import cut_at_nul, gather, map_bytes, text_of
+from attlog.formats.mavlink_index import STAMP_LENGTH, V2, Catalogue, Packets, index_packets
+from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+
+STAMP = "_t_us"
+"""Column of a tlog with the receiver's clock (Unix us) at which the packet came in, not the time of the data."""
+
+PX4_AUTOPILOT = 12
+NO_AUTOPILOT = 8
+_GROUND_STATION = 6
+_TEXT_CHUNK = 50  # a STATUSTEXT that fills its field goes on in the next chunk
+
+CLOCK_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "SYSTEM_TIME")
+"""Messages whose ``time_boot_ms`` is the autopilot's clock at the moment of sending; they show restarts."""
+
+# numpy type by struct letter of the dialect's ``native_format``
+_TYPES = {
+    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
+    "f": "<f4", "d": "<f8",
+}  # fmt: skip
+
+
+@cache
+def dialect() -> dict[int, Any]:
+    """The message classes of the dialect by id."""
+    from pymavlink.dialects.v20 import ardupilotmega
+
+    return ardupilotmega.mavlink_map
+
+
+@cache
+def catalogue() -> Catalogue:
+    """CRC seed and payload size of every message of the dialect."""
+    messages = dialect()
+    seeds = np.full(max(messages) + 1, -1, np.int16)
+    sizes = np.zeros(len(seeds), np.int16)
+    for number, message in messages.items():
+        seeds[number] = message.crc_extra
+        sizes[number] = message.unpacker.size
+    return Catalogue(seeds, sizes)
+
+
+@cache
+def layout(number: int) -> tuple[str, dict[str, Field], dict[str, int]]:
+    """Name, fields (declaration order) and places in the payload (bytes) of a message."""
+    message = dialect()[number]
+    fields: dict[str, Field] = {}
+    places: dict[str, int] = {}
+    place = 0
+    letters = message.native_format.decode()[1:]
+    for name, letter, count, array in zip(
+        message.ordered_fieldnames, letters, message.lengths, message.array_lengths, strict=True
+    ):
+        if letter == "c":
+            dtype = np.dtype(f"S{array or 1}")
+        else:
+            dtype = np.dtype((_TYPES[letter], (count,))) if array else np.dtype(_TYPES[letter])
+        fields[name] = Field(name, dtype, message.fieldunits_by_name.get(name))
+        places[name] = place
+        place += dtype.itemsize
+    return message.msgname, {name: fields[name] for name in message.fieldnames}, places
+
+
+def read(path: str | Path, system: int | None = None) -> Messages:
+    """The messages of a tlog or raw MAVLink file, columns decoded on demand.
+
+    The instance of a table is ``system * 256 + component``. ``params``, ``texts``
+    and ``boots`` are those of one vehicle: ``system``, or the one that
+    :func:`vehicle_of` chooses; ``info["systems"]`` lists all, ``info["unknown"]``
+    counts messages that the dialect does not know. A tlog has the extra column
+    :data:`STAMP`. LogUnusable if no packet has a right checksum.
+    """
+    path = Path(path)
+    data = map_bytes(path)
+    packets = index_packets(data, catalogue())
+    if len(packets.offsets) == 0:
+        raise LogUnusable(f"{path}: no MAVLink packet with a right checksum, so there is nothing to decode.")
+    messages = Messages(
+        path, "tlog" if packets.stamped else "mavlink", len(data), _tables(data, packets),
+        damage=packets.damage, damage_bytes=packets.damage_bytes,
+    )  # fmt: skip
+    messages.info["systems"] = systems_of(messages)
+    messages.info["unknown"] = dict(sorted(packets.unknown.items()))
+    chosen = vehicle_of(messages) if system is None else system
+    messages.info["system"] = chosen
+    messages.boots = [Boot(0, len(data))]
+    if chosen is not None:
+        at, time = _timeline(messages, chosen)
+        messages.params = _params(messages, chosen, at, time)
+        messages.texts = _texts(messages, chosen, at, time)
+        edges = [0, *(int(at[k]) for k in restarts(time)), len(data)]
+        messages.boots = [Boot(a, b) for a, b in pairwise(edges)]
+    return messages
+
+
+# --- tables -----------------------------------------------------------------------------------------------------
+
+
+def _tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], Table]:
+    """The tables by message name and sender, in the order in which their first packets stand in the file."""
+    keys = packets.ids.astype(np.int64) << 16 | packets.senders
+    order = np.argsort(keys, kind="stable")
+    values, first = np.unique(keys[order], return_index=True)
+    tables: dict[tuple[str, int], Table] = {}
+    for key, offsets in zip(values.tolist(), np.split(packets.offsets[order], first[1:]), strict=True):
+        name, fields, places = layout(key >> 16)
+        if packets.stamped:
+            fields = {STAMP: Field(STAMP, np.dtype(np.int64), "us"), **fields}
+        tables[name, key & 0xFFFF] = Table(name, key & 0xFFFF, fields, offsets, _decoder(data, fields, places))
+    return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+
+
+def _decoder(data: NDArray[np.uint8], fields: dict[str, Field], places: dict[str, int]) -> Callable[..., NDArray[Any]]:
+    def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+        if column == STAMP:
+            return gather(data, offsets - STAMP_LENGTH, np.dtype(">u8")).astype(np.int64)
+        values = payload(data, offsets, places[column], fields[column].dtype)
+        return cut_at_nul(values) if values.dtype.kind == "S" else values
+
+    return decode
+
+
+def payload(data: NDArray[np.uint8], offsets: NDArray[np.int64], place: int, dtype: np.dtype) -> NDArray[Any]:
+    """One field of packets at some offsets; bytes that MAVLink 2 left out or the sender did not know are zero."""
+    begin = offsets + np.where(data[offsets] == V2, 10, 6) + place
+    present = data[offsets + 1].astype(np.int64) - place
+    short = np.flatnonzero(present < dtype.itemsize)
+    if len(short) == 0:
+        return gather(data, begin, dtype)
+    values = gather(data, np.minimum(begin, len(data) - dtype.itemsize), dtype)
+    within = np.arange(dtype.itemsize)
+    there = within < present[short, np.newaxis]
+    raw = np.where(there, data[np.where(there, begin[short, np.newaxis] + within, 0)], np.uint8(0))
+    values[short] = raw.view(dtype.base).reshape(len(short), *dtype.shape)
+    return values
+
+
+# --- systems, times, parameters, texts --------------------------------------------------------------------------
+
+
+def systems_of(messages: Messages) -> dict[int, dict[str, Any]]:
+    """Each system in the file: its components, packets, and what its autopilot's heartbeat says (None without)."""
+    systems: dict[int, dict[str, Any]] = {}
+    for (name, instance), table in messages.tables.items():
+        system = systems.setdefault(
+            instance >> 8, {"components": [], "packets": 0, "autopilot": None, "type": None, "component": None}
+        )
+        if instance & 0xFF not in system["components"]:
+            system["components"].append(instance & 0xFF)
+        system["packets"] += len(table)
+        if name == "HEARTBEAT":
+            flies = (table["autopilot"] != NO_AUTOPILOT) & (table["type"] != _GROUND_STATION)
+            # a companion may forward under its own component; the autopilot is the lowest that says it flies
+            if flies.any() and (system["component"] is None or instance & 0xFF < system["component"]):
+                k = int(np.argmax(flies))
+                system["component"] = instance & 0xFF
+                system["autopilot"] = int(table["autopilot"][k])
+                system["type"] = int(table["type"][k])
+    return dict(sorted(systems.items()))
+
+
+def vehicle_of(messages: Messages) -> int | None:
+    """The system to analyse: among those with an autopilot the one with most packets; None if nobody sent data."""
+    systems = systems_of(messages)
+    flying = {s: d for s, d in systems.items() if d["autopilot"] is not None}
+    if not flying:
+        # a capture that lost its heartbeats: whoever sends an attitude is the vehicle
+        senders = {i >> 8 for n, i in messages.tables if n in CLOCK_MESSAGES}
+        flying = {s: systems[s] for s in senders}
+    return max(flying, key=lambda s: (flying[s]["packets"], -s), default=None)
+
+
+def _of_system(messages: Messages, name: str, system: int) -> list[Table]:
+    return [messages[name, i] for i in messages.instances(name) if i >> 8 == system]
+
+
+def _timeline(messages: Messages, system: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
+    component = systems_of(messages)[system]["component"] if system in systems_of(messages) else None
+    at, time = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for name in CLOCK_MESSAGES:
+        for table in _of_system(messages, name, system):
+            if component is None or table.instance & 0xFF == component:
+                at.append(table.offsets)
+                time.append(table["time_boot_ms"].astype(np.int64) * 1000)
+    offsets, times = np.concatenate(at), np.concatenate(time)
+    order = np.argsort(offsets)
+    order = order[times[order] > 0]  # SYSTEM_TIME of a ground station that answers under the vehicle's id is zero
+    return offsets[order], times[order]
+
+
+def _params(messages: Messages, system: int, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:
+    """PARAM_VALUE of a system; times are those of the last clock message before.
+
+    ArduPilot sends integers as float values, PX4 sends their bits in the float.
+    """
+    bitwise = systems_of(messages).get(system, {}).get("autopilot") == PX4_AUTOPILOT
+    result = []
+    for table in _of_system(messages, "PARAM_VALUE", system):
+        rows = zip(table["param_id"].tolist(), table["param_value"], table["param_type"].tolist(),
+                   table.offsets.tolist(), strict=True)  # fmt: skip
+        for raw, value, kind, offset in rows:
+            number = parameter_value(value, kind, bitwise)
+            result.append(ParamChange(text_of(raw), number, time_before(offset, at, time), False, offset))
+    result.sort(key=lambda p: p.offset)
+    return result[:MAX_PARAM_CHANGES]
+
+
+_INTEGER_PARAMETERS = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}  # MAV_PARAM_TYPE
+
+
+def parameter_value(value: np.float32, kind: int, bitwise: bool) -> float | int:
+    """The parameter in a PARAM_VALUE: an int for integer types (their bits or their float value), else a float."""
+    if kind not in _INTEGER_PARAMETERS:
+        return float(value)
+    if bitwise:
+        dtype = np.dtype(_INTEGER_PARAMETERS[kind])
+        return int(np.frombuffer(np.array(value, "<f4").tobytes()[: dtype.itemsize], dtype)[0])
+    return int(value) if np.isfinite(value) and value == np.floor(value) else float(value)
+
+
+def _texts(messages: Messages, system: int, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Text]:
+    """STATUSTEXT of a system with its severity; the chunks of a long MAVLink 2 text are joined."""
+    result: list[Text] = []
+    for table in _of_system(messages, "STATUSTEXT", system):
+        open_id, open_sequence = 0, -1
+        rows = zip(table["severity"].tolist(), table["text"].tolist(), table["id"].tolist(),
+                   table["chunk_seq"].tolist(), table.offsets.tolist(), strict=True)  # fmt: skip
+        for severity, raw, number, sequence, offset in rows:
+            text = text_of(raw)
+            if number != 0 and number == open_id and sequence == open_sequence + 1 and result:
+                before = result.pop()
+                text, offset = (before.text + text)[:MAX_TEXT_LENGTH], before.offset
+            result.append(Text(text, min(severity, 7), time_before(offset, at, time), offset))
+            # a chunk that does not fill the field is the last one
+            open_id, open_sequence = (number, sequence) if len(raw) == _TEXT_CHUNK else (0, -1)
+    result.sort(key=lambda x: x.offset)
+    return result[:MAX_TEXTS]
