@@ -138,9 +138,14 @@ def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
 
 
 def mean(q: ArrayLike) -> Array:
-    """The mean attitude (4,) of (n, 4): largest eigenvector of sum q q^T (Markley et al. 2007)."""
-    q = np.asarray(q, np.float64).reshape(-1, 4)
+    """The mean attitude (4,) of (n, 4): largest eigenvector of sum q q^T (Markley et al. 2007).
+
+    Rows with NaN and of zero length do not count; NaN where none is left.
+    """
+    q = normalize(np.asarray(q, np.float64).reshape(-1, 4))
     q = q[np.isfinite(q).all(axis=1)]
+    if len(q) == 0:
+        return np.full(4, np.nan)
     _, vectors = np.linalg.eigh(q.T @ q)
     best = vectors[:, -1]
     return best if best[0] >= 0 else -best

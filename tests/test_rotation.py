@@ -1,0 +1,156 @@
+"""Rotations agree with scipy, with closed forms, and keep what rotations keep."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation, Slerp
+
+from attlog import rotation
+
+quaternions = (
+    arrays(np.float64, (4,), elements=st.floats(-1, 1, width=32))
+    .filter(lambda q: np.linalg.norm(q) > 0.1)
+    .map(lambda q: q / np.linalg.norm(q))
+)
+vectors = arrays(np.float64, (3,), elements=st.floats(-100, 100, width=32))
+angles = st.floats(-3.1, 3.1)
+
+
+def scipy_of(q: np.ndarray) -> Rotation:
+    """The same rotation in scipy, whose scalar comes last."""
+    return Rotation.from_quat(np.roll(q, -1, axis=-1))
+
+
+def same(a: np.ndarray, b: np.ndarray, tolerance: float = 1e-7) -> None:
+    """Both quaternions turn alike (q and -q do)."""
+    np.testing.assert_allclose(np.abs(np.sum(a * b, axis=-1)), 1.0, atol=tolerance)
+
+
+@pytest.fixture
+def many() -> np.ndarray:
+    """A thousand attitudes all over the sphere."""
+    return rotation.normalize(np.random.default_rng(3).standard_normal((1000, 4)))
+
+
+def test_vectors_products_and_matrices_turn_as_in_scipy(many):
+    other = rotation.normalize(np.random.default_rng(4).standard_normal((1000, 4)))
+    v = np.random.default_rng(5).standard_normal((1000, 3))
+    np.testing.assert_allclose(rotation.rotate(many, v), scipy_of(many).apply(v), atol=1e-12)
+    np.testing.assert_allclose(rotation.rotate_inverse(many, v), scipy_of(many).inv().apply(v), atol=1e-12)
+    np.testing.assert_allclose(rotation.to_matrix(many), scipy_of(many).as_matrix(), atol=1e-12)
+    same(rotation.multiply(many, other), np.roll((scipy_of(many) * scipy_of(other)).as_quat(), 1, axis=1), 1e-12)
+
+
+def test_euler_angles_are_those_of_scipy_in_the_order_z_y_x(many):
+    expected = scipy_of(many).as_euler("ZYX")[:, ::-1]
+    np.testing.assert_allclose(rotation.to_euler(many), expected, atol=1e-9)
+    same(rotation.from_euler(*expected.T), many, 1e-12)
+
+
+def test_rotation_vectors_are_those_of_scipy(many):
+    np.testing.assert_allclose(rotation.to_rotvec(many), scipy_of(many).as_rotvec(), atol=1e-9)
+    same(rotation.from_rotvec(scipy_of(many).as_rotvec()), many, 1e-12)
+
+
+def test_slerp_is_that_of_scipy_and_silent_outside():
+    t = np.array([0.0, 1.0, 2.5, 4.0])
+    q = rotation.normalize(np.random.default_rng(6).standard_normal((4, 4)))
+    at = np.linspace(0, 4, 41)
+    same(rotation.slerp(t, q, at), np.roll(Slerp(t, scipy_of(q))(at).as_quat(), 1, axis=1), 1e-9)
+    assert np.isnan(rotation.slerp(t, q, [-0.1, 4.1])).all()
+    assert np.isnan(rotation.slerp(t[:1], q[:1], [0.5])).all()
+    np.testing.assert_allclose(rotation.slerp(t[:1], q[:1], [0.0])[0], q[0])
+
+
+def test_the_mean_attitude_is_that_of_scipy():
+    base = rotation.from_euler(0.1, -0.2, 3.1)
+    noise = rotation.from_rotvec(0.2 * np.random.default_rng(7).standard_normal((200, 3)))
+    q = rotation.multiply(base, noise) * np.where(np.arange(200) % 2, 1.0, -1.0)[:, None]
+    same(rotation.mean(q), np.roll(scipy_of(q).mean().as_quat(), 1), 1e-9)
+
+
+def test_the_mean_of_nothing_is_not_an_attitude():
+    assert np.isnan(rotation.mean(np.full((3, 4), np.nan))).all()
+    assert np.isnan(rotation.mean(np.zeros((0, 4)))).all()
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-14, 1e-9, 1e-5, 1.0, np.pi - 1e-9])
+def test_rotation_vectors_of_every_size_survive_the_way_there_and_back(size):
+    v = size * np.array([0.6, -0.8, 0.0])
+    np.testing.assert_allclose(rotation.to_rotvec(rotation.from_rotvec(v)), v, atol=1e-15, rtol=1e-7)
+
+
+def test_a_pitch_of_ninety_degrees_gives_finite_angles_that_turn_alike():
+    q = rotation.from_euler(0.3, np.pi / 2, 1.0)
+    angles = rotation.to_euler(q)
+    assert np.isfinite(angles).all()
+    np.testing.assert_allclose(angles[1], np.pi / 2, atol=1e-7)
+
+
+def test_float32_quaternions_read_as_their_own_rounding_and_not_as_six_hundredths_of_a_degree(many):
+    """The scalar part's acos turns float32 rounding into 0.06 deg; the vector part does not."""
+    stored = rotation.normalize(many.astype(np.float32))
+    total = np.degrees(rotation.total_angle(rotation.error(stored, many)))
+    assert total.max() < 2e-5
+    q0 = np.clip(np.abs(np.sum(stored.astype(np.float32) * many.astype(np.float32), axis=1)), 0, 1)
+    assert np.degrees(2 * np.arccos(q0)).max() > 0.01
+
+
+def test_an_error_splits_into_heading_and_tilt_in_earth_axes():
+    ref = rotation.from_euler(0.5, -0.7, 2.0)
+    e = rotation.error(rotation.turn_about_down(ref, np.radians(7.0)), ref)
+    np.testing.assert_allclose(np.degrees(rotation.heading_angle(e)), 7.0)
+    np.testing.assert_allclose(rotation.inclination_angle(e), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.degrees(rotation.total_angle(e)), 7.0)
+    tilted = rotation.multiply(rotation.from_rotvec(np.radians([3.0, 4.0, 0.0])), ref)
+    e = rotation.error(tilted, ref)
+    np.testing.assert_allclose(np.degrees(rotation.inclination_angle(e)), 5.0)
+    np.testing.assert_allclose(rotation.heading_angle(e), 0.0, atol=1e-12)
+
+
+def test_body_z_is_not_heading():
+    """A turn about the body's z axis of a banked vehicle is heading and tilt, not heading alone."""
+    ref = rotation.from_euler(np.radians(60), 0, 0)
+    e = rotation.error(rotation.multiply(ref, rotation.from_rotvec([0, 0, np.radians(10)])), ref)
+    assert np.degrees(rotation.heading_angle(e)) == pytest.approx(5.0, abs=0.1)
+    assert np.degrees(rotation.inclination_angle(e)) == pytest.approx(8.66, abs=0.1)
+
+
+def test_headings_on_both_sides_of_south_are_close():
+    a, b = rotation.from_euler(0, 0, np.radians(179)), rotation.from_euler(0, 0, np.radians(-179))
+    assert np.degrees(rotation.heading_angle(rotation.error(a, b))) == pytest.approx(-2.0)
+    assert np.degrees(rotation.total_angle(rotation.error(a, b))) == pytest.approx(2.0)
+    np.testing.assert_allclose(rotation.wrap(np.radians([181, -181, 540, 0])), np.radians([-179, 179, -180, 0]))
+
+
+@given(q=quaternions, v=vectors)
+def test_turning_keeps_lengths_and_the_way_back_is_the_inverse(q, v):
+    turned = rotation.rotate(q, v)
+    assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(v), rel=1e-9, abs=1e-9)
+    np.testing.assert_allclose(rotation.rotate_inverse(q, turned), v, atol=1e-9)
+
+
+@given(est=quaternions, ref=quaternions, angle=angles)
+def test_errors_do_not_depend_on_where_north_is_nor_on_signs(est, ref, angle):
+    """Yaw equivariance: turning both attitudes about down changes no error angle."""
+    e = rotation.error(est, ref)
+    turned = rotation.error(rotation.turn_about_down(est, angle), -rotation.turn_about_down(ref, angle))
+    for measure in (rotation.total_angle, rotation.inclination_angle):
+        assert measure(turned) == pytest.approx(float(measure(e)), abs=1e-7)
+    if rotation.inclination_angle(e) < 3.0:
+        assert rotation.wrap(rotation.heading_angle(turned) - rotation.heading_angle(e)) == pytest.approx(0, abs=1e-6)
+
+
+@given(q=quaternions)
+def test_the_total_error_contains_heading_and_tilt(q):
+    total, heading, tilt = rotation.total_angle(q), rotation.heading_angle(q), rotation.inclination_angle(q)
+    assert np.cos(total / 2) == pytest.approx(abs(np.cos(heading / 2)) * np.cos(tilt / 2), abs=1e-9)
+
+
+def test_zero_length_is_no_attitude():
+    assert np.isnan(rotation.normalize([0, 0, 0, 0])).all()
+    np.testing.assert_allclose(rotation.normalize([[2, 0, 0, 0]]), [[1, 0, 0, 0]])
