@@ -1,1 +1,118 @@
+"""From messages to a flight: one clock, SI units, body FRD, earth NED, whatever wrote the log."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
+from attlog import formats
+from attlog.errors import LogUnusable, UsageError
+from attlog.flight.model import FlightLog, Problem
+from attlog.formats.base import Messages
+
+__all__ = ["FlightLog", "read"]
+
+IMU_MESSAGES = (
+    "sensor_combined",
+    "IMU",
+    "GYR",
+    "RISI",
+    "RAW_IMU",
+    "HIGHRES_IMU",
+    "SCALED_IMU",
+    "ATT",
+    "vehicle_attitude",
+)
+
+
+def read(
+    path: str | Path,
+    *,
+    imu: int | None = None,
+    mag: int | str | None = None,
+    boot: int | None = None,
+    system: int | None = None,
+) -> FlightLog:
+    """The flight in a log file.
+
+    ``imu`` and ``mag`` name an instance instead of the one that flew (``mag="none"``:
+    no magnetometer), ``boot`` one of several power-ups in a file, ``system`` one of
+    several vehicles in a tlog. NotALog or LogUnusable if the file holds no flight,
+    LogUnreadable if it cannot be opened. A log without usable IMU is returned with
+    ``imu`` None and the reason among ``problems``.
+    """
+    messages = formats.open(path)
+    boots = max(len(messages.boots), 1)
+    chosen = choose_boot(messages) if boot is None else boot
+    if not 0 <= chosen < boots:
+        raise UsageError(f"{messages.path}: there is no boot {boot}; the log holds boots 0 to {boots - 1}")
+    part = messages.boot(chosen) if boots > 1 else messages
+    log = read_messages(part, imu, mag, system)
+    log.boot, log.boots = chosen, boots
+    if boots > 1:
+        log.problems.insert(
+            0,
+            Problem(
+                "several_boots", "note",
+                f"The file holds {boots} power-ups; this is number {chosen}"
+                + (" (the one with most sensor records)." if boot is None else ".")
+                + " --boot chooses another.", count=boots,
+            ),
+        )  # fmt: skip
+    log.problems[:0] = damage(messages)
+    return log
+
+
+def read_messages(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
+    """The flight in one power-up's messages, by the reader for who wrote them."""
+    if messages.format == "ulog":
+        from attlog.flight import px4
+
+        return px4.read(messages, imu, mag)
+    if messages.format in ("dataflash", "dataflash_text"):
+        from attlog.flight import ardupilot
+
+        return ardupilot.read(messages, imu, mag)
+    if messages.format == "px4log":
+        from attlog.flight import sdlog2
+
+        return sdlog2.read(messages, imu, mag)
+    if messages.format in ("tlog", "mavlink"):
+        from attlog.flight import mavlink
+
+        return mavlink.read(messages, imu, mag, system)
+    raise LogUnusable(f"{messages.path}: there is no flight reader for the format {messages.format!r}")
+
+
+def choose_boot(messages: Messages) -> int:
+    """The power-up with most inertial (else attitude) records."""
+    if len(messages.boots) <= 1:
+        return 0
+    counts = []
+    for number in range(len(messages.boots)):
+        part = messages.boot(number)
+        counts.append(sum(len(t) for (name, _), t in part.items() if name in IMU_MESSAGES))
+    return counts.index(max(counts))
+
+
+def damage(messages: Messages) -> list[Problem]:
+    """What was broken in the file and what the logger itself lost, in one problem each."""
+    found = []
+    if messages.damage:
+        first = messages.damage[0]
+        found.append(
+            Problem(
+                "damage", "warning",
+                f"The file is damaged in {len(messages.damage)} places, {messages.damage_bytes} bytes are not usable; "
+                f"the first is {first.lost} at byte {first.offset}, read on {first.resumed}.",
+                offset=first.offset, count=len(messages.damage),
+            )
+        )  # fmt: skip
+    if messages.dropouts_ms:
+        found.append(
+            Problem(
+                "logger_dropouts", "warning" if sum(messages.dropouts_ms) > 100 else "note",
+                f"The logger dropped out {len(messages.dropouts_ms)} times, {sum(messages.dropouts_ms)} ms in all.",
+                count=len(messages.dropouts_ms),
+            )
+        )  # fmt: skip
+    return found

@@ -1,0 +1,114 @@
+"""ArduPilot DataFlash logs (binary and text) as a FlightLog, from 3.1 to 4.7.
+
+Records are told apart by their columns: early logs have no version, and branches
+carry any (LOGS 3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.flight import ardupilot_attitude, ardupilot_imu, ardupilot_state, inertial, magnetic, parameters
+from attlog.flight.ardupilot_imu import units
+from attlog.flight.ardupilot_time import Clock, own_time
+from attlog.flight.model import FlightLog, Mag
+from attlog.flight.reading import Reading, columns
+from attlog.formats.base import Messages
+
+HOW_TO_LOG = (
+    "Set LOG_BITMASK to include IMU (bit 7) and, for the full rate, fast IMU (bit 18), or INS_RAW_LOG_OPT for raw "
+    "samples, and log again."
+)
+MILLIGAUSS = 1e-7
+"""Tesla per milligauss, the unit of MAG records."""
+
+
+def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
+    """The flight in an ArduPilot log; ``imu`` and ``mag`` ask for a unit instead of the one that flew."""
+    reading = Reading(messages)
+    clock = Clock(messages)
+    values = parameters.values(messages.params)
+    found = ardupilot_imu.candidates(reading, clock, messages.params)
+    chosen = inertial.best_per_unit(reading, found)
+    family, lane_t, lanes = ardupilot_imu.primary_core(messages, clock)
+    mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
+    have = [c.index for c in chosen]
+    flown = [ardupilot_imu.unit_of_core(core, mask, have) for core in lanes]
+    end = int(chosen[0].t_us[-1]) if chosen else 0
+    flew = inertial.longest_held(lane_t, flown, end)
+    why = f"it fed the primary EKF core ({family}F4.PI)"
+    if flew is None and chosen:
+        flew, why = chosen[0].index, "the first; the log does not tell the primary one"
+    position = inertial.choose_unit(reading, chosen, flew, why, imu, HOW_TO_LOG)
+    reading.t0_us = first_stamp(reading, chosen, position)
+
+    log = FlightLog(
+        messages.path, messages.format, messages.size, reading.t0_us, ardupilot_state.firmware(messages), ""
+    )
+    log.imus = [inertial.build(reading, c) for c in chosen]
+    log.imu = position
+    log.imu_that_flew = reading.time_line(lane_t, flown, f"{family}F4.PI")
+    flying = None if position is None else log.imus[position]
+    log.mags = magnetometers(reading, clock, values)
+    log.mag = magnetic.choose(reading, log.mags, flying, primary_compass(values, log.mags), "the primary compass", mag)
+    resets = ardupilot_attitude.resets(reading, clock, lane_t, lanes)
+    log.attitudes = ardupilot_attitude.attitudes(reading, clock, resets)
+    log.onboard = ardupilot_attitude.onboard(log.attitudes, family, lanes[-1] if lanes else None)
+    log.truth = ardupilot_attitude.truth(reading, clock)
+    log.setpoints = ardupilot_attitude.setpoints(reading, clock)
+    log.params = parameters.time_lines(reading, messages.params, "PARM")
+    log.param_defaults = parameters.defaults(messages.params)
+    ardupilot_state.fill(reading, clock, log, values)
+    log.problems, log.choices = reading.problems, reading.choices
+    return log
+
+
+def first_stamp(reading: Reading, chosen: list[inertial.Candidate], position: int | None) -> int:
+    """The boot time in us that becomes t = 0: the replayed IMU's first sample, else the first sample of anything."""
+    if chosen:
+        return int(chosen[0 if position is None else position].t_us[0])
+    for name in ("ATT", "AHR2", "GPS", "CTUN"):
+        table = reading.messages.first(name)
+        own = None if table is None else own_time(table)
+        if own is not None and len(own):
+            return int(np.median(own[:5]))
+    return 0
+
+
+def magnetometers(reading: Reading, clock: Clock, values: dict[str, float]) -> list[Mag]:
+    """Every compass: MAG, offsets and motor compensation already applied by the firmware (mGa, body frame)."""
+    found = []
+    for unit, table in units(reading.messages, "MAG").items():
+        if "MagX" not in table or own_time(table) is None:
+            continue
+        t = clock.of(table)
+        field = columns(table, "MagX", "MagY", "MagZ")
+        source = ardupilot_imu.name_of(table, unit)
+        if "OfsX" in table and only_offsets(field, columns(table, "OfsX", "OfsY", "OfsZ")):
+            reading.problem(
+                "mag_only_offsets", "warning",
+                f"{source}: every value equals the compass offsets, so the compass itself measures nothing.",
+            )  # fmt: skip
+            field = np.zeros_like(field)
+        sampled = table["S"].astype(np.int64) * 1000 if "S" in table else None
+        use = values.get("COMPASS_USE" + ("" if unit == 0 else str(unit + 1)), 1.0)
+        mag = magnetic.build(reading, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, enabled=use != 0)
+        if mag is not None:
+            found.append(mag)
+    return found
+
+
+def only_offsets(field: np.ndarray, offsets: np.ndarray) -> bool:
+    """Whether a compass shows nothing but its own offsets: a raw field of zero that never changes."""
+    measured = field.any(axis=1)
+    if not measured.any() or not offsets.any():
+        return False
+    return bool((np.abs(field - offsets)[measured] <= 1.0).all())
+
+
+def primary_compass(values: dict[str, float], mags: list[Mag]) -> int | None:
+    """Index of the compass that the firmware prefers: COMPASS_PRIMARY before 4.1, the first (by priority) since."""
+    primary = values.get("COMPASS_PRIMARY")
+    if primary is not None:
+        return int(primary)
+    return mags[0].index if mags else None

@@ -1,0 +1,196 @@
+"""Inertial units: candidates from several messages, the best per unit, and the one to replay."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.flight.model import Array, Imu, Problem, Stream
+from attlog.flight.reading import Reading, finite_within
+from attlog.flight.timing import Stamps, active_rate
+from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
+
+REPLAY_MIN_HZ = 10.0
+"""Below this no attitude can be replayed: rotation between samples is lost."""
+LOW_RATE_HZ = 50.0
+"""Below this vibration is aliased and lags carry a low-rate mark (LOGS 3)."""
+
+
+@dataclass(slots=True)
+class Candidate:
+    """Gyro (n, 3) rad/s and specific force (n, 3) m/s^2 of one unit from one message, stamps in us.
+
+    ``rank`` is the place in the preference order of the firmware, 0 best. ``steady``
+    is False where the logger kept only every k-th sample of an integrating source.
+    """
+
+    index: int
+    rank: int
+    t_us: Stamps
+    gyro: Array
+    acc: Array
+    source: str
+    sampling: Literal["interval", "instant"]
+    calibrated: bool = True
+    filtered: str = "unknown"
+    gyro_delay: float = 0.0
+    acc_delay: float = 0.0
+    device: str | None = None
+    temperature: Array | None = None
+    dt: Array | None = None
+    note: str = ""
+    usable: bool = True
+    acc_source: str = ""
+    problems: list[Problem] = field(default_factory=list)
+
+    @property
+    def rate(self) -> float:
+        """Rate in Hz outside of gaps."""
+        return active_rate(self.t_us)
+
+    def rows(self, index: NDArray[np.int64]) -> Candidate:
+        """The same source with the selected samples only."""
+        self.t_us, self.gyro, self.acc = self.t_us[index], self.gyro[index], self.acc[index]
+        self.temperature = None if self.temperature is None else self.temperature[index]
+        self.dt = None if self.dt is None else self.dt[index]
+        return self
+
+
+def admit(reading: Reading, candidate: Candidate) -> Candidate | None:
+    """The candidate with believable stamps and physical values only, None if nothing is left.
+
+    What is left out is noted with the candidate and told only if it is chosen.
+    """
+    own = Reading(reading.messages)
+    good = finite_within(candidate.gyro, GYRO_LIMIT_RAD_S) & finite_within(candidate.acc, ACC_LIMIT_M_S2)
+    index = own.keep(candidate.t_us, candidate.source, good)
+    candidate.problems += own.problems
+    return candidate.rows(index) if len(index) else None
+
+
+def best_per_unit(reading: Reading, candidates: list[Candidate]) -> list[Candidate]:
+    """One candidate per unit: the best rank among usable ones, else the fastest. Its problems are told."""
+    chosen = []
+    for index in sorted({c.index for c in candidates}):
+        mine = [c for c in candidates if c.index == index]
+        usable = [c for c in mine if c.usable and c.rate >= REPLAY_MIN_HZ]
+        chosen.append(min(usable, key=lambda c: c.rank) if usable else max(mine, key=lambda c: c.rate))
+        reading.problems += chosen[-1].problems
+    return chosen
+
+
+def choose_unit(
+    reading: Reading, units: list[Candidate], flew: int | None, why: str, asked: int | None, how_to_log: str
+) -> int | None:
+    """Position of the unit to replay in ``units``, None (and a problem) where none can be.
+
+    ``flew`` is the index of the unit that the autopilot used, ``asked`` what the user
+    wants; ``how_to_log`` is the sentence on the setting that would log enough.
+    """
+    if not units:
+        reading.problem("no_imu", "error", f"This log holds no gyro and accelerometer data. {how_to_log}")
+        return None
+    if asked is not None:
+        named = [k for k, u in enumerate(units) if u.index == asked]
+        if not named:
+            have = ", ".join(str(u.index) for u in units)
+            reading.problem("imu_not_in_log", "error", f"There is no IMU {asked} in this log; it holds IMU {have}.")
+            return None
+        wanted, reason = named[0], "asked for"
+    else:
+        used = [k for k, u in enumerate(units) if u.index == flew]
+        wanted, reason = (used[0], why) if used else (0, "the first in the log; nothing tells which one flew")
+    if units[wanted].rate < REPLAY_MIN_HZ and asked is None:
+        fast = [k for k, u in enumerate(units) if u.rate >= REPLAY_MIN_HZ and u.usable]
+        if fast:
+            reading.problem(
+                "imu_that_flew_too_slow",
+                "warning",
+                f"The IMU that flew ({units[wanted].source}) is logged at {units[wanted].rate:.1f} Hz; "
+                f"{units[fast[0]].source} is replayed instead. {how_to_log}",
+            )
+            wanted, reason = fast[0], "the only one logged fast enough"
+    unit = units[wanted]
+    reading.choices["imu"] = f"{unit.source} at {unit.rate:.1f} Hz: {reason}."
+    if unit.rate < REPLAY_MIN_HZ:
+        reading.problem(
+            "imu_rate_too_low",
+            "error",
+            f"{unit.source} is logged at {unit.rate:.1f} Hz; a replay needs at least {REPLAY_MIN_HZ:.0f} Hz. {how_to_log}",
+        )
+        return None
+    if unit.rate < LOW_RATE_HZ:
+        reading.problem(
+            "imu_low_rate",
+            "warning",
+            f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and lags below "
+            f"{1000 / unit.rate:.0f} ms cannot be told. {how_to_log}",
+        )
+    return wanted
+
+
+def build(reading: Reading, candidate: Candidate) -> Imu:
+    """The candidate as a part of the flight log; call it when t = 0 is known."""
+    t = reading.seconds(candidate.t_us)
+    unit = Imu(
+        candidate.index,
+        Stream(t, candidate.gyro, "rad/s", "FRD", candidate.source, candidate.sampling, candidate.gyro_delay),
+        Stream(
+            t,
+            candidate.acc,
+            "m/s^2",
+            "FRD",
+            candidate.acc_source or candidate.source,
+            candidate.sampling,
+            candidate.acc_delay,
+        ),
+        candidate.calibrated,
+        candidate.filtered,
+        candidate.device,
+        None,
+        candidate.dt,
+        candidate.note,
+    )
+    if candidate.temperature is not None and np.isfinite(candidate.temperature).any():
+        unit.temperature = Stream(t, candidate.temperature[:, None], "degC", "", candidate.source)
+    return unit
+
+
+def onto(t_us: Stamps, at_us: Stamps, x: Array) -> Array:
+    """x (m, 3) at ``at_us`` (m,) interpolated to ``t_us`` (n,); NaN outside and across gaps of 20 ms or 5 intervals."""
+    out = np.full((len(t_us), 3), np.nan)
+    if len(at_us) < 2:
+        return out
+    rel = (np.asarray(t_us, np.int64) - at_us[0]).astype(np.float64)
+    base = (np.asarray(at_us, np.int64) - at_us[0]).astype(np.float64)
+    for axis in range(3):
+        out[:, axis] = np.interp(rel, base, x[:, axis], left=np.nan, right=np.nan)
+    i = np.clip(np.searchsorted(base, rel, side="left"), 1, len(base) - 1)
+    too_wide = base[i] - base[i - 1] > max(20e3, 5 * float(np.median(np.diff(base))))
+    out[too_wide & (rel != base[i]) & (rel != base[i - 1])] = np.nan
+    return out
+
+
+def longest_held(t_us: Stamps, units: list[int], end_us: int) -> int | None:
+    """The unit that flew for the longest time until ``end_us``, None without entries."""
+    if not units:
+        return None
+    held: dict[int, int] = {}
+    ends = np.append(np.asarray(t_us, np.int64)[1:], max(end_us, int(t_us[-1]) + 1))
+    for unit, begin, end in zip(units, t_us, ends, strict=True):
+        held[unit] = held.get(unit, 0) + int(end) - int(begin)
+    return max(held, key=lambda u: held[u])
+
+
+def complete(candidate: Candidate) -> Candidate:
+    """The candidate without the samples for which the other sensor had no value to interpolate."""
+    return candidate.rows(np.flatnonzero(np.isfinite(candidate.acc).all(axis=1)))
+
+
+def low_pass_delay(cutoff_hz: float | None) -> float:
+    """Delay in s of a second-order low-pass (Butterworth) at low frequency: sqrt(2) / (2 pi f); 0 where it is off."""
+    return math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz) if cutoff_hz and cutoff_hz > 0 else 0.0

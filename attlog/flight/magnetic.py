@@ -1,0 +1,138 @@
+"""Magnetometers: spikes out, repeated values out, and which one can be used."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.flight.model import Array, Imu, Mag
+from attlog.flight.reading import Reading
+from attlog.flight.timing import Stamps
+from attlog.limits import MAG_LIMIT_T
+
+GAUSS = 1e-4
+"""Tesla per gauss."""
+SPIKE_FACTOR = 3.0
+"""A record whose norm is this many times the local median, or this part of it, is a spike."""
+TURN_DEG = 15.0
+"""A field that stays constant while the gyro sees this much turn is not measured."""
+
+
+def build(
+    reading: Reading,
+    index: int,
+    t_us: Stamps,
+    field_t: Array,
+    source: str,
+    *,
+    t_sample_us: Stamps | None = None,
+    calibrated: bool = True,
+    device: str | None = None,
+    enabled: bool = True,
+) -> Mag | None:
+    """One magnetometer, ``field_t`` (n, 3) in tesla; None if no record is left. Spikes and zeros become NaN rows."""
+    stream = reading.stream(
+        t_us, field_t, "T", source, frame="FRD", limit=np.inf, t_sample_us=t_sample_us, allow_nan=True
+    )
+    if stream is None:
+        return None
+    bad = spikes(stream.x)
+    if bad.any() and not bad.all():
+        stream.x[bad] = np.nan
+        worst = int(bad.sum())
+        reading.problem(
+            "mag_spikes",
+            "warning" if worst > 0.01 * len(bad) else "note",
+            f"{source}: {worst} of {len(bad)} records are zero or jump by more than a factor {SPIKE_FACTOR:.0f} "
+            "against their neighbours; they are not used.",
+            t=float(stream.t[np.flatnonzero(bad)[0]]),
+            count=worst,
+        )
+    return Mag(index, stream, calibrated, device, enabled)
+
+
+def spikes(field_t: Array) -> NDArray[np.bool_]:
+    """Which records (n,) cannot be a field: not finite, zero, beyond the limit, or far from the local median norm."""
+    norm = np.sqrt(np.sum(field_t**2, axis=1))
+    bad = ~np.isfinite(norm) | (norm == 0) | (norm > MAG_LIMIT_T)
+    good = np.flatnonzero(~bad)
+    if len(good) >= 5:
+        n = norm[good]
+        padded = np.concatenate([n[2:0:-1], n, n[-2:-4:-1]])
+        local = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+        bad[good[(n > SPIKE_FACTOR * local) | (n < local / SPIKE_FACTOR)]] = True
+    return bad
+
+
+def dead(mag: Mag, imu: Imu | None) -> str:
+    """Why this magnetometer measures nothing, empty if it seems to."""
+    x = mag.field.x[np.isfinite(mag.field.x).all(axis=1)]
+    if len(x) == 0 or not x.any():
+        return "all its values are zero"
+    if len(x) >= 10 and not np.ptp(x, axis=0).any() and imu is not None:
+        turned = turn(imu, float(mag.field.t[0]), float(mag.field.t[-1]))
+        if turned > TURN_DEG:
+            return f"its values never change while the gyro turns by {turned:.0f} deg"
+    return ""
+
+
+def turn(imu: Imu, t0: float, t1: float) -> float:
+    """Largest excursion in deg of the integrated gyro about any axis between two times."""
+    t, x = imu.gyro.t, imu.gyro.x
+    inside = (t >= t0) & (t <= t1)
+    if inside.sum() < 2:
+        return 0.0
+    dt = np.minimum(np.diff(t[inside]), 0.5)
+    rate = x[inside][1:] - np.median(x[inside], axis=0)
+    return float(np.degrees(np.ptp(np.cumsum(rate * dt[:, None], axis=0), axis=0).max()))
+
+
+def choose(
+    reading: Reading, mags: list[Mag], imu: Imu | None, preferred: int | None, why: str, asked: int | str | None
+) -> int | None:
+    """Position of the magnetometer to use, None with a problem where none can be.
+
+    ``asked`` is a number, ``"none"`` for no magnetometer, or None to choose.
+    """
+    if asked == "none":
+        reading.choices["mag"] = "none, as asked."
+        return None
+    if asked is not None:
+        named = [k for k, m in enumerate(mags) if m.index == int(asked)]
+        if not named:
+            have = ", ".join(str(m.index) for m in mags) or "none"
+            reading.problem(
+                "mag_not_in_log", "error", f"There is no magnetometer {asked} in this log; it holds {have}."
+            )
+            return None
+        reading.choices["mag"] = f"{mags[named[0]].field.source}: asked for."
+        return named[0]
+    usable = []
+    for k, mag in enumerate(mags):
+        reason = dead(mag, imu)
+        if reason:
+            reading.problem("mag_dead", "warning", f"{mag.field.source}: {reason}; this magnetometer is not used.")
+        elif not mag.enabled:
+            reading.problem(
+                "mag_disabled",
+                "warning",
+                f"{mag.field.source}: the parameters disable this compass, so it is not used; --mag {mag.index} takes it anyway.",
+            )
+        else:
+            usable.append(k)
+    if not usable:
+        if not mags:
+            reading.problem("no_mag", "warning", "This log holds no magnetometer data: headings are relative.")
+        return None
+    chosen = next((k for k in usable if mags[k].index == preferred), usable[0])
+    reason = why if mags[chosen].index == preferred else "the first usable one"
+    reading.choices["mag"] = f"{mags[chosen].field.source} at {mags[chosen].field.rate:.1f} Hz: {reason}."
+    return chosen
+
+
+def only_new(field: Array, t_us: Stamps) -> NDArray[np.bool_]:
+    """Which records (n,) hold a new measurement where a slow sensor is repeated at a faster rate."""
+    new = np.ones(len(t_us), bool)
+    if len(t_us) > 1:
+        new[1:] = (np.diff(field, axis=0) != 0).any(axis=1) | (np.diff(t_us) > 1_000_000)
+    return new

@@ -1,0 +1,43 @@
+"""Parameters as time lines, with the defaults that the log states."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from attlog.flight.model import TimeLine
+from attlog.flight.reading import Reading
+from attlog.formats.base import ParamChange
+
+
+def values(changes: list[ParamChange]) -> dict[str, float]:
+    """The first value of each parameter: what the vehicle booted with."""
+    first: dict[str, float] = {}
+    for change in changes:
+        if not change.is_default and change.name not in first and math.isfinite(change.value):
+            first[change.name] = change.value
+    return first
+
+
+def defaults(changes: list[ParamChange]) -> dict[str, float]:
+    """The last default value that the log states of each parameter."""
+    return {c.name: c.value for c in changes if c.is_default and math.isfinite(c.value)}
+
+
+def time_lines(reading: Reading, changes: list[ParamChange], source: str) -> dict[str, TimeLine]:
+    """Every parameter's changes on the log's clock; values from before the data hold from the first stamp known.
+
+    Repetitions of the same value (a table written again at each arming) are one entry.
+    """
+    begin = min((c.t_us for c in changes if c.t_us is not None), default=reading.t0_us)
+    begin = min(begin, reading.t0_us)
+    lines: dict[str, tuple[list[int], list[float]]] = {}
+    for change in changes:
+        if change.is_default or not math.isfinite(change.value):
+            continue
+        t, v = lines.setdefault(change.name, ([], []))
+        if not v or v[-1] != change.value:
+            t.append(begin if change.t_us is None else change.t_us)
+            v.append(change.value)
+    return {name: TimeLine(reading.seconds(np.array(t, np.int64)), list(v), source) for name, (t, v) in lines.items()}

@@ -1,0 +1,228 @@
+"""Inertial data of PX4 logs, best source first (LOGS 2, "Preference order").
+
+FIFO topics > ``vehicle_imu`` > ``sensor_combined`` > ``vehicle_angular_velocity``
+with ``vehicle_acceleration`` > raw ``sensor_gyro`` with ``sensor_accel``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.flight.inertial import Candidate, admit, complete, low_pass_delay, onto
+from attlog.flight.model import Array, Problem
+from attlog.flight.px4_calibration import calibrate
+from attlog.flight.reading import Reading, columns
+from attlog.flight.timing import Stamps
+from attlog.formats.base import Table
+
+FAST_HZ = 100.0
+DECIMATED = 1.5
+"""Stamps further apart than this many integration times: the logger dropped samples between."""
+
+
+def stamps(table: Table, column: str = "timestamp") -> Stamps:
+    """The stamps (n,) in us as int64."""
+    return table[column].astype(np.int64)
+
+
+def candidates(reading: Reading, values: dict[str, float], selected: int) -> list[Candidate]:
+    """Every inertial source of the log; ``selected`` is the unit whose data ``sensor_combined`` holds."""
+    found = [
+        *fifo(reading, values),
+        *vehicle_imu(reading),
+        *sensor_combined(reading, selected),
+        *filtered(reading, values, selected),
+        *raw(reading, values),
+    ]
+    return [c for c in (admit(reading, f) for f in found) if c is not None]
+
+
+def fifo(reading: Reading, values: dict[str, float]) -> list[Candidate]:
+    """``sensor_gyro_fifo`` with ``sensor_accel_fifo``: every sample of the sensor, uncalibrated, board frame."""
+    messages, found = reading.messages, []
+    accels = {int(messages["sensor_accel_fifo", i]["device_id"][0]): i for i in messages.instances("sensor_accel_fifo")}
+    slots = list(accels.values())
+    for k, i in enumerate(messages.instances("sensor_gyro_fifo")):
+        gyro_table = messages["sensor_gyro_fifo", i]
+        if not slots:
+            break
+        accel_table = messages["sensor_accel_fifo", i if i in slots else slots[min(k, len(slots) - 1)]]
+        t, gyro = unpack_fifo(gyro_table)
+        t_acc, acc = unpack_fifo(accel_table)
+        gyro, known = calibrate("GYRO", values, device(gyro_table), gyro)
+        acc, known_acc = calibrate("ACC", values, device(accel_table), acc)
+        found.append(
+            complete(Candidate(
+                i, 0, t, gyro, onto(t, t_acc, acc), f"sensor_gyro_fifo:{i}", "interval",
+                calibrated=known and known_acc, filtered="none", device=str(device(gyro_table)),
+                acc_source=f"sensor_accel_fifo:{i}",
+            ))
+        )  # fmt: skip
+    return found
+
+
+def unpack_fifo(table: Table) -> tuple[Stamps, Array]:
+    """Stamps (m,) in us and samples (m, 3) in SI of a FIFO topic, one row per sensor sample."""
+    x = np.stack([table[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+    scale = table["scale"].astype(np.float64)
+    count = np.clip(table["samples"].astype(np.int64), 0, x.shape[1])
+    dt = table["dt"].astype(np.float64)
+    column = np.arange(x.shape[1])
+    valid = column[None, :] < count[:, None]
+    age = (count[:, None] - 1 - column[None, :]) * np.where(np.isfinite(dt) & (dt >= 0) & (dt < 1e5), dt, 0.0)[:, None]
+    t = stamps(table, "timestamp_sample")[:, None] - np.round(age).astype(np.int64)
+    return t[valid], (x * scale[:, None, None])[valid]
+
+
+def vehicle_imu(reading: Reading) -> list[Candidate]:
+    """``vehicle_imu``: calibrated increments of every unit, with their own integration times."""
+    messages, found = reading.messages, []
+    for i in messages.instances("vehicle_imu"):
+        table = messages["vehicle_imu", i]
+        dt = table["delta_angle_dt"].astype(np.float64) * 1e-6
+        dt_v = table["delta_velocity_dt"].astype(np.float64) * 1e-6
+        good = (dt > 0) & (dt < 1.0) & (dt_v > 0) & (dt_v < 1.0)
+        if not good.any():
+            continue
+        t = stamps(table, "timestamp_sample" if "timestamp_sample" in table else "timestamp")[good]
+        found.append(
+            Candidate(
+                i, 1, t, columns(table, "delta_angle")[good] / dt[good, None],
+                columns(table, "delta_velocity")[good] / dt_v[good, None], f"vehicle_imu:{i}", "interval",
+                filtered="none", device=str(int(table["gyro_device_id"][0])), dt=dt[good],
+                usable=not decimated(t, dt[good]),
+            )
+        )  # fmt: skip
+        found[-1].usable &= found[-1].rate >= FAST_HZ
+        found[-1].temperature = status_temperature(reading, i, t)
+    return found
+
+
+def status_temperature(reading: Reading, unit: int, t: Stamps) -> Array | None:
+    """Gyro temperature of a unit at the stamps ``t``, from the slow ``vehicle_imu_status``."""
+    table = reading.messages.tables.get(("vehicle_imu_status", unit))
+    if table is None or "temperature_gyro" not in table or len(table) < 2:
+        return None
+    at, celsius = stamps(table), table["temperature_gyro"].astype(np.float64)
+    return np.interp(t, at, celsius) if (np.diff(at) > 0).all() and np.isfinite(celsius).all() else None
+
+
+def sensor_combined(reading: Reading, selected: int) -> list[Candidate]:
+    """``sensor_combined``: means of the voted unit over ``gyro_integral_dt``, calibrated, body frame."""
+    table = reading.messages.tables.get(("sensor_combined", 0))
+    if table is None or "gyro_rad" not in table or "accelerometer_m_s2" not in table:
+        return []
+    t, dt = stamps(table), integral_dt(table)
+    acc = columns(table, "accelerometer_m_s2")
+    if "accelerometer_timestamp_relative" in table:  # 0x7fffffff: no accelerometer sample yet
+        acc[table["accelerometer_timestamp_relative"] == 0x7FFFFFFF] = np.nan
+    thinned = decimated(t, dt)
+    found = Candidate(
+        selected, 2, t, columns(table, "gyro_rad"), acc, "sensor_combined", "interval", filtered="none",
+        usable=not thinned, temperature=status_temperature(reading, selected, t),
+        note="holds the unit that the autopilot's voter chose",
+    )  # fmt: skip
+    if thinned:
+        text = (
+            f"sensor_combined: the logger kept one sample per {np.median(np.diff(t)) / 1000:.0f} ms although each "
+            f"covers {np.median(dt) * 1000:.1f} ms; the rotation between them is lost."
+        )
+        found.problems.append(Problem("imu_decimated", "warning", text))
+    return [found]
+
+
+def integral_dt(table: Table) -> Array:
+    """Integration times (n,) in s: a float column holds seconds (1.5, 1.6dev), an integer one microseconds."""
+    if "gyro_integral_dt" not in table:
+        return np.full(len(table), np.nan)
+    stored = table["gyro_integral_dt"]
+    return stored.astype(np.float64) * (1.0 if stored.dtype.kind == "f" else 1e-6)
+
+
+def decimated(t: Stamps, dt: Array) -> bool:
+    """Whether samples between the logged ones are missing: stamps far wider apart than each sample covers."""
+    with np.errstate(invalid="ignore"):
+        covered = dt[np.isfinite(dt) & (dt > 0)]
+    if len(t) < 3 or len(covered) == 0:
+        return False
+    return float(np.median(np.diff(t))) * 1e-6 > DECIMATED * float(np.median(covered))
+
+
+def filtered(reading: Reading, values: dict[str, float], selected: int) -> list[Candidate]:
+    """``vehicle_angular_velocity`` with ``vehicle_acceleration``: after the control filters, a last resort."""
+    gyro_table = reading.messages.tables.get(("vehicle_angular_velocity", 0))
+    acc_table = reading.messages.tables.get(("vehicle_acceleration", 0))
+    if gyro_table is None or acc_table is None:
+        return []
+    t, t_acc = (stamps(x, "timestamp_sample") for x in (gyro_table, acc_table))
+    gyro_cut, acc_cut = values.get("IMU_GYRO_CUTOFF", 0.0), values.get("IMU_ACCEL_CUTOFF", 0.0)
+    found = Candidate(
+        selected, 3, t, columns(gyro_table, "xyz"), onto(t, t_acc, columns(acc_table, "xyz")),
+        "vehicle_angular_velocity", "instant", filtered=f"low-pass {gyro_cut:.0f} Hz and notches",
+        gyro_delay=low_pass_delay(gyro_cut), acc_delay=low_pass_delay(acc_cut), acc_source="vehicle_acceleration",
+        note="filtered for control: later and smoother than the sensor",
+    )  # fmt: skip
+    found = complete(found)
+    return [found] if found.rate >= FAST_HZ / 2 else []
+
+
+def raw(reading: Reading, values: dict[str, float]) -> list[Candidate]:
+    """``sensor_gyro`` with ``sensor_accel`` of every unit: the driver's samples, calibrated by parameters."""
+    messages, found = reading.messages, []
+    for i in messages.instances("sensor_gyro"):
+        gyro_table, acc_table = messages["sensor_gyro", i], messages.tables.get(("sensor_accel", i))
+        if acc_table is None or "x" not in gyro_table or "x" not in acc_table:
+            continue
+        column = "timestamp_sample" if "timestamp_sample" in gyro_table else "timestamp"
+        t, t_acc = stamps(gyro_table, column), stamps(acc_table, column if column in acc_table else "timestamp")
+        gyro, known = calibrate("GYRO", values, device(gyro_table), columns(gyro_table, "x", "y", "z"))
+        acc, known_acc = calibrate("ACC", values, device(acc_table), columns(acc_table, "x", "y", "z"))
+        one = Candidate(
+            i, 4, t, gyro, onto(t, t_acc, acc), f"sensor_gyro:{i}", "instant", calibrated=known and known_acc,
+            filtered="driver", device=str(device(gyro_table)), acc_source=f"sensor_accel:{i}",
+        )  # fmt: skip
+        one = complete(one)
+        if one.rate >= FAST_HZ:
+            found.append(one)
+    return found
+
+
+def device(table: Table) -> int:
+    """The device id that most records of a topic carry, 0 if it has none."""
+    if "device_id" not in table or len(table) == 0:
+        return 0
+    ids: NDArray[Any] = table["device_id"]
+    known, count = np.unique(ids, return_counts=True)
+    return int(known[np.argmax(count)])
+
+
+def unit_of_device(reading: Reading, device_id: int) -> int | None:
+    """The instance of ``vehicle_imu`` (or its status) whose gyro has this device id."""
+    for name in ("vehicle_imu", "vehicle_imu_status"):
+        for i in reading.messages.instances(name):
+            if int(reading.messages[name, i]["gyro_device_id"][-1]) == device_id:
+                return i
+    for i in reading.messages.instances("sensor_gyro"):
+        if device(reading.messages["sensor_gyro", i]) == device_id:
+            return i
+    return None
+
+
+def selected_units(reading: Reading) -> tuple[Stamps, list[int], str]:
+    """When which unit flew (stamps, units, source), from the estimator selector or the sensor voter."""
+    for name in ("estimator_selector_status", "sensor_selection"):
+        table = reading.messages.tables.get((name, 0))
+        if table is None or "gyro_device_id" not in table:
+            continue
+        t, units = [], []
+        for at, device_id in zip(stamps(table).tolist(), table["gyro_device_id"].tolist(), strict=True):
+            unit = unit_of_device(reading, int(device_id)) if device_id else None
+            if unit is not None:
+                t.append(at)
+                units.append(unit)
+        if units:
+            return np.array(t, np.int64), units, name
+    return np.zeros(0, np.int64), [], ""

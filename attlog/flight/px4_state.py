@@ -1,0 +1,233 @@
+"""Everything of a PX4 log that is neither inertial, magnetic nor an attitude."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Stream
+from attlog.flight.modes import px4_mode, vehicle_name
+from attlog.flight.px4_imu import stamps
+from attlog.flight.reading import Reading, columns
+from attlog.formats.base import Messages, Table
+
+RELEASE_TYPES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
+ARMED = 2
+"""``vehicle_status.arming_state`` of an armed vehicle, the same in all versions."""
+
+
+def firmware(messages: Messages) -> Firmware:
+    """Who wrote the log. Development builds carry the next release number and the word dev."""
+    info = messages.info
+    number = info.get("ver_sw_release")
+    version = ""
+    if isinstance(number, (int, np.integer)) and number > 0:
+        number = int(number)
+        version = f"{number >> 24}.{number >> 16 & 0xFF}.{number >> 8 & 0xFF}"
+        kind = RELEASE_TYPES.get(number & 0xFF, f"type {number & 0xFF}")
+        version += f" {kind}" if kind else ""
+    return Firmware(str(info.get("sys_name", "")), version, str(info.get("ver_sw", "")), str(info.get("ver_hw", "")))
+
+
+def fill(reading: Reading, log: FlightLog) -> None:
+    """Add set-points, states, aids and texts to the log."""
+    status = reading.messages.tables.get(("vehicle_status", 0))
+    log.vehicle = vehicle(status)
+    log.simulated = simulated(reading, status)
+    log.setpoints = setpoints(reading)
+    log.rate_setpoints = rate_setpoints(reading)
+    if status is not None:
+        t = stamps(status)
+        if "arming_state" in status:
+            log.armed = reading.time_line(t, (status["arming_state"] == ARMED).tolist(), "vehicle_status")
+        if "nav_state" in status:
+            log.mode = reading.time_line(t, [px4_mode(int(n)) for n in status["nav_state"]], "vehicle_status")
+    land = reading.messages.tables.get(("vehicle_land_detected", 0))
+    if land is not None and "landed" in land:
+        log.landed = reading.time_line(stamps(land), (land["landed"] != 0).tolist(), "vehicle_land_detected")
+    log.gnss = gnss(reading)
+    log.utc_offset = utc_offset(log.gnss)
+    log.baro = baro(reading)
+    log.airspeed = airspeed(reading)
+    log.throttle = throttle(reading)
+    log.rpm = rpm(reading)
+    log.battery = battery(reading)
+    for text in reading.messages.texts:
+        t = 0 if text.t_us is None else text.t_us
+        log.texts.append((float(reading.seconds(np.int64(t))), text.level, text.text))
+
+
+def vehicle(status: Table | None) -> str:
+    """The kind of vehicle in words, "unknown" if the log does not say."""
+    if status is None or len(status) == 0:
+        return "unknown"
+    if "is_vtol" in status and status["is_vtol"].any():
+        return "VTOL"
+    if "system_type" in status:
+        return vehicle_name(int(status["system_type"][-1]))
+    return "unknown"
+
+
+def simulated(reading: Reading, status: Table | None) -> bool:
+    """Whether the sensors were simulated (SITL or hardware in the loop)."""
+    info = reading.messages.info
+    board = f"{info.get('ver_hw', '')} {info.get('sys_mcu', '')}".upper()
+    hil = status is not None and "hil_state" in status and bool((status["hil_state"] == 1).any())
+    truth = ("vehicle_attitude_groundtruth", 0) in reading.messages.tables
+    return hil or truth or "SITL" in board or "SIM" in board
+
+
+def setpoints(reading: Reading) -> Attitude | None:
+    """The attitude set-point; old versions hold Euler angles beside or instead of ``q_d``."""
+    table = reading.messages.tables.get(("vehicle_attitude_setpoint", 0))
+    if table is None:
+        return None
+    q = columns(table, "q_d") if "q_d" in table else np.zeros((len(table), 4))
+    unset = ~(np.abs(np.sum(q**2, axis=1) - 1.0) < 0.1)
+    if unset.any() and "roll_body" in table:
+        euler = columns(table, "roll_body", "pitch_body", "yaw_body")
+        q = np.where(unset[:, None], rotation.from_euler(*euler.T), q)
+        unset = ~np.isfinite(q).all(axis=1)
+    if unset.all():
+        return None
+    return reading.attitude(stamps(table)[~unset], q[~unset], "vehicle_attitude_setpoint")
+
+
+def rate_setpoints(reading: Reading) -> Stream | None:
+    """The body rate set-point in rad/s."""
+    table = reading.messages.tables.get(("vehicle_rates_setpoint", 0))
+    if table is None or "roll" not in table:
+        return None
+    rates = columns(table, "roll", "pitch", "yaw")
+    return reading.stream(stamps(table), rates, "rad/s", "vehicle_rates_setpoint", frame="FRD", allow_nan=True)
+
+
+def gnss(reading: Reading) -> list[Gnss]:
+    """Receivers: ``vehicle_gps_position`` or ``sensor_gps``, whichever was logged faster."""
+    messages = reading.messages
+    counts = {n: max((len(messages[n, i]) for i in messages.instances(n)), default=0)
+              for n in ("vehicle_gps_position", "sensor_gps")}  # fmt: skip
+    name = max(counts, key=lambda n: counts[n])
+    if counts[name] == 0:
+        return []
+    return [g for g in (receiver(reading, name, i) for i in messages.instances(name)) if g is not None]
+
+
+def receiver(reading: Reading, name: str, instance: int) -> Gnss | None:
+    """One receiver; positions are 1e-7 deg integers (mm) before 1.15 and double degrees (m) since."""
+    table = reading.messages[name, instance]
+    t_us = stamps(table)
+    source = f"{name}:{instance}"
+    if "latitude_deg" in table:
+        place = columns(table, "latitude_deg", "longitude_deg", "altitude_msl_m")
+    elif "lat" in table and "lon" in table and "alt" in table:
+        place = columns(table, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
+    else:
+        return None
+    fix = table["fix_type"].astype(np.int64)
+    index = reading.keep(t_us, source, (np.abs(place) <= [90.0, 180.0, 1e6]).all(axis=1))
+    if len(index) == 0:
+        return None
+    velocity = columns(table, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
+    if "vel_ned_valid" in table:
+        velocity[table["vel_ned_valid"] == 0] = np.nan
+    without = fix < 2
+    place[without], velocity[without] = np.nan, np.nan
+    yaw = columns(table, "heading")[:, 0] if "heading" in table else None
+    utc = table["time_utc_usec"].astype(np.int64)
+    return Gnss(
+        instance, reading.seconds(t_us[index]), source, place[index, 0], place[index, 1], place[index, 2],
+        velocity[index], *(accuracy(table, n)[index] for n in ("eph", "epv", "s_variance_m_s")), fix[index],
+        yaw[index] if yaw is not None and np.isfinite(yaw[index]).any() and yaw[index].any() else None,
+        utc[index] if (utc[index] > 0).any() else None,
+    )  # fmt: skip
+
+
+def accuracy(table: Table, column: str) -> NDArray[Any]:
+    """An accuracy column, NaN where the topic has none."""
+    return table.value(column) if column in table else np.full(len(table), np.nan)
+
+
+def utc_offset(receivers: list[Gnss]) -> float | None:
+    """Seconds that turn the log's clock into Unix time, from GNSS with a fix; None if it never told."""
+    for one in receivers:
+        if one.utc_us is None:
+            continue
+        good = (one.utc_us > 946_684_800_000_000) & (one.fix >= 2)  # after the year 2000
+        if good.any():
+            return float(np.median(one.utc_us[good] * 1e-6 - one.t[good]))
+    return None
+
+
+def baro(reading: Reading) -> list[Stream]:
+    """Barometric altitude in m."""
+    for name in ("vehicle_air_data", "sensor_combined", "sensor_baro"):
+        column = "altitude" if name == "sensor_baro" else "baro_alt_meter"
+        tables = [reading.messages[name, i] for i in reading.messages.instances(name)]
+        tables = [t for t in tables if column in t]
+        if not tables:
+            continue
+        found = []
+        for table in tables:
+            t, x = stamps(table), table.value(column)
+            if name == "sensor_combined":
+                new = np.concatenate([[True], np.diff(x) != 0])
+                t, x = t[new], x[new]
+            found.append(reading.stream(t, x, "m", f"{name}:{table.instance}", limit=1e5))
+        return [f for f in found if f is not None]
+    return []
+
+
+def airspeed(reading: Reading) -> Stream | None:
+    """True airspeed in m/s."""
+    for name in ("airspeed_validated", "airspeed"):
+        table = reading.messages.tables.get((name, 0))
+        if table is not None and "true_airspeed_m_s" in table:
+            stream = reading.stream(
+                stamps(table), table.value("true_airspeed_m_s"), "m/s", name, limit=1e3, allow_nan=True
+            )
+            if stream is not None:
+                return stream
+    return None
+
+
+def throttle(reading: Reading) -> Stream | None:
+    """Demanded thrust 0 to 1: norm of the thrust set-point, in old versions the throttle control."""
+    for name, column in (
+        ("vehicle_thrust_setpoint", "xyz"), ("vehicle_rates_setpoint", "thrust_body"),
+        ("vehicle_attitude_setpoint", "thrust_body"), ("vehicle_rates_setpoint", "thrust"),
+        ("vehicle_attitude_setpoint", "thrust"),
+    ):  # fmt: skip
+        table = reading.messages.tables.get((name, 0))
+        if table is not None and column in table:
+            x = columns(table, column)
+            return reading.stream(stamps(table), np.sqrt(np.sum(x**2, axis=1)), "1", name, limit=10.0, allow_nan=True)
+    return None
+
+
+def rpm(reading: Reading) -> Stream | None:
+    """Rotor speeds (n, rotors) in rev/min."""
+    table = reading.messages.tables.get(("esc_status", 0))
+    if table is None:
+        return None
+    names = [f"esc[{k}].esc_rpm" for k in range(16) if f"esc[{k}].esc_rpm" in table]
+    if not names:
+        return None
+    x = columns(table, *names)
+    turning = x.any(axis=0)
+    if not turning.any():
+        return None
+    return reading.stream(stamps(table), x[:, turning], "rpm", "esc_status", limit=1e6)
+
+
+def battery(reading: Reading) -> Stream | None:
+    """Battery (n, 2): voltage in V and current in A, NaN where not measured."""
+    table = reading.messages.first("battery_status")
+    if table is None or "voltage_v" not in table:
+        return None
+    x = columns(table, "voltage_v", "current_a")
+    x[x < 0] = np.nan  # -1: no current sensor
+    return reading.stream(stamps(table), x, "V, A", "battery_status", limit=1e4, allow_nan=True)

@@ -1,0 +1,126 @@
+"""Which records of a message have a believable time.
+
+Stamps stay int64 microseconds of the autopilot's boot clock until the zero of the
+log is known: float seconds of a Unix-epoch clock would lose the microseconds.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.limits import MAX_TIME_JUMP_S
+
+Stamps = NDArray[np.int64]
+
+ISOLATED_S = 10.0
+"""Fewer than ISOLATED_MIN records this far away from all others are false records."""
+ISOLATED_MIN = 3
+GAP_FACTOR = 5.0
+GAP_S = 0.05
+"""A gap is longer than max(GAP_FACTOR * median interval, GAP_S), METRICS 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """``index`` (k,) of the records with strictly rising, believable stamps, and why the others went."""
+
+    index: NDArray[np.int64]
+    duplicates: int = 0
+    backward: int = 0
+    false: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """All records left out."""
+        return self.duplicates + self.backward + self.false
+
+
+def believable(t_us: Stamps) -> Kept:
+    """The records (n,) whose stamps rise strictly and lie near the others.
+
+    Later records with an equal stamp are duplicates (two tasks log one message).
+    Of stamps that go back, the longest rising subsequence stays, so that one record
+    with a false late time does not take the good ones after it with it.
+    """
+    t = np.asarray(t_us, np.int64)
+    if len(t) == 0:
+        return Kept(np.zeros(0, np.int64))
+    jump = int(MAX_TIME_JUMP_S * 1e6)
+    middle = int(np.median(t[t >= 0])) if (t >= 0).any() else 0
+    index = np.flatnonzero((t >= 0) & (t <= middle + jump) & (t >= middle - jump))
+    false = len(t) - len(index)
+    duplicates = backward = 0
+    steps = np.diff(t[index])
+    if (steps <= 0).any():
+        keep = np.concatenate([[True], steps != 0])
+        duplicates += int((~keep).sum())
+        index = index[keep]
+        if (np.diff(t[index]) <= 0).any():
+            rising = index[longest_rising(t[index])]
+            lost = np.setdiff1d(index, rising, assume_unique=True)
+            again = int(np.isin(t[lost], t[rising]).sum())
+            duplicates += again
+            backward += len(lost) - again
+            index = rising
+    index, isolated = without_isolated(t, index)
+    return Kept(index, duplicates, backward, false + isolated)
+
+
+def longest_rising(t: Stamps) -> NDArray[np.int64]:
+    """Indices of the longest strictly rising subsequence (patience sorting, n log n)."""
+    tails: list[int] = []
+    at: list[int] = []
+    before = np.full(len(t), -1, np.int64)
+    for i, value in enumerate(t.tolist()):
+        k = bisect_left(tails, value)
+        if k:
+            before[i] = at[k - 1]
+        if k == len(tails):
+            tails.append(value)
+            at.append(i)
+        else:
+            tails[k] = value
+            at[k] = i
+    chain = np.empty(len(at), np.int64)
+    i = at[-1]
+    for k in range(len(at) - 1, -1, -1):
+        chain[k] = i
+        i = int(before[i])
+    return chain
+
+
+def without_isolated(t: Stamps, index: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """The index without groups of very few records far from the rest, and how many went."""
+    if len(index) < 4 * ISOLATED_MIN:
+        return index, 0
+    cuts = np.flatnonzero(np.diff(t[index]) > ISOLATED_S * 1e6) + 1
+    if len(cuts) == 0:
+        return index, 0
+    edges = np.concatenate([[0], cuts, [len(index)]])
+    sizes = np.diff(edges)
+    if sizes.max() < ISOLATED_MIN:  # a slow message, not false records
+        return index, 0
+    keep = np.repeat(sizes >= ISOLATED_MIN, sizes)
+    return index[keep], int((~keep).sum())
+
+
+def gaps(t: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Indices i where sample i comes after a gap: interval above max(5 medians, 50 ms)."""
+    if len(t) < 3:
+        return np.zeros(0, np.int64)
+    dt = np.diff(t)
+    return np.flatnonzero(dt > max(GAP_FACTOR * float(np.median(dt)), GAP_S)) + 1
+
+
+def active_rate(t_us: Stamps) -> float:
+    """Rate in Hz where the message is being logged: count over span without gaps, 0 below two samples."""
+    if len(t_us) < 2:
+        return 0.0
+    dt = np.diff(t_us) * 1e-6
+    steady = dt <= max(GAP_FACTOR * float(np.median(dt)), GAP_S)
+    span = float(dt[steady].sum())
+    return float(steady.sum()) / span if span > 0 else 0.0
