@@ -1,1 +1,6 @@
+"""A Result as one self-contained HTML page. Computes nothing that is not drawing."""
 
+from attlog.report.bundle import bundle_notice
+from attlog.report.page import write_report
+
+__all__ = ["bundle_notice", "write_report"]

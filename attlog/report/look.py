@@ -1,0 +1,63 @@
+"""Who gets which colour and line, and who is shown at first: the same in every figure, card and table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from attlog.result import EstimatorRow, Result
+
+COLOURS = 8
+"""Filter colours of the palette in ``style.css``; slot 0 is the onboard attitude."""
+
+DASHES = ("solid", "dash", "dot", "dashdot")
+"""Line of filters 1 to 8, 9 to 16, 17 to 24, and so on."""
+
+ONBOARD_DASHES = ("solid", "dot", "dashdot", "dash")
+
+MANY = 9
+"""From so many replayed rows on only FEW of them are shown at first."""
+
+FEW = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How one row is drawn: ``slot`` of the palette, ``dash``, and whether it is shown at first."""
+
+    name: str
+    slot: int
+    dash: str
+    shown: bool
+    onboard: bool
+    reference: bool
+
+
+def looks(result: Result) -> dict[str, Look]:
+    """The look of every row by name, reference and onboard first, then filters in their own order."""
+    rows = ordered(result)
+    replays = [r.name for r in rows if r.kind == "replay"]
+    shown = set(replays)
+    if len(replays) >= MANY:
+        shown = set(sorted(replays, key=lambda name: -marks(result, name))[:FEW])
+    known = {r.name for r in rows}
+    others = list(dict.fromkeys(t.row for t in result.traces if t.row not in known))
+    others += [r.name for r in rows if r.kind != "replay"]
+    references = {r.name for r in rows if r.is_reference} or set(others[:1])
+    out = {
+        name: Look(name, 0, ONBOARD_DASHES[i % 4], i < 2 or name in references, True, name in references)
+        for i, name in enumerate(others)
+    }
+    for i, name in enumerate(replays):
+        dash = DASHES[(i // COLOURS) % len(DASHES)]
+        out[name] = Look(name, 1 + i % COLOURS, dash, name in shown, False, name in references)
+    return out
+
+
+def ordered(result: Result) -> list[EstimatorRow]:
+    """Rows as the page shows them: the reference, other onboard rows, the filters."""
+    return sorted(result.estimators, key=lambda r: (not r.is_reference, r.kind == "replay"))
+
+
+def marks(result: Result, name: str) -> int:
+    """How often a row is marked best."""
+    return sum(name in rows for metrics in result.best.values() for rows in metrics.values())

@@ -1,0 +1,70 @@
+"""What stands on the time axis: phases, modes, messages, failsafes, resets, gaps, impact."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from attlog.result import Result
+
+MAX_MESSAGES = 2000
+"""Messages drawn on the time axis; the worst are kept, the list in the page says how many there are."""
+
+ALARM = re.compile(r"fail[- ]?safe|crash|emergency|lost|terminat|\bland(ing)? now\b|parachute", re.IGNORECASE)
+"""Texts that a pilot looks for first whatever their level."""
+
+LEVELS = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
+CRITICAL, WARNING = 2, 4
+
+
+def time_marks(result: Result) -> dict[str, Any]:
+    """Everything to draw on the time axes: spans as [[t0, t1, why]], instants as [[t, why]], modes and texts."""
+    line = result.log.get("timeline") or {}
+    spans = {
+        kind: [[s.t0, s.t1, s.why] for s in result.segments if s.kind.startswith(kind)] for kind in ("rest", "gap")
+    }
+    return {
+        "range": time_range(result),
+        "modes": [[float(a), float(b), str(name)] for a, b, name in line.get("modes") or []],
+        "armed": [[float(a), float(b)] for a, b in line.get("armed") or []],
+        "airborne": [[float(a), float(b)] for a, b in line.get("airborne") or []],
+        "rest": spans["rest"],
+        "gaps": spans["gap"],
+        "resets": [[s.t0, s.why] for s in result.segments if s.kind == "reset"],
+        "impact": [[s.t0, s.t1, s.why] for s in result.segments if s.kind == "impact"],
+        "texts": drawn(messages(result)),
+    }
+
+
+def time_range(result: Result) -> list[float]:
+    """First and last second that any figure shows."""
+    times = [float(x) for t in result.traces if t.figure == "attitude" and len(t.t) for x in (t.t[0], t.t[-1])]
+    end = max([*times, float(result.log.get("duration_s") or 0.0), 1e-3])
+    return [min([*times, 0.0]), end]
+
+
+def messages(result: Result) -> list[tuple[float, int, str]]:
+    """The autopilot's messages in time order: (t, level, text)."""
+    found = [
+        (float(t), int(level), str(text)) for t, level, text in (result.log.get("timeline") or {}).get("texts") or []
+    ]
+    return sorted(found, key=lambda m: m[0])
+
+
+def alarming(level: int, text: str) -> bool:
+    """Whether a message is one that a pilot looks for first."""
+    return level <= CRITICAL or bool(ALARM.search(text))
+
+
+def drawn(found: list[tuple[float, int, str]]) -> list[list[Any]]:
+    """Messages for the figure: [t, severity, text], the worst MAX_MESSAGES of them; severity 2 alarm, 1 warning, 0 other."""
+    graded = [[t, 2 if alarming(level, text) else 1 if level <= WARNING else 0, text[:200]] for t, level, text in found]
+    if len(graded) > MAX_MESSAGES:
+        worst = sorted(range(len(graded)), key=lambda i: -graded[i][1])[:MAX_MESSAGES]
+        graded = [graded[i] for i in sorted(worst)]
+    return graded
+
+
+def level_name(level: int) -> str:
+    """A syslog level in words."""
+    return LEVELS[level] if 0 <= level < len(LEVELS) else str(level)

@@ -1,0 +1,113 @@
+"""Arrays small enough to travel: reduced without losing a peak, quantised, compressed.
+
+An array is reduced to the smallest and the largest value of each bucket, in the
+order they came, quantised to int16 and stored as differences (with wrap-around, so
+that the sum gives the same int16 back), low bytes first and then high bytes, which
+gzip shrinks best.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BUDGET = 100_000
+"""Stored samples per angle over all rows of a figure; beyond it min-max takes over."""
+
+MISSING = -32768
+"""The int16 that stands for NaN."""
+
+LARGEST = 32766
+TIME_STEP = 1e-4
+"""Times are stored in steps of 0.1 ms, coarser only for logs beyond two days."""
+
+
+def reduce(t: Array, columns: dict[str, Array], keep: int) -> tuple[Array, dict[str, Array]]:
+    """Times and columns with at most ``keep`` samples: two per bucket, its smallest and largest value.
+
+    The two values of a bucket stand at its first and its middle time, so that all
+    columns share the times; a peak keeps its height and moves by less than a bucket.
+    A bucket with NaN in it keeps a NaN, so that a gap stays a gap.
+    """
+    n, buckets = len(t), max(keep // 2, 1)
+    if n <= max(keep, 2):
+        return t, columns
+    edges = np.linspace(0, n, buckets + 1).astype(np.int64)
+    first, middle = edges[:-1], (edges[:-1] + edges[1:]) // 2
+    return np.column_stack([t[first], t[middle]]).ravel(), {k: extremes(y, edges) for k, y in columns.items()}
+
+
+def extremes(y: Array, edges: NDArray[np.int64]) -> Array:
+    """Smallest and largest value between edges (m + 1,), in the order they came, as one array (2 m,)."""
+    first = edges[:-1]
+    gap = np.isnan(y)
+    low = np.minimum.reduceat(np.where(gap, np.inf, y), first)
+    high = np.maximum.reduceat(np.where(gap, -np.inf, y), first)
+    size = np.diff(edges)
+    bucket = np.repeat(np.arange(len(first)), size)
+    place = np.arange(len(y))
+    at_low = np.minimum.reduceat(np.where(y == low[bucket], place, len(y)), first)
+    at_high = np.minimum.reduceat(np.where(y == high[bucket], place, len(y)), first)
+    out = np.column_stack([np.where(at_low <= at_high, low, high), np.where(at_low <= at_high, high, low)])
+    out[~np.isfinite(out)] = np.nan
+    holes = np.logical_or.reduceat(gap, first)
+    out[holes, 1] = np.nan
+    return out.ravel()
+
+
+class Store:
+    """Collects arrays for the page; equal arrays (times shared by all filters) are kept once.
+
+    What ``values`` and ``times`` return goes into the JSON header and says where the
+    integers stand: ``s`` the step, ``o`` the first byte, ``n`` how many.
+    """
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+        self._places: dict[bytes, int] = {}
+
+    def values(self, y: Array, step: float = 1e-9) -> dict[str, Any]:
+        """An array as int16 steps, ``step`` or coarser where the range needs it; NaN survives."""
+        finite = np.isfinite(y)
+        largest = float(np.max(np.abs(y[finite]))) if finite.any() else 0.0
+        step = _rounded(max(step, largest / LARGEST))
+        whole = np.full(len(y), MISSING, np.int16)
+        whole[finite] = np.round(y[finite] / step)
+        return self._put(np.diff(whole, prepend=np.int16(0)), step)
+
+    def times(self, t: Array) -> dict[str, Any]:
+        """Times as int32 steps."""
+        t = np.nan_to_num(t)
+        step = _rounded(max(TIME_STEP, float(np.max(np.abs(t), initial=0.0)) / 2.0e9))
+        return self._put(np.diff(np.round(t / step).astype(np.int32), prepend=np.int32(0)), step)
+
+    def pack(self, header: Any) -> str:
+        """Header (JSON, its length ahead as 4 bytes) and arrays, gzipped and in base64."""
+        text = json.dumps(header, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8", "replace")
+        return packed(len(text).to_bytes(4, "little") + text + bytes(self._bytes))
+
+    def _put(self, whole: NDArray[Any], step: float) -> dict[str, Any]:
+        whole = np.ascontiguousarray(whole.astype(whole.dtype.newbyteorder("<")))
+        raw = whole.view(np.uint8).reshape(-1, whole.itemsize).T.tobytes()
+        place = self._places.setdefault(raw, len(self._bytes))
+        if place == len(self._bytes):
+            self._bytes += raw
+        return {"s": step, "o": place, "n": len(whole)}
+
+
+def packed(raw: bytes) -> str:
+    """Bytes gzipped (same bytes, same result) and in base64, for ``<script type="application/gzip">``."""
+    return base64.b64encode(gzip.compress(raw, 9, mtime=0)).decode()
+
+
+def _rounded(step: float) -> float:
+    """A step with few digits, rounded up so that the range still fits."""
+    digits = 3 - int(np.floor(np.log10(step)))
+    return float(np.ceil(step * 10.0**digits) / 10.0**digits)

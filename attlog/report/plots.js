@@ -1,0 +1,78 @@
+// What all figures share: layout, axes, shaded phases, lines.
+const width = (id) => (printing ? PRINT_WIDTH : Math.max(260, $(id).clientWidth));
+const narrow = (id) => width(id) < 520;
+const hidden = new Set();
+const CONFIG = { responsive: false, displaylogo: false, displayModeBar: false, doubleClick: false, scrollZoom: false };
+
+function axis(title, more) {
+  const muted = css('--mu'), border = css('--bd');
+  return Object.assign({
+    title: { text: title, font: { size: 12, color: muted }, standoff: 6 }, gridcolor: border, zerolinecolor: muted,
+    zerolinewidth: 1, linecolor: border, tickfont: { size: 12, color: muted }, automargin: false, exponentformat: 'none',
+  }, more || {});
+}
+
+function layout(id, more) {
+  const text = css('--tx'), small = narrow(id);
+  return Object.assign({
+    width: width(id), height: +$(id).dataset.height, paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)',
+    font: { family: 'system-ui,-apple-system,Segoe UI,Roboto,Arial,sans-serif', size: 12, color: text }, showlegend: false,
+    margin: { l: small ? 50 : 64, r: small ? 8 : 14, t: 22, b: 40 }, hovermode: 'x unified',
+    hoverlabel: { bgcolor: css('--bg'), bordercolor: css('--bd'), font: { size: 11.5, color: text }, namelength: 40 },
+    dragmode: small ? false : 'zoom', shapes: [], annotations: [],
+  }, more || {});
+}
+
+const band = (a, b, fill) => ({ type: 'rect', xref: 'x', yref: 'paper', x0: a, x1: b, y0: 0, y1: 1, fillcolor: fill, line: { width: 0 }, layer: 'below' });
+const bar = (x, color, dash) => ({ type: 'line', xref: 'x', yref: 'paper', x0: x, x1: x, y0: 0, y1: 1, line: { color, width: 1.2, dash }, layer: 'below' });
+const note = (x, text, more) => Object.assign({ x, y: 1, xref: 'x', yref: 'paper', yanchor: 'bottom', text, showarrow: false, font: { size: 11.5, color: css('--mu') } }, more || {});
+const MANY_MARKS = 300;
+
+// rest, airborne, impact, gaps and resets behind a figure with flight time
+function phases(L, named) {
+  const M = D.marks, range = L.xaxis.range, seen = (a, b) => b >= range[0] && a <= range[1];
+  for (const [a, b] of M.airborne) L.shapes.push(band(a, b, css('--arm')));
+  for (const [a, b] of M.rest.slice(0, MANY_MARKS)) L.shapes.push(band(a, b, css('--rest')));
+  for (const [a, b] of M.impact) L.shapes.push(band(a, Math.max(b, a), css('--crash')), bar(a, css('--bad'), 'solid'));
+  for (const [a, b] of M.gaps.slice(0, MANY_MARKS)) L.shapes.push(band(a, b, css('--gap')));
+  for (const [t] of M.resets.slice(0, MANY_MARKS)) L.shapes.push(bar(t, css('--bad'), 'dot'));
+  if (!named) return;
+  const share = (a, b) => (Math.min(b, range[1]) - Math.max(a, range[0])) / (range[1] - range[0]);
+  const label = (spans, text, least) => {
+    for (const [a, b] of spans) if (seen(a, b) && share(a, b) > least)
+      L.annotations.push(note((Math.max(a, range[0]) + Math.min(b, range[1])) / 2, text));
+  };
+  const least = 50 / L.width;
+  label(M.rest, 'rest', least);
+  label(M.airborne, 'in the air', 1.6 * least);
+  for (const [a] of M.impact) if (seen(a, a)) L.annotations.push(note(a, 'impact', { font: { size: 11.5, color: css('--bad') } }));
+}
+
+const line = (r, w) => ({ color: colour(r), width: w || (D.rows[r].onboard ? 2.2 : 1.5), dash: D.rows[r].dash });
+const trace = (r, x, y, more) => Object.assign({
+  type: 'scatter', mode: 'lines', x, y, meta: r, name: name(r), line: line(r), hovertemplate: '%{y:.2f}°', visible: !hidden.has(r),
+}, more || {});
+
+// the onboard line below the filters where it would hide them, above where it is the reference
+const ordered = (series) => series.slice().sort((a, b) => D.rows[b.r].onboard - D.rows[a.r].onboard);
+
+// stacked panels that share the time axis
+function panels(id, f, columns, options) {
+  const range = options.range, traces = [], L = layout(id, options.layout);
+  const gap = 0.035, height = (1 - gap * (columns.length - 1)) / columns.length;
+  for (const s of ordered(f.series)) columns.forEach(([key, , opt], i) => {
+    if (!s.y[key]) return;
+    let y = values(s.y[key]);
+    if (opt && opt.map) y = y.map(opt.map);
+    const [X, Y] = reduced(times(s.t), y, range, width(id), opt && opt.wraps);
+    traces.push(trace(s.r, X, Y, Object.assign({ yaxis: i ? 'y' + (i + 1) : 'y' }, options.trace)));
+  });
+  const last = columns.length > 1 ? 'y' + columns.length : 'y';
+  L.xaxis = axis(options.time || 'time, s', { range: range.slice(), anchor: last, hoverformat: '.2f', showspikes: true, spikemode: 'across', spikethickness: 1, spikecolor: css('--mu'), spikedash: 'dot' });
+  columns.forEach(([, title, opt], i) => {
+    const top = 1 - i * (height + gap), own = 'y' + (i || '' ? i + 1 : '');
+    L['yaxis' + (i ? i + 1 : '')] = axis(title, Object.assign({ domain: [Math.max(top - height, 0), top], nticks: 5, range: fitted(traces, i ? own : 'y', opt && opt.least || 0.2), zeroline: !(opt && opt.wraps) }, opt && opt.axis));
+  });
+  if (options.phases) phases(L, options.phases === 'named');
+  return { traces, layout: L };
+}

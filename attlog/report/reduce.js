@@ -1,0 +1,43 @@
+// Smallest and largest value per two pixel columns, again at every zoom; gaps and wraps break the line.
+let stored = 0, drawn = 0;
+const at = (t, x) => {
+  let a = 0, b = t.length;
+  while (a < b) { const m = (a + b) >> 1; if (t[m] < x) a = m + 1; else b = m; }
+  return a;
+};
+
+function reduced(t, y, range, pixels, wraps) {
+  const from = range ? Math.max(at(t, range[0]) - 1, 0) : 0;
+  const to = range ? Math.min(at(t, range[1]) + 1, t.length) : t.length;
+  const X = [], Y = [], n = Math.max(Math.round(pixels / 2), 50);
+  const put = (i) => {
+    const last = Y.length - 1;
+    if (wraps && last >= 0 && Y[last] !== null && Math.abs(Y[last] - y[i]) > 180) { X.push(t[i]); Y.push(null); }
+    X.push(t[i]);
+    Y.push(Number.isNaN(y[i]) ? null : y[i]);
+  };
+  stored += to - from;
+  if (to - from <= 2 * n) for (let i = from; i < to; i++) put(i);
+  else for (let c = 0, step = (to - from) / n; c < n; c++) {
+    const i0 = from + Math.floor(c * step), i1 = from + Math.floor((c + 1) * step);
+    let low = -1, high = -1, hole = -1;
+    for (let i = i0; i < i1; i++) {
+      if (Number.isNaN(y[i])) { hole = i; continue; }
+      if (low < 0 || y[i] < y[low]) low = i;
+      if (high < 0 || y[i] > y[high]) high = i;
+    }
+    for (const i of [...new Set([low, high, hole])].filter((i) => i >= 0).sort((a, b) => a - b)) put(i);
+  }
+  drawn += X.length;
+  return [X, Y];
+}
+
+// the range of visible values with a margin, from what is drawn
+function fitted(traces, axis, least) {
+  let low = Infinity, high = -Infinity;
+  for (const trace of traces) if (trace.visible !== false && (trace.yaxis || 'y') === axis)
+    for (const v of trace.y) if (v !== null && v !== undefined) { if (v < low) low = v; if (v > high) high = v; }
+  if (!(low <= high)) return [-least, least];
+  const pad = Math.max((high - low) * 0.06, (least - (high - low)) / 2, 1e-6);
+  return [low - pad, high + pad];
+}

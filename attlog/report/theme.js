@@ -1,0 +1,15 @@
+// Colours come from the style sheet, so that light, dark and print agree with the page.
+const wantsDark = matchMedia('(prefers-color-scheme: dark)');
+let printing = false;
+const isDark = () => !printing && (root.dataset.theme ? root.dataset.theme === 'dark' : wantsDark.matches);
+const css = (name) => getComputedStyle(root).getPropertyValue(name).trim();
+const colour = (r) => css('--e' + D.rows[r].slot);
+const PRINT_WIDTH = 684;
+
+// plotly reads tags and entities in texts: nothing that looks like one may reach it
+const safe = (text) => String(text).replace(/&/g, '＆').replace(/</g, '‹').replace(/>/g, '›').replace(/%\{/g, '%(').replace(/\$/g, '＄');
+const short = (text, n) => (text.length > n ? text.slice(0, n - 1) + '…' : text);
+const name = (r) => safe(D.rows[r].name);
+
+const minus = (text) => text.replace(/-/g, '\u2212');
+const clock = (s) => minus(s.toFixed(1)) + ' s';
