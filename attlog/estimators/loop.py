@@ -42,8 +42,10 @@ MISSING, NEW, HELD = 0, 1, 2
 LOOP = """
 def advance(state, params, dt, parts, gyr, acc, mag, use, every, out):
     m = np.zeros(3)
+    row = 0
+    wait = 0
     for k in range(len(dt)):
-        h = dt[k] / parts[k]
+        h = dt[k] if parts[k] == 1 else dt[k] / max(parts[k], 1)
         if use[k] == 1:
             m[0] = mag[k, 0]
             m[1] = mag[k, 1]
@@ -56,9 +58,12 @@ def advance(state, params, dt, parts, gyr, acc, mag, use, every, out):
             if use[k] == 2:
                 turn_vector_back(m, gyr[k, 0]{bx}, gyr[k, 1]{by}, gyr[k, 2]{bz}, h)
             step(state, params, h, gyr[k], acc[k], m)
-        if k % every == 0:
+        if wait == 0:
             for j in range({outputs}):
-                out[k // every, j] = state[j]
+                out[row, j] = state[j]
+            row += 1
+            wait = every
+        wait -= 1
 """
 SIGNATURE = "void(f8[::1], f8[::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], i8, f8[:, ::1])"
 
