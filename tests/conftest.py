@@ -1,11 +1,16 @@
-"""Where the logs are: ``sample_logs`` is in the repository, the corpus is named by ATTLOG_CORPUS."""
+"""Where the logs are (``sample_logs`` is in the repository, ATTLOG_CORPUS names the corpus), and a way to run commands."""
 
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+
+from attlog.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_logs"
@@ -40,3 +45,31 @@ def corpus() -> Path:
 def samples() -> Path:
     """The committed sample logs."""
     return SAMPLES
+
+
+@dataclass
+class Done:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def attlog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
+    """``attlog("info", path)`` -> exit code, standard output, standard error."""
+
+    def run(*args: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["attlog", *map(str, args)])
+        monkeypatch.setenv("NO_COLOR", "1")
+        capsys.readouterr()
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return Done(code, captured.out, captured.err)
+
+    return run

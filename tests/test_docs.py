@@ -1,0 +1,44 @@
+"""What the documents show works: the notebook runs, and every command of the README exists."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+
+import pytest
+
+from tests.conftest import ROOT
+
+
+def test_the_notebook_runs_from_top_to_bottom(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT / "docs")
+    notebook = json.loads((ROOT / "docs" / "library.ipynb").read_text(encoding="utf-8"))
+    names: dict[str, object] = {}
+    cells = ["".join(c["source"]) for c in notebook["cells"] if c["cell_type"] == "code"]
+    assert len(cells) > 5
+    for number, cell in enumerate(cells):
+        exec(compile(cell, f"cell {number}", "exec"), names)
+
+
+def commands(document: str) -> list[str]:
+    text = (ROOT / document).read_text(encoding="utf-8")
+    blocks = re.findall(r"```console\n(.*?)```", text, re.S)
+    lines = [line.split("#")[0].strip() for block in blocks for line in block.splitlines()]
+    return [line for line in lines if line.startswith("attlog ")]
+
+
+@pytest.mark.parametrize("line", commands("README.md"))
+def test_every_option_of_the_readme_exists(attlog, line: str) -> None:
+    _, command, *arguments = shlex.split(line)
+    help_text = attlog(command, "--help").out
+    for option in (a for a in arguments if a.startswith("-") and a != "-"):
+        assert option in help_text, (command, option)
+
+
+@pytest.mark.parametrize("document", ["README.md", "docs/cli.md"])
+def test_every_linked_file_exists(document: str) -> None:
+    path = ROOT / document
+    links = re.findall(r"\]\((?!https?://)([^)#]+)\)", path.read_text(encoding="utf-8"))
+    missing = [link for link in links if not (path.parent / link).exists()]
+    assert not missing
