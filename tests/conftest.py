@@ -1,4 +1,4 @@
-"""Where the logs are (``sample_logs`` is in the repository, ATTLOG_CORPUS names the corpus), and a way to run commands."""
+"""Where the logs are (``sample_logs``, and the corpus that ATTLOG_CORPUS names), and a way to run commands."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-
-from attlog.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_logs"
@@ -59,6 +57,8 @@ class Done:
 @pytest.fixture
 def attlog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
     """``attlog("info", path)`` -> exit code, standard output, standard error."""
+
+    from attlog.cli import main
 
     def run(*args: object) -> Done:
         monkeypatch.setattr(sys, "argv", ["attlog", *map(str, args)])
