@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from types import ModuleType
 
-from attlog.metrics import drift_air, drift_rest, noise, ranking, rmse, wander
+from attlog.metrics import drift_air, drift_rest, lag, noise, ranking, rmse, settling, wander
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, Witness
 from attlog.metrics.trace import Trace
@@ -14,16 +14,12 @@ from attlog.reference.model import Row
 
 __all__ = ["Answer", "Metric", "Trace", "Trial", "Witness", "best", "compute", "definitions", "missing", "traces"]
 
-QUESTIONS: tuple[ModuleType, ...] = (noise, drift_rest, drift_air, wander, rmse)
+QUESTIONS: tuple[ModuleType, ...] = (noise, lag, settling, drift_rest, drift_air, wander, rmse)
 
 
-def definitions(tables: Iterable[dict[str, dict[str, Answer]]] | None = None) -> dict[str, Metric]:
-    """Every metric by its id, in the order of the table; with ``tables`` (window -> id -> Answer) those that occur."""
-    known = {metric.name: metric for question in QUESTIONS for metric in question.METRICS}
-    if tables is None:
-        return known
-    present = {name for table in tables for answers in table.values() for name in answers}
-    return {name: metric for name, metric in known.items() if name in present}
+def definitions() -> dict[str, Metric]:
+    """Every metric by its id, in the order of the table."""
+    return {metric.name: metric for question in QUESTIONS for metric in question.METRICS}
 
 
 def compute(trial: Trial, row: Row, windows: Sequence[str]) -> dict[str, dict[str, Answer]]:

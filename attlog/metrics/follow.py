@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.metrics import lag, probe
 from attlog.metrics.base import Trial
 from attlog.reference.model import Row
 
@@ -55,13 +56,19 @@ def regression_gain(t: Array, q_est: Array, q_ref: Array, piece: NDArray[np.int6
 
 def verdict(trial: Trial, row: Row, axis: str) -> Verdict:
     """Whether a row follows motion about roll, pitch or heading: by its steps, else by regression, else by a probe."""
+    number = ("roll", "pitch", "heading").index(axis)
+    step = lag.fits(trial, row, "all").get(("roll", "pitch", "yaw")[number])
+    if step is not None and step.events >= lag.MIN_EVENTS:
+        return _judge(step.gain, f"the gain in {step.events} steps")
     key = f"follow:{row.name}"
     if key not in trial.cache:
         trial.cache[key] = _regression(row)
-    gains = trial.cache[key]
-    gain = gains[("roll", "pitch", "heading").index(axis)]
+    gain = trial.cache[key][number]
     if np.isfinite(gain):
         return _judge(float(gain), "regression on the reference's rate")
+    probed = probe.gains(trial, row)
+    if probed is not None:
+        return _judge(float(probed[number]), "a probe: a pulse of 20 deg/s added to the sensors at rest")
     return Verdict(False, None, "no motion", "did not move: nothing shows that this row follows motion")
 
 

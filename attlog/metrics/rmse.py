@@ -37,9 +37,9 @@ METRICS: tuple[Metric, ...] = tuple(
         "low",
         ("reference",),
         paragraph(
-    f"""{words[0].upper()}{words[1:]} of {meaning}, with e = q_est q_ref* seen in earth axes, over the scored samples
+            f"""{words[0].upper()}{words[1:]} of {meaning}, with e = q_est q_ref* seen in earth axes, over the scored samples
     of the window at the times of the slower of row and reference. {_EXTREME if statistic == "max" else _EVIDENCE}"""
-),
+        ),
     )
     for angle, meaning in ANGLES.items()
     for statistic, words in STATISTICS.items()

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import drift, drift_air, drift_rest
+from attlog.metrics import drift, drift_air, drift_rest, lag, steps
 from attlog.metrics.base import Trial
 from attlog.metrics.noise import deviations, rest_spans
 from attlog.metrics.spans import within
@@ -27,6 +27,7 @@ def traces(trial: Trial, rows: Iterable[Row]) -> list[Trace]:
             *difference(row),
             *rest(trial, row),
             *drifts(trial, row),
+            *step(trial, row),
             *bias(row),
         ]
     return found
@@ -78,6 +79,24 @@ def drifts(trial: Trial, row: Row) -> list[Trace]:
             columns = {"heading": blocks.e, "line": drift.line(blocks)}
             found.append(Trace("drift", row.name, blocks.t, columns, key))
     return found
+
+
+def step(trial: Trial, row: Row) -> list[Trace]:
+    """Every event of each axis laid on its onset: estimate and reference from mid-step, sign of the stroke positive."""
+    if row.is_reference or trial.reference.rate < lag.MIN_REFERENCE_HZ:
+        return []
+    found = lag.fits(trial, row, "all").get("all")
+    if found is None:
+        return []
+    traces = []
+    for pair, offset in zip(found.pairs, found.offsets, strict=True):
+        event = pair.event
+        inside = (pair.t_ref >= event.begin) & (pair.t_ref <= event.end)
+        t, sign = pair.t_ref[inside], np.sign(event.delta_deg)
+        est = np.interp(t, pair.t_est, pair.est, left=np.nan, right=np.nan) - offset
+        columns = {"est": sign * est, "ref": sign * pair.ref[inside]}
+        traces.append(Trace("step", row.name, t - event.onset, columns, steps.AXES[event.axis]))
+    return traces
 
 
 def bias(row: Row) -> list[Trace]:

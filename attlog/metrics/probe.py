@@ -1,0 +1,76 @@
+"""Would a replayed filter follow, if it moved? A synthetic pulse added to the sensors at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import estimators, rotation
+from attlog.errors import AttlogError
+from attlog.metrics.base import Trial
+from attlog.metrics.spans import within
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+RATE_DPS = 20.0
+PULSE_S = 1.0
+SETTLE_S = 1.0
+LONGEST_S = 8.0
+
+
+def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
+    """The pulse as rates (n, 3) in rad/s over the last second of ``t``, and fixed vectors (n, 3) as the turned body sees them."""
+    on = t > t[-1] - PULSE_S
+    rate = np.zeros((len(t), 3))
+    rate[on, axis] = np.radians(RATE_DPS)
+    turned = np.zeros((len(t), 3))
+    turned[1:, axis] = np.cumsum(rate[1:, axis] * np.diff(t))
+    return rate, rotation.rotate_inverse(rotation.from_rotvec(turned), vectors)
+
+
+def gains(trial: Trial, row: Row) -> Array | None:
+    """How much of the pulse the row's filter shows at its end, about body x, y, z; None where it cannot be replayed.
+
+    Real filters show 1.00, accelerometer-only ones 0.2 to 0.7, a frozen one 0.
+    """
+    key = f"probe:{row.name}"
+    if key not in trial.cache:
+        trial.cache[key] = _gains(trial, row)
+    return trial.cache[key]
+
+
+def _gains(trial: Trial, row: Row) -> Array | None:
+    rest = max(trial.segments.of("rest"), key=lambda s: s.seconds, default=None)
+    if row.kind != "replay" or rest is None or trial.log.imu is None:
+        return None
+    imu = trial.log.imus[trial.log.imu]
+    pieces = within(imu.gyro.t, (max(rest.t0, rest.t1 - LONGEST_S), rest.t1))
+    piece = max(pieces, key=lambda p: p.stop - p.start, default=slice(0, 0))
+    t, gyro, acc = imu.gyro.t[piece], imu.gyro.x[piece], imu.acc.x[piece]
+    if len(t) < 20 or t[-1] - t[0] < SETTLE_S + PULSE_S:
+        return None
+    mag = None
+    if row.uses_mag and trial.log.mag is not None:
+        field = trial.log.mags[trial.log.mag].field
+        near = (field.t_best >= t[0]) & (field.t_best <= t[-1])
+        mag = estimators.place(t, field.t_best[near], field.x[near])
+
+    def end(gyro: Array, acc: Array, mag: Array | None) -> Array:
+        found = estimators.estimate(
+            estimators.get(row.estimator), t, gyro, acc, mag, sampling=imu.gyro.sampling, **row.parameters
+        )
+        return found.q[-1]
+
+    try:
+        still = end(gyro, acc, mag)
+        shown = np.zeros(3)
+        for axis in range(3):
+            rate, acc_turned = pulsed(t, acc, axis)
+            turned = end(gyro + rate, acc_turned, None if mag is None else pulsed(t, mag, axis)[1])
+            apart = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(still), turned)))
+            whole = np.degrees(np.sum(rate[1:, axis] * np.diff(t)))
+            shown[axis] = apart[axis] / whole
+    except AttlogError:
+        return None  # a user's file is not known by its name alone: the row stays unranked
+    return shown if np.isfinite(shown).all() else None

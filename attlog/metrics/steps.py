@@ -1,0 +1,130 @@
+"""Step events: quick movements of the vehicle, found per body axis in the reference's own rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics.base import Trial
+
+Array = NDArray[np.float64]
+
+AXES = ("roll", "pitch", "yaw")
+SMALLEST_DEG = (5.0, 5.0, 10.0)
+LEVEL = 0.15
+"""An onset is where the rate rises above this share of the stroke's peak rate."""
+QUIET_S = 0.3
+STROKE_S = 1.0
+REST_OF_EVENT_S = 0.7
+BEFORE_S, AFTER_S = 0.5, 1.0
+RUN_AFTER_S = 1.2
+RATE_SPAN_S = 0.04
+"""The rate is taken over this span: then a logged step of 0.01 deg at 400 Hz is no movement."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One movement about a body axis: onset, half and 90 % of the stroke, its size, and the window to compare in (s)."""
+
+    axis: int
+    onset: float
+    middle: float
+    t90: float
+    delta_deg: float
+    begin: float
+    end: float
+
+
+def find(t: Array, q: Array, piece: NDArray[np.int64]) -> list[Event]:
+    """Step events of an attitude ``q`` (n, 4) at ``t`` (n,) s, in time order; no event crosses a piece.
+
+    The stroke is the largest excursion of the integrated body rate within 1 s of the
+    onset, at least 5 deg (yaw 10); an onset less than 0.7 s after the last event's
+    90 % point belongs to that event (METRICS 4).
+    """
+    events: list[Event] = []
+    for label in np.unique(piece):
+        own = np.flatnonzero(piece == label)
+        if len(own) < 8 or t[own[-1]] - t[own[0]] < BEFORE_S + RUN_AFTER_S:
+            continue
+        for axis in range(3):
+            events += _cut_to_neighbours(_of_axis(t[own], q[own], axis))
+    return sorted(events, key=lambda e: e.onset)
+
+
+def of_trial(trial: Trial) -> list[Event]:
+    """The events of the reference that every row is judged by: after the scoring start, before the end."""
+    if "steps" not in trial.cache:
+        r = trial.reference
+        found = find(r.t, r.q, r.piece) if len(r.t) else []
+        trial.cache["steps"] = [e for e in found if e.begin >= r.scoring_start and e.end <= r.end]
+    return trial.cache["steps"]
+
+
+def in_window(trial: Trial, events: list[Event], window: str) -> list[Event]:
+    """The events whose onset lies in a window."""
+    inside = trial.segments.mask(np.array([e.onset for e in events]), window)
+    return [e for e, ok in zip(events, inside, strict=True) if ok]
+
+
+def _of_axis(t: Array, q: Array, axis: int) -> list[Event]:
+    turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-1]), q[1:])))[:, axis]
+    angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turn))])
+    step = float(np.median(np.diff(t)))
+    if step <= 0:
+        return []
+    span = max(1, round(RATE_SPAN_S / step))
+    elapsed = t[span:] - t[:-span]
+    rate = np.abs(angle[span:] - angle[:-span]) / np.maximum(elapsed, 1e-9)
+    at = 0.5 * (t[span:] + t[:-span])
+    quiet = max(1, round(QUIET_S / step))
+    peak = _largest_ahead(rate, max(1, round(STROKE_S / step)))
+    before = np.full(len(rate), np.inf)
+    before[quiet:] = _largest_ahead(rate, quiet)[: len(rate) - quiet]
+    onsets = np.flatnonzero((rate >= LEVEL * peak) & (before < LEVEL * peak) & (peak >= SMALLEST_DEG[axis] / STROKE_S))
+    events: list[Event] = []
+    for i in onsets:
+        onset = float(at[i])
+        if onset - BEFORE_S < t[0] or (events and onset < events[-1].t90 + REST_OF_EVENT_S):
+            continue
+        event = _stroke(t, angle, axis, onset)
+        if event is not None and event.t90 + RUN_AFTER_S <= t[-1]:
+            events.append(event)
+    return events
+
+
+def _stroke(t: Array, angle: Array, axis: int, onset: float) -> Event | None:
+    first, last = np.searchsorted(t, [onset, onset + STROKE_S])
+    excursion = angle[first:last] - np.interp(onset, t, angle)
+    if len(excursion) == 0:
+        return None
+    delta = float(excursion[np.argmax(np.abs(excursion))])
+    if abs(delta) < SMALLEST_DEG[axis]:
+        return None
+    share = excursion / delta
+    middle, t90 = (float(t[first + np.argmax(share >= level)]) for level in (0.5, 0.9))
+    return Event(axis, onset, middle, t90, delta, onset - BEFORE_S, t90 + AFTER_S)
+
+
+def _cut_to_neighbours(events: list[Event]) -> list[Event]:
+    cut = list(events)
+    for k in range(len(events) - 1):
+        halfway = 0.5 * (events[k].t90 + events[k + 1].onset)
+        cut[k] = replace(cut[k], end=min(cut[k].end, halfway))
+        cut[k + 1] = replace(cut[k + 1], begin=max(cut[k + 1].begin, halfway))
+    return cut
+
+
+def _largest_ahead(x: Array, count: int) -> Array:
+    """The maximum of x[i : i + count] for each i (shorter at the end), by doubling."""
+    out, have = x.copy(), 1
+    while have < count:
+        shift = min(have, count - have)
+        if shift >= len(x):
+            break
+        out = np.concatenate([np.maximum(out[:-shift], out[shift:]), out[-shift:]])
+        have += shift
+    return out
