@@ -41,6 +41,10 @@ def read(
     ``imu`` None and the reason among ``problems``.
     """
     messages = formats.open(path)
+    if system is not None and messages.format in ("tlog", "mavlink"):
+        from attlog.formats import tlog
+
+        messages = tlog.read(path, system)
     boots = max(len(messages.boots), 1)
     chosen = choose_boot(messages) if boot is None else boot
     if not 0 <= chosen < boots:

@@ -90,7 +90,7 @@ def magnetometers(reading: Reading, clock: Clock, values: dict[str, float]) -> l
                 f"{source}: every value equals the compass offsets, so the compass itself measures nothing.",
             )  # fmt: skip
             field = np.zeros_like(field)
-        sampled = table["S"].astype(np.int64) * 1000 if "S" in table else None
+        sampled = t - (t - table["S"].astype(np.int64)) % 2**32 if "S" in table else None  # S: us, 32 bits
         use = values.get("COMPASS_USE" + ("" if unit == 0 else str(unit + 1)), 1.0)
         mag = magnetic.build(reading, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, enabled=use != 0)
         if mag is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from attlog.flight.ardupilot_imu import units
 from attlog.flight.ardupilot_time import Clock
-from attlog.flight.model import Array, Firmware, FlightLog, Gnss, Stream, TimeLine
+from attlog.flight.model import Array, Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.flight.modes import FAMILY_OF_TYPE, ardupilot_mode
 from attlog.flight.px4_state import utc_offset
 from attlog.flight.reading import Reading, columns
@@ -56,7 +56,7 @@ def firmware(messages: Messages) -> Firmware:
 
 
 def family_of(messages: Messages, values: dict[str, float]) -> str:
-    """The firmware family (copter, plane, rover, sub): by its message, its parameters or its records; empty if unknown."""
+    """The firmware family (copter, plane, rover, sub), empty if unknown: by message, parameters or records."""
     family = banner(messages)[0]
     if family:
         return family
@@ -102,7 +102,7 @@ def fill(reading: Reading, clock: Clock, log: FlightLog, values: dict[str, float
     log.armed = armed(reading, clock)
     log.landed = landed(reading, clock, log.armed)
     log.mode = mode(reading, clock, family or FAMILY_OF_TYPE.get(log.vehicle, ""))
-    log.rate_setpoints = rate_setpoints(reading, clock)
+    log.rate_setpoints = rate_setpoints(reading, clock, None if log.imu is None else log.imus[log.imu])
     log.gnss = [g for g in (receiver(reading, clock, i, t) for i, t in units(messages, "GPS").items()) if g is not None]
     log.utc_offset = utc_offset(log.gnss)
     log.baro = baro(reading, clock)
@@ -182,16 +182,33 @@ def mode(reading: Reading, clock: Clock, family: str) -> TimeLine | None:
     return reading.time_line(clock.of(table), names, "MODE")
 
 
-def rate_setpoints(reading: Reading, clock: Clock) -> Stream | None:
-    """The body rate set-point in rad/s (RATE, logged in deg/s)."""
+def rate_setpoints(reading: Reading, clock: Clock, imu: Imu | None) -> Stream | None:
+    """The body rate set-point in rad/s.
+
+    RATE holds deg/s since 3.4 and hundredths of it before, in columns of the same
+    name: the measured rate beside the set-point, against the gyro, tells which.
+    """
     table = reading.messages.first("RATE")
     if table is None:
         return None
-    for names in (("RDes", "PDes", "YDes"), ("RllDes", "PitDes", "YawDes")):
-        if all(c in table for c in names):
-            rates = np.radians(columns(table, *names))
-            return reading.stream(clock.of(table), rates, "rad/s", "RATE", frame="FRD", limit=200.0)
+    for wanted, measured in ((("RDes", "PDes", "YDes"), ("R", "P", "Y")),
+                             (("RllDes", "PitDes", "YawDes"), ("Rll", "Pit", "Yaw"))):  # fmt: skip
+        if not all(c in table for c in (*wanted, *measured)):
+            continue
+        t = clock.of(table)
+        scale = np.pi / 180.0
+        if imu is not None and hundredths(reading.seconds(t), columns(table, *measured), imu):
+            scale *= 0.01
+        return reading.stream(t, columns(table, *wanted) * scale, "rad/s", "RATE", frame="FRD", limit=200.0)
     return None
+
+
+def hundredths(t: Array, measured: Array, imu: Imu) -> bool:
+    """Whether measured rates (n, 3) fit the gyro better as 0.01 deg/s than as deg/s."""
+    gyro = np.column_stack([np.interp(t, imu.gyro.t, imu.gyro.x[:, k]) for k in range(3)])
+    with np.errstate(invalid="ignore"):
+        spread = np.nanmedian(np.abs(np.radians(measured))), np.median(np.abs(gyro))
+    return bool(spread[0] > 10.0 * spread[1] and spread[1] > 0)
 
 
 # --- aids -------------------------------------------------------------------------------------------------------

@@ -16,8 +16,8 @@ from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
 REPLAY_MIN_HZ = 10.0
 """Below this no attitude can be replayed: rotation between samples is lost."""
-LOW_RATE_HZ = 50.0
-"""Below this vibration is aliased and lags carry a low-rate mark (LOGS 3)."""
+LOW_RATE_HZ = 45.0
+"""Below the 50 Hz of a default log vibration is aliased and lags carry a low-rate mark (LOGS 3)."""
 
 
 @dataclass(slots=True)
@@ -120,7 +120,8 @@ def choose_unit(
         reading.problem(
             "imu_rate_too_low",
             "error",
-            f"{unit.source} is logged at {unit.rate:.1f} Hz; a replay needs at least {REPLAY_MIN_HZ:.0f} Hz. {how_to_log}",
+            f"{unit.source} is logged at {unit.rate:.1f} Hz; a replay needs at least {REPLAY_MIN_HZ:.0f} Hz. "
+            f"{how_to_log}",
         )
         return None
     if unit.rate < LOW_RATE_HZ:

@@ -116,7 +116,8 @@ def choose(
             reading.problem(
                 "mag_disabled",
                 "warning",
-                f"{mag.field.source}: the parameters disable this compass, so it is not used; --mag {mag.index} takes it anyway.",
+                f"{mag.field.source}: the parameters disable this compass, so it is not used; "
+                f"--mag {mag.index} takes it anyway.",
             )
         else:
             usable.append(k)

@@ -176,6 +176,8 @@ class Reading:
             return found
         steps = rotation.total_angle(rotation.multiply(rotation.conjugate(q[:-1]), q[1:]))
         for time in times_us:
+            if not t_us[0] < time <= t_us[-1]:
+                continue
             i = int(np.searchsorted(t_us, time))
             around = [k for k in (i - 1, i, i + 1) if 1 <= k < len(t_us)]
             if around and not known & set(around):
