@@ -93,7 +93,7 @@ def _dual_antenna(log: FlightLog) -> Witness | None:
         good = np.isfinite(gnss.yaw) & np.isfinite(gnss.t) & (gnss.fix >= 3)
         if np.count_nonzero(good) >= LEAST:
             t, yaw = runs.rising(gnss.t[good], gnss.yaw[good, None])
-            heading = (yaw[:, 0] + 180.0) % 360.0 - 180.0
+            heading = np.degrees(rotation.wrap(yaw[:, 0]))
             return Witness("gnss_yaw", t, heading, runs.pieces(t), f"dual-antenna yaw of {gnss.source}")
     return None
 

@@ -45,10 +45,11 @@ def build(log: FlightLog) -> Segments:
         rests = rest.rests(parts, still, airborne, armed, moving)
         notes["rest"] = _rest_note(rests, rest.rate_limit(parts), armed, airborne)
         motors, why = _motors(log, armed, t0, t1)
-        found += rests + rest.idles(parts, still, airborne, motors, why) + hover.find(log, parts, airborne)
+        resting = [(s.t0, s.t1) for s in rests]
+        found += rests + rest.idles(parts, still, airborne, motors, resting, why) + hover.find(log, parts, airborne)
         notes["idle"] = why
-    quiet = [(s.t0, s.t1) for s in found if s.kind.startswith("rest")]
-    found += impact.find(log, imu, airborne, armed, quiet, t1)
+    if parts is not None and imu is not None:
+        found += impact.find(log, imu, airborne, impact.lying(log, parts, lying), t1)
     if onboard is not None:
         found += [
             Segment("reset", float(onboard.t[i - 1]), float(onboard.t[i]), why)

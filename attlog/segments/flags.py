@@ -25,8 +25,6 @@ STUCK_CLIMB_M = 5.0
 """A climb by this much while the land detector says "landed" refutes it."""
 
 GROUND_VEHICLES = ("rover", "boat", "ship", "sub", "car", "antenna", "tracker")
-EVENT_SOURCES = ("EV", "ARM")
-"""Records written at a change only: before the first one the opposite held."""
 
 
 @dataclass(slots=True)
@@ -39,15 +37,13 @@ class Phase:
 
 
 def held(line: TimeLine, wanted: bool, t0: float, t1: float) -> list[Span]:
-    """Stretches of [t0, t1] in which a flag's truth is ``wanted``."""
+    """Stretches of [t0, t1] in which a flag's truth is ``wanted``; before its first entry the first holds."""
     if not line.value:
         return []
     t = np.concatenate([[t0], np.clip(np.asarray(line.t, np.float64), t0, t1), [t1]])
     values = [bool(v) for v in line.value]
-    before = not values[0] if line.source.startswith(EVENT_SOURCES) else values[0]
-    return spans.merge(
-        (float(a), float(b)) for a, b, v in zip(t[:-1], t[1:], [before, *values], strict=True) if v is wanted and b > a
-    )
+    entries = zip(t[:-1], t[1:], [values[0], *values], strict=True)
+    return spans.merge((float(a), float(b)) for a, b, value in entries if value is wanted and b > a)
 
 
 def armed(log: FlightLog, t0: float, t1: float) -> Phase:

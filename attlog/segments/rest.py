@@ -67,8 +67,10 @@ def rests(windows: Windows, still: Mask, airborne: Phase, armed: Phase, moving: 
     return found
 
 
-def idles(windows: Windows, still: Mask, airborne: Phase, motors: list[Span], why: str) -> list[Segment]:
-    """Stretches on the ground with motors turning; none where nothing tells flight from ground."""
+def idles(
+    windows: Windows, still: Mask, airborne: Phase, motors: list[Span], rests: list[Span], why: str
+) -> list[Segment]:
+    """Stretches on the ground with motors turning, outside rest; none where nothing tells flight from ground."""
     if not airborne.known:
         return []
     offset = np.median(windows.rate[still], axis=0) if still.any() else np.zeros(3)
@@ -76,9 +78,10 @@ def idles(windows: Windows, still: Mask, airborne: Phase, motors: list[Span], wh
     slow = np.sqrt(np.sum((windows.rate - offset) ** 2, axis=1)) < limit
     turning = spans.overlaps(windows.t0, windows.t1, motors)
     passed = slow & turning & ~spans.overlaps(windows.t0, windows.t1, airborne.spans)
+    allowed = spans.intersect(motors, spans.complement(rests, -np.inf, np.inf))
     return [
         Segment("idle", t0, t1, f"{why}, on the ground, mean rate under {limit:.0f} deg/s")
-        for t0, t1 in join(windows, passed)
+        for t0, t1 in spans.intersect(join(windows, passed), allowed)
         if t1 - t0 >= IDLE_S
     ]
 
