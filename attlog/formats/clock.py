@@ -26,7 +26,9 @@ def restarts(time_us: NDArray[np.int64]) -> list[int]:
     return found
 
 
-def time_before(offset: int, offsets: NDArray[np.int64], time_us: NDArray[np.int64]) -> int | None:
-    """The time of the last record before a byte offset, None if there is none."""
-    k = int(np.searchsorted(offsets, offset)) - 1
-    return int(time_us[k]) if k >= 0 else None
+def times_before(at: NDArray[np.int64], offsets: NDArray[np.int64], time_us: NDArray[np.int64]) -> list[int | None]:
+    """For each byte offset the time of the last record before it, None if there is none."""
+    k = np.searchsorted(offsets, at) - 1
+    if len(time_us) == 0:
+        return [None] * len(at)
+    return [t if i >= 0 else None for i, t in zip(k.tolist(), time_us[k].tolist(), strict=True)]

@@ -9,7 +9,6 @@ are left out and counted, times are the logged ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,9 +18,9 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
-from attlog.formats.clock import restarts, time_before
+from attlog.formats.clock import restarts, times_before
 from attlog.formats.dataflash_index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index, index_records
-from attlog.formats.mapping import cut_at_nul, gather, map_bytes, text_of
+from attlog.formats.mapping import Records, gather, map_bytes, text_of
 from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
 INFO = 6  # syslog severity; MSG records carry none
@@ -71,28 +70,32 @@ def _plain(value: Any) -> Any:
 # --- tables -----------------------------------------------------------------------------------------------------
 
 
-def fields_of(fmt: Format, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], dict[str, int]]:
-    """The fields of a format by name, and where each starts inside the record (bytes)."""
+def fields_of(fmt: Format, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
+    """The fields of a format by name, and its whole record as structured type."""
     fields: dict[str, Field] = {}
     places: dict[str, int] = {}
     place = HEADER_LENGTH
     for k, (letter, column) in enumerate(zip(fmt.letters, fmt.columns, strict=False)):
-        dtype = np.dtype(LETTER_DTYPES[letter])
+        dtype = LETTER_DTYPES[letter]
         if column:
             # FILE.Data is file content, in which zeros count
             kind = np.dtype("(64,)u1") if (fmt.name, letter) == ("FILE", "Z") else dtype
             fields[column] = Field(column, kind, units[k] if k < len(units) else None, LETTER_SCALES.get(letter, 1.0))
             places[column] = place
         place += dtype.itemsize
-    return fields, places
+    record = np.dtype(
+        {
+            "names": list(fields),
+            "formats": [f.dtype for f in fields.values()],
+            "offsets": list(places.values()),
+            "itemsize": fmt.length,
+        }
+    )
+    return fields, record
 
 
-def _decoder(data: NDArray[np.uint8], fields: dict[str, Field], places: dict[str, int]) -> Callable[..., NDArray[Any]]:
-    def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
-        values = gather(data, offsets + places[column], fields[column].dtype)
-        return cut_at_nul(values) if values.dtype.kind == "S" else values
-
-    return decode
+def _decoder(data: NDArray[np.uint8], record: np.dtype[Any]) -> Records:
+    return Records(lambda offsets: gather(data, offsets, record))
 
 
 def build_tables(
@@ -114,15 +117,15 @@ def build_tables(
         if len(offsets) == 0 or not fmt.readable:
             continue
         ids, texts = units.get(k, ("", ()))
-        fields, places = fields_of(fmt, texts)
-        whole = Table(fmt.name, 0, fields, offsets, _decoder(data, fields, places))
+        fields, record = fields_of(fmt, texts)
+        whole = Table(fmt.name, 0, fields, offsets, _decoder(data, record))
         column = _instance_column(fmt, ids) if by_instance else None
         if column is None:
             parts.setdefault((fmt.name, 0), []).append(whole)
             continue
         number = whole[column]
         for instance in np.unique(number).tolist():
-            part = Table(fmt.name, instance, fields, offsets[number == instance], _decoder(data, fields, places))
+            part = Table(fmt.name, instance, fields, offsets[number == instance], _decoder(data, record))
             parts.setdefault((fmt.name, instance), []).append(part)
     tables = {key: found[0] if len(found) == 1 else MixedTable(found) for key, found in parts.items()}
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
@@ -131,7 +134,7 @@ def build_tables(
 def _instance_column(fmt: Format, unit_ids: str) -> str | None:
     """The column that tells the instance, None if there is none."""
     for letter, column, unit in zip(fmt.letters, fmt.columns, unit_ids, strict=False):
-        if unit == "#" and np.dtype(LETTER_DTYPES[letter]).kind in "iu" and column:
+        if unit == "#" and LETTER_DTYPES[letter].kind in "iu" and column:
             return column
     for letter, column in zip(fmt.letters, fmt.columns, strict=False):
         if letter in "bB" and column in INSTANCE_COLUMNS:
@@ -207,14 +210,16 @@ def _units(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tuple[
         return {}
     names = {chr(i & 0xFF): text_of(t) for i, t in _pairs(tables.get(("UNIT", 0)), "Label")}
     factors = {chr(i & 0xFF): float(m) for i, m in _pairs(tables.get(("MULT", 0)), "Mult")}
+    by_type: dict[int, list[int]] = {}
+    for k, fmt in enumerate(index.layouts):
+        by_type.setdefault(fmt.type, []).append(k)
     result = {}
     rows = zip(*(described[c].tolist() for c in ("FmtType", "UnitIds", "MultIds")), described.offsets, strict=True)
     for kind, unit_ids, mult_ids, offset in rows:
-        mine = [k for k, f in enumerate(index.layouts) if f.type == kind]
-        before = [k for k in mine if index.layouts[k].offset < offset]
+        mine = by_type.get(kind)
         if not mine:
             continue
-        fmt_at = (before or mine)[-1 if before else 0]
+        fmt_at = max((k for k in mine if index.layouts[k].offset < offset), default=mine[0])
         ids, mults = text_of(unit_ids), text_of(mult_ids)
         letters = index.layouts[fmt_at].letters
         texts = tuple(
@@ -253,33 +258,38 @@ def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: floa
 # --- time -------------------------------------------------------------------------------------------------------
 
 
-def _time_column(fmt: Format) -> tuple[int, int, int] | None:
-    """Place, width and microseconds per count of a format's boot clock, None if it has none."""
+def _time_column(fmt: Format) -> tuple[int, int] | None:
+    """Place and width (bytes) of a format's boot clock, us if 8 wide and ms if 4, None if it has none."""
     if not fmt.readable:
         return None
-    places = fields_of(fmt)[1]
-    letters = dict(zip(fmt.columns, fmt.letters, strict=False))
-    if letters.get("TimeUS") in ("Q", "q"):
-        return places["TimeUS"], 8, 1
+    columns = fmt.columns[: len(fmt.letters)]
+    if "TimeUS" in columns and fmt.letters[columns.index("TimeUS")] in "Qq":
+        return fmt.place(columns.index("TimeUS")), 8
     # in GPS records of 3.1 and 3.2, TimeMS is the time of the GPS week and T the boot clock
-    column = "T" if "Week" in letters or "GWk" in letters else "TimeMS"
-    if letters.get(column) in ("I", "i"):
-        return places[column], 4, 1000
+    column = "T" if "Week" in columns or "GWk" in columns else "TimeMS"
+    if column in columns and fmt.letters[columns.index(column)] in "Ii":
+        return fmt.place(columns.index(column)), 4
     return None
 
 
 def timeline(data: NDArray[np.uint8], index: Index) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Offset and boot time (us) of every record that carries its time, in file order."""
-    kinds = [_time_column(fmt) for fmt in index.layouts]
-    place = np.array([k[0] if k else 0 for k in kinds])[index.layout]
-    width = np.array([k[1] if k else 0 for k in kinds], np.int8)[index.layout]
-    factor = np.array([k[2] if k else 1 for k in kinds])[index.layout]
-    time = np.zeros(len(index.offsets), np.int64)
-    for size, dtype in ((8, "<i8"), (4, "<u4")):
-        mine = np.flatnonzero(width == size)
-        time[mine] = gather(data, index.offsets[mine] + place[mine], np.dtype(dtype))
-    timed = width > 0
-    return index.offsets[timed], time[timed] * factor[timed]
+    columns = [_time_column(fmt) for fmt in index.layouts]
+    at = []
+    time = []
+    for width, dtype, factor in ((8, np.dtype("<i8"), 1), (4, np.dtype("<u4"), 1000)):
+        place = np.array([c[0] if c and c[1] == width else 0 for c in columns], np.uint8)
+        if place.any():
+            places = place[index.layout]
+            timed = np.flatnonzero(places)
+            at.append(index.offsets[timed])
+            time.append(gather(data, at[-1] + places[timed], dtype).astype(np.int64) * factor)
+    if not at:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    if len(at) == 1:
+        return at[0], time[0]
+    order = np.argsort(np.concatenate(at), kind="stable")
+    return np.concatenate(at)[order], np.concatenate(time)[order]
 
 
 def _boots(data: NDArray[np.uint8], index: Index, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Boot]:
@@ -291,9 +301,7 @@ def _boots(data: NDArray[np.uint8], index: Index, at: NDArray[np.int64], time: N
         starts.add(int(index.offsets[first]))
     defined = index.offsets[index.layout == 0]
     own = defined[gather(data, defined + HEADER_LENGTH, np.dtype("u1")) == index.layouts[0].type]
-    for offset in own[1:].tolist():
-        if time_before(offset, at, time) is not None:
-            starts.add(offset)
+    starts.update(own[1:].tolist())
     edges = [*sorted(starts), len(data)]
     # two hints of the same restart (FMT block, then the first earlier time) leave no timed record between them
     joined = [0]
@@ -311,7 +319,7 @@ def _times_of(table: Table, at: NDArray[np.int64], time: NDArray[np.int64]) -> l
     """The time of each record, from its own stamp or else from the record before it."""
     if "TimeUS" in table:
         return table["TimeUS"].tolist()
-    return [time_before(offset, at, time) for offset in table.offsets.tolist()]
+    return times_before(table.offsets, at, time)
 
 
 def _params(messages: Messages, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,13 @@ HEADER_LENGTH = 3
 _HEADER = 0x95A3  # a3 95 read as little-endian u16
 _CHUNK = 1 << 22  # bytes scanned at once, keeps the temporaries in cache
 
-LETTER_DTYPES = {
-    "a": "(32,)<i2", "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
-    "f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "M": "u1",
-    "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
+LETTER_DTYPES: dict[str, np.dtype[Any]] = {
+    letter: np.dtype(name)
+    for letter, name in {
+        "a": "(32,)<i2", "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
+        "f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "M": "u1",
+        "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
+    }.items()
 }  # fmt: skip
 LETTER_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 
@@ -47,9 +51,13 @@ class Format:
     @property
     def readable(self) -> bool:
         """True when the letters are known and their sizes add up to the declared length."""
-        if any(letter not in LETTER_DTYPES for letter in self.letters):
+        if not self.letters or any(letter not in LETTER_DTYPES for letter in self.letters):
             return False
-        return HEADER_LENGTH + sum(np.dtype(LETTER_DTYPES[c]).itemsize for c in self.letters) == self.length
+        return self.place(len(self.letters)) == self.length
+
+    def place(self, k: int) -> int:
+        """Where the k-th column begins in the record (bytes)."""
+        return HEADER_LENGTH + sum(LETTER_DTYPES[letter].itemsize for letter in self.letters[:k])
 
     def same_layout(self, other: Format) -> bool:
         """True when both describe the same bytes by the same names."""

@@ -1,9 +1,11 @@
-"""The bytes of a file as a read-only array that the system pages in on demand."""
+"""The bytes of a file as a read-only array that the system pages in on demand, and records copied out of it."""
 
 from __future__ import annotations
 
 import mmap
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ def map_bytes(path: str | Path) -> NDArray[np.uint8]:
     return np.frombuffer(mapped, np.uint8)
 
 
-def gather(data: NDArray[np.uint8], at: NDArray[np.int64], dtype: np.dtype) -> NDArray:
+def gather(data: NDArray[np.uint8], at: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
     """One value of ``dtype`` (also a sub-array) from each byte offset, (n,) or (n, k). Alignment does not matter.
 
     Offsets must leave room for the value; the callers' indexes ensure that.
@@ -36,6 +38,26 @@ def gather(data: NDArray[np.uint8], at: NDArray[np.int64], dtype: np.dtype) -> N
     bytewise = np.ndarray((len(data) - dtype.itemsize + 1,), f"V{dtype.itemsize}", buffer=data, strides=(1,))
     raw = bytewise[at]
     return raw.view(dtype.base).reshape(len(at), *dtype.shape)
+
+
+class Records:
+    """Decodes the columns of one table from a single copy of its records, which is made when the first is asked for.
+
+    ``fetch(offsets)`` gives the records as structured array. Memory: the records
+    once, and once more every column in use.
+    """
+
+    def __init__(self, fetch: Callable[[NDArray[np.int64]], NDArray[Any]]) -> None:
+        self._fetch = fetch
+        self._offsets: NDArray[np.int64] | None = None
+        self._records: NDArray[Any] = np.zeros(0)
+
+    def __call__(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+        """One column at some records, contiguous; text without what stands behind its first NUL."""
+        if self._offsets is not offsets:
+            self._records, self._offsets = self._fetch(offsets), offsets
+        values = np.ascontiguousarray(self._records[column])
+        return cut_at_nul(values) if values.dtype.kind == "S" else values
 
 
 def cut_at_nul(text: NDArray[np.bytes_]) -> NDArray[np.bytes_]:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
 from attlog.formats.base import Boot, Field, Messages, ParamChange, Table, Text
-from attlog.formats.clock import restarts, time_before
-from attlog.formats.mapping import cut_at_nul, gather, map_bytes, text_of
+from attlog.formats.clock import restarts, times_before
+from attlog.formats.mapping import Records, gather, map_bytes, text_of
 from attlog.formats.mavlink_index import STAMP_LENGTH, V2, Catalogue, Packets, index_packets
 from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
@@ -64,12 +64,10 @@ def catalogue() -> Catalogue:
 
 
 @cache
-def layout(number: int) -> tuple[str, dict[str, Field], dict[str, int]]:
-    """Name, fields (declaration order) and places in the payload (bytes) of a message."""
+def layout(number: int) -> tuple[str, dict[str, Field], np.dtype[Any]]:
+    """Name, fields (declaration order) and payload as structured type of a message."""
     message = dialect()[number]
     fields: dict[str, Field] = {}
-    places: dict[str, int] = {}
-    place = 0
     letters = message.native_format.decode()[1:]
     for name, letter, count, array in zip(
         message.ordered_fieldnames, letters, message.lengths, message.array_lengths, strict=True
@@ -79,9 +77,8 @@ def layout(number: int) -> tuple[str, dict[str, Field], dict[str, int]]:
         else:
             dtype = np.dtype((_TYPES[letter], (count,))) if array else np.dtype(_TYPES[letter])
         fields[name] = Field(name, dtype, message.fieldunits_by_name.get(name))
-        places[name] = place
-        place += dtype.itemsize
-    return message.msgname, {name: fields[name] for name in message.fieldnames}, places
+    record = np.dtype([(f.name, f.dtype) for f in fields.values()])
+    return message.msgname, {name: fields[name] for name in message.fieldnames}, record
 
 
 def read(path: str | Path, system: int | None = None) -> Messages:
@@ -126,36 +123,42 @@ def _tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], 
     values, first = np.unique(keys[order], return_index=True)
     tables: dict[tuple[str, int], Table] = {}
     for key, offsets in zip(values.tolist(), np.split(packets.offsets[order], first[1:]), strict=True):
-        name, fields, places = layout(key >> 16)
+        name, fields, record = layout(key >> 16)
         if packets.stamped:
             fields = {STAMP: Field(STAMP, np.dtype(np.int64), "us"), **fields}
-        tables[name, key & 0xFFFF] = Table(name, key & 0xFFFF, fields, offsets, _decoder(data, fields, places))
+        tables[name, key & 0xFFFF] = Table(name, key & 0xFFFF, fields, offsets, _decoder(data, record))
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
-def _decoder(data: NDArray[np.uint8], fields: dict[str, Field], places: dict[str, int]) -> Callable[..., NDArray[Any]]:
+def _decoder(data: NDArray[np.uint8], record: np.dtype[Any]) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
+    fields = Records(lambda offsets: payloads(data, offsets, record))
+
     def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
         if column == STAMP:
             return gather(data, offsets - STAMP_LENGTH, np.dtype(">u8")).astype(np.int64)
-        values = payload(data, offsets, places[column], fields[column].dtype)
-        return cut_at_nul(values) if values.dtype.kind == "S" else values
+        return fields(column, offsets)
 
     return decode
 
 
-def payload(data: NDArray[np.uint8], offsets: NDArray[np.int64], place: int, dtype: np.dtype) -> NDArray[Any]:
-    """One field of packets at some offsets; bytes that MAVLink 2 left out or the sender did not know are zero."""
-    begin = offsets + np.where(data[offsets] == V2, 10, 6) + place
-    present = data[offsets + 1].astype(np.int64) - place
-    short = np.flatnonzero(present < dtype.itemsize)
-    if len(short) == 0:
-        return gather(data, begin, dtype)
-    values = gather(data, np.minimum(begin, len(data) - dtype.itemsize), dtype)
-    within = np.arange(dtype.itemsize)
-    there = within < present[short, np.newaxis]
-    raw = np.where(there, data[np.where(there, begin[short, np.newaxis] + within, 0)], np.uint8(0))
-    values[short] = raw.view(dtype.base).reshape(len(short), *dtype.shape)
-    return values
+def payloads(data: NDArray[np.uint8], offsets: NDArray[np.int64], record: np.dtype[Any]) -> NDArray[Any]:
+    """The payloads of packets at some offsets as records; bytes that the sender left out are zero."""
+    size = record.itemsize
+    begin = offsets + np.where(data[offsets] == V2, 10, 6)
+    length = data[offsets + 1].astype(np.int64)
+    fits = begin + size <= len(data)
+    raw = np.zeros((len(offsets), size), np.uint8)
+    if fits.all():
+        raw = gather(data, begin, np.dtype((np.uint8, (size,))))
+    else:
+        raw[fits] = gather(data, begin[fits], np.dtype((np.uint8, (size,))))
+        for k in np.flatnonzero(~fits).tolist():
+            rest = data[begin[k] : begin[k] + length[k]]
+            raw[k, : len(rest)] = rest[:size]
+    if length.min(initial=size) < size:
+        shortest = int(length.min())
+        raw[:, shortest:] *= np.arange(shortest, size) < length[:, np.newaxis]
+    return raw.view(record).reshape(len(offsets))
 
 
 # --- systems, times, parameters, texts --------------------------------------------------------------------------
@@ -220,11 +223,11 @@ def _params(messages: Messages, system: int, at: NDArray[np.int64], time: NDArra
     bitwise = systems_of(messages).get(system, {}).get("autopilot") == PX4_AUTOPILOT
     result = []
     for table in _of_system(messages, "PARAM_VALUE", system):
-        rows = zip(table["param_id"].tolist(), table["param_value"], table["param_type"].tolist(),
-                   table.offsets.tolist(), strict=True)  # fmt: skip
-        for raw, value, kind, offset in rows:
-            number = parameter_value(value, kind, bitwise)
-            result.append(ParamChange(text_of(raw), number, time_before(offset, at, time), False, offset))
+        names = [text_of(raw) for raw in table["param_id"].tolist()]
+        values = parameter_values(table["param_value"], table["param_type"], bitwise)
+        times = times_before(table.offsets, at, time)
+        for name, value, t_us, offset in zip(names, values, times, table.offsets.tolist(), strict=True):
+            result.append(ParamChange(name, value, t_us, False, offset))
     result.sort(key=lambda p: p.offset)
     return result[:MAX_PARAM_CHANGES]
 
@@ -232,14 +235,20 @@ def _params(messages: Messages, system: int, at: NDArray[np.int64], time: NDArra
 _INTEGER_PARAMETERS = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}  # MAV_PARAM_TYPE
 
 
-def parameter_value(value: np.float32, kind: int, bitwise: bool) -> float | int:
-    """The parameter in a PARAM_VALUE: an int for integer types (their bits or their float value), else a float."""
-    if kind not in _INTEGER_PARAMETERS:
-        return float(value)
-    if bitwise:
-        dtype = np.dtype(_INTEGER_PARAMETERS[kind])
-        return int(np.frombuffer(np.array(value, "<f4").tobytes()[: dtype.itemsize], dtype)[0])
-    return int(value) if np.isfinite(value) and value == np.floor(value) else float(value)
+def parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8], bitwise: bool) -> list[float | int]:
+    """What PARAM_VALUE packets say: ints for integer types (their bits, or their float value), else floats."""
+    result: list[float | int] = values.tolist()
+    raw = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(len(values), 4)
+    for kind, name in _INTEGER_PARAMETERS.items():
+        mine = np.flatnonzero(types == kind)
+        width = np.dtype(name).itemsize
+        bits = np.ascontiguousarray(raw[mine, :width]).view(name).ravel().tolist()
+        for k, integer in zip(mine.tolist(), bits, strict=True):
+            if bitwise:
+                result[k] = integer
+            elif float(result[k]).is_integer():
+                result[k] = int(result[k])
+    return result
 
 
 def _texts(messages: Messages, system: int, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Text]:
@@ -248,13 +257,14 @@ def _texts(messages: Messages, system: int, at: NDArray[np.int64], time: NDArray
     for table in _of_system(messages, "STATUSTEXT", system):
         open_id, open_sequence = 0, -1
         rows = zip(table["severity"].tolist(), table["text"].tolist(), table["id"].tolist(),
-                   table["chunk_seq"].tolist(), table.offsets.tolist(), strict=True)  # fmt: skip
-        for severity, raw, number, sequence, offset in rows:
+                   table["chunk_seq"].tolist(), table.offsets.tolist(), times_before(table.offsets, at, time),
+                   strict=True)  # fmt: skip
+        for severity, raw, number, sequence, offset, t_us in rows:
             text = text_of(raw)
             if number != 0 and number == open_id and sequence == open_sequence + 1 and result:
                 before = result.pop()
-                text, offset = (before.text + text)[:MAX_TEXT_LENGTH], before.offset
-            result.append(Text(text, min(severity, 7), time_before(offset, at, time), offset))
+                text, offset, t_us = (before.text + text)[:MAX_TEXT_LENGTH], before.offset, before.t_us
+            result.append(Text(text, min(severity, 7), t_us, offset))
             # a chunk that does not fill the field is the last one
             open_id, open_sequence = (number, sequence) if len(raw) == _TEXT_CHUNK else (0, -1)
     result.sort(key=lambda x: x.offset)
