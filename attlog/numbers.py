@@ -12,6 +12,7 @@ import math
 MINUS = "\u2212"
 
 UNITS = {
+    "1": "",
     "deg": "°",
     "deg/s": "°/s",
     "deg/min": "°/min",
@@ -21,6 +22,7 @@ UNITS = {
     "pct": "%",
     "us": "µs",
     "uT": "µT",
+    "m/s^2": "m/s²",
     "ratio": "×",
 }
 

@@ -239,10 +239,10 @@ def drift_part(judged: list[Judged], where: str) -> str:
     still = [j for j in ranked if j not in drifts]
     if not drifts:
         who = f"{ranked[0].row.name} shows no" if len(ranked) == 1 else f"none of {len(ranked)} filters shows a"
-        says = f"{where} {who} drift that differs from zero (at most {quantity(ranked[-1].value, 'deg/min')})"
+        says = f"{where}, {who} drift that differs from zero (at most {quantity(ranked[-1].value, 'deg/min')})"
     else:
         worst = drifts[-1]
-        says = f"{where} {worst.row.name} drifts {'most: ' if len(ranked) > 1 else ''}"
+        says = f"{where}, {worst.row.name} drifts {'most: ' if len(ranked) > 1 else ''}"
         says += f"{quantity(worst.value, 'deg/min')}{worst.interval}"
         if still:
             says += f"; {some(still, len(ranked))} {'shows' if len(still) == 1 else 'show'} none that differs from zero"

@@ -65,6 +65,6 @@ def bundle_notice(folder: Path = FOLDER) -> str | None:
     if bundle(folder).small:
         return None
     return (
-        "reports carry the full plotly.js (1.5 MB more, slower to open): the small one could not be fetched when attlog "
-        "was installed; reinstall with network (pip install --force-reinstall --no-deps attlog) to get it"
+        "reports carry the full plotly.js (1.5 MB more, slower to open) because the small one could not be fetched "
+        "when attlog was installed; reinstall with network (pip install --force-reinstall --no-deps attlog) to get it"
     )

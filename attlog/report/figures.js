@@ -30,7 +30,7 @@ const draws = {
     L.xaxis = axis('', { range: range.slice(), showticklabels: false, zeroline: false });
     L.yaxis = axis('', { range: [-0.5, 2.5], tickvals: [0, 1, 2], ticktext: ['said', 'armed', 'mode'], fixedrange: true, zeroline: false, showgrid: false });
     L.margin.t = 18; L.margin.b = 6;
-    alarms(L, range, true);
+    alarms(L, range);
     return { traces, layout: L };
   },
   attitude(id, f, range) {
@@ -75,26 +75,34 @@ const draws = {
     return { traces, layout: L };
   },
   step(id, f) {
-    const e = f.events[event], L = layout(id), traces = [];
-    let reference = null;
-    for (const s of e.lines) {
-      const t = Array.from(times(s.t), (v) => v * 1e3), est = values(s.y.est), ref = values(s.y.ref);
-      const dots = Number.isFinite(ref[0]) ? ref : null;
-      if (dots && (!reference || t.length > reference[0].length)) reference = [t, Array.from(ref)];
-      traces.push(trace(s.r, t, Array.from(est), { hovertemplate: '%{y:.1f}°', line: line(s.r, 1.8) }));
-      traces.push(trace(s.r, t, Array.from(est, (v, i) => v - ref[i]), { hovertemplate: '%{y:.2f}°', yaxis: 'y2', line: line(s.r, 1.8) }));
+    const events = choices[event], single = events.length === 1, L = layout(id), traces = [], lines = new Map(), reference = [[], []];
+    const add = (r, key) => { const k = r + key; if (!lines.has(k)) lines.set(k, { r, key, x: [], y: [] }); return lines.get(k); };
+    for (const e of events) {
+      let best = null;
+      for (const s of e.lines) {
+        const t = times(s.t), est = values(s.y.est), ref = values(s.y.ref);
+        const top = ref.reduce((m, v) => (Math.abs(v) > Math.abs(m) ? v : m), 0), scale = single || !top ? 1 : 100 / top;
+        if (!best || t.length < best[0].length) best = [t, ref, scale];
+        const a = add(s.r, 'est'), d = add(s.r, 'off');
+        for (let i = 0; i < t.length; i++) { a.x.push(t[i] * 1e3); a.y.push(est[i] * scale); d.x.push(t[i] * 1e3); d.y.push((est[i] - ref[i]) * scale); }
+        for (const l of [a, d]) { l.x.push(null); l.y.push(null); }
+      }
+      for (let i = 0; i < best[0].length; i++) { reference[0].push(best[0][i] * 1e3); reference[1].push(best[1][i] * best[2]); }
+      reference[0].push(null); reference[1].push(null);
     }
-    if (reference) traces.push({ type: 'scatter', mode: 'lines+markers', x: reference[0], y: reference[1], meta: null, name: 'reference', line: { color: css('--e0'), width: 2.2 }, marker: { size: reference[0].length > 80 ? 1 : 5, color: css('--e0') }, hovertemplate: '%{y:.1f}°' });
+    const unit = single ? '°' : ' %', hover = single ? {} : { hoverinfo: 'skip', hovertemplate: undefined, opacity: 0.55 }, thin = single ? 1.8 : 1;
+    for (const l of lines.values()) traces.push(trace(l.r, l.x, l.y, Object.assign({ yaxis: l.key === 'est' ? 'y' : 'y2', line: line(l.r, thin), hovertemplate: '%{y:.2f}' + unit }, hover)));
+    traces.push(Object.assign({ type: 'scatter', mode: single && reference[0].length < 90 ? 'lines+markers' : 'lines', x: reference[0], y: reference[1], meta: null, name: 'reference', line: { color: css('--e0'), width: single ? 2.2 : 1.2 }, marker: { size: 5, color: css('--e0') }, hovertemplate: '%{y:.2f}' + unit }, hover));
     L.xaxis = axis('time from the start of the movement, ms', { anchor: 'y2', hoverformat: '.0f' });
-    L.yaxis = axis(safe(e.axis) + ' change, °', { domain: [0.42, 1] });
-    L.yaxis2 = axis('minus reference, °', { domain: [0, 0.34], nticks: 5 });
+    L.yaxis = axis(single ? safe(events[0].axis) + ' change, °' : safe(events[0].axis) + ', % of movement', { domain: [0.42, 1] });
+    L.yaxis2 = axis(single ? 'minus reference, °' : 'minus reference, %', { domain: [0, 0.34], nticks: 5 });
     return { traces, layout: L };
   },
   lag(id, f) {
     const p = dotted(id, f.rows, 'delay, ms (left: early, right: late)', ' ms');
     if (f.half) { p.layout.shapes.push(band(-f.half, f.half, css('--arm'))); p.layout.annotations.push(note(0, '± half an IMU sample')); }
     f.rows.forEach((d) => {
-      if (d.single.length) p.traces.unshift({ type: 'scatter', mode: 'markers', x: d.single, y: d.single.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !hidden.has(d.r), marker: { size: 5, color: colour(d.r), opacity: 0.55 }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });
+      if (d.single.length) p.traces.unshift({ type: 'scatter', mode: 'markers', x: d.single, y: d.single.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !hidden.has(d.r), marker: d.ok ? { size: 5, color: colour(d.r), opacity: 0.55 } : { size: 6, color: css('--bg'), line: { color: colour(d.r), width: 1.2 } }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });
     });
     return p;
   },
@@ -133,7 +141,7 @@ const draws = {
 const TIMED = ['strip', 'attitude', 'difference', 'bias'];
 
 // failsafes and critical messages across a figure
-function alarms(L, range, quiet) {
+function alarms(L, range) {
   const T = D.marks.texts.filter((m) => m[1] === 2 && m[0] >= range[0] && m[0] <= range[1]).slice(0, 60);
   for (const [t] of T) L.shapes.push(bar(t, css('--bad'), 'dash'));
 }
@@ -143,7 +151,7 @@ function dotted(id, dots, title, unit) {
   const rows = [...new Set(dots.map((d) => d.r))], L = layout(id, { hovermode: 'closest' }), traces = [];
   const place = (r) => rows.length - 1 - rows.indexOf(r);
   const count = new Map();
-  for (const d of dots) {
+  for (const d of dots.filter((d) => d.v !== null)) {
     const i = count.get(d.r) || 0, n = dots.filter((o) => o.r === d.r).length;
     count.set(d.r, i + 1);
     const y = place(d.r) + (n > 1 ? 0.28 - (0.56 * i) / (n - 1) : 0), full = d.ok && (!d.where || d.where === 'at rest');
@@ -163,7 +171,7 @@ function dotted(id, dots, title, unit) {
 
 // intervals far wider than the values may run out of the figure, values never
 function spanOf(dots) {
-  const all = dots.flatMap((d) => [d.v, ...(d.single || [])]), most = Math.max(...all.map(Math.abs), 1e-3);
+  const all = dots.flatMap((d) => [...(d.v === null ? [] : [d.v]), ...(d.single || [])]), most = Math.max(...all.map(Math.abs), 1e-3);
   const ends = dots.flatMap((d) => (d.ci ? d.ci : [])).filter((v) => Math.abs(v) < 4 * most);
   const low = Math.min(0, ...all, ...ends), high = Math.max(0, ...all, ...ends), pad = (high - low) * 0.08;
   return [low - pad, high + pad];

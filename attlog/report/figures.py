@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -54,13 +55,25 @@ def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, 
     names = list(looks)
     traces = [t for t in result.traces if t.row in looks and len(t.t)]
     by = {kind: [t for t in traces if t.figure == kind] for kind in {t.figure for t in traces}}
-    return {
+    found = {
         "flight": flight(by, names, store, result),
         "rest": rest(by, names, store),
         "step": steps(by, names, store, result),
         "drift": drift(by, names, store, result),
         "more": more(by, names, store, result),
     }
+    for part in found.values():
+        fill(part)
+    return found
+
+
+def fill(part: list[Figure]) -> None:
+    """Make a half-width figure wide where no other stands beside it."""
+    beside = 0
+    for i, figure in enumerate(part):
+        beside = 0 if figure.wide else beside + 1
+        if beside % 2 == 1 and (i + 1 == len(part) or part[i + 1].wide):
+            figure.wide = True
 
 
 def series(
@@ -70,7 +83,7 @@ def series(
     total = sum(len(t.t) for t in traces)
     out, before, after = [], 0, 0
     for trace in traces:
-        keep = max(int(budget * len(trace.t) / total), 200) if total > budget else len(trace.t)
+        keep = max(int(budget * len(trace.t) / total), 200) if total > 1.1 * budget else len(trace.t)
         present = {c: np.asarray(trace.columns[c], np.float64) for c in columns if c in trace.columns}
         t, kept = reduce(np.asarray(trace.t, np.float64), present, keep)
         before, after = before + len(trace.t), after + len(t)
@@ -188,7 +201,7 @@ def detrended(trace: Trace, axis: str) -> Array:
         return out
     window = np.floor((trace.t - trace.t[0]) / 5.0).astype(int)
     edges = np.searchsorted(window, np.arange(window[-1] + 2))
-    for i, j in zip(edges[:-1], edges[1:], strict=True):
+    for i, j in pairwise(edges):
         good = np.isfinite(y[i:j])
         if good.sum() > 2:
             t = trace.t[i:j] - trace.t[i]
@@ -216,7 +229,10 @@ def steps(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
         figures.append(Figure("step", "step", "One movement at a time", caption, 430, {"events": data}))
     dots = lag_dots(result, names)
     if dots:
-        caption = "Line: delay with 95 % interval; small dots: single movements. Hollow: not ranked. Grey: half an IMU sample."
+        caption = (
+            "Line: delay with 95 % interval; small dots: single movements, hollow where the row is not judged. "
+            "Grey: half an IMU sample either way."
+        )
         rate = float((result.log.get("imu") or {}).get("rate_hz") or 0.0)
         data = {"rows": dots, "half": 500.0 / rate if rate > 0 else 0.0}
         figures.append(Figure("lag", "lag", "Delay", caption, dot_height(dots), data, wide=False))
@@ -231,13 +247,13 @@ def steps(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
 
 
 def lag_dots(result: Result, names: list[str]) -> list[dict[str, Any]]:
-    """Delay of every row that has one: value, interval, single events where the answer tells them."""
+    """Delay of every row that has one: value, interval, single movements; of a row that is not judged only these."""
     out = []
     for row in result.estimators:
         found = find(row, "lag_ms", AIR)
-        if found is not None and found.value is not None and row.name in names:
-            single = found.detail.get("events_ms") or found.detail.get("per_event_ms") or []
-            out.append(dot(names.index(row.name), found) | {"single": [float(x) for x in single if number(x)]})
+        single = [float(x) for x in (found.detail.get("each_ms") or []) if number(x)] if found is not None else []
+        if found is not None and row.name in names and (found.value is not None or single):
+            out.append(dot(names.index(row.name), found) | {"single": single})
     return out
 
 
@@ -286,7 +302,10 @@ def more(by: dict[str, list[Trace]], names: list[str], store: Store, result: Res
         if price is not None and number(price) and error is not None and error.value is not None and row.name in names:
             points.append({"r": names.index(row.name), "x": float(price), "y": float(error.value)})
     if points:
-        caption = "Left is cheap, down is close to the reference. Cost: nanoseconds per IMU sample on the machine that analysed."
+        caption = (
+            "Left is cheap, down is close to the reference. "
+            "Cost: nanoseconds per IMU sample on the machine that made this report."
+        )
         figures.append(Figure("cost", "cost", "Cost against tilt error", caption, 330, {"points": points}, wide=False))
     return figures
 
@@ -294,7 +313,7 @@ def more(by: dict[str, list[Trace]], names: list[str], store: Store, result: Res
 def dot(r: int, found: Answer) -> dict[str, Any]:
     """A value with its interval as a figure draws it."""
     interval = [float(x) for x in found.ci95] if found.ci95 and all(map(number, found.ci95)) else None
-    return {"r": r, "v": float(found.value or 0.0), "ci": interval, "ok": found.ranked}
+    return {"r": r, "v": None if found.value is None else float(found.value), "ci": interval, "ok": found.ranked}
 
 
 def dot_height(dots: list[dict[str, Any]]) -> int:

@@ -20,20 +20,22 @@ CRITICAL, WARNING = 2, 4
 def time_marks(result: Result) -> dict[str, Any]:
     """Everything to draw on the time axes: spans as [[t0, t1, why]], instants as [[t, why]], modes and texts."""
     line = result.log.get("timeline") or {}
-    spans = {
-        kind: [[s.t0, s.t1, s.why] for s in result.segments if s.kind.startswith(kind)] for kind in ("rest", "gap")
-    }
     return {
         "range": time_range(result),
         "modes": [[float(a), float(b), str(name)] for a, b, name in line.get("modes") or []],
         "armed": [[float(a), float(b)] for a, b in line.get("armed") or []],
         "airborne": [[float(a), float(b)] for a, b in line.get("airborne") or []],
-        "rest": spans["rest"],
-        "gaps": spans["gap"],
+        "rest": spans(result, "rest"),
+        "gaps": spans(result, "gap"),
         "resets": [[s.t0, s.why] for s in result.segments if s.kind == "reset"],
-        "impact": [[s.t0, s.t1, s.why] for s in result.segments if s.kind == "impact"],
+        "impact": spans(result, "impact"),
         "texts": drawn(messages(result)),
     }
+
+
+def spans(result: Result, kind: str) -> list[list[Any]]:
+    """Segments of a kind (``rest``: long and short) as [t0, t1, why]."""
+    return [[s.t0, s.t1, s.why] for s in result.segments if s.kind.partition(".")[0] == kind]
 
 
 def time_range(result: Result) -> list[float]:
@@ -45,10 +47,8 @@ def time_range(result: Result) -> list[float]:
 
 def messages(result: Result) -> list[tuple[float, int, str]]:
     """The autopilot's messages in time order: (t, level, text)."""
-    found = [
-        (float(t), int(level), str(text)) for t, level, text in (result.log.get("timeline") or {}).get("texts") or []
-    ]
-    return sorted(found, key=lambda m: m[0])
+    found = (result.log.get("timeline") or {}).get("texts") or []
+    return sorted(((float(t), int(level), str(text)) for t, level, text in found), key=lambda m: m[0])
 
 
 def alarming(level: int, text: str) -> bool:
@@ -57,7 +57,7 @@ def alarming(level: int, text: str) -> bool:
 
 
 def drawn(found: list[tuple[float, int, str]]) -> list[list[Any]]:
-    """Messages for the figure: [t, severity, text], the worst MAX_MESSAGES of them; severity 2 alarm, 1 warning, 0 other."""
+    """The worst MAX_MESSAGES messages as [t, severity, text]; severity 2 is an alarm, 1 a warning, 0 the rest."""
     graded = [[t, 2 if alarming(level, text) else 1 if level <= WARNING else 0, text[:200]] for t, level, text in found]
     if len(graded) > MAX_MESSAGES:
         worst = sorted(range(len(graded)), key=lambda i: -graded[i][1])[:MAX_MESSAGES]

@@ -1,4 +1,5 @@
 // The page: draws figures when they come near, links zoom, legend, table, theme, print.
+const choices = [];
 let event = 0, full = [0, 1], range = [0, 1], busy = false;
 const waiting = new Set(), failures = [];
 const ids = () => Object.keys(D.figures);
@@ -60,14 +61,17 @@ function movements() {
   const f = D.figures.step;
   if (!f) return;
   const select = $('event'), count = {};
-  f.events.forEach((e, i) => {
-    const option = document.createElement('option');
+  const offer = (text) => { const option = document.createElement('option'); option.value = select.length; option.textContent = text; select.append(option); };
+  for (const axis of new Set(f.events.map((e) => e.axis))) {
+    offer('all in ' + axis);
+    choices.push(f.events.filter((e) => e.axis === axis));
+  }
+  for (const e of f.events) {
     count[e.axis] = (count[e.axis] || 0) + 1;
-    option.value = i;
-    option.textContent = e.axis + ' ' + (e.at ? 'at ' + e.at.replace(/s$/, '') + ' s' : count[e.axis]);
-    select.append(option);
-  });
-  const go = (i) => { event = (i + f.events.length) % f.events.length; select.value = event; draw('step'); };
+    offer(e.axis + ' ' + (e.at ? 'at ' + e.at.replace(/s$/, '') + ' s' : count[e.axis]));
+    choices.push([e]);
+  }
+  const go = (i) => { event = (i + choices.length) % choices.length; select.value = event; draw('step'); };
   select.addEventListener('change', () => go(+select.value));
   $('event-back').addEventListener('click', () => go(event - 1));
   $('event-next').addEventListener('click', () => go(event + 1));
@@ -112,6 +116,14 @@ function printed() {
     opened.forEach((d) => { d.open = false; });
     redraw();
   });
+}
+
+// a time in a list or a problem shows its surroundings in the figures
+function jumps() {
+  document.querySelectorAll('a[data-t]').forEach((link) => link.addEventListener('click', () => {
+    const t = +link.dataset.t, around = Math.max(5, (full[1] - full[0]) / 60);
+    zoom([t - around, t + around]);
+  }));
 }
 
 function copies() {
@@ -166,7 +178,7 @@ async function start() {
   legend(); movements(); copies();
   await startPlotly();
   if (!window.Plotly) throw new Error('plotly.js could not be loaded; it has to lie beside this file');
-  printed(); resized();
+  printed(); resized(); jumps();
   await drawAll();
 }
 start().catch((error) => { $('failed').hidden = false; $('failed').textContent = 'Figures are missing: ' + error.message + '. Verdicts, tables and everything below do not need them.'; root.dataset.drawn = 'failed'; throw error; });

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import re
@@ -16,7 +17,7 @@ from attlog.report.figures import sections
 from attlog.report.look import Look, looks
 from attlog.report.marks import alarming, level_name, messages, time_marks
 from attlog.report.pack import Store, packed
-from attlog.report.table import main_table, window_tables
+from attlog.report.table import axis_table, main_table, window_tables
 from attlog.result import Result, Verdict
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ SEVERITY = {
     "note": ("Note", "note"),
     "info": ("Note", "note"),
 }
+SECTIONS = {"quiet": "rest", "late": "step", "drifting": "drift"}
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]")
 
 
@@ -74,9 +76,8 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         "bundle": None if shared else plot.hash,
     }
     style = (HERE / "style.css").read_text(encoding="utf-8")
-    script = (
-        "'use strict';(()=>{\n" + "\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS) + "})();\n"
-    )
+    parts = [(HERE / name).read_text(encoding="utf-8") for name in SCRIPTS]
+    script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
     environment = Environment(loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {
         "clean": clean,
@@ -98,6 +99,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         cards=[card(v, look) for v in result.verdicts],
         problems=problems(result),
         table=main_table(result),
+        axes=axis_table(result),
         windows=window_tables(result),
         figures=figures,
         messages=[(t, level_name(level), alarming(level, text), clean(text)) for t, level, text in messages(result)],
@@ -114,8 +116,6 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
 
 def packed_once(plot: Bundle) -> str:
     """The bundle as it stands compressed in the installation, in base64."""
-    import base64
-
     return base64.b64encode(plot.packed).decode()
 
 
@@ -139,11 +139,8 @@ def subtitle(result: Result) -> list[str]:
         parts.append("simulated")
     parts.append(str(log["date_utc"])[:16].replace("T", " ") + " UTC" if log.get("date_utc") else "date unknown")
     length = duration(log.get("duration_s"))
-    used = [
-        f"{duration(seconds[k])} {words}"
-        for k, words in (("airborne", "in the air"), ("rest", "at rest"))
-        if seconds.get(k)
-    ]
+    phases = (("airborne", "in the air"), ("rest", "at rest"))
+    used = [f"{duration(seconds[k])} {words}" for k, words in phases if seconds.get(k)]
     parts.append(f"{length}, of which {listed(used)}" if used else length)
     rates = [
         f"{word} {number(log[key]['rate_hz'], 'Hz')} Hz"
@@ -168,15 +165,12 @@ def firmware(result: Result) -> str:
 
 def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
     """A verdict as the template shows it: bars relative to the largest, reasons gathered."""
-    lead, _, tail = verdict.sentence.partition(". ")
+    lead, tail = lead_and_tail(verdict.sentence)
     bars = [b for b in verdict.bars if b[0] in look and math.isfinite(b[1])]
     largest = max((abs(v) for _, v, _ in bars), default=0.0)
-    kept = (
-        bars
-        if len(bars) <= BARS
-        else [*bars[: BARS - 2], *[b for b in bars[BARS - 2 :] if b[0] == "onboard"], bars[-1]]
-    )
-    kept = list(dict.fromkeys(kept))
+    kept = bars
+    if len(bars) > BARS:
+        kept = [*bars[: BARS - 2], *[b for b in bars[BARS - 2 : -1] if b[0] == "onboard"], bars[-1]]
     reasons: dict[str, list[str]] = {}
     for name, reason in verdict.not_judged:
         reasons.setdefault(clean(reason), []).append(clean(name))
@@ -188,7 +182,7 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
     return {
         "id": verdict.question,
         "title": clean(verdict.title),
-        "lead": clean(lead + ("." if tail or not lead.endswith(".") else "")),
+        "lead": clean(lead),
         "tail": clean(tail),
         "caption": captions.get(verdict.question, "") if kept else "",
         "bars": [
@@ -202,8 +196,14 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
         ],
         "left_out": len(bars) - len(kept),
         "reasons": [(listed(names), reason) for reason, names in reasons.items()],
-        "figures": {"quiet": "rest", "late": "step", "drifting": "drift"}.get(verdict.question, "flight"),
+        "figures": SECTIONS.get(verdict.question, "flight"),
     }
+
+
+def lead_and_tail(sentence: str) -> tuple[str, str]:
+    """The part of a verdict that is set in bold, up to the first full stop or semicolon, and the rest."""
+    end = re.search(r"[.;](?= |$)", sentence)
+    return (sentence[: end.end()], sentence[end.end() :].strip()) if end else (sentence, "")
 
 
 def problems(result: Result) -> list[dict[str, Any]]:
@@ -214,16 +214,28 @@ def problems(result: Result) -> list[dict[str, Any]]:
         label, style = SEVERITY.get(problem.severity, ("Note", "note"))
         entry = gathered.setdefault(
             (problem.severity, problem.text),
-            {"label": label, "style": style, "text": clean(problem.text), "where": where(problem), "count": 0},
+            {
+                "label": label,
+                "style": style,
+                "text": clean(problem.text),
+                "where": where(problem),
+                "t": shown_time(problem),
+                "count": 0,
+            },
         )
         entry["count"] += problem.count
     return list(gathered.values())
 
 
+def shown_time(problem: Problem) -> float | None:
+    """Seconds of a problem on the log's clock, None where it has no time."""
+    return round(problem.t, 3) if problem.t is not None and math.isfinite(problem.t) else None
+
+
 def where(problem: Problem) -> str:
     """Where in the log: seconds or bytes."""
-    if problem.t is not None and math.isfinite(problem.t):
-        return f"at {problem.t:.1f} s"
+    if (t := shown_time(problem)) is not None:
+        return f"at {t:.1f} s"
     return f"at byte {problem.offset:,}" if problem.offset is not None else ""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from attlog.metrics.answer import Answer
@@ -90,10 +91,15 @@ class Table:
 
 def main_table(result: Result) -> Table:
     """The comparison of all rows: every column of COLUMNS in which at least one row has a value."""
+    return filled(result, COLUMNS)
+
+
+def filled(result: Result, columns: Iterable[tuple[str, str, tuple[str, ...]]]) -> Table:
+    """The columns in which at least one row has a value, for all rows."""
     rows = ordered(result)
     table = Table()
     chosen: list[tuple[str, tuple[str, ...]]] = []
-    for metric, title, windows in COLUMNS:
+    for metric, title, windows in columns:
         found = [a for a in (find(r, metric, windows) for r in rows) if a is not None and a.value is not None]
         if found:
             table.columns.append(Column(title, unit_sign(found[0].unit), metric, found[0].window))
@@ -101,6 +107,22 @@ def main_table(result: Result) -> Table:
     for row in rows:
         table.rows.append((row, [cell(result, row, metric, find(row, metric, windows)) for metric, windows in chosen]))
     return table
+
+
+def axis_table(result: Result) -> Table:
+    """Delay, gain and shape of the steps by axis."""
+    return filled(
+        result,
+        [
+            (f"{metric}_{axis}_{unit}".rstrip("_"), f"{axis.capitalize()} {title}", AIR)
+            for axis in ("roll", "pitch", "yaw")
+            for metric, title, unit in (
+                ("lag", "delay", "ms"),
+                ("step_gain", "gain", ""),
+                ("distortion", "distortion", "pct"),
+            )
+        ],
+    )
 
 
 def window_tables(result: Result) -> dict[str, Table]:
