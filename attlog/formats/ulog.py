@@ -11,7 +11,6 @@ next place where three records in a row make sense and the time is near.
 
 from __future__ import annotations
 
-import mmap
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,15 +20,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import LogUnreadable, LogUnusable, NotALog
+from attlog.errors import LogUnusable, NotALog
 from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
-from attlog.formats.ulog_index import HEADER, Bytes, Offsets, Sizes, chain
+from attlog.formats.mapping import map_bytes
+from attlog.formats.ulog_index import HEADER, Bytes, Identifiers, Offsets, Sizes, by_id, chain
 from attlog.formats.ulog_layout import Layout, Members, layout_of, parse_format
 from attlog.formats.ulog_records import (
     FILE_HEADER,
     LARGEST_UNKNOWN,
     MAGIC,
     SYNC,
+    SYNC_HEADER,
     info_value,
     is_record,
     keyed,
@@ -49,7 +50,7 @@ from attlog.limits import (
 __all__ = ["read", "write"]
 
 ENCRYPTED = b"ULogEnc"
-GROUP = 1 << 20
+GROUP = 1 << 17
 """Records that are sorted into their topics at a time; bounds the memory of the sort."""
 ANCHOR_RECORDS = 3
 """Records in a row that must make sense before reading goes on behind damage."""
@@ -66,18 +67,13 @@ def read(path: Path | str) -> Messages:
     if it is encrypted or needs a newer reader. Damage is listed, never raised.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            raw = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    except ValueError:
-        raise NotALog(f"{path}: the file is empty") from None
-    except OSError as error:
-        raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error})") from error
-    if raw[:7] == ENCRYPTED:
+    data = map_bytes(path)
+    head = data[:FILE_HEADER].tobytes()
+    if head.startswith(ENCRYPTED):
         raise LogUnusable(f"{path}: this ULog is encrypted; decrypt it with the key of the vehicle first")
-    if raw[:7] != MAGIC or len(raw) < FILE_HEADER:
+    if not head.startswith(MAGIC) or len(head) < FILE_HEADER:
         raise NotALog(f"{path}: no ULog header at the start of the file")
-    return _Reader(path, raw).messages()
+    return _Reader(path, data).messages()
 
 
 @dataclass(slots=True)
@@ -92,9 +88,8 @@ class _Topic:
 class _Reader:
     """One walk over the file; ``messages`` turns what was found into the result."""
 
-    def __init__(self, path: Path, raw: mmap.mmap) -> None:
-        self.path, self.raw, self.size = path, raw, len(raw)
-        self.data: Bytes = np.frombuffer(raw, np.uint8)
+    def __init__(self, path: Path, data: Bytes) -> None:
+        self.path, self.data, self.raw, self.size = path, data, memoryview(data), len(data)
         self.sizes = Sizes()
         self.chain = chain(self.data, self.sizes)
         self.topics: dict[tuple[str, int], _Topic] = {}
@@ -106,7 +101,7 @@ class _Reader:
         self.damage_bytes = 0
         self.boots: list[int] = []
         self.unknown: dict[int, list[int]] = {}
-        self.runs: list[Offsets] = []
+        self.runs: list[tuple[Offsets, Identifiers]] = []
         self.pending = 0
         self.appended: list[int] = []
         self._start_log(0)
@@ -135,14 +130,17 @@ class _Reader:
 
     def _walk(self, position: int, stop: int) -> int:
         """Read records up to ``stop``; returns ``stop`` or the place where the plan changed."""
-        plan = self.appended
+        plan, raw = self.appended, self.raw
         while position < stop and self.appended is plan:
-            if position + HEADER <= stop and self.raw[position + 2] == ord("D"):
-                run = self.chain.follow(position, stop)
-                if len(run):
-                    self._keep(run)
+            if position + HEADER <= stop and raw[position + 2] == ord("D"):
+                starts, ids = self.chain.follow(position, stop)
+                if len(starts):
+                    self._keep(starts, ids)
                     position = self._end(self.last)
                     continue
+            if raw[position + 3 : position + 11] == SYNC and raw[position : position + 3] == SYNC_HEADER:
+                position += len(SYNC_HEADER) + len(SYNC)
+                continue
             following = self._record(position, stop)
             position = self._resume(position, stop) if following is None else following
         return position
@@ -150,10 +148,10 @@ class _Reader:
     def _end(self, start: int) -> int:
         return start + 3 + (self.raw[start] | self.raw[start + 1] << 8)
 
-    def _keep(self, run: Offsets) -> None:
-        self.runs.append(run)
-        self.pending += len(run)
-        self.last = int(run[-1])
+    def _keep(self, starts: Offsets, ids: Identifiers) -> None:
+        self.runs.append((starts, ids))
+        self.pending += len(starts)
+        self.last = int(starts[-1])
         if self.pending >= GROUP:
             self._group()
 
@@ -168,8 +166,8 @@ class _Reader:
         kind, end = self.raw[position + 2], self._end(position)
         if end > stop:
             return self._cut(position, stop) if self._known(position) else None
-        payload = self.raw[position + 3 : end]
-        strict = kind != ord("D") and is_record(kind, payload)
+        payload = bytes(self.raw[position + 3 : end])
+        strict = position == self.checked or (kind != ord("D") and is_record(kind, payload))
         if not strict and (end == position + 3 or kind == 0 or (not _KINDS[kind] and len(payload) > LARGEST_UNKNOWN)):
             return None
         if not self._leads_on(end, stop, 1 if strict else 2):
@@ -210,7 +208,9 @@ class _Reader:
                 identifier = self.raw[position + 3] | self.raw[position + 4] << 8
                 if self.sizes.smallest[identifier] and not self._size_fits(identifier, end - position - 3):
                     return False
-            elif not is_record(kind, self.raw[position + 3 : end]):
+            elif is_record(kind, bytes(self.raw[position + 3 : end])):
+                self.checked = position
+            else:
                 return False
             position = end
         return True
@@ -235,11 +235,11 @@ class _Reader:
         return here
 
     def _drop_last(self) -> None:
-        self.runs[-1] = self.runs[-1][:-1]
+        starts, ids = self.runs.pop()
         self.pending -= 1
-        if not len(self.runs[-1]):
-            self.runs.pop()
-        self.last = int(self.runs[-1][-1]) if self.runs else 0
+        if len(starts) > 1:
+            self.runs.append((starts[:-1], ids[:-1]))
+        self.last = int(self.runs[-1][0][-1]) if self.runs else 0
 
     def _anchor(self, position: int, stop: int) -> int:
         """The first place from ``position`` on where records make sense again, else ``stop``."""
@@ -308,6 +308,7 @@ class _Reader:
         self.in_data = False
         self.last = 0
         self.low = 0
+        self.checked = 0
         self.runs.clear()
         self.boots.append(position)
         self.start_us = struct.unpack_from("<Q", self.raw, position + 8)[0]
@@ -355,8 +356,8 @@ class _Reader:
         if identifier in self.by_id and self.by_id[identifier] != (name, multi, layout):
             self._group()
         self.by_id[identifier] = (name, multi, layout)
-        self.sizes.set(identifier, layout.size + 2, layout.full_size + 2)
-        self.chain.forget()
+        if self.sizes.set(identifier, layout.size + 2, layout.full_size + 2):
+            self.chain.forget()
 
     def _take_parts(self, payload: bytes) -> None:
         key_type, name, raw = keyed(payload[1:])
@@ -411,20 +412,19 @@ class _Reader:
 
     def _group(self) -> None:
         """Sort the collected starts into their topics, file order within each."""
-        starts = np.concatenate(self.runs) if self.runs else np.zeros(0, np.int64)
-        self.runs, self.pending = [], 0
-        if not len(starts):
+        if not self.runs:
             return
-        identifiers = self.data[starts + 3] | (self.data[starts + 4].astype(np.uint16) << 8)
-        order = np.argsort(identifiers, kind="stable")
-        starts, identifiers = starts[order], identifiers[order]
-        begins = np.flatnonzero(np.diff(identifiers, prepend=-1))
-        for part in np.split(starts, begins[1:]):
-            name, multi, layout = self.by_id[self.raw[part[0] + 3] | self.raw[part[0] + 4] << 8]
+        starts = np.concatenate([starts for starts, _ in self.runs])
+        ids = np.concatenate([ids for _, ids in self.runs])
+        self.runs, self.pending = [], 0
+        starts, ids = by_id(starts, ids)
+        begins = np.flatnonzero(ids[1:] != ids[:-1]) + 1
+        for identifier, part in zip(ids[[0, *begins]].tolist(), np.split(starts, begins), strict=True):
+            name, multi, layout = self.by_id[identifier]
             topic = self.topics.setdefault((name, multi), _Topic([layout], [0]))
             if topic.layouts[-1] != layout:
                 topic.layouts.append(layout)
-                topic.begins.append(int(part.min()))
+                topic.begins.append(int(part[0]))
             topic.offsets.append(part)
 
 
@@ -461,5 +461,7 @@ class _Gather:
 
     def _rows(self, record: np.dtype[np.void], offsets: Offsets) -> NDArray[np.void]:
         count = len(self._data) - record.itemsize + 1
+        if not len(offsets):
+            return np.zeros(0, record)
         windows = np.ndarray((count,), f"V{record.itemsize}", self._data, strides=(1,))
         return windows[offsets + HEADER].view(record)

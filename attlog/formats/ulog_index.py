@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
+Identifiers = NDArray[np.uint16]
 
 BLOCK = 1 << 20
 WORTH_COMPILED = 32 << 20
@@ -28,26 +29,34 @@ HEADER = 5
 
 
 class Sizes:
-    """Payload sizes (with the id) that a data record may have, by id."""
+    """Payload sizes (with the id) that a data record may have, by id; 0 where the id is unknown."""
 
     def __init__(self) -> None:
         self.smallest = np.zeros(65536, np.uint16)
         self.spread = np.zeros(65536, np.uint16)
 
-    def set(self, identifier: int, smallest: int, largest: int) -> None:
-        """Allow the sizes from ``smallest`` to ``largest`` for an id."""
+    def set(self, identifier: int, smallest: int, largest: int) -> bool:
+        """Allow the sizes from ``smallest`` to ``largest`` for an id; returns whether that is news."""
+        is_new = (self.smallest[identifier], self.spread[identifier]) != (smallest, largest - smallest)
         self.smallest[identifier] = smallest
         self.spread[identifier] = largest - smallest
+        return is_new
 
 
 class Chain(Protocol):
     """Finds data records; ``forget`` must be called when the sizes change."""
 
-    def follow(self, position: int, stop: int) -> Offsets:
-        """Starts of the unbroken run of data records from ``position`` on, all ending at or before ``stop``."""
+    def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
+        """Starts and ids of an unbroken run of data records from ``position`` on, all ending at or before ``stop``."""
 
     def forget(self) -> None:
         """Drop what was concluded from the sizes before."""
+
+
+def by_id(starts: Offsets, ids: Identifiers) -> tuple[Offsets, Identifiers]:
+    """The same records sorted by id, in file order within each."""
+    order = ids.argsort(kind="stable")
+    return starts.take(order), ids.take(order)
 
 
 class NumpyChain:
@@ -61,47 +70,40 @@ class NumpyChain:
     def forget(self) -> None:
         """Look at the block anew."""
         self._begin = self._end = 0
-        self._starts = self._breaks = np.zeros(0, np.int64)
 
-    def follow(self, position: int, stop: int) -> Offsets:
-        """Starts of the unbroken run of data records that lies in one block."""
+    def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
+        """Starts and ids of the unbroken run that lies in one block."""
         if not self._begin <= position < self._end:
             self._look(position)
-        first = int(np.searchsorted(self._starts, position))
+        first = int(self._starts.searchsorted(position))
         if first == len(self._starts) or self._starts[first] != position:
-            return self._starts[:0]
-        last = int(self._breaks[np.searchsorted(self._breaks, first)])
-        run = self._starts[first : last + 1]
-        end = int(run[-1]) + 3 + self._size(int(run[-1]))
-        return run if end <= stop else run[: np.searchsorted(run[1:], stop, side="right")]
-
-    def _size(self, start: int) -> int:
-        return int(self._data[start]) | int(self._data[start + 1]) << 8
+            return self._starts[:0], self._ids[:0]
+        last = int(self._breaks[self._breaks.searchsorted(first)]) + 1
+        if self._ends[last - 1] > stop:
+            last = first + int(self._ends[first:last].searchsorted(stop, side="right"))
+        return self._starts[first:last], self._ids[first:last]
 
     def _look(self, position: int) -> None:
         """All places in the next block that look like a data record, and where their chain breaks."""
-        data, sizes = self._data, self._sizes
-        self._begin, self._end = position, min(position + BLOCK, len(data))
-        last_start = min(self._end, len(data) - HEADER + 1)
-        starts = np.flatnonzero(data[position + 2 : max(last_start, position) + 2] == ord("D"))
-        starts += position
-        starts = starts[: np.searchsorted(starts, last_start)]
-        size = _u16(data, starts)
-        identifier = _u16(data, starts + 3)
-        smallest = sizes.smallest[identifier]
-        fits = (size - smallest <= sizes.spread[identifier]) & (smallest > 0)
+        self._begin, self._end = position, min(position + BLOCK, len(self._data))
+        block = self._data[position : self._end + HEADER - 1]
+        if len(block) < self._end - position + HEADER - 1:
+            block = np.concatenate([block, np.zeros(HEADER - 1, np.uint8)])
+        starts = (block[2 : self._end - position + 2] == ord("D")).nonzero()[0]
+        size = block.take(starts) | (block.take(starts + 1).astype(np.uint16) << 8)
+        ids = block.take(starts + 3) | (block.take(starts + 4).astype(np.uint16) << 8)
+        smallest = self._sizes.smallest.take(ids)
+        fits = size - smallest <= self._sizes.spread.take(ids)
+        fits &= smallest > 0
         starts, size = starts[fits], size[fits]
-        ends = starts + 3 + size
-        inside = ends <= len(data)
-        starts, ends = starts[inside], ends[inside]
-        self._starts = starts
-        broken = np.ones(len(starts), bool)
-        np.not_equal(ends[:-1], starts[1:], out=broken[:-1])
-        self._breaks = np.flatnonzero(broken)
-
-
-def _u16(data: Bytes, at: Offsets) -> NDArray[np.uint16]:
-    return data[at] | (data[at + 1].astype(np.uint16) << 8)
+        starts += position
+        ends = starts + 3
+        ends += size
+        inside = len(ends) if not len(ends) or ends[-1] <= len(self._data) else int((ends <= len(self._data)).argmin())
+        self._starts, self._ends, self._ids = starts[:inside], ends[:inside], ids[fits][:inside]
+        broken = np.ones(inside, bool)
+        np.not_equal(self._ends[:-1], self._starts[1:], out=broken[:-1])
+        self._breaks = broken.nonzero()[0]
 
 
 class NumbaChain:
@@ -110,39 +112,46 @@ class NumbaChain:
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data = data
         self._sizes = sizes
-        self._walk = numba_chain()
-        self._found = np.empty(BLOCK // 8, np.int64)
+        self._walk = compiled_walk()
+        self._starts = np.empty(BLOCK // 8, np.int64)
+        self._ids = np.empty(BLOCK // 8, np.uint16)
 
     def forget(self) -> None:
         """Nothing is kept between calls."""
 
-    def follow(self, position: int, stop: int) -> Offsets:
-        """Starts of the unbroken run of data records, at most one block of them."""
-        n = self._walk(self._data, position, stop, self._sizes.smallest, self._sizes.spread, self._found)
-        return self._found[:n].copy()
+    def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
+        """Starts and ids of the run, at most one block of them; synchronisation marks in between are passed over."""
+        sizes = self._sizes
+        n = self._walk(self._data, position, stop, sizes.smallest, sizes.spread, self._starts, self._ids)
+        return self._starts[:n].copy(), self._ids[:n].copy()
 
 
 @cache
-def numba_chain() -> Any:
-    """The compiled walk; its machine code is cached beside the module or in numba's cache folder."""
+def compiled_walk() -> Any:
+    """The compiled walk from record to record; numba keeps its machine code for the next process."""
     import numba
     from numba import types
 
     data = types.Array(types.uint8, 1, "C", readonly=True)
-    sizes = types.Array(types.uint16, 1, "C")
-    signature = types.int64(data, types.int64, types.int64, sizes, sizes, types.int64[::1])
+    sizes, starts = types.Array(types.uint16, 1, "C"), types.Array(types.int64, 1, "C")
+    signature = types.int64(data, types.int64, types.int64, sizes, sizes, starts, sizes)
 
-    def walk(data, position, stop, smallest, spread, found):  # type: ignore[no-untyped-def]
+    def walk(data, position, stop, smallest, spread, starts, ids):  # type: ignore[no-untyped-def]
         n = 0
-        while n < len(found) and position + 5 <= stop:
-            if data[position + 2] != 68:
-                break
-            identifier = data[position + 3] | data[position + 4] << 8
+        while n < len(starts) and position + 5 <= stop:
             size = np.int64(data[position]) | np.int64(data[position + 1]) << 8
-            more = size - np.int64(smallest[identifier])
-            if smallest[identifier] == 0 or more < 0 or more > spread[identifier] or position + 3 + size > stop:
+            is_sync = data[position + 2] == 83 and size == 8 and data[position + 3] == 0x2F
+            if is_sync and n and position + 11 <= stop and data[position + 10] == 0x12:
+                position += 11
+                continue
+            identifier = np.int64(data[position + 3]) | np.int64(data[position + 4]) << 8
+            least = np.int64(smallest[identifier])
+            if data[position + 2] != 68 or least == 0 or size < least or size > least + spread[identifier]:
                 break
-            found[n] = position
+            if position + 3 + size > stop:
+                break
+            starts[n] = position
+            ids[n] = identifier
             n += 1
             position += 3 + size
         return n

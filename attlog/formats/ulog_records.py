@@ -17,6 +17,7 @@ from attlog.formats.ulog_layout import BASIC
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEADER = 16
 SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+SYNC_HEADER = b"\x08\x00S"
 LARGEST_UNKNOWN = 10_000
 """Payload bytes that a record of a type we do not know may have before it counts as garbage."""
 
@@ -80,7 +81,8 @@ def _is_info(payload: bytes) -> bool:
 
 
 def _is_parameter(payload: bytes) -> bool:
-    return _keyed(payload, 4) and keyed(payload)[0] in _NUMBERS and len(keyed(payload)[2]) == 4
+    named = payload.startswith((b"int32_t ", b"float "), 1)
+    return named and 8 < payload[0] < 64 and len(payload) == payload[0] + 5
 
 
 _CHECKS = {

@@ -140,6 +140,6 @@ def test_what_is_no_ulog_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty.ulg").write_bytes(b"")
     (tmp_path / "other.ulg").write_bytes(b"\xa3\x95" * 100)
     (tmp_path / "locked.ulg").write_bytes(b"ULogEnc" + bytes(100))
-    for name, error in [("empty.ulg", NotALog), ("other.ulg", NotALog), ("locked.ulg", LogUnusable)]:
+    for name, error in [("empty.ulg", LogUnusable), ("other.ulg", NotALog), ("locked.ulg", LogUnusable)]:
         with pytest.raises(error):
             ulog.read(tmp_path / name)
