@@ -87,7 +87,7 @@ def _build(
     which: clock.Clock = "publication" if options.clock == "publication" else "sample"
     t, q, kept = clock.usable(attitude, which)
     run = _runs(t, segments)
-    found, sentences = resets.find(attitude, imu)
+    found, sentences = resets.known(log, name, segments) if kind == "onboard" else resets.find(attitude, imu)
     jumped = np.zeros(len(attitude.t), np.int64)
     jumped[found] = 1
     piece = run + np.cumsum(jumped)[kept]

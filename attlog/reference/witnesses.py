@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.flight.model import FlightLog, Gnss
+from attlog.flight.model import Attitude, FlightLog, Gnss
 from attlog.reference import clock
 from attlog.reference.compare import interpolate
 from attlog.reference.model import Reference, Row, Witness
@@ -27,21 +27,31 @@ def witnesses(log: FlightLog, segments: Segments, reference: Reference, rows: li
     Degrees on the log's clock; pieces end at gaps and at resets of the witness.
     """
     found: dict[str, Witness] = {}
-    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
     for name, attitude in (("onboard", log.attitudes.get(log.onboard or "")), ("truth", log.truth)):
         if attitude is None:
             continue
-        t, q, kept = clock.usable(attitude, reference.clock)
-        jumped = np.zeros(len(attitude.t), np.int64)
-        jumped[resets.find(attitude, imu)[0]] = 1
+        t, q, piece = _attitude(log, segments, reference, name, attitude)
         if len(t) >= LEAST:
-            heading = np.degrees(rotation.to_euler(q)[:, 2])
-            piece = _split(runs.pieces(t), np.cumsum(jumped)[kept])
-            found[name] = Witness(name, t, heading, piece, f"yaw of {attitude.source}")
+            found[name] = Witness(name, t, np.degrees(rotation.to_euler(q)[:, 2]), piece, f"yaw of {attitude.source}")
     for witness in (_magnetic(log, reference, rows), _dual_antenna(log), _course(log)):
         if witness is not None:
             found[witness.name] = witness
     return found
+
+
+def _attitude(
+    log: FlightLog, segments: Segments, reference: Reference, name: str, attitude: Attitude
+) -> tuple[Array, Array, Index]:
+    """Times, attitudes and pieces of the onboard attitude or the truth; those of the reference are known already."""
+    if reference.kind == name and reference.name in ("", log.onboard):
+        return reference.t, reference.q, reference.piece
+    t, q, kept = clock.usable(attitude, reference.clock)
+    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    jumped = np.zeros(len(attitude.t), np.int64)
+    jumped[
+        resets.known(log, log.onboard or "", segments)[0] if name == "onboard" else resets.find(attitude, imu)[0]
+    ] = 1
+    return t, q, _split(runs.pieces(t), np.cumsum(jumped)[kept])
 
 
 def _magnetic(log: FlightLog, reference: Reference, rows: list[Row]) -> Witness | None:

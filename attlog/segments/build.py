@@ -64,7 +64,9 @@ def _windows(imu: Imu) -> windows.Windows | None:
     n = min(len(t), len(gyro), len(acc))
     t, gyro, acc = t[:n], gyro[:n], acc[:n]
     good = np.isfinite(t) & np.isfinite(gyro).all(axis=1) & np.isfinite(acc).all(axis=1)
-    return windows.build(t[good], gyro[good], acc[good]) if np.count_nonzero(good) >= 10 else None
+    if not good.all():
+        t, gyro, acc = t[good], gyro[good], acc[good]
+    return windows.build(t, gyro, acc) if len(t) >= 10 else None
 
 
 def _motors(log: FlightLog, armed: flags.Phase, t0: float, t1: float) -> tuple[list[Span], str]:

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+CHUNK = 1 << 18
+"""Samples per pass: temporaries of long logs stay small."""
+
 
 class Turning:
     """The gyro's rotation as prefix sums, so that any interval costs the same.
@@ -19,18 +22,29 @@ class Turning:
     """
 
     def __init__(self, t: Array, rate: Array, sampling: Literal["interval", "instant"] = "instant") -> None:
-        mean = rate[1:] if sampling == "interval" else 0.5 * (rate[:-1] + rate[1:])
-        step = mean * np.diff(t)[:, None]
-        zero = np.zeros((1, 3))
         self._t = t
-        self._angle = np.concatenate([zero, np.cumsum(step, axis=0)])
-        self._coning = np.concatenate([zero, np.cumsum(np.cross(self._angle[:-1], step), axis=0)])
+        self._angle = np.zeros((len(t), 3))
+        self._coning = np.zeros((len(t), 3))
+        for a in range(0, len(t) - 1, CHUNK):
+            b = min(a + CHUNK, len(t) - 1)
+            mean = rate[a + 1 : b + 1] if sampling == "interval" else 0.5 * (rate[a:b] + rate[a + 1 : b + 1])
+            step = mean * np.diff(t[a : b + 1])[:, None]
+            self._angle[a + 1 : b + 1] = self._angle[a] + np.cumsum(step, axis=0)
+            self._coning[a + 1 : b + 1] = self._coning[a] + np.cumsum(_cross(self._angle[a:b], step), axis=0)
 
     def between(self, start: Array, end: Array) -> Array:
         """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
         a = self._at(start, self._angle)
         whole = self._at(end, self._angle) - a
-        return whole + 0.5 * (self._at(end, self._coning) - self._at(start, self._coning) - np.cross(a, whole))
+        return whole + 0.5 * (self._at(end, self._coning) - self._at(start, self._coning) - _cross(a, whole))
 
     def _at(self, at: Array, sums: Array) -> Array:
         return np.stack([np.interp(at, self._t, sums[:, k]) for k in range(3)], axis=-1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a x b of (n, 3), several times as fast as numpy's general one."""
+    out = np.empty_like(a)
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        out[:, k] = a[:, i] * b[:, j] - a[:, j] * b[:, i]
+    return out

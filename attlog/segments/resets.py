@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.flight.model import Attitude, Imu
+from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.segments import runs
 from attlog.segments.increments import Turning
+from attlog.segments.model import Segments
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -38,6 +39,15 @@ def find(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
                 found[int(i)] = f"{counted[int(i)]}, {jump[i - 1]:.1f} deg"
     order = sorted(found)
     return np.array(order, np.int64), [found[i] for i in order]
+
+
+def known(log: FlightLog, name: str, segments: Segments) -> tuple[Index, list[str]]:
+    """As ``find`` for the onboard attitude ``name``; those of the one that flew stand in the segments."""
+    attitude = log.attitudes[name]
+    if name != log.onboard:
+        return find(attitude, log.imus[log.imu] if log.imu is not None else None)
+    there = segments.of("reset")
+    return np.searchsorted(attitude.t, [s.t1 for s in there]).astype(np.int64), [s.why for s in there]
 
 
 def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] | None:

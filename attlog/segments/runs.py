@@ -34,11 +34,11 @@ def pieces(t: Array, limit: float | None = None) -> NDArray[np.int64]:
 
 
 def rising(t: Array, x: Array) -> tuple[Array, Array]:
-    """The samples (m,), (m, k) that are finite and later than all before them."""
+    """The samples (m,), (m, k) that are finite and later than all before them; the arrays themselves if all are."""
     good = np.isfinite(t) & np.isfinite(x).all(axis=1)
     highest = np.maximum.accumulate(np.where(good, t, -np.inf))
     good[1:] &= highest[1:] > highest[:-1]
-    return t[good], x[good]
+    return (t, x) if good.all() else (t[good], x[good])
 
 
 def find(t: Array) -> list[Segment]:

@@ -15,6 +15,9 @@ SECONDS = 0.5
 MIN_SAMPLES = 5
 """A standard deviation needs a few samples: slow logs get longer windows."""
 
+BLOCK = 2048
+"""Windows per pass: temporaries of long logs stay small."""
+
 
 @dataclass(slots=True)
 class Windows:
@@ -43,8 +46,6 @@ class Windows:
 
 def build(t: Array, gyro: Array, acc: Array) -> Windows:
     """Windows over good samples (n,), (n, 3) rad/s, (n, 3) m/s^2; windows with under 3 samples are left out."""
-    rate = np.degrees(gyro)
-    force = np.sqrt(np.sum(acc * acc, axis=1))
     dt = np.diff(t)
     median = float(np.median(dt[dt > 0])) if np.any(dt > 0) else SECONDS
     seconds = max(SECONDS, MIN_SAMPLES * median)
@@ -53,29 +54,47 @@ def build(t: Array, gyro: Array, acc: Array) -> Windows:
     number = np.floor((t - run_start) / seconds).astype(np.int64)
     key = np.flatnonzero(np.concatenate([[True], (np.diff(run) != 0) | (np.diff(number) != 0)]))
     count = np.diff(np.append(key, len(t)))
-
-    def mean(x: Array) -> Array:
-        total = np.add.reduceat(x, key, axis=0)
-        return total / (count[:, None] if x.ndim == 2 else count)
-
-    rate_mean, force_mean = mean(rate), mean(force)
-    spread = rate - np.repeat(rate_mean, count, axis=0)
-    rate_var = mean(np.sum(spread * spread, axis=1) / 3.0)
-    force_var = mean((force - np.repeat(force_mean, count)) ** 2)
-    rate_rms = np.sqrt(mean(np.sum(rate * rate, axis=1)))
+    blocks = np.arange(0, len(key), BLOCK)
+    values = np.concatenate(
+        [_statistics(gyro, acc, key[a : a + BLOCK], count[a : a + BLOCK]) for a in blocks.tolist()], axis=0
+    )
     start = run_start[key] + number[key] * seconds
     end = np.minimum(start + seconds, t[key + count - 1] + median)
     keep = count >= 3
+    values = values[keep]
     return Windows(
         start[keep],
         end[keep],
         run[key][keep],
-        rate_mean[keep],
-        np.sqrt(rate_var[keep]),
-        rate_rms[keep],
-        force_mean[keep],
-        np.sqrt(force_var[keep]),
-        seconds,
+        rate=values[:, 0:3],
+        rate_std=values[:, 3],
+        rate_rms=values[:, 4],
+        force=values[:, 5],
+        force_std=values[:, 6],
+        seconds=seconds,
+    )
+
+
+def _statistics(gyro: Array, acc: Array, key: NDArray[np.int64], count: NDArray[np.int64]) -> Array:
+    """Columns (m, 7) of the windows that begin at samples ``key``: rate, rate_std, rate_rms, force, force_std."""
+    samples = slice(int(key[0]), int(key[-1] + count[-1]))
+    rate = np.degrees(gyro[samples])
+    force = np.sqrt(np.sum(acc[samples] ** 2, axis=1))
+    first = key - key[0]
+
+    def mean(x: Array) -> Array:
+        return (np.add.reduceat(x, first, axis=0).T / count).T
+
+    rate_mean, force_mean = mean(rate), mean(force)
+    spread = rate - np.repeat(rate_mean, count, axis=0)
+    return np.column_stack(
+        [
+            rate_mean,
+            np.sqrt(mean(np.sum(spread * spread, axis=1) / 3.0)),
+            np.sqrt(mean(np.sum(rate * rate, axis=1))),
+            force_mean,
+            np.sqrt(mean((force - np.repeat(force_mean, count)) ** 2)),
+        ]
     )
 
 
