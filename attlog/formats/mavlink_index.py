@@ -144,6 +144,8 @@ def _checked(data: NDArray[np.uint8], headers: _Headers, catalogue: Catalogue) -
     """True for the headers whose checksum is right."""
     table = _crc_table()
     good = np.zeros(len(headers.at), np.bool_)
+    if len(good) == 0:
+        return good
     sent = gather(data, headers.at + 1 + headers.covered, np.dtype("<u2"))
     seeds = catalogue.seeds[headers.ids].astype(np.uint8)
     widths = (headers.covered + _PADDING) // _PADDING * _PADDING  # room for the covered bytes and the seed
