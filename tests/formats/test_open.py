@@ -1,0 +1,115 @@
+"""``formats.open`` knows a log by its content and refuses the rest with one clear line."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import formats
+from attlog.errors import AttlogError, LogUnreadable, LogUnusable, NotALog
+from tests.conftest import SAMPLES, corpus_logs
+
+FORMATS = {".ulg": "ulog", ".bin": "dataflash", ".tlog": "tlog", ".log": "dataflash_text", ".px4log": "px4log",
+           ".mavlink": "mavlink"}  # fmt: skip
+EXCEPTIONS = {"px4log_log001_cut.bin": "px4log"}
+
+
+@pytest.mark.parametrize("path", corpus_logs(), ids=lambda p: p.name)
+def test_format_is_recognised_by_content(path: Path, tmp_path: Path) -> None:
+    if "encrypted" in path.name:
+        with pytest.raises(LogUnusable, match="encrypted"):
+            formats.recognise(path)
+        return
+    nameless = tmp_path / "log"
+    nameless.symlink_to(path)
+    assert formats.recognise(nameless) == EXCEPTIONS.get(path.name, FORMATS[path.suffix.lower()])
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
+def test_open_returns_the_messages_of_each_format(name: str) -> None:
+    log = formats.open(SAMPLES / name)
+    assert log.format == FORMATS[Path(name).suffix]
+    assert len(log) > 5
+    assert log.size == (SAMPLES / name).stat().st_size
+
+
+def one_line(error: AttlogError) -> bool:
+    return "\n" not in str(error) and len(str(error)) < 400
+
+
+def test_missing_file_folder_and_device_cannot_be_read(tmp_path: Path) -> None:
+    for path, reason in [(tmp_path / "none.ulg", "no such file"), (tmp_path, "folder"), (Path("/dev/zero"), "regular")]:
+        with pytest.raises(LogUnreadable, match=reason) as caught:
+            formats.open(path)
+        assert one_line(caught.value)
+        assert caught.value.exit_code == 66
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read everything")
+def test_file_without_permission_cannot_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "locked.ulg"
+    path.write_bytes(b"x")
+    path.chmod(0)
+    with pytest.raises(LogUnreadable, match="ermission"):
+        formats.open(path)
+
+
+def firmware_image() -> bytes:
+    """A vector table, code without structure, an odd text, erased flash; byte 8 begins like a MAVLink packet."""
+    code = np.random.default_rng(11).integers(0, 256, 200_000, np.uint8).tobytes()
+    return b"\x00\x00\x02\x20\xc1\x02\x00\x08\xfe\x09" + code + b"ArduCopter V4.3.0" + b"\xff" * 50_000
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("empty.bin", b""),
+        ("one.bin", b"\xa3"),
+        ("zeros.ulg", bytes(100_000)),
+        ("erased.bin", b"\xff" * 100_000),
+        ("firmware.bin", firmware_image()),
+        ("random.tlog", np.random.default_rng(5).integers(0, 256, 300_000, np.uint8).tobytes()),
+        ("image.png", b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20),
+        ("notes.log", b"flew at the field today\nno FMT here, sorry\n" * 40),
+        ("table.csv", b"t,gx,gy,gz\n0.0,0.1,0.2,0.3\n" * 100),
+        ("archive.zip", b"PK\x03\x04" + np.random.default_rng(6).integers(0, 256, 9000, np.uint8).tobytes()),
+    ],
+)
+def test_what_is_no_log_is_refused_in_one_line(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(NotALog) as caught:
+        formats.open(tmp_path / name)
+    assert one_line(caught.value)
+    assert name in str(caught.value)
+    assert caught.value.exit_code == 65
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_bytes_are_never_a_log(seed: int, tmp_path: Path) -> None:
+    content = np.random.default_rng(seed).integers(0, 256, 70_000, np.uint8).tobytes()
+    (tmp_path / "random").write_bytes(content)
+    with pytest.raises(NotALog):
+        formats.open(tmp_path / "random")
+
+
+def test_a_log_whose_format_definitions_are_lost_is_unusable(corpus: Path) -> None:
+    with pytest.raises(LogUnusable):
+        formats.open(corpus / "logs" / "made_bin_starts_midfile_nofmt.bin")
+
+
+def test_opening_does_not_import_numba_or_pandas() -> None:
+    import subprocess
+    import sys
+
+    names = ("numba", "pandas", "scipy", "plotly")
+    code = (
+        "import sys; from attlog import formats; formats.open(sys.argv[1]); "
+        f"print([n for n in {names} if n in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(SAMPLES / "px4_steps.ulg")], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
