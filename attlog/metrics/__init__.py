@@ -5,7 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from types import ModuleType
 
-from attlog.metrics import drift_air, drift_rest, lag, noise, ranking, rmse, settling, wander
+from attlog.metrics import (
+    allan,
+    bias,
+    convergence,
+    cost,
+    drift_air,
+    drift_rest,
+    hover,
+    lag,
+    noise,
+    ranking,
+    recovery,
+    rmse,
+    settling,
+    wander,
+)
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, Witness
 from attlog.metrics.trace import Trace
@@ -14,7 +29,11 @@ from attlog.reference.model import Row
 
 __all__ = ["Answer", "Metric", "Trace", "Trial", "Witness", "best", "compute", "definitions", "missing", "traces"]
 
-QUESTIONS: tuple[ModuleType, ...] = (noise, lag, settling, drift_rest, drift_air, wander, rmse)
+QUESTIONS: tuple[ModuleType, ...] = (
+    noise, lag, settling, drift_rest, drift_air, wander, rmse, allan, convergence, recovery, hover, bias, cost,
+)  # fmt: skip
+FULL_COVERAGE_PCT = 95.0
+COMPARED = ("total_", "heading_", "inclination_", "lag_", "drift_air_")
 
 
 def definitions() -> dict[str, Metric]:
@@ -23,13 +42,21 @@ def definitions() -> dict[str, Metric]:
 
 
 def compute(trial: Trial, row: Row, windows: Sequence[str]) -> dict[str, dict[str, Answer]]:
-    """Answers of one row: window -> metric id -> Answer. A metric that means nothing in a window is left out there."""
-    return {
-        window: {
-            name: answer for question in QUESTIONS for name, answer in question.compute(trial, row, window).items()
-        }
-        for window in windows
-    }
+    """Answers of one row: window -> metric id -> Answer. A metric that means nothing in a window is left out there.
+
+    ``detail["coverage_pct"]`` stands beside comparisons of a row that was scored on less
+    than 95 % of its time.
+    """
+    table: dict[str, dict[str, Answer]] = {}
+    partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
+    for window in windows:
+        answers = table.setdefault(window, {})
+        for question in QUESTIONS:
+            answers |= question.compute(trial, row, window)
+        for name, answer in answers.items():
+            if partly and name.startswith(COMPARED):
+                answer.detail["coverage_pct"] = row.coverage_pct
+    return table
 
 
 def best(table: dict[str, dict[str, dict[str, Answer]]], rows: Sequence[Row]) -> dict[str, dict[str, list[str]]]:

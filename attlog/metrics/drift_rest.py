@@ -11,7 +11,9 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
 from attlog.metrics.noise import rest_spans, why_no_rest
 from attlog.metrics.spans import about, within
+from attlog.reference import clock
 from attlog.reference.model import Row
+from attlog.segments import resets
 
 Array = NDArray[np.float64]
 
@@ -44,18 +46,14 @@ def rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Bloc
 
 def row_pieces(trial: Trial, row: Row) -> NDArray[np.int64]:
     """Stretches of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
-    return row.run + np.searchsorted(reset_times(trial, row), row.t, side="right")
-
-
-def reset_times(trial: Trial, row: Row) -> Array:
-    """When the attitude of an onboard row was reset, s; empty for replayed rows."""
-    if row.kind != "onboard":
-        return np.zeros(0)
-    _, colon, name = row.name.partition(":")
-    if colon:
-        attitude = trial.log.attitudes.get(name)
-        return np.zeros(0) if attitude is None else attitude.t[attitude.resets]
-    return np.array([s.t0 for s in trial.segments.of("reset")])
+    attitude = trial.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
+    if attitude is None:
+        return row.run
+    imu = None if trial.log.imu is None else trial.log.imus[trial.log.imu]
+    jumped = np.zeros(len(attitude.t), np.int64)
+    jumped[resets.find(attitude, imu)[0]] = 1
+    _, _, kept = clock.usable(attitude, trial.reference.clock)
+    return row.run + np.cumsum(jumped)[kept]
 
 
 def records(trial: Trial, row: Row, window: str) -> list[drift.Drift]:

@@ -54,13 +54,17 @@ def groups_of(n: int, duration: float) -> list[slice]:
 
 
 def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
-    """RMS of an error angle (n,) and its interval: t over the mean squares of the groups, then the root."""
-    value = math.sqrt(float(np.mean(angle**2)))
-    spread = interval.of_mean([float(np.mean(angle[g] ** 2)) for g in groups]) if groups else None
-    if spread is None:
-        return value, None
-    half = 0.5 * (spread[1] - spread[0])
-    return value, (math.sqrt(max(value**2 - half, 0.0)), math.sqrt(value**2 + half))
+    """RMS of an error angle (n,) and its interval: t over the mean squares of the groups, on logarithmic scale.
+
+    The relative error of the mean square becomes a factor (delta method), so that the
+    interval of a short, uneven record does not reach below zero.
+    """
+    square = float(np.mean(angle**2))
+    spread = interval.of_mean([float(np.mean(angle[g] ** 2)) for g in groups])
+    if spread is None or square == 0.0:
+        return math.sqrt(square), None
+    factor = math.exp(0.25 * (spread[1] - spread[0]) / square)
+    return math.sqrt(square), (math.sqrt(square) / factor, math.sqrt(square) * factor)
 
 
 def statistic(angle: Array, name: str, groups: list[slice]) -> tuple[float, interval.Interval | None]:
@@ -129,7 +133,9 @@ def why_no_errors(trial: Trial, row: Row, window: str) -> tuple[str, str] | None
 
 
 def heading_is_offset_free(trial: Trial, row: Row) -> str | None:
-    """A reason not to rank heading errors: the offset of this row was removed while others had to find it."""
-    if row.uses_mag or not any(r.uses_mag for r in trial.rows if r.kind == "replay"):
+    """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
+    if row.heading_offset_deg is None or all(
+        r.heading_offset_deg is not None for r in trial.rows if r.kind == "replay"
+    ):
         return None
-    return "works without a magnetometer: its heading offset was removed, the others had to find theirs"
+    return "its heading offset was removed (it has no north of its own), the others had to find theirs"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import drift, drift_air, drift_rest, lag, steps
+from attlog.metrics import allan, drift, drift_air, drift_rest, lag, steps
 from attlog.metrics.base import Trial
 from attlog.metrics.noise import deviations, rest_spans
 from attlog.metrics.spans import within
@@ -27,6 +27,7 @@ def traces(trial: Trial, rows: Iterable[Row]) -> list[Trace]:
             *difference(row),
             *rest(trial, row),
             *drifts(trial, row),
+            *allan_curves(trial, row),
             *step(trial, row),
             *bias(row),
         ]
@@ -95,8 +96,22 @@ def step(trial: Trial, row: Row) -> list[Trace]:
         t, sign = pair.t_ref[inside], np.sign(event.delta_deg)
         est = np.interp(t, pair.t_est, pair.est, left=np.nan, right=np.nan) - offset
         columns = {"est": sign * est, "ref": sign * pair.ref[inside]}
-        traces.append(Trace("step", row.name, t - event.onset, columns, steps.AXES[event.axis]))
+        traces.append(Trace("step", row.name, t - event.onset, columns, f"{steps.AXES[event.axis]}@{event.onset:.2f}"))
     return traces
+
+
+def allan_curves(trial: Trial, row: Row) -> list[Trace]:
+    """Allan deviation of the averaged angle (deg) of the longest rest from 60 s on, ``key`` = axis, ``t`` = tau."""
+    piece = allan.longest_rest(trial, row, "all")
+    if piece is None or row.t[piece.stop - 1] - row.t[piece.start] < allan.SHORTEST_S:
+        return []
+    step = float(row.t[piece.stop - 1] - row.t[piece.start]) / (piece.stop - piece.start - 1)
+    found = []
+    for axis, angle in zip(("roll", "pitch", "heading"), allan.angles(row, piece).T, strict=True):
+        d = allan.of_average(angle, step)
+        columns = {"tau": d.tau, "deviation": d.sigma, "low": d.low, "high": d.high}
+        found.append(Trace("allan", row.name, d.tau, columns, axis))
+    return found
 
 
 def bias(row: Row) -> list[Trace]:

@@ -1,0 +1,152 @@
+"""What kind of noise is it? Allan deviation at rest: white, walk or flicker, by averaging time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics import interval
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.noise import rest_spans, why_no_rest
+from attlog.metrics.spans import about, within
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+SHORTEST_S = 60.0
+POINTS_PER_DECADE = 12
+WALK_TAU_S = (0.3, 3.0)
+WALK_SLOPE = (-0.7, -0.3)
+"""White rate noise falls as tau^-1/2; outside these slopes the number would not be an angle random walk."""
+FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
+"""0.664: the floor of flicker noise over its bias instability (IEEE Std 952, C.1.3)."""
+MIN_RATIO = 10.0
+"""The record must be this many times longer than the averaging time of the floor."""
+
+_SHARED = """Overlapping Allan deviation of the rate of the row's heading in the longest rest of at least 60 s, averaging
+    times from 2 samples to a quarter of it, chi-squared intervals (NIST SP 1065). """
+METRICS: tuple[Metric, ...] = (
+    Metric(
+        "allan_arw_deg_per_sqrt_h", "Angle random walk, heading", "deg/sqrt(h)", "low", ("rest",),
+        paragraph(_SHARED + """Value at 1 s, where the deviation falls as tau^-1/2: how fast the heading walks away by white
+            rate noise."""),
+    ),
+    Metric(
+        "allan_bias_deg_per_h", "Bias instability, heading", "deg/h", "low", ("rest",),
+        paragraph(_SHARED + """Floor of the curve over 0.664: the drift rate that no averaging removes. Only where the rest is
+            ten times longer than the averaging time of the floor."""),
+    ),
+)  # fmt: skip
+
+
+@dataclass(slots=True)
+class Deviation:
+    """An Allan deviation over averaging times ``tau`` (k,) s with 95 % interval; ``dof`` (k,) degrees of freedom."""
+
+    tau: Array
+    sigma: Array
+    low: Array
+    high: Array
+    dof: Array
+
+
+def deviation(phase: Array, step: float) -> Deviation:
+    """The overlapping Allan deviation of the rate of ``phase`` (n,), which is sampled every ``step`` s.
+
+    NIST SP 1065 equation 11; degrees of freedom for white rate noise by equation 29
+    (Howe, Allan and Barnes 1981). In units of phase per second.
+    """
+    n = len(phase)
+    largest = (n - 1) // 4
+    if largest < 2:
+        return Deviation(*(np.zeros(0) for _ in range(5)))
+    count = max(2, round(POINTS_PER_DECADE * math.log10(largest / 2.0)) + 1)
+    m = np.unique(np.geomspace(2, largest, count).round().astype(int))
+    second = [phase[2 * k :] - 2.0 * phase[k:-k] + phase[: -2 * k] for k in m]
+    sigma = np.array([math.sqrt(float(np.mean(d**2)) / 2.0) for d in second]) / (m * step)
+    dof = (3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
+    bounds = np.array([interval.of_sigma_chi_square(s, round(max(d, 1.0), 3)) for s, d in zip(sigma, dof, strict=True)])
+    return Deviation(m * step, sigma, bounds[:, 0], bounds[:, 1], dof)
+
+
+def of_average(angle: Array, step: float) -> Deviation:
+    """The Allan deviation of an averaged angle (n,), in its own unit: how well averaging over tau repeats."""
+    return deviation(np.concatenate([[0.0], np.cumsum(angle - np.mean(angle))]) * step, step)
+
+
+def longest_rest(trial: Trial, row: Row, window: str) -> slice | None:
+    """The longest stretch of samples of one rest, finite and without a gap; None if there is none."""
+    pieces = [p for span in rest_spans(trial, row, window) for p in within(row.t, span, row.run)]
+    pieces = [p for p in pieces if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
+    return max(pieces, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
+
+
+def angles(row: Row, piece: slice) -> Array:
+    """Rotation away from the mean attitude (n, 3) in deg: roll and pitch about body x and y, heading about the vertical."""
+    q = row.q[piece]
+    centre = rotation.mean(q)
+    body = rotation.to_rotvec(rotation.multiply(rotation.conjugate(centre), q))
+    heading = np.unwrap(rotation.heading_angle(rotation.error(q, centre)))
+    return np.degrees(np.column_stack([body[:, :2], heading]))
+
+
+def random_walk(d: Deviation) -> tuple[float, float]:
+    """The deviation interpolated at 1 s (rate units) and the slope of the curve around it on logarithmic axes."""
+    near = (d.tau >= WALK_TAU_S[0]) & (d.tau <= WALK_TAU_S[1]) & (d.sigma > 0)
+    if near.sum() < 3:
+        return math.nan, math.nan
+    slope = float(np.polyfit(np.log(d.tau[near]), np.log(d.sigma[near]), 1)[0])
+    return math.exp(float(np.interp(0.0, np.log(d.tau[near]), np.log(d.sigma[near])))), slope
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
+    if not about(window, "all", "rest", "rest.long"):
+        return {}
+    piece = longest_rest(trial, row, window)
+    if piece is None:
+        absent = why_no_rest(trial, row, window, rest_spans(trial, row, window))
+        return {m.name: missing(*absent, m.unit, window) for m in METRICS}
+    t = row.t[piece]
+    length = float(t[-1] - t[0])
+    if length < SHORTEST_S:
+        reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
+        return {m.name: missing("rest_too_short", reason, m.unit, window) for m in METRICS}
+    d = deviation(angles(row, piece)[:, 2], length / (len(t) - 1))
+    return {
+        "allan_arw_deg_per_sqrt_h": _walk(d, length, window, row),
+        "allan_bias_deg_per_h": _floor(d, length, window),
+    }
+
+
+def _walk(d: Deviation, length: float, window: str, row: Row) -> Answer:
+    value, slope = random_walk(d)
+    unit = "deg/sqrt(h)"
+    if not WALK_SLOPE[0] <= slope <= WALK_SLOPE[1]:
+        reason = f"around 1 s the deviation goes as tau^{slope:.2f}, not tau^-0.5: this heading does not walk at random"
+        return missing("not_applicable", reason, unit, window, slope=slope)
+    at = int(np.argmin(np.abs(d.tau - 1.0)))
+    low, high = interval.of_sigma_chi_square(60.0 * value, round(float(d.dof[at]), 3))
+    return Answer(
+        60.0 * value, unit, window, round(float(d.dof[at])), length, (low, high), "overlapping Allan deviation at 1 s",
+        detail={"slope": slope, "floor_deg": 0.0},
+    )  # fmt: skip
+
+
+def _floor(d: Deviation, length: float, window: str) -> Answer:
+    lowest = int(np.argmin(d.sigma))
+    tau, unit = float(d.tau[lowest]), "deg/h"
+    if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:
+        reason = f"the deviation still falls at {tau:.0f} s; a rest of more than {max(MIN_RATIO * tau, length):.0f} s is needed"
+        return missing("rest_too_short", reason, unit, window, tau_s=tau)
+    factor = 3600.0 / FLICKER
+    return Answer(
+        factor * float(d.sigma[lowest]), unit, window, max(1, round(float(d.dof[lowest]))), length,
+        (factor * float(d.low[lowest]), factor * float(d.high[lowest])), f"floor of the Allan deviation at {tau:.1f} s",
+        detail={"tau_s": tau},
+    )  # fmt: skip

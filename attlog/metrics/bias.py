@@ -1,0 +1,61 @@
+"""Is the filter's own gyro bias right? Its estimate against the mean rate of the gyro at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.metrics import interval
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.noise import cut, rest_spans, why_no_rest
+from attlog.metrics.spans import about, seconds, within
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+METRICS: tuple[Metric, ...] = (
+    Metric(
+        "gyro_bias_error_dps", "Gyro bias error", "deg/s", "low", ("rest",),
+        paragraph(
+    """Length of the difference between the filter's own gyro bias and the mean rate that the gyro shows at rest,
+    averaged over windows of 5 s (one window where the rest is shorter) from 5 s after the filter's start.
+    Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
+),
+    ),
+)  # fmt: skip
+
+
+def window_errors(t: Array, gyro: Array, row: Row, windows: list[slice]) -> Array:
+    """Bias estimate minus mean gyro (k, 3) in deg/s for windows of gyro samples; windows without an estimate are left out."""
+    found = []
+    for w in windows:
+        inside = (row.t >= t[w.start]) & (row.t <= t[w.stop - 1])
+        if row.bias is not None and inside.any() and np.isfinite(row.bias[inside]).all():
+            found.append(np.degrees(np.mean(row.bias[inside], axis=0) - np.mean(gyro[w], axis=0)))
+    return np.array(found).reshape(-1, 3)
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
+    if not about(window, "all", "rest", "rest.long"):
+        return {}
+    name, unit = "gyro_bias_error_dps", "deg/s"
+    if row.kind != "replay" or row.bias is None or trial.log.imu is None:
+        reason = "this row has no gyro bias estimate of the replayed gyro"
+        return {name: missing("not_applicable", reason, unit, window)}
+    gyro = trial.log.imus[trial.log.imu].gyro
+    spans = rest_spans(trial, row, window)
+    windows = [w for s in spans for p in within(gyro.t, s) for w in cut(gyro.t, p) if np.isfinite(gyro.x[w]).all()]
+    errors = window_errors(gyro.t, gyro.x, row, windows)
+    if len(errors) == 0:
+        return {name: missing(*why_no_rest(trial, row, window, spans), unit, window)}
+    lengths = np.sqrt(np.sum(errors**2, axis=1))
+    reason = None if len(errors) > 1 else "one window of rest gives no interval"
+    return {
+        name: Answer(
+            float(np.mean(lengths)), unit, window, len(errors), seconds(gyro.t, windows), interval.of_mean(lengths),
+            f"mean over {len(errors)} windows", reason=reason, ranked=reason is None,
+            detail={"mean_error_dps": [float(x) for x in np.mean(errors, axis=0)]},
+        )
+    }  # fmt: skip

@@ -1,0 +1,85 @@
+"""How much does the attitude jitter in hover? Standard deviation between 0.5 and 5 Hz."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics import follow, interval
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.spans import about, seconds, within
+from attlog.reference.model import Row
+from attlog.segments.spans import intersect
+
+Array = NDArray[np.float64]
+
+BAND_HZ = (0.5, 5.0)
+WINDOW_S = 4.0
+MIN_RATE_HZ = 2.0 * BAND_HZ[1]
+HUANG_DEG = 5.0
+
+METRICS: tuple[Metric, ...] = (
+    Metric(
+        "hover_jitter_deg", "Jitter in hover", "deg", "low", ("hover",),
+        paragraph(
+    """Standard deviation of roll and pitch together between 0.5 and 5 Hz in hover: power in that band of windows of 4
+    s (Hann, half overlapping), summed over both angles. The vehicle's own motion is part of it, the same for all
+    rows. Interval: t on the logarithm of the window powers. Beside it the share of hover within +-5 deg of the
+    mean (Huang's check)."""
+),
+    ),
+)  # fmt: skip
+
+
+def band_power(x: Array, step: float) -> float:
+    """Power of a signal (n,), sampled every ``step`` s, between 0.5 and 5 Hz; straight line removed, Hann window."""
+    n = len(x)
+    u = np.arange(n) - 0.5 * (n - 1)
+    x = x - np.mean(x) - u * float(u @ x) / float(u @ u)
+    taper = np.hanning(n)
+    power = np.abs(np.fft.rfft(x * taper)) ** 2 * 2.0 / (n * float(np.sum(taper**2)))
+    frequency = np.fft.rfftfreq(n, step)
+    return float(np.sum(power[(frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])]))
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without hover by definition."""
+    if not about(window, "all", "airborne", "hover"):
+        return {}
+    name = "hover_jitter_deg"
+    spans = intersect(trial.segments.spans("hover"), trial.segments.spans(window))
+    spans = intersect(spans, [(row.start + 5.0, math.inf)])
+    if not spans:
+        return {name: missing("not_covered", f"no hover in window {window}", "deg", window)}
+    pieces = [p for span in spans for p in within(row.t, span, row.run) if np.isfinite(row.q[p]).all()]
+    powers, near, total = [], 0, 0
+    for piece in pieces:
+        t = row.t[piece]
+        step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+        if step <= 0 or 1.0 / step < MIN_RATE_HZ or t[-1] - t[0] < WINDOW_S:
+            continue
+        q = row.q[piece]
+        away = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(rotation.mean(q)), q)))[:, :2]
+        near += int(np.sum(np.abs(away).max(axis=1) <= HUANG_DEG))
+        total += len(away)
+        size = round(WINDOW_S / step)
+        for begin in range(0, len(t) - size + 1, size // 2):
+            part = away[begin : begin + size]
+            powers.append(band_power(part[:, 0], step) + band_power(part[:, 1], step))
+    if not powers:
+        reason = f"no hover of {WINDOW_S:.0f} s without a gap at {MIN_RATE_HZ:.0f} Hz or more"
+        return {name: missing("record_too_short", reason, "deg", window)}
+    sigma = math.sqrt(float(np.mean(powers)))
+    ci95 = interval.of_sigma_log(sigma, powers[::2])
+    verdict = follow.verdict(trial, row, "roll")
+    reason = "one window of hover gives no interval" if ci95 is None else None if verdict.follows else verdict.reason
+    return {
+        name: Answer(
+            sigma, "deg", window, len(powers[::2]), seconds(row.t, pieces), ci95, f"{len(powers)} windows of 4 s",
+            reason=reason, ranked=reason is None, detail={"within_5_deg_pct": 100.0 * near / total},
+        )
+    }  # fmt: skip
