@@ -23,6 +23,9 @@ FAULT_DEG = 10.0
 
 SLOW_HZ = 5.0
 
+ACC_SAMPLES = 2000
+"""Accelerometer samples of one stretch that are enough for its mean."""
+
 
 def choose(log: FlightLog, segments: Segments, options: Options | None = None) -> Reference:
     """The reference of a log: truth, else the onboard attitude that flew, else none; with all its steps.
@@ -184,28 +187,39 @@ def _north(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[A
 
 
 def _gravity(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[str, list[AlignmentStep]]:
-    """Median tilt in deg between the reference and the accelerometer at rest; a sentence if it is a fault."""
-    rests = segments.of("rest")
-    if imu is None or not rests:
+    """Median tilt in deg between the reference's down and gravity's; a sentence if it is a fault.
+
+    At rest, else idling, else in hover, where the mean specific force is gravity's too.
+    """
+    kind = next((k for k in ("rest", "idle", "hover") if segments.of(k)), None)
+    if imu is None or kind is None:
         return "", []
-    tilts: list[float] = []
-    for rest in rests:
-        inside = (imu.acc.t_best >= rest.t0) & (imu.acc.t_best <= rest.t1)
-        force = np.nanmean(imu.acc.x[inside], axis=0) if inside.any() else np.full(3, np.nan)
-        q, _ = interpolate(reference.t, reference.q, reference.piece, np.linspace(rest.t0, rest.t1, 20))
-        q = q[np.isfinite(q).all(axis=1)]
-        if len(q) and np.isfinite(force).all() and np.any(force):
-            if reference.trim is not None:
-                q = trim.apply(q, -reference.trim)
-            up = rotation.rotate(q, -force / np.sqrt(np.sum(force**2)))
-            tilts.append(float(np.median(np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])))))
+    tilts = [_tilt_deg(reference, imu, s.t0, s.t1) for s in segments.of(kind)]
+    tilts = [tilt for tilt in tilts if tilt is not None]
     if not tilts:
         return "", []
     tilt = float(np.median(tilts))
-    text = f"at rest {reference.source} and the accelerometer differ by this tilt (median of {len(tilts)} rests)"
-    step = AlignmentStep("gravity_check", text, tilt, "deg", "accelerometer at rest", False)
+    where = {"rest": "at rest", "idle": "on the ground with motors on", "hover": "in hover"}[kind]
+    text = f"{where} {reference.source} and gravity in the accelerometer differ by this tilt (median of {len(tilts)})"
+    step = AlignmentStep("gravity_check", text, tilt, "deg", f"accelerometer {where}", False)
     fault = (
-        f"{reference.source} disagrees with gravity at rest by {tilt:.0f} deg: it or the sensor's frame is wrong, "
+        f"{reference.source} disagrees with gravity {where} by {tilt:.0f} deg: it or the sensor's frame is wrong, "
         "so agreement with it would mean nothing"
     )
     return (fault if tilt > FAULT_DEG else ""), [step]
+
+
+def _tilt_deg(reference: Reference, imu: Imu, t0: float, t1: float) -> float | None:
+    """Tilt in deg of the mean specific force, turned to earth by the reference, over a stretch; None without both."""
+    t = imu.acc.t_best
+    inside = np.flatnonzero((t >= t0) & (t <= t1))
+    inside = inside[:: max(1, len(inside) // ACC_SAMPLES)]
+    q, _ = interpolate(reference.t, reference.q, reference.piece, t[inside])
+    force = imu.acc.x[inside]
+    good = np.isfinite(q).all(axis=1) & np.isfinite(force).all(axis=1)
+    if not good.any():
+        return None
+    if reference.trim is not None:
+        q = trim.apply(q, -reference.trim)
+    north, east, down = -np.mean(rotation.rotate(q[good], force[good]), axis=0)
+    return float(np.degrees(np.arctan2(np.hypot(north, east), down))) if down or north or east else None
