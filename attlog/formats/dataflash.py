@@ -9,6 +9,7 @@ are left out and counted, times are the logged ones.
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -52,7 +53,7 @@ def read(path: str | Path) -> Messages:
     units = _units(data, index)
     tables = build_tables(data, index, units)
     messages = Messages(path, "dataflash", len(data), tables, damage=index.damage, damage_bytes=index.damage_bytes)
-    messages.damage += _unreadable(index)
+    messages.damage += unreadable(index)
     messages.params = _params(messages, at, time)
     messages.texts = _texts(messages, at, time)
     messages.boots = _boots(data, index, at, time)
@@ -123,7 +124,8 @@ def build_tables(
         if column is None:
             parts.setdefault((fmt.name, 0), []).append(whole)
             continue
-        number = whole[column]
+        place = fmt.place(fmt.columns.index(column))
+        number = gather(data, offsets + place, fields[column].dtype)
         for instance in np.unique(number).tolist():
             part = Table(fmt.name, instance, fields, offsets[number == instance], _decoder(data, record))
             parts.setdefault((fmt.name, instance), []).append(part)
@@ -184,7 +186,7 @@ class MixedTable(Table):
         return parts[0] if len(parts) == 1 else MixedTable(parts)
 
 
-def _unreadable(index: Index) -> list[Damage]:
+def unreadable(index: Index) -> list[Damage]:
     """What is lost to formats whose letters do not give their length."""
     counts = np.bincount(index.layout, minlength=len(index.layouts))
     return [
@@ -213,6 +215,7 @@ def _units(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tuple[
     by_type: dict[int, list[int]] = {}
     for k, fmt in enumerate(index.layouts):
         by_type.setdefault(fmt.type, []).append(k)
+    unit_text = cache(_unit_text)  # the same few combinations in every message
     result = {}
     rows = zip(*(described[c].tolist() for c in ("FmtType", "UnitIds", "MultIds")), described.offsets, strict=True)
     for kind, unit_ids, mult_ids, offset in rows:
@@ -223,7 +226,7 @@ def _units(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tuple[
         ids, mults = text_of(unit_ids), text_of(mult_ids)
         letters = index.layouts[fmt_at].letters
         texts = tuple(
-            _unit_text(names.get(u, ""), u, factors.get(m, 0.0), m, LETTER_SCALES.get(letter, 1.0))
+            unit_text(names.get(u, ""), u, factors.get(m, 0.0), m, LETTER_SCALES.get(letter, 1.0))
             for letter, u, m in zip(letters, ids, mults.ljust(len(ids), "-"), strict=False)
         )
         result[fmt_at] = (ids, texts)

@@ -24,7 +24,7 @@ FMT_TYPE = 128
 FMT_LENGTH = 89
 HEADER_LENGTH = 3
 _HEADER = 0x95A3  # a3 95 read as little-endian u16
-_CHUNK = 1 << 22  # bytes scanned at once, keeps the temporaries in cache
+_CHUNK = 1 << 17  # bytes scanned at once, keeps the temporaries in cache
 
 LETTER_DTYPES: dict[str, np.dtype[Any]] = {
     letter: np.dtype(name)
@@ -99,9 +99,10 @@ def _headers(data: NDArray[np.uint8]) -> NDArray[np.int64]:
 def _printable(raw: bytes) -> str | None:
     """The text before the first NUL without padding blanks, None if it is not plain ASCII."""
     text = raw.split(b"\0", 1)[0]
-    if any(c < 32 or c > 126 for c in text):
+    if not text.isascii():
         return None
-    return text.decode("ascii").strip()
+    plain = text.decode("ascii")
+    return plain.strip() if plain.isprintable() else None
 
 
 def parse_format(raw: bytes, offset: int) -> Format | None:
