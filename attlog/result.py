@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from attlog.audit.model import Check
 from attlog.flight.model import Problem
 from attlog.metrics.answer import Answer
 from attlog.metrics.trace import Trace
@@ -59,18 +60,6 @@ class EstimatorRow:
     causal: bool = True
     uses_mag: bool = True
     start_s: float = 0.0
-
-
-@dataclass(slots=True)
-class Check:
-    """One physics check of the log: ``verdict`` is good, look, bad or cannot_judge."""
-
-    name: str
-    verdict: str
-    text: str
-    value: float | str | None = None
-    unit: str = ""
-    threshold: str = ""
 
 
 @dataclass(slots=True)

@@ -52,6 +52,7 @@ def read(
     part = messages.boot(chosen) if boots > 1 else messages
     log = read_messages(part, imu, mag, system)
     log.boot, log.boots = chosen, boots
+    log.seconds = duration(log)
     if boots > 1:
         log.problems.insert(
             0,
@@ -98,11 +99,26 @@ def choose_boot(messages: Messages) -> int:
     return counts.index(max(counts))
 
 
+def duration(log: FlightLog) -> float:
+    """Length of the flight's data in s: the replayed IMU's, else the first IMU's, else the onboard attitude's."""
+    if log.imus:
+        t = log.imus[log.imu or 0].gyro.t
+    elif log.onboard is not None:
+        t = log.attitudes[log.onboard].t
+    else:
+        return 0.0
+    return float(t[-1] - t[0])
+
+
 def damage(messages: Messages) -> list[Problem]:
     """What was broken in the file and what the logger itself lost, in one problem each."""
     found = []
     if messages.damage:
         first = messages.damage[0]
+        at_end = len(messages.damage) == 1 and first.offset + first.length >= messages.size - 1 and first.length < 4096
+        if at_end:
+            text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
+            return [Problem("cut_at_end", "note", text, offset=first.offset), *dropouts(messages)]
         found.append(
             Problem(
                 "damage", "warning",
@@ -111,6 +127,12 @@ def damage(messages: Messages) -> list[Problem]:
                 offset=first.offset, count=len(messages.damage),
             )
         )  # fmt: skip
+    return found + dropouts(messages)
+
+
+def dropouts(messages: Messages) -> list[Problem]:
+    """What the logger itself says it lost."""
+    found = []
     if messages.dropouts_ms:
         found.append(
             Problem(

@@ -13,12 +13,9 @@ from attlog.flight.ardupilot_imu import units
 from attlog.flight.ardupilot_time import Clock, own_time
 from attlog.flight.model import FlightLog, Mag
 from attlog.flight.reading import Reading, columns
+from attlog.flight.settings import how_to_log
 from attlog.formats.base import Messages
 
-HOW_TO_LOG = (
-    "Set LOG_BITMASK to include IMU (bit 7) and, for the full rate, fast IMU (bit 18), or INS_RAW_LOG_OPT for raw "
-    "samples, and log again."
-)
 MILLIGAUSS = 1e-7
 """Tesla per milligauss, the unit of MAG records."""
 
@@ -39,12 +36,13 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     why = f"it fed the primary EKF core ({family}F4.PI)"
     if flew is None and chosen:
         flew, why = chosen[0].index, "the first; the log does not tell the primary one"
-    position = inertial.choose_unit(reading, chosen, flew, why, imu, HOW_TO_LOG)
+    firmware = ardupilot_state.firmware(messages)
+    slow = bool(chosen) and max(c.rate for c in chosen) >= inertial.REPLAY_MIN_HZ
+    missing = how_to_log("ArduPilot", firmware.version, "fast_imu" if slow else "imu")
+    position = inertial.choose_unit(reading, chosen, flew, why, imu, missing)
     reading.t0_us = first_stamp(reading, chosen, position)
 
-    log = FlightLog(
-        messages.path, messages.format, messages.size, reading.t0_us, ardupilot_state.firmware(messages), ""
-    )
+    log = FlightLog(messages.path, messages.format, messages.size, reading.t0_us, firmware, "")
     log.imus = [inertial.build(reading, c) for c in chosen]
     log.imu = position
     log.imu_that_flew = reading.time_line(lane_t, flown, f"{family}F4.PI")

@@ -87,7 +87,7 @@ def resets(reading: Reading, clock: Clock, lane_t: Stamps, lanes: list[int]) -> 
     if changes:
         reading.problem(
             "lane_switch", "warning",
-            f"The EKF changed its primary core {len(changes)} times (it began with {lanes[0]}); the attitude steps there.",
+            f"The EKF changed its primary core {len(changes)} times, first from {lanes[0]}; the attitude steps there.",
             count=len(changes),
         )  # fmt: skip
     times += changes

@@ -119,6 +119,13 @@ def choose(
                 f"{mag.field.source}: the parameters disable this compass, so it is not used; "
                 f"--mag {mag.index} takes it anyway.",
             )
+        elif not mag.calibrated:
+            reading.problem(
+                "mag_uncalibrated",
+                "warning",
+                f"{mag.field.source}: this compass was never calibrated, so it is not used; "
+                f"--mag {mag.index} takes it anyway.",
+            )
         else:
             usable.append(k)
     if not usable:

@@ -19,9 +19,9 @@ from attlog.flight.inertial import low_pass_delay
 from attlog.flight.mavlink_time import PacketClock
 from attlog.flight.model import Array, Attitude, FlightLog, Mag
 from attlog.flight.reading import Reading, columns
+from attlog.flight.settings import how_to_log
 from attlog.formats.base import Messages, Table
 
-HOW_TO_LOG = "Telemetry is too slow for a replay: take the log from the vehicle's SD card instead (.bin or .ulg)."
 ARDUPILOT, PX4 = 3, 12
 STANDARD_GRAVITY = 9.80665
 """m/s^2 per g of the accelerations in mg."""
@@ -62,7 +62,7 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
             f"({', '.join(map(str, others))}).", count=len(others) + 1,
         )  # fmt: skip
     chosen = inertial.best_per_unit(reading, candidates(reading, clock, instance, autopilot))
-    position = inertial.choose_unit(reading, chosen, 0, "the first one", imu, HOW_TO_LOG)
+    position = inertial.choose_unit(reading, chosen, 0, "the first one", imu, how_to_log("", "", "imu", telemetry=True))
     reading.t0_us = first_stamp(clock, chosen, position)
 
     firmware = mavlink_state.firmware(messages, instance, autopilot)

@@ -13,12 +13,8 @@ from attlog.flight.model import Attitude, FlightLog, Mag
 from attlog.flight.px4_calibration import calibrate, priority, slot_of
 from attlog.flight.px4_imu import device, stamps
 from attlog.flight.reading import Reading, columns
+from attlog.flight.settings import how_to_log
 from attlog.formats.base import Messages, Table
-
-HOW_TO_LOG = (
-    "Set SDLOG_PROFILE to include bit 0 (default set, sensor_combined at full rate) or bit 4 (high rate) and log again."
-)
-HOW_TO_LOG_MAG = "Enable the compass (CAL_MAGn_PRIO above 0) or add bit 7 (raw sensors) of SDLOG_PROFILE."
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
@@ -33,10 +29,12 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     chosen = inertial.best_per_unit(reading, found)
     if flew is None and len(chosen) > 1:
         flew, why = next((c.index for c in chosen if c.source == "sensor_combined"), None), "it is the voted unit"
-    position = inertial.choose_unit(reading, chosen, flew, why, imu, HOW_TO_LOG)
+    firmware = px4_state.firmware(messages)
+    missing = how_to_log(firmware.name, firmware.version, "imu")
+    position = inertial.choose_unit(reading, chosen, flew, why, imu, missing)
     reading.t0_us = first_stamp(reading, chosen, position)
 
-    log = FlightLog(messages.path, messages.format, messages.size, reading.t0_us, px4_state.firmware(messages), "")
+    log = FlightLog(messages.path, messages.format, messages.size, reading.t0_us, firmware, "")
     log.imus = [inertial.build(reading, c) for c in chosen]
     log.imu = position
     log.imu_that_flew = reading.time_line(when, units, source)
@@ -172,22 +170,22 @@ def raw_magnetometers(reading: Reading, values: dict[str, float], seen: set[int]
         if first and not known_devices:
             continue
         field, known = calibrate("MAG", values, own, columns(table, "x", "y", "z"))
+        enabled = priority(values, own) != 0 and values.get("SYS_HAS_MAG", 1.0) != 0
         taken = {m.index for m in found} | set(range(first))
         index = i if i not in taken else max(taken) + 1
         mag = magnetic.build(
             reading, index, stamps(table), field * magnetic.GAUSS, f"sensor_mag:{i}", t_sample_us=sample_stamps(table),
-            calibrated=known, device=str(own), enabled=priority(values, own) != 0,
+            calibrated=known, device=str(own), enabled=enabled,
         )  # fmt: skip
         if mag is None:
             continue
         found.append(mag)
-        state = "calibrated with CAL_MAG parameters" if known else "uncalibrated: no CAL_MAGn_ID names this device"
+        state = f"calibrated with CAL_MAG{slot_of('MAG', values, own)}" if known else "never calibrated"
         reading.problem(
             "mag_raw",
             "note" if known else "warning",
-            f"sensor_mag:{i} (device {own}): only raw values are logged, {state}"
-            + (f" {slot_of('MAG', values, own)}." if known else ".")
-            + ("" if priority(values, own) != 0 else " Its priority is 0: disabled on the vehicle."),
+            f"sensor_mag:{i} (device {own}): only raw values are logged; it is {state}"
+            + ("." if enabled else " and disabled on the vehicle."),
         )
     return found
 

@@ -14,6 +14,8 @@ from attlog.flight.model import Array
 from attlog.flight.orientation import euler_matrix, mounting
 
 SLOTS = 8
+CUSTOM_ROTATION = 100
+"""CAL_MAGn_ROT that points to CAL_MAGn_ROLL, _PITCH, _YAW in degrees."""
 
 
 def slot_of(kind: str, values: dict[str, float], device_id: int) -> int | None:
@@ -24,7 +26,7 @@ def slot_of(kind: str, values: dict[str, float], device_id: int) -> int | None:
 
 
 def calibrate(kind: str, values: dict[str, float], device_id: int, x: Array) -> tuple[Array, bool]:
-    """Body-frame values (n, 3) of raw ones, and whether a calibration was found; without one only the board is turned.
+    """Body-frame values (n, 3) of raw ones, and whether they were ever calibrated; else only the board is turned.
 
     ``kind`` is GYRO, ACC or MAG as in the parameter names. The gain for motor
     current (``CAL_MAGn_*COMP``) needs the current at every sample and is left out.
@@ -42,7 +44,11 @@ def calibrate(kind: str, values: dict[str, float], device_id: int, x: Array) -> 
         gain += np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
     own = values.get(f"{name}ROT", -1.0)
     turn = mounting(own) if own >= 0 else board(values)
-    return (x - offset) @ gain.T @ (board(values) if turn is None else turn).T, True
+    if own == CUSTOM_ROTATION:
+        turn = euler_matrix(*(values.get(f"{name}{angle}", 0.0) for angle in ("ROLL", "PITCH", "YAW")))
+    return (x - offset) @ gain.T @ (board(values) if turn is None else turn).T, bool(
+        offset.any() or (gain != np.eye(3)).any()
+    )
 
 
 def board(values: dict[str, float]) -> Array:

@@ -1,0 +1,76 @@
+"""Rate, gaps, jitter, coverage and filter delay of the inertial data."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.audit.model import Check, graded, not_judged
+from attlog.flight.inertial import LOW_RATE_HZ, REPLAY_MIN_HZ
+from attlog.flight.model import FlightLog
+from attlog.flight.timing import gaps
+
+FULL_HZ = 95.0
+"""Above this the rotation between samples is small enough for every estimator."""
+
+
+def checks(log: FlightLog) -> list[Check]:
+    """The checks that need no attitude."""
+    if not log.imus:
+        return [Check("rate", "bad", "There is no gyro and accelerometer data in this log.", 0.0, "Hz", ">= 10 Hz")]
+    imu = log.imus[log.imu or 0]
+    t = imu.gyro.t
+    if len(t) < 3:
+        return [Check("rate", "bad", f"{imu.gyro.source}: {len(t)} samples only.", 0.0, "Hz", ">= 10 Hz")]
+    dt = np.diff(t)
+    breaks = gaps(t) - 1
+    steady = np.delete(dt, breaks)
+    rate = 1.0 / float(np.mean(steady))
+    return [rate_check(imu.gyro.source, rate), gap_check(t, dt[breaks]), jitter_check(steady), *delay_checks(log)]
+
+
+def rate_check(source: str, rate: float) -> Check:
+    """Is the IMU logged fast enough?"""
+    verdict = "good" if rate >= FULL_HZ else "look" if rate >= REPLAY_MIN_HZ else "bad"
+    what = (
+        "fast enough for every figure" if verdict == "good"
+        else "usable, but vibration is aliased" if rate < LOW_RATE_HZ and verdict == "look"
+        else "usable; lags are coarser than at 100 Hz and more" if verdict == "look"
+        else f"too slow for a replay, which needs {REPLAY_MIN_HZ:.0f} Hz"
+    )  # fmt: skip
+    return Check(
+        "rate", verdict, f"{source}: {rate:.1f} Hz, {what}.", round(rate, 2), "Hz", "good from 95, replay from 10"
+    )
+
+
+def gap_check(t: np.ndarray, lost: np.ndarray) -> Check:
+    """Are pieces missing?"""
+    total = float(lost.sum())
+    share = 100.0 * total / float(t[-1] - t[0])
+    limit = "good: none above 50 ms; bad: above 20 % of the time"
+    if len(lost) == 0:
+        return Check("gaps", "good", "No gap in the inertial data.", 0, "", limit)
+    text = f"{len(lost)} gap{'s' if len(lost) > 1 else ''}, {total:.2f} s in all ({share:.1f} %)"
+    text += f", the longest {lost.max():.2f} s" if len(lost) > 1 else ""
+    return Check("gaps", "bad" if share > 20.0 else "look", text + ".", len(lost), "", limit)
+
+
+def jitter_check(dt: np.ndarray) -> Check:
+    """How even are the sample times?"""
+    jitter = 100.0 * float(dt.std() / np.median(dt)) if np.median(dt) > 0 else float("inf")
+    text = f"Intervals {np.median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
+    return Check("jitter", graded(jitter, 15.0, 60.0), text, round(jitter, 2), "%", "good up to 15 %, bad above 60 %")
+
+
+def delay_checks(log: FlightLog) -> list[Check]:
+    """What the filters ahead of the logger cost."""
+    imu = log.imus[log.imu or 0]
+    limit = "good up to 6 ms"
+    if imu.gyro.delay == 0.0 and imu.filtered in ("unknown", "driver"):
+        return [not_judged("delay", f"{imu.gyro.source}: the log does not tell how it was filtered.", limit)]
+    if imu.gyro.delay == 0.0:
+        return [Check("delay", "good", f"{imu.gyro.source} is logged without a low-pass filter.", 0.0, "ms", limit)]
+    delay = 1e3 * imu.gyro.delay
+    text = (
+        f"{imu.gyro.source} is late by {delay:.1f} ms ({imu.filtered}); lags of replayed filters are corrected for it."
+    )
+    return [Check("delay", "good" if delay <= 6.0 else "look", text, round(delay, 2), "ms", limit)]
