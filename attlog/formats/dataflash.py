@@ -120,7 +120,7 @@ def build_tables(
         ids, texts = units.get(k, ("", ()))
         fields, record = fields_of(fmt, texts)
         whole = Table(fmt.name, 0, fields, offsets, _decoder(data, record))
-        column = _instance_column(fmt, ids) if by_instance else None
+        column = instance_column(fmt, ids) if by_instance else None
         if column is None:
             parts.setdefault((fmt.name, 0), []).append(whole)
             continue
@@ -133,7 +133,7 @@ def build_tables(
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
-def _instance_column(fmt: Format, unit_ids: str) -> str | None:
+def instance_column(fmt: Format, unit_ids: str) -> str | None:
     """The column that tells the instance, None if there is none."""
     for letter, column, unit in zip(fmt.letters, fmt.columns, unit_ids, strict=False):
         if unit == "#" and LETTER_DTYPES[letter].kind in "iu" and column:
@@ -261,27 +261,29 @@ def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: floa
 # --- time -------------------------------------------------------------------------------------------------------
 
 
-def _time_column(fmt: Format) -> tuple[int, int] | None:
-    """Place and width (bytes) of a format's boot clock, us if 8 wide and ms if 4, None if it has none."""
-    if not fmt.readable:
-        return None
-    columns = fmt.columns[: len(fmt.letters)]
-    if "TimeUS" in columns and fmt.letters[columns.index("TimeUS")] in "Qq":
-        return fmt.place(columns.index("TimeUS")), 8
+def time_column(fmt: Format) -> tuple[str, int] | None:
+    """Column of a format's boot clock and microseconds per count, None if it has none."""
+    letters = dict(zip(fmt.columns, fmt.letters, strict=False))
+    if letters.get("TimeUS") in ("Q", "q"):
+        return "TimeUS", 1
     # in GPS records of 3.1 and 3.2, TimeMS is the time of the GPS week and T the boot clock
-    column = "T" if "Week" in columns or "GWk" in columns else "TimeMS"
-    if column in columns and fmt.letters[columns.index(column)] in "Ii":
-        return fmt.place(columns.index(column)), 4
-    return None
+    column = "T" if "Week" in letters or "GWk" in letters else "TimeMS"
+    return (column, 1000) if letters.get(column) in ("I", "i") else None
 
 
 def timeline(data: NDArray[np.uint8], index: Index) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Offset and boot time (us) of every record that carries its time, in file order."""
-    columns = [_time_column(fmt) for fmt in index.layouts]
+    columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
     at = []
     time = []
-    for width, dtype, factor in ((8, np.dtype("<i8"), 1), (4, np.dtype("<u4"), 1000)):
-        place = np.array([c[0] if c and c[1] == width else 0 for c in columns], np.uint8)
+    for dtype, factor in ((np.dtype("<i8"), 1), (np.dtype("<u4"), 1000)):
+        place = np.array(
+            [
+                fmt.place(fmt.columns.index(column[0])) if column and column[1] == factor else 0
+                for fmt, column in zip(index.layouts, columns, strict=True)
+            ],
+            np.uint8,
+        )
         if place.any():
             places = place[index.layout]
             timed = np.flatnonzero(places)
