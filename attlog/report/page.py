@@ -78,9 +78,10 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
     style = (HERE / "style.css").read_text(encoding="utf-8")
     parts = [(HERE / name).read_text(encoding="utf-8") for name in SCRIPTS]
     script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
-    environment = Environment(loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        loader=FileSystemLoader(HERE), autoescape=True, finalize=shown, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters |= {
-        "clean": clean,
         "unit": unit_sign,
         "duration": duration,
         "quantity": quantity,
@@ -94,16 +95,16 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         style=style,
         script=script,
         look=look,
-        title=clean(str(result.log.get("name") or "log")),
-        subtitle=[clean(part) for part in subtitle(result)],
+        title=str(result.log.get("name") or "log"),
+        subtitle=subtitle(result),
         cards=[card(v, look) for v in result.verdicts],
         problems=problems(result),
         table=main_table(result),
         axes=axis_table(result),
         windows=window_tables(result),
         figures=figures,
-        messages=[(t, level_name(level), alarming(level, text), clean(text)) for t, level, text in messages(result)],
-        config=clean(json.dumps(result.to_dict()["config"], indent=1, ensure_ascii=False)),
+        messages=[(t, level_name(level), alarming(level, text), text) for t, level, text in messages(result)],
+        config=json.dumps(result.to_dict()["config"], indent=1, ensure_ascii=False),
         firmware=firmware(result),
         data=store.pack(header),
         json=packed(document.encode("utf-8", "replace")),
@@ -160,7 +161,7 @@ def firmware(result: Result) -> str:
     """Name, version and board of the autopilot."""
     said = result.log.get("firmware") or {}
     name = " ".join(str(said[k]) for k in ("name", "version") if said.get(k))
-    return clean(f"{name} on {said['board']}" if name and said.get("board") else name)
+    return f"{name} on {said['board']}" if name and said.get("board") else name
 
 
 def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
@@ -173,7 +174,7 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
         kept = [*bars[: BARS - 2], *[b for b in bars[BARS - 2 : -1] if b[0] == "onboard"], bars[-1]]
     reasons: dict[str, list[str]] = {}
     for name, reason in verdict.not_judged:
-        reasons.setdefault(clean(reason), []).append(clean(name))
+        reasons.setdefault(reason, []).append(name)
     captions = {
         "quiet": "Noise of the worse of roll and pitch, 1σ",
         "late": "Delay against the reference",
@@ -181,13 +182,13 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
     }
     return {
         "id": verdict.question,
-        "title": clean(verdict.title),
-        "lead": clean(lead),
-        "tail": clean(tail),
+        "title": verdict.title,
+        "lead": lead,
+        "tail": tail,
         "caption": captions.get(verdict.question, "") if kept else "",
         "bars": [
             {
-                "name": clean(name),
+                "name": name,
                 "slot": look[name].slot,
                 "width": round(100 * abs(value) / largest, 1) if largest > 0 else 0,
                 "text": quantity(value, unit),
@@ -217,7 +218,7 @@ def problems(result: Result) -> list[dict[str, Any]]:
             {
                 "label": label,
                 "style": style,
-                "text": clean(problem.text),
+                "text": problem.text,
                 "where": where(problem),
                 "t": shown_time(problem),
                 "count": 0,
@@ -249,12 +250,17 @@ def plain_value(value: Any, unit: str = "") -> str:
         sign = unit_sign(unit)
         text = f"{value:.6g}".replace("-", "\u2212")
         return f"{text}{sign}" if sign.startswith("°") else f"{text} {sign}".rstrip()
-    return clean(f"{value} {unit_sign(unit)}".rstrip())
+    return f"{value} {unit_sign(unit)}".rstrip()
 
 
 def clean(text: str) -> str:
     """Text from a log made fit to be shown: control and direction characters become a visible mark."""
     return CONTROL.sub("\ufffd", str(text))
+
+
+def shown(value: Any) -> Any:
+    """What the template puts in place of a value: texts cleaned (jinja escapes them), own markup as it is."""
+    return value if hasattr(value, "__html__") or not isinstance(value, str) else clean(value)
 
 
 def cleaned(value: Any) -> Any:

@@ -1,0 +1,177 @@
+"""What a person sees: the report in a real browser."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.report.browser import Visit
+
+
+def test_it_opens_without_complaint_or_request_and_draws_every_figure(visit, report):
+    page = visit(report)
+    assert page.complaints == []
+    assert page.requests == [report.as_uri()]
+    assert page.page.get_attribute("html", "data-drawn") == "all"
+    figures = page.figures()
+    assert {
+        "strip",
+        "attitude",
+        "difference",
+        "rest",
+        "spread",
+        "allan",
+        "step",
+        "lag",
+        "drifts",
+        "bias",
+        "cost",
+    } <= set(figures)
+    assert [name for name, drawn in figures.items() if not drawn] == []
+
+
+def test_the_verdicts_stand_in_the_first_screen_without_script(visit, report):
+    page = visit(report, java_script_enabled=False).page
+    for card in page.query_selector_all(".card"):
+        box = card.bounding_box()
+        assert box["y"] + box["height"] < 900
+        assert len(card.query_selector(".say").inner_text()) > 40
+    assert page.query_selector("#table").bounding_box()["y"] < 700
+    assert page.query_selector("noscript") is not None
+    assert page.query_selector("#table").inner_text().count("\n") > 5
+
+
+def test_zoom_in_one_figure_moves_all_with_flight_time_and_double_click_returns(visit, report):
+    page = visit(report)
+    whole = page.range("attitude")
+    drag(page, "attitude", 0.3, 0.5)
+    seen = {figure: page.range(figure) for figure in ("strip", "attitude", "difference", "bias")}
+    assert len({tuple(round(x, 6) for x in r) for r in seen.values()}) == 1
+    assert seen["bias"][0] > whole[0] + 20
+    assert seen["bias"][1] < whole[1] - 20
+    assert page.range("rest") == pytest.approx([5.0, 45.0], abs=0.1)
+    page.page.click("#reset")
+    assert page.range("difference") == pytest.approx(whole)
+
+
+def test_zoom_shows_more_samples_than_the_overview(visit, report):
+    page = visit(report)
+    count = """() => {
+        const p = document.getElementById('attitude'), r = p._fullLayout.xaxis.range;
+        const x = p.data.find((t) => t.meta === 1).x.filter((x) => x >= r[0] && x <= r[1]);
+        return x.length / (r[1] - r[0]);
+    }"""
+    before = page.page.evaluate(count)
+    page.page.click("summary:has-text('What the autopilot said')")
+    page.page.click("a[data-t='104.000']")
+    assert page.page.evaluate(count) > 3 * before
+    assert page.range("attitude")[0] < 104 < page.range("attitude")[1]
+
+
+def drag(page: Visit, figure: str, start: float, end: float) -> None:
+    """Drag across a figure from one share of its width to another."""
+    area = page.page.locator(f"#{figure} .nsewdrag").first
+    area.scroll_into_view_if_needed()
+    box = area.bounding_box()
+    y = box["y"] + box["height"] / 2
+    page.page.mouse.move(box["x"] + box["width"] * start, y)
+    page.page.mouse.down()
+    page.page.mouse.move(box["x"] + box["width"] * (start + end) / 2, y, steps=4)
+    page.page.mouse.move(box["x"] + box["width"] * end, y, steps=4)
+    page.page.mouse.up()
+    page.page.wait_for_timeout(500)
+
+
+def test_the_legend_hides_a_filter_in_every_figure(visit, report):
+    page = visit(report)
+    page.page.click(".lg:has-text('vqf')")
+    for figure in page.figures():
+        assert page.visible(figure).get("5", False) is False, figure
+    assert page.visible("attitude")["1"] is True
+    page.page.click("#all")
+    assert page.visible("attitude")["5"] is True
+    page.page.dblclick(".lg:has-text('gyro')")
+    assert page.visible("difference") == {"1": True, "2": False, "3": False, "4": False, "5": False}
+
+
+def test_the_table_sorts_with_empty_cells_last(visit, report):
+    page = visit(report).page
+    heading = page.locator("#table thead button", has_text="Step delay")
+    heading.click()
+    names = page.locator("#table tbody th").all_inner_texts()
+    assert [n.split("\n")[0].strip() for n in names][:4] == ["vqf", "gyro", "madgwick@marg", "mahony@xu-0.6"]
+    assert page.get_attribute("#table thead th:has-text('Step delay')", "aria-sort") == "ascending"
+    heading.click()
+    names = [n.split("\n")[0].strip() for n in page.locator("#table tbody th").all_inner_texts()]
+    assert names[0] == "mahony@xu-0.6"
+    assert set(names[-2:]) == {"onboard", "complementary@fan"}
+
+
+def test_a_phone_never_scrolls_sideways(visit, report):
+    page = visit(report, viewport={"width": 390, "height": 844}, has_touch=True).page
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    for details in page.query_selector_all("details"):
+        details.evaluate("d => { d.open = true; }")
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+
+
+def test_print_holds_every_figure_and_cuts_none(visit, report, tmp_path):
+    page = visit(report)
+    page.page.emulate_media(media="print")
+    page.page.evaluate("() => dispatchEvent(new Event('beforeprint'))")
+    assert [name for name, drawn in page.figures().items() if not drawn] == []
+    wide = page.page.evaluate(
+        "() => [...document.querySelectorAll('.plot svg.main-svg')].map((s) => s.getBoundingClientRect().width)"
+    )
+    assert max(wide) <= 684
+    tall = page.page.evaluate(
+        "() => [...document.querySelectorAll('figure')].map((f) => f.getBoundingClientRect().height)"
+    )
+    assert max(tall) < 1000
+    broken = page.page.evaluate(
+        """() => [...document.querySelectorAll('figure, .card')]
+            .filter((f) => getComputedStyle(f).breakInside !== 'avoid').length"""
+    )
+    assert broken == 0
+    pdf = page.page.pdf(path=tmp_path / "report.pdf", format="A4")
+    assert pdf[:5] == b"%PDF-"
+    assert page.complaints == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_violation(visit, report, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    page = visit(report, color_scheme=scheme).page
+    for details in page.query_selector_all("details"):
+        details.evaluate("d => { d.open = true; }")
+    found = axe.Axe().run(page)
+    assert [(v["id"], v["nodes"][0]["html"][:120]) for v in found.response["violations"]] == []
+
+
+def test_dark_follows_the_button_in_page_and_figures(visit, report):
+    page = visit(report, color_scheme="light")
+    colour = "() => document.getElementById('attitude')._fullLayout.font.color"
+    assert page.page.evaluate(colour) == "#1b1f24"
+    page.page.click("#theme")
+    assert page.page.evaluate(colour) == "#e8edf2"
+    assert page.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(18, 22, 28)"
+
+
+def test_movements_can_be_stepped_through(visit, report):
+    page = visit(report)
+    assert page.page.locator("#event option").count() == 2 + 6
+    first = page.page.input_value("#event")
+    page.page.click("#event-next")
+    assert page.page.input_value("#event") != first
+    assert page.complaints == []
+
+
+def test_the_result_can_be_saved_from_the_page(visit, report):
+    import json
+
+    page = visit(report).page
+    page.locator("summary", has_text="Where this comes from").click()
+    with page.expect_download() as download:
+        page.click("#save")
+    saved = json.loads(download.value.path().read_text(encoding="utf-8"))
+    assert saved["schema"] == "attlog-result/1"
+    assert saved["estimators"][0]["name"] == "onboard"
