@@ -20,6 +20,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -142,11 +143,10 @@ def run(
         return _whole_run(estimator, samples, values, q0)
     params = estimator.pack(values)
     advance = kernel(estimator)
-    bounds = np.append(samples.begin, len(samples.t))
+    bounds = np.append(samples.begin, len(samples.t)).tolist()
     chunks, kept, spent = [], [], 0.0
-    for number, (a, b) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
-        start_q = _q0(q0, values) if number == 0 and q0 is not None else None
-        state = initial_state(estimator, samples, int(a), int(b), params, values, start_q)
+    for number, (a, b) in enumerate(pairwise(bounds)):
+        state = initial_state(estimator, samples, a, b, params, values, q0 if number == 0 else None)
         out = np.empty((-(-(b - a) // every), estimator.outputs))
         use = samples.use[a:b]
         clock = time.perf_counter()
@@ -167,16 +167,23 @@ def run(
         kept.append(np.arange(a, b, every))
     out = np.concatenate(chunks) if chunks else np.empty((0, estimator.outputs))
     rows = np.concatenate(kept) if kept else np.empty(0, np.int64)
+    estimate = collect(estimator, samples, rows, out, values)
+    estimate.ns_per_update = 1e9 * spent / max(len(samples.t), 1)
+    return estimate
+
+
+def collect(
+    estimator: Estimator, samples: Samples, rows: NDArray[np.int64], out: Array, values: Mapping[str, float | str]
+) -> Estimate:
+    """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,) means."""
     aux = {name: out[:, part].copy() for name, part in estimator.slices.items()}
-    q = np.ascontiguousarray(out[:, :4])
     return Estimate(
         t=samples.t[rows],
-        q=_to_true_north(q, values),
+        q=_to_true_north(np.ascontiguousarray(out[:, :4]), values),
         bias=aux.pop("bias", None),
         aux=aux,
         run=samples.run[rows],
         skipped=dict(samples.skipped),
-        ns_per_update=1e9 * spent / max(len(samples.t), 1),
         causal=estimator.causal,
     )
 
@@ -214,16 +221,17 @@ def initial_state(
     b: int,
     params: Array,
     values: Mapping[str, float | str],
-    q0: Array | None,
+    q0: ArrayLike | None,
 ) -> Array:
-    """The state (float64) with which the run of samples a to b starts."""
+    """The state (float64) with which the run of samples a to b starts; ``q0`` is the user's."""
     acc, mag = _start_vectors(samples, a, b, str(values.get("init", "average")))
-    attitude = start_attitude(acc, mag, _declination(values)) if q0 is None else q0
+    attitude = start_attitude(acc, mag, _declination(values)) if q0 is None else _q0(q0, values)
     state = np.ascontiguousarray(estimator.start(params, acc, mag, attitude.copy()), np.float64)
     if state.shape != (estimator.state_size,):
         raise PluginError(
             f"{estimator.origin}: start returns an array of shape {state.shape}, STATE says ({estimator.state_size},)"
         )
+    state[:4] = rotation.normalize(state[:4])
     return state
 
 
@@ -403,9 +411,9 @@ def _to_true_north(q: Array, values: Mapping[str, float | str]) -> Array:
 
 def _whole_run(estimator: Estimator, s: Samples, values: Mapping[str, float | str], q0: ArrayLike | None) -> Estimate:
     """A whole-run estimator on each run of samples, put together."""
-    bounds = np.append(s.begin, len(s.t))
+    bounds = np.append(s.begin, len(s.t)).tolist()
     pieces, spent = [], 0.0
-    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+    for a, b in pairwise(bounds):
         mag = np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)
         clock = time.perf_counter()
         pieces.append(estimator.run(s.t[a:b], s.gyr[a:b], s.acc[a:b], mag, {}, dict(values)))

@@ -1,0 +1,135 @@
+"""A filter's functions rewritten for many lanes: the same arithmetic, side by side in one array.
+
+Two kinds of array arguments disappear. One that differs between lanes (``state``,
+``params``, ``mag``) becomes a row number of one work array ``W`` of ``LANES`` columns:
+``state[i]`` turns into ``W[(state + i) * LANES + l]``, so that the loop over lanes reads
+and writes neighbours, which is what the compiler needs for vector registers. One that
+all lanes share (``gyr``, ``acc``) becomes three numbers, ``acc[0]`` turns into ``acc_0``.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+
+LEADING = ("W", "l")
+ROW, SHARED = "row", "shared"
+
+Kinds = dict[str, dict[str, str]]
+
+
+def expand(source: str, entry: Mapping[str, Mapping[int, str]], fixed: Mapping[int, float]) -> str | None:
+    """The source with its functions rewritten, or None if an array is used other than element by element.
+
+    ``entry`` names the functions that the loop calls and the kinds of their array arguments
+    by position; those of helpers follow from the calls. ``fixed`` gives the elements of the
+    array ``params`` that are the same in all lanes: they become constants.
+    """
+    module = ast.parse(source)
+    functions = {f.name: f for f in module.body if isinstance(f, ast.FunctionDef)}
+    kinds: Kinds = {n: {functions[n].args.args[i].arg: k for i, k in a.items()} for n, a in entry.items()}
+    if not _spread(functions, kinds):
+        return None
+    if not all(_elementwise(f, kinds.get(n, {}), functions) for n, f in functions.items()):
+        return None
+    for name, function in functions.items():
+        own = kinds.get(name, {})
+        _Rewrite(own, kinds, functions, fixed if name == "step" else {}).visit(function)
+    for name, function in functions.items():
+        function.args.args = [ast.arg(a) for a in LEADING] + [
+            ast.arg(n) for a in function.args.args for n in _spelled(a.arg, kinds.get(name, {}))
+        ]
+    return ast.unparse(ast.fix_missing_locations(module))
+
+
+def _spelled(name: str, kinds: Mapping[str, str]) -> list[str]:
+    """The names that stand for an argument after rewriting."""
+    return [f"{name}_{i}" for i in range(3)] if kinds.get(name) == SHARED else [name]
+
+
+def _spread(functions: Mapping[str, ast.FunctionDef], kinds: Kinds) -> bool:
+    """Find the kinds of helpers' arguments from the calls that hand arrays on; False where two calls disagree."""
+    waiting = list(kinds)
+    while waiting:
+        name = waiting.pop()
+        for call in _calls(functions[name], functions):
+            callee = functions[call.func.id]
+            known = kinds.setdefault(callee.name, {})
+            for argument, given in zip(callee.args.args, call.args, strict=False):
+                kind = kinds[name].get(given.id) if isinstance(given, ast.Name) else None
+                if known.get(argument.arg, kind) != kind:
+                    return False
+                if kind and argument.arg not in known:
+                    known[argument.arg] = kind
+                    waiting.append(callee.name)
+    return True
+
+
+def _calls(function: ast.FunctionDef, functions: Mapping[str, ast.FunctionDef]) -> list[ast.Call]:
+    """Calls inside a function to functions of the same source."""
+    return [n for n in ast.walk(function) if _is_call(n, functions)]
+
+
+def _is_call(node: ast.AST, functions: Mapping[str, ast.FunctionDef]) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in functions
+
+
+def _elementwise(function: ast.FunctionDef, kinds: Mapping[str, str], functions: Mapping[str, ast.FunctionDef]) -> bool:
+    """True if arrays are only indexed by numbers or handed to functions of the same source by position."""
+    nodes = list(ast.walk(function))
+    uses = sum(isinstance(n, ast.Name) and n.id in kinds for n in nodes)
+    indexed = sum(_is_element(n, kinds) for n in nodes)
+    handed = sum(isinstance(a, ast.Name) and a.id in kinds for c in _calls(function, functions) for a in c.args)
+    return uses == indexed + handed
+
+
+def _is_element(node: ast.AST, kinds: Mapping[str, str]) -> bool:
+    """True for ``array[index]`` that can be rewritten: shared arrays need a literal index."""
+    if not (isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in kinds):
+        return False
+    if kinds[node.value.id] == SHARED:
+        return isinstance(node.slice, ast.Constant) and node.slice.value in (0, 1, 2) and isinstance(node.ctx, ast.Load)
+    return not isinstance(node.slice, ast.Slice | ast.Tuple)
+
+
+class _Rewrite(ast.NodeTransformer):
+    """Array elements to elements of ``W`` or to numbers, calls with the leading arguments."""
+
+    def __init__(
+        self,
+        own: Mapping[str, str],
+        kinds: Kinds,
+        functions: Mapping[str, ast.FunctionDef],
+        fixed: Mapping[int, float],
+    ) -> None:
+        self.own = own
+        self.kinds = kinds
+        self.functions = functions
+        self.fixed = fixed
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+        self.generic_visit(node)
+        if not _is_element(node, self.own):
+            return node
+        name = node.value.id
+        if self.own[name] == SHARED:
+            return ast.Name(f"{name}_{node.slice.value}", ast.Load())
+        if name == "params" and isinstance(node.slice, ast.Constant) and node.slice.value in self.fixed:
+            return ast.Constant(self.fixed[node.slice.value])
+        row = ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), node.slice)
+        index = ast.BinOp(
+            ast.BinOp(row, ast.Mult(), ast.Name("LANES", ast.Load())), ast.Add(), ast.Name("l", ast.Load())
+        )
+        return ast.Subscript(ast.Name("W", ast.Load()), index, node.ctx)
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        if _is_call(node, self.functions):
+            names = [_spelled(a.id, self.own) if isinstance(a, ast.Name) else None for a in node.args]
+            node.args = [
+                n
+                for given, spelled in zip(node.args, names, strict=True)
+                for n in ([ast.Name(s, ast.Load()) for s in spelled] if spelled else [self.visit(given)])
+            ]
+            node.args[:0] = [ast.Name(a, ast.Load()) for a in LEADING]
+            return node
+        return self.generic_visit(node)
