@@ -49,9 +49,7 @@ def flight(rate: float = 200.0, calm: bool = False, seed: int = 1, **more: Any) 
         t,
         gyro,
         acc,
-        attitudes={"ATT": Attitude(t[::every], q[::every], "ATT")},
-        onboard="ATT",
-        **{**flags(), **more},
+        **{"attitudes": {"ATT": Attitude(t[::every], q[::every], "ATT")}, "onboard": "ATT", **flags(), **more},
     )
 
 

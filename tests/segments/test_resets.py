@@ -1,0 +1,104 @@
+"""Resets of an attitude are found by the autopilot's counter, and without one by the gyro."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from attlog import rotation
+from attlog.flight.model import Attitude, Imu, Stream
+from attlog.segments import resets
+
+RATE, ATTITUDE_EVERY = 200.0, 10
+
+
+def agile(seconds: float = 40.0, seed: int = 1, late: float = 0.0) -> tuple[Imu, Attitude]:
+    """Fast turns of up to 250 deg/s, their gyro, and the attitude at 20 Hz, ``late`` by that many seconds."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, seconds, 1 / RATE)
+    rate = np.radians(250) * np.sin(np.outer(t, [5.1, 3.7, 1.3])) * np.sin(0.3 * t)[:, None] ** 2
+    q = np.empty((len(t), 4))
+    q[0] = [1, 0, 0, 0]
+    steps = rotation.from_rotvec(0.5 * (rate[1:] + rate[:-1]) / RATE)
+    for i in range(1, len(t)):
+        q[i] = rotation.multiply(q[i - 1], steps[i - 1])
+    gyro = rate + np.radians(1.0 + 0.1 * rng.normal(size=rate.shape))
+    imu = Imu(0, Stream(t, gyro, "rad/s", "FRD", "IMU:0"), Stream(t, np.zeros((len(t), 3)), "m/s^2", "FRD", "IMU:0"))
+    at = t[::ATTITUDE_EVERY]
+    return imu, Attitude(at, rotation.slerp(t, q, np.maximum(at - late, 0)), "ATT")
+
+
+def jump(attitude: Attitude, i: int, heading_deg: float, tilt_deg: float = 0.0) -> None:
+    """Reset the attitude from sample i on."""
+    turn = rotation.from_rotvec(np.radians([tilt_deg, 0.0, heading_deg]))
+    attitude.q[i:] = rotation.multiply(turn, attitude.q[i:])
+
+
+@pytest.mark.parametrize("late", [0.0, 0.02])
+def test_fast_flight_shows_no_reset(late):
+    imu, attitude = agile(late=late)
+    assert len(resets.find(attitude, imu)[0]) == 0
+
+
+@pytest.mark.parametrize("size", [3.0, 20.0, -90.0, 180.0])
+def test_a_jump_in_heading_is_found_at_its_sample_without_any_counter(size):
+    imu, attitude = agile()
+    jump(attitude, 240, size)
+    found, why = resets.find(attitude, imu)
+    assert found.tolist() == [240]
+    assert "the gyro does not explain" in why[0]
+    assert f"{abs(size):.0f}." in why[0] or abs(size) == 3.0
+
+
+def test_a_jump_in_tilt_is_found_too():
+    imu, attitude = agile()
+    jump(attitude, 240, 0.0, tilt_deg=8.0)
+    assert resets.find(attitude, imu)[0].tolist() == [240]
+
+
+def test_a_counter_is_believed_even_where_the_jump_is_small_and_counts_once():
+    imu, attitude = agile()
+    jump(attitude, 240, 30.0)
+    jump(attitude, 500, 0.2)
+    attitude.resets = np.array([240, 500])
+    found, why = resets.find(attitude, imu)
+    assert found.tolist() == [240, 500]
+    assert all("counter" in w for w in why)
+
+
+def test_a_step_across_a_gap_is_not_called_a_reset():
+    imu, attitude = agile()
+    keep = (imu.gyro.t < 10) | (imu.gyro.t > 12)
+    imu.gyro.t, imu.gyro.x = imu.gyro.t[keep], imu.gyro.x[keep]
+    assert len(resets.find(attitude, imu)[0]) == 0
+    keep = (attitude.t < 10) | (attitude.t > 12)
+    attitude.t, attitude.q = attitude.t[keep], attitude.q[keep]
+    assert len(resets.find(attitude, imu)[0]) == 0
+
+
+def test_without_gyro_only_the_counter_tells():
+    _, attitude = agile()
+    jump(attitude, 240, 90.0)
+    assert len(resets.find(attitude, None)[0]) == 0
+    attitude.resets = np.array([240])
+    assert resets.find(attitude, None)[0].tolist() == [240]
+
+
+def test_short_attitudes_have_no_reset():
+    imu, attitude = agile()
+    for n in (0, 1, 2):
+        short = Attitude(attitude.t[:n], attitude.q[:n], "ATT")
+        assert len(resets.find(short, imu)[0]) == 0
+
+
+@settings(max_examples=20, deadline=None)
+@given(yaw=st.floats(-3.1, 3.1), shift=st.floats(-1000, 1000))
+def test_neither_north_nor_the_clock_changes_what_is_found(yaw, shift):
+    imu, attitude = agile(10.0)
+    jump(attitude, 100, 12.0)
+    attitude.q = rotation.turn_about_down(attitude.q, yaw) * np.where(np.arange(len(attitude.q)) % 2, 1, -1)[:, None]
+    attitude.t = attitude.t + shift
+    imu.gyro.t = imu.gyro.t + shift
+    assert resets.find(attitude, imu)[0].tolist() == [100]

@@ -1,0 +1,42 @@
+"""Arithmetic with stretches agrees with counting seconds one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from attlog.segments import spans
+
+END = 30
+stretches = st.lists(
+    st.tuples(st.integers(0, END), st.integers(0, END)).map(lambda s: (float(min(s)), float(max(s)))), max_size=8
+)
+CELLS = np.arange(END) + 0.5
+
+
+def cells(found: list[tuple[float, float]]) -> np.ndarray:
+    """Which whole seconds lie in a stretch, by looking at each."""
+    return np.array([any(a <= c <= b for a, b in found) for c in CELLS])
+
+
+@given(a=stretches, b=stretches)
+def test_intersection_complement_and_length_are_those_of_the_single_seconds(a, b):
+    np.testing.assert_array_equal(cells(spans.intersect(a, b)), cells(a) & cells(b))
+    np.testing.assert_array_equal(cells(spans.complement(a, 0, END)), ~cells(a))
+    np.testing.assert_array_equal(cells(spans.merge(a)), cells(a))
+    assert spans.seconds(a) == cells(a).sum()
+
+
+@given(a=stretches, windows=stretches)
+def test_inside_and_overlaps_agree_with_looking_at_each(a, windows):
+    real = [s for s in a if s[1] > s[0]]
+    np.testing.assert_array_equal(spans.inside(CELLS, a), cells(real))
+    if windows:
+        t0, t1 = (np.array(x) for x in zip(*windows, strict=True))
+        expected = [any(x0 <= b and x1 >= a0 for a0, b in real) for x0, x1 in windows]
+        np.testing.assert_array_equal(spans.overlaps(t0, t1, a), expected)
+
+
+def test_the_end_of_time_is_allowed():
+    assert spans.complement([(1.0, 2.0)], -np.inf, np.inf) == [(-np.inf, 1.0), (2.0, np.inf)]
