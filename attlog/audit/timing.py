@@ -24,8 +24,12 @@ def checks(log: FlightLog) -> list[Check]:
     dt = np.diff(t)
     breaks = gaps(t) - 1
     steady = np.delete(dt, breaks)
-    rate = 1.0 / float(np.mean(steady))
-    return [rate_check(imu.gyro.source, rate), gap_check(t, dt[breaks]), jitter_check(steady), *delay_checks(log)]
+    return [
+        rate_check(imu.gyro.source, imu.gyro.rate),
+        gap_check(t, dt[breaks]),
+        jitter_check(steady),
+        *delay_checks(log),
+    ]
 
 
 def rate_check(source: str, rate: float) -> Check:

@@ -25,6 +25,11 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     reading = Reading(messages)
     clock = Clock(messages)
     values = parameters.values(messages.params)
+    if not clock.known:
+        reading.problem(
+            "no_clock", "error",
+            "No record of this log carries a time stamp, as in ArduPilot 3.0 and older: nothing in it can be replayed.",
+        )  # fmt: skip
     found = ardupilot_imu.candidates(reading, clock, messages.params)
     chosen = inertial.best_per_unit(reading, found)
     family, lane_t, lanes = ardupilot_imu.primary_core(messages, clock)

@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from attlog.flight.ardupilot_imu import units
-from attlog.flight.ardupilot_time import Clock
+from attlog.flight.ardupilot_time import Clock, own_time
 from attlog.flight.model import Array, Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.flight.modes import FAMILY_OF_TYPE, ardupilot_mode
 from attlog.flight.px4_state import utc_offset
@@ -40,12 +40,12 @@ def banner(messages: Messages) -> tuple[str, str, str]:
         texts.insert(0, str(own.get("FWS", "")))
     for line in messages.info.get("banner", ()) or ():
         texts.append(str(line))
-    for text in texts:
-        match = BANNER.search(text)
-        if match:
-            family = match[1].lower()
-            return ("rover" if family.startswith("rover") else family), match[2], match[3] or ""
-    return "", "", ""
+    matches = [m for m in map(BANNER.search, texts) if m]
+    if not matches:
+        return "", "", ""
+    best = next((m for m in matches if m[3]), matches[0])  # the one with a hash is the firmware's own
+    family = best[1].lower()
+    return ("rover" if family.startswith("rover") else family), best[2], best[3] or ""
 
 
 def firmware(messages: Messages) -> Firmware:
@@ -295,7 +295,7 @@ def throttle(reading: Reading, clock: Clock, family: str) -> Stream | None:
     for name in ("CTUN", "THR"):
         table = reading.messages.first(name)
         column = None if table is None else next((c for c in ("ThO", "ThrOut") if c in table), None)
-        if table is None or column is None:
+        if table is None or column is None or own_time(table) is None:
             continue
         x = table.value(column)
         scale = 0.01 if family in ("plane", "rover") else (1e-3 if column == "ThrOut" else 1.0)
@@ -322,7 +322,7 @@ def battery(reading: Reading, clock: Clock) -> Stream | None:
     """Battery (n, 2): voltage in V and current in A; before 3.4 the log holds hundredths."""
     for name in ("BAT", "CURR"):
         table = reading.messages.first(name)
-        if table is None or "Volt" not in table or "Curr" not in table:
+        if table is None or "Volt" not in table or "Curr" not in table or own_time(table) is None:
             continue
         x = columns(table, "Volt", "Curr")
         if table.fields["Volt"].dtype.kind in "iu" or np.nanmedian(np.abs(x[:, 0])) > 150.0:

@@ -31,6 +31,11 @@ class Clock:
         self._offsets: Stamps | None = None
         self._times: Stamps = np.zeros(0, np.int64)
 
+    @property
+    def known(self) -> bool:
+        """Whether any record carries a time."""
+        return any("TimeUS" in t or "TimeMS" in t or "T" in t for t in self.messages.values())
+
     def of(self, table: Table) -> Stamps:
         """Stamps (n,) in us: the records' own, else those of the timed records before them."""
         own = own_time(table)

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.flight.model import Array, Imu, Problem, Stream
+from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
 from attlog.flight.reading import Reading, finite_within
-from attlog.flight.timing import Stamps, active_rate
+from attlog.flight.timing import Stamps
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
 REPLAY_MIN_HZ = 10.0
@@ -49,8 +49,8 @@ class Candidate:
 
     @property
     def rate(self) -> float:
-        """Rate in Hz outside of gaps."""
-        return active_rate(self.t_us)
+        """Mean rate in Hz while the logger ran."""
+        return logged_rate((self.t_us - self.t_us[0]) * 1e-6) if len(self.t_us) else 0.0
 
     def rows(self, index: NDArray[np.int64]) -> Candidate:
         """The same source with the selected samples only."""

@@ -16,6 +16,18 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Severity = Literal["info", "note", "warning", "error"]
+PAUSE_S = 1.0
+"""Holes longer than this and than five intervals are pauses of the logger (disarmed, telemetry lost)."""
+
+
+def logged_rate(t: Array) -> float:
+    """Mean rate in Hz of samples at ``t`` (n,) s: count over span without pauses, 0 for fewer than two samples."""
+    if len(t) < 2:
+        return 0.0
+    dt = np.diff(t)
+    running = dt <= max(PAUSE_S, 5.0 * float(np.median(dt)))
+    span = float(dt[running].sum())
+    return float(np.count_nonzero(running)) / span if span > 0 else 0.0
 
 
 @dataclass(slots=True)
@@ -40,11 +52,8 @@ class Stream:
 
     @property
     def rate(self) -> float:
-        """Mean rate in Hz: count over span, 0 for fewer than two samples."""
-        if len(self.t) < 2:
-            return 0.0
-        span = float(self.t[-1] - self.t[0])
-        return (len(self.t) - 1) / span if span > 0 else 0.0
+        """Mean rate in Hz while the logger ran, 0 for fewer than two samples."""
+        return logged_rate(self.t)
 
     @property
     def t_best(self) -> Array:
@@ -122,11 +131,8 @@ class Attitude:
 
     @property
     def rate(self) -> float:
-        """Mean rate in Hz: count over span, 0 for fewer than two samples."""
-        if len(self.t) < 2:
-            return 0.0
-        span = float(self.t[-1] - self.t[0])
-        return (len(self.t) - 1) / span if span > 0 else 0.0
+        """Mean rate in Hz while the logger ran, 0 for fewer than two samples."""
+        return logged_rate(self.t)
 
 
 @dataclass(slots=True)

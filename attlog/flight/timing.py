@@ -114,13 +114,3 @@ def gaps(t: NDArray[np.float64]) -> NDArray[np.int64]:
         return np.zeros(0, np.int64)
     dt = np.diff(t)
     return np.flatnonzero(dt > max(GAP_FACTOR * float(np.median(dt)), GAP_S)) + 1
-
-
-def active_rate(t_us: Stamps) -> float:
-    """Rate in Hz where the message is being logged: count over span without gaps, 0 below two samples."""
-    if len(t_us) < 2:
-        return 0.0
-    dt = np.diff(t_us) * 1e-6
-    steady = dt <= max(GAP_FACTOR * float(np.median(dt)), GAP_S)
-    span = float(dt[steady].sum())
-    return float(steady.sum()) / span if span > 0 else 0.0
