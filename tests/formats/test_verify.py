@@ -1,0 +1,107 @@
+"""``verify`` finds no difference in undamaged logs, and finds every difference that is there."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog.errors import NotALog
+from attlog.formats import oracles
+from attlog.formats.verify import verify
+from tests.conftest import SAMPLES, corpus_logs
+
+SMALL = 150_000
+REFUSED = ("encrypted", "nofmt", "tiny")
+UNREADABLE_BY_PYMAVLINK = ("octo_pm", "tradheli")
+
+
+@pytest.fixture(scope="module")
+def short_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four seconds of the DataFlash sample: pymavlink takes seconds for all of it."""
+    spec = importlib.util.spec_from_file_location("cut", SAMPLES / "cut.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    path = tmp_path_factory.mktemp("short") / "short.bin"
+    script.cut(SAMPLES / "copter_steps_stabilize.bin", path, 30.0, 34.0)
+    return path
+
+
+def test_samples_agree_with_the_official_libraries(short_log: Path) -> None:
+    for path, library in [
+        (SAMPLES / "px4_steps.ulg", "pyulog"),
+        (short_log, "pymavlink"),
+        (SAMPLES / "copter_steps_stabilize.tlog", "pymavlink"),
+    ]:
+        result = verify(path)
+        assert result.agrees, result.differences
+        assert result.oracle.startswith(library)
+        assert result.records > 1000
+        assert result.values > 10 * result.records / 2
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(p, id=p.name, marks=[] if p.stat().st_size < SMALL else [pytest.mark.slow])
+        for p in corpus_logs()
+        if not any(word in p.name for word in REFUSED) and p.suffix != ".ulg" and p.stat().st_size < 1e6
+    ],
+)
+def test_every_log_in_hand_agrees(path: Path) -> None:
+    result = verify(path)
+    if any(word in path.name for word in UNREADABLE_BY_PYMAVLINK):
+        assert "cannot read this log (TypeError" in result.text
+    else:
+        assert result.differences == []
+        assert result.records > 100
+
+
+def test_a_wrong_value_a_missing_record_and_a_missing_field_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = SAMPLES / "px4_steps.ulg"
+    true = oracles.read(path, "ulog")
+    columns = true.columns["sensor_combined", 0]
+    columns["gyro_rad[1]"] = columns["gyro_rad[1]"].copy()
+    columns["gyro_rad[1]"][[5, 77]] += np.float32(1e-3)
+    mag = true.columns["vehicle_magnetometer", 0]
+    true.columns["vehicle_magnetometer", 0] = {name: np.delete(c, 3) for name, c in mag.items()}
+    del true.columns["vehicle_attitude", 0]["q[3]"]
+    del true.columns["battery_status", 0]
+    monkeypatch.setattr(oracles, "read", lambda *_: true)
+    result = verify(path)
+    assert not result.agrees
+    found = "\n".join(result.differences)
+    n = len(columns["timestamp"])
+    assert f"sensor_combined:0.gyro_rad[1]: 2 of {n} values differ" in found
+    assert "vehicle_magnetometer:0: 1 records only attlog reads, 0 only pyulog" in found
+    assert "vehicle_attitude:0.q[3]: only attlog has this field" in found
+    assert "battery_status:0: only attlog reads it" in found
+    assert len(result.differences) == 4
+
+
+def test_on_a_damaged_log_it_tells_what_each_reader_lost(tmp_path: Path) -> None:
+    raw = bytearray((SAMPLES / "px4_hover.ulg").read_bytes()[:1_000_000])
+    raw[500_000:504_096] = bytes(4096)
+    (tmp_path / "wound.ulg").write_bytes(raw)
+    result = verify(tmp_path / "wound.ulg")
+    assert result.agrees
+    assert "damaged" in result.text
+    assert any("records only" in line for line in result.explained)
+
+
+def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.bin").write_bytes(b"\x55" * 5000)
+    with pytest.raises(NotALog):
+        verify(tmp_path / "x.bin")
+
+
+def test_the_oracles_print_nothing(short_log: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    damaged = short_log.with_name("noisy.bin")
+    raw = short_log.read_bytes()
+    damaged.write_bytes(raw[: len(raw) // 2] + b"\xff" * 300 + raw[len(raw) // 2 :])
+    verify(damaged)
+    assert capfd.readouterr() == ("", "")
