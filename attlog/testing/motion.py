@@ -1,0 +1,138 @@
+"""Closed-form motions with the sensor readings that belong to them: known truth for tests of filters.
+
+A motion is given by formulas for roll, pitch and yaw; nothing is integrated. The gyro is
+the exact mean rate between two samples (the rotation vector of ``q_{k-1}* q_k`` over dt,
+sampling rule ``interval``), specific force and field are exact at the samples. Noise is
+declared as densities and drawn from a seeded generator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog import rotation
+
+Array = NDArray[np.float64]
+Angles = Callable[[Array], tuple[ArrayLike, ArrayLike, ArrayLike]]
+
+GRAVITY = 9.80665
+FIELD_T = (21e-6, 0.0, 43e-6)
+"""Field of central Europe in NED without declination [T]: dip 64 deg, where heading is hardest to find."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """White noise densities and a constant gyro bias; all zero by default.
+
+    ``gyro`` [rad/s/sqrt(Hz)], ``acc`` [m/s^2/sqrt(Hz)], ``mag`` [T] per sample, ``bias`` [rad/s].
+    """
+
+    gyro: float = 0.0
+    acc: float = 0.0
+    mag: float = 0.0
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+CONSUMER = Noise(gyro=np.deg2rad(0.01), acc=0.003, mag=0.4e-6)
+"""An autopilot's MEMS sensors at rest: data sheet densities of common parts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """True attitude ``q`` (n, 4) at ``t`` (n,) s; ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` T, each (n, 3), body FRD."""
+
+    t: Array
+    q: Array
+    gyr: Array
+    acc: Array
+    mag: Array
+
+    @property
+    def sensors(self) -> tuple[Array, Array, Array, Array]:
+        """``t, gyr, acc, mag``, the arguments of ``attlog.estimate``."""
+        return self.t, self.gyr, self.acc, self.mag
+
+    def part(self, keep: Any) -> Motion:
+        """The motion at some of its samples (a slice, mask or index array); the gyro stays as it was."""
+        return replace(self, t=self.t[keep], q=self.q[keep], gyr=self.gyr[keep], acc=self.acc[keep], mag=self.mag[keep])
+
+
+def motion(
+    angles: Angles,
+    seconds: float,
+    rate: float = 100.0,
+    *,
+    acceleration: Callable[[Array], ArrayLike] | None = None,
+    noise: Noise = Noise(),
+    seed: int = 0,
+) -> Motion:
+    """The motion with roll, pitch, yaw = ``angles(t)`` [rad].
+
+    ``acceleration(t)`` (n, 3) is the earth acceleration [m/s^2, NED], zero if not given.
+    """
+    t = np.arange(round(seconds * rate)) / rate
+    roll, pitch, yaw = (np.broadcast_to(np.asarray(a, np.float64), t.shape) for a in angles(t))
+    q = rotation.from_euler(roll, pitch, yaw)
+    gyr = np.zeros((len(t), 3))
+    gyr[1:] = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-1]), q[1:])) * rate
+    specific = np.zeros((len(t), 3)) if acceleration is None else np.array(acceleration(t), np.float64)
+    acc = rotation.rotate_inverse(q, specific - np.array([0.0, 0.0, GRAVITY]))
+    mag = rotation.rotate_inverse(q, np.array(FIELD_T))
+    random = np.random.default_rng(seed)
+    gyr += np.array(noise.bias) + noise.gyro * np.sqrt(rate) * random.standard_normal(gyr.shape)
+    acc += noise.acc * np.sqrt(rate) * random.standard_normal(acc.shape)
+    mag += noise.mag * random.standard_normal(mag.shape)
+    return Motion(t, q, gyr, acc, mag)
+
+
+def still(
+    seconds: float,
+    rate: float = 100.0,
+    *,
+    roll: float = 0.0,
+    pitch: float = 0.0,
+    yaw: float = 0.0,
+    noise: Noise = Noise(),
+) -> Motion:
+    """Rest at the given attitude [rad]."""
+    return motion(lambda t: (roll, pitch, yaw), seconds, rate, noise=noise)
+
+
+def swing(seconds: float, rate: float = 100.0, *, yaw: float = 0.0, noise: Noise = Noise(), seed: int = 0) -> Motion:
+    """Sines of 35, 25 and 70 deg in roll, pitch and yaw around heading ``yaw``, in motion from the first sample on."""
+
+    def angles(t: Array) -> tuple[Array, Array, Array]:
+        return 0.6 * np.sin(1.1 * t + 0.3), 0.45 * np.sin(0.7 * t + 1.0), yaw + 1.2 * np.sin(0.4 * t)
+
+    return motion(angles, seconds, rate, noise=noise, seed=seed)
+
+
+def flight(seconds: float, rate: float = 100.0, *, noise: Noise = CONSUMER, seed: int = 0) -> Motion:
+    """The swing with accelerations of up to 3 m/s^2 that average to zero, as a vehicle has that stays where it is."""
+
+    def angles(t: Array) -> tuple[Array, Array, Array]:
+        return 0.5 * np.sin(0.9 * t), 0.4 * np.sin(0.6 * t + 0.5), 2.0 * np.sin(0.25 * t)
+
+    def acceleration(t: Array) -> Array:
+        return np.stack([2.0 * np.sin(2.1 * t), 3.0 * np.sin(1.3 * t + 1.0), 1.0 * np.sin(3.1 * t)], axis=-1)
+
+    return motion(angles, seconds, rate, acceleration=acceleration, noise=noise, seed=seed)
+
+
+def one_turn(axis: int, angle: float = np.deg2rad(30.0), rate: float = 100.0) -> Motion:
+    """3 s of rest, a smooth turn by ``angle`` [rad] in roll (0), pitch (1) or yaw (2) within 1 s, 2 s of rest."""
+
+    def angles(t: Array) -> tuple[Array, Array, Array]:
+        u = np.clip(t - 3.0, 0.0, 1.0)
+        turned = angle * (u - np.sin(2.0 * np.pi * u) / (2.0 * np.pi))
+        none = np.zeros_like(t)
+        three = [none, none, none]
+        three[axis] = turned
+        return three[0], three[1], three[2]
+
+    return motion(angles, 6.0, rate)

@@ -1,0 +1,95 @@
+"""What the checks look at: one estimator with its settings, and how far it is from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.estimators import Estimate, Estimator, Row, estimate, parse
+from attlog.testing.motion import Motion
+
+Array = NDArray[np.float64]
+
+
+class CheckFailed(AssertionError):
+    """An estimator does not keep the contract; the message says what was expected and what happened."""
+
+
+def require(condition: Any, message: str) -> None:
+    """CheckFailed with ``message`` unless the condition holds."""
+    if not bool(condition):
+        raise CheckFailed(message)
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """The estimator under test, as a row with preset and settings."""
+
+    row: Row
+
+    @classmethod
+    def of(cls, name: str | Row | Estimator) -> Subject:
+        """From ``NAME[@PRESET][:k=v,...]``, ``FILE.py``, a row or an estimator; errors as in ``parse``."""
+        if isinstance(name, Estimator):
+            return cls(Row(name))
+        return cls(name if isinstance(name, Row) else parse(name))
+
+    @property
+    def estimator(self) -> Estimator:
+        return self.row.estimator
+
+    @property
+    def uses_mag(self) -> bool:
+        return "mag" in self.estimator.uses
+
+    @property
+    def uses_acc(self) -> bool:
+        return "acc" in self.estimator.uses
+
+    @property
+    def corrects_tilt(self) -> bool:
+        """Whether it goes on looking at gravity after the start: it cannot run without."""
+        return "acc" in self.estimator.needs
+
+    @property
+    def corrects_heading(self) -> bool:
+        """Whether it goes on looking at the field after the start."""
+        return self.corrects_tilt and self.uses_mag
+
+    @property
+    def steps(self) -> bool:
+        """Whether it takes samples one by one (and a start attitude), not whole runs."""
+        return self.estimator.step is not None
+
+    def run(self, m: Motion, **options: Any) -> Estimate:
+        """The estimate on a motion's sensors, with the magnetometer if it is used."""
+        return estimate(self.row, m.t, m.gyr, m.acc, m.mag if self.uses_mag else None, **options)
+
+
+def inclination_deg(q: Array, truth: Array) -> Array:
+    """Tilt errors (n,) in deg."""
+    return np.rad2deg(rotation.inclination_angle(rotation.error(q, truth)))
+
+
+def heading_deg(q: Array, truth: Array) -> Array:
+    """Heading errors (n,) in deg, signed."""
+    return np.rad2deg(rotation.heading_angle(rotation.error(q, truth)))
+
+
+def total_deg(q: Array, truth: Array) -> Array:
+    """Total errors (n,) in deg."""
+    return np.rad2deg(rotation.total_angle(rotation.error(q, truth)))
+
+
+def require_attitudes(e: Estimate, t: Array | None = None) -> None:
+    """CheckFailed unless the estimate holds finite unit quaternions (and stands at the times ``t``)."""
+    require(e.q.shape == (len(e.t), 4), f"attitudes have shape {e.q.shape} for {len(e.t)} times")
+    require(np.isfinite(e.q).all(), f"{int((~np.isfinite(e.q).all(axis=1)).sum())} attitudes are not finite")
+    off = np.abs(np.sqrt(np.sum(e.q**2, axis=1)) - 1.0)
+    require(off.max(initial=0.0) < 1e-6, f"quaternions are not of unit length: off by {off.max(initial=0.0):.2g}")
+    if t is not None:
+        require(np.array_equal(e.t, t), f"{len(e.t)} attitudes for {len(t)} good samples, or at other times")
