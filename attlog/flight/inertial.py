@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
 from attlog.flight.reading import Reading, finite_within
-from attlog.flight.timing import Stamps
+from attlog.flight.timing import Stamps, believable
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
 REPLAY_MIN_HZ = 10.0
@@ -164,6 +164,8 @@ def build(reading: Reading, candidate: Candidate) -> Imu:
 def onto(t_us: Stamps, at_us: Stamps, x: Array) -> Array:
     """x (m, 3) at ``at_us`` (m,) interpolated to ``t_us`` (n,); NaN outside and across gaps of 20 ms or 5 intervals."""
     out = np.full((len(t_us), 3), np.nan)
+    index = believable(at_us).index
+    at_us, x = np.asarray(at_us, np.int64)[index], x[index]
     if len(at_us) < 2:
         return out
     rel = (np.asarray(t_us, np.int64) - at_us[0]).astype(np.float64)

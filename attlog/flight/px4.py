@@ -75,10 +75,16 @@ def first_stamp(reading: Reading, chosen: list[inertial.Candidate], position: in
 
 
 def attitudes(reading: Reading) -> dict[str, Attitude]:
-    """Every attitude that was estimated on board: the published one and each EKF instance."""
+    """Every attitude in the log: the published one, each EKF instance, and cameras or motion capture."""
     found: dict[str, Attitude] = {}
     switches = instance_changes(reading)
-    for name in ("vehicle_attitude", "estimator_attitude", "vehicle_vision_attitude"):
+    for name in (
+        "vehicle_attitude",
+        "estimator_attitude",
+        "vehicle_vision_attitude",
+        "vehicle_visual_odometry",
+        "vehicle_mocap_odometry",
+    ):
         instances = reading.messages.instances(name)
         for i in instances:
             times = switches if name == "vehicle_attitude" else ()

@@ -41,39 +41,61 @@ def candidates(reading: Reading, values: dict[str, float], selected: int) -> lis
 
 
 def fifo(reading: Reading, values: dict[str, float]) -> list[Candidate]:
-    """``sensor_gyro_fifo`` with ``sensor_accel_fifo``: every sample of the sensor, uncalibrated, board frame."""
+    """``sensor_gyro_fifo``: every sample of the sensor; acceleration from ``sensor_accel_fifo``, else the voted one."""
     messages, found = reading.messages, []
-    accels = {int(messages["sensor_accel_fifo", i]["device_id"][0]): i for i in messages.instances("sensor_accel_fifo")}
-    slots = list(accels.values())
-    for k, i in enumerate(messages.instances("sensor_gyro_fifo")):
-        gyro_table = messages["sensor_gyro_fifo", i]
-        if not slots:
-            break
-        accel_table = messages["sensor_accel_fifo", i if i in slots else slots[min(k, len(slots) - 1)]]
-        t, gyro = unpack_fifo(gyro_table)
-        t_acc, acc = unpack_fifo(accel_table)
-        gyro, known = calibrate("GYRO", values, device(gyro_table), gyro)
-        acc, known_acc = calibrate("ACC", values, device(accel_table), acc)
-        found.append(
-            complete(Candidate(
-                i, 0, t, gyro, onto(t, t_acc, acc), f"sensor_gyro_fifo:{i}", "interval",
-                calibrated=known and known_acc, filtered="none", device=str(device(gyro_table)),
-                acc_source=f"sensor_accel_fifo:{i}",
-            ))
+    for i in messages.instances("sensor_gyro_fifo"):
+        table = messages["sensor_gyro_fifo", i]
+        own = device(table)
+        accelerometer = fifo_acceleration(reading, values, i)
+        if accelerometer is None:
+            continue
+        t_acc, acc, known_acc, source = accelerometer
+        t, gyro = unpack_fifo(table)
+        gyro, known = calibrate("GYRO", values, own, gyro)
+        unit = unit_of_device(reading, own)
+        one = Candidate(
+            i if unit is None else unit, 0, t, gyro, onto(t, t_acc, acc), f"sensor_gyro_fifo:{i}", "interval",
+            calibrated=known and known_acc, filtered="none", device=str(own), acc_source=source,
         )  # fmt: skip
+        found.append(complete(one))
     return found
 
 
+def fifo_acceleration(reading: Reading, values: dict[str, float], unit: int) -> tuple[Stamps, Array, bool, str] | None:
+    """Stamps, body-frame acceleration, whether calibrated, and source, to go with a gyro FIFO; None without any."""
+    messages = reading.messages
+    instances = messages.instances("sensor_accel_fifo")
+    if instances:
+        table = messages["sensor_accel_fifo", unit if unit in instances else instances[0]]
+        t, raw_acc = unpack_fifo(table)
+        acc, known = calibrate("ACC", values, device(table), raw_acc)
+        return t, acc, known, f"sensor_accel_fifo:{table.instance}"
+    table = messages.first("sensor_combined")
+    if table is None or "accelerometer_m_s2" not in table:
+        return None
+    return stamps(table), columns(table, "accelerometer_m_s2"), True, "sensor_combined"
+
+
 def unpack_fifo(table: Table) -> tuple[Stamps, Array]:
-    """Stamps (m,) in us and samples (m, 3) in SI of a FIFO topic, one row per sensor sample."""
+    """Stamps (m,) in us and samples (m, 3) in SI of a FIFO topic, one row per sensor sample.
+
+    The batch's stamp is that of its last sample. The samples are spread evenly since
+    the batch before, so that jitter of the stamps moves no rotation; after a lost
+    batch the sensor's own interval ``dt`` counts.
+    """
     x = np.stack([table[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     scale = table["scale"].astype(np.float64)
     count = np.clip(table["samples"].astype(np.int64), 0, x.shape[1])
-    dt = table["dt"].astype(np.float64)
+    end = stamps(table, "timestamp_sample")
+    own = np.nan_to_num(table["dt"].astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    since = np.diff(end, prepend=end[:1]).astype(np.float64)
+    expected = own * count
+    near = (since > 0.5 * expected) & (since < 1.5 * expected)
+    dt = np.where(near, since / np.maximum(count, 1), own)
     column = np.arange(x.shape[1])
     valid = column[None, :] < count[:, None]
-    age = (count[:, None] - 1 - column[None, :]) * np.where(np.isfinite(dt) & (dt >= 0) & (dt < 1e5), dt, 0.0)[:, None]
-    t = stamps(table, "timestamp_sample")[:, None] - np.round(age).astype(np.int64)
+    age = (count[:, None] - 1 - column[None, :]) * dt[:, None]
+    t = end[:, None] - np.round(age).astype(np.int64)
     return t[valid], (x * scale[:, None, None])[valid]
 
 

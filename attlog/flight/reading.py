@@ -120,15 +120,17 @@ class Reading:
     def sample_times(self, t_us: Stamps, t_sample_us: Stamps) -> Array | None:
         """Times of measurement in s, None where the log's column is unset or tells nothing new.
 
-        A sample time must lie at most one second before the stamp and rise with it.
+        A sample lies at most one second before its stamp. Single unset ones get the
+        usual age; a repeated sample time is moved on by a microsecond to stay rising.
         """
         t_us, t_sample_us = np.asarray(t_us, np.int64), np.asarray(t_sample_us, np.int64)
         age = t_us - t_sample_us
-        if len(age) == 0 or not ((age >= 0) & (age < 1_000_000)).all() or not age.any():
+        known = (age >= 0) & (age < 1_000_000)
+        if len(age) == 0 or np.mean(known) < 0.9 or not age[known].any():
             return None
-        if len(age) > 1 and (np.diff(t_sample_us) <= 0).any():
-            return None
-        return self.seconds(t_sample_us)
+        sampled = np.where(known, t_sample_us, t_us - int(np.median(age[known])))
+        order = np.arange(len(sampled))
+        return self.seconds(np.maximum.accumulate(sampled - order) + order)
 
     def attitude(
         self,
