@@ -41,7 +41,7 @@ MAY_IMPORT = {room: set() for room in EVERYWHERE} | {
     "schema": {"result"},
     "summary": {"flight", "segments"},
     "verdicts": {"result", "metrics"},
-    "report": {"result", "metrics"},
+    "report": {"result", "metrics", "verdicts"},
     "testing": {"estimators", "rotation"},
     "analysis": ANALYSIS | {"summary", "verdicts"},
     "inspection": ANALYSIS | {"summary"},
