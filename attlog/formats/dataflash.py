@@ -21,8 +21,11 @@ from attlog.errors import LogUnusable
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
 from attlog.formats.clock import restarts, times_before
 from attlog.formats.dataflash_index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index, index_records
+from attlog.formats.dataflash_write import write
 from attlog.formats.mapping import Records, gather, map_bytes, text_of
 from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+
+__all__ = ["INFO", "build_tables", "instance_column", "read", "time_column", "timeline", "unreadable", "write"]
 
 INFO = 6  # syslog severity; MSG records carry none
 

@@ -74,11 +74,12 @@ def _crc_rows(rows: NDArray[np.uint8], pad: NDArray[np.int64], table: NDArray[np
     return crc
 
 
-def crc16(data: bytes) -> int:
-    """CRC-16/MCRF4XX of some bytes, the checksum of MAVLink."""
-    pad = len(data) % 2
-    rows = np.frombuffer(b"\0" * pad + data, np.uint8)[np.newaxis].copy()
-    return int(_crc_rows(rows, np.array([pad]), _crc_table())[0])
+def crc_of_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """CRC-16/MCRF4XX, the checksum of MAVLink, of each row of (n, k) bytes, k > 1."""
+    pad = rows.shape[1] % 2
+    padded = np.zeros((len(rows), rows.shape[1] + pad), np.uint8)
+    padded[:, pad:] = rows
+    return _crc_rows(padded, np.full(len(rows), pad), _crc_table())
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +153,8 @@ def _checked(data: NDArray[np.uint8], headers: _Headers, catalogue: Catalogue) -
     early = headers.at + headers.covered + 2 < widths  # padding would reach before the beginning of the file
     for k in np.flatnonzero(early).tolist():
         begin = int(headers.at[k]) + 1
-        good[k] = crc16(data[begin : begin + int(headers.covered[k])].tobytes() + bytes([seeds[k]])) == sent[k]
+        covered = np.append(data[begin : begin + int(headers.covered[k])], seeds[k])
+        good[k] = crc_of_rows(covered[np.newaxis])[0] == sent[k]
     widths[early] = 0
     order = np.argsort(widths.astype(np.uint16), kind="stable")
     values, first = np.unique(widths[order], return_index=True)

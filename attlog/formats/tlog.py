@@ -10,7 +10,6 @@ reported in between; numbers stay as sent.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,11 +21,12 @@ from attlog.errors import LogUnusable
 from attlog.formats.base import Boot, Field, Messages, ParamChange, Table, Text
 from attlog.formats.clock import restarts, times_before
 from attlog.formats.mapping import Records, gather, map_bytes, text_of
-from attlog.formats.mavlink_index import STAMP_LENGTH, V2, Catalogue, Packets, index_packets
+from attlog.formats.mavlink_dialect import STAMP, catalogue, layout
+from attlog.formats.mavlink_index import STAMP_LENGTH, V2, Packets, index_packets
+from attlog.formats.tlog_write import write
 from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
-STAMP = "_t_us"
-"""Column of a tlog with the receiver's clock (Unix us) at which the packet came in, not the time of the data."""
+__all__ = ["STAMP", "parameter_values", "read", "systems_of", "vehicle_of", "write"]
 
 PX4_AUTOPILOT = 12
 NO_AUTOPILOT = 8
@@ -35,50 +35,6 @@ _TEXT_CHUNK = 50  # a STATUSTEXT that fills its field goes on in the next chunk
 
 CLOCK_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "SYSTEM_TIME")
 """Messages whose ``time_boot_ms`` is the autopilot's clock at the moment of sending; they show restarts."""
-
-# numpy type by struct letter of the dialect's ``native_format``
-_TYPES = {
-    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
-    "f": "<f4", "d": "<f8",
-}  # fmt: skip
-
-
-@cache
-def dialect() -> dict[int, Any]:
-    """The message classes of the dialect by id."""
-    from pymavlink.dialects.v20 import ardupilotmega
-
-    return ardupilotmega.mavlink_map
-
-
-@cache
-def catalogue() -> Catalogue:
-    """CRC seed and payload size of every message of the dialect."""
-    messages = dialect()
-    seeds = np.full(max(messages) + 1, -1, np.int16)
-    sizes = np.zeros(len(seeds), np.int16)
-    for number, message in messages.items():
-        seeds[number] = message.crc_extra
-        sizes[number] = message.unpacker.size
-    return Catalogue(seeds, sizes)
-
-
-@cache
-def layout(number: int) -> tuple[str, dict[str, Field], np.dtype[Any]]:
-    """Name, fields (declaration order) and payload as structured type of a message."""
-    message = dialect()[number]
-    fields: dict[str, Field] = {}
-    letters = message.native_format.decode()[1:]
-    for name, letter, count, array in zip(
-        message.ordered_fieldnames, letters, message.lengths, message.array_lengths, strict=True
-    ):
-        if letter == "c":
-            dtype = np.dtype(f"S{array or 1}")
-        else:
-            dtype = np.dtype((_TYPES[letter], (count,))) if array else np.dtype(_TYPES[letter])
-        fields[name] = Field(name, dtype, message.fieldunits_by_name.get(name))
-    record = np.dtype([(f.name, f.dtype) for f in fields.values()])
-    return message.msgname, {name: fields[name] for name in message.fieldnames}, record
 
 
 def read(path: str | Path, system: int | None = None) -> Messages:

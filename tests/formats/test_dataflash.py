@@ -50,6 +50,13 @@ def in_file_order(messages: Messages, name: str, column: str) -> list[Any]:
     return list(np.concatenate([t[column] if stored else t.value(column) for t in tables])[order])
 
 
+def close(a: np.ndarray, b: np.ndarray) -> bool:
+    """Equal, NaN included, or one unit in the last place apart."""
+    unequal = ~((a == b) | (np.isnan(a) & np.isnan(b)))
+    a, b = a[unequal], b[unequal]
+    return bool(np.all(np.isfinite(a) & np.isfinite(b))) and bool(np.all(np.abs(a - b) <= np.spacing(np.abs(b))))
+
+
 def differences(messages: Messages, theirs: dict[str, dict[str, list[Any]]]) -> list[str]:
     """What differs, one sentence each."""
     found = [f"{name} is not in pymavlink's reading" for name in messages.names() if name not in theirs]
@@ -72,9 +79,7 @@ def differences(messages: Messages, theirs: dict[str, dict[str, list[Any]]]) -> 
             else:
                 a, b = np.array(ours, float), np.array(values, float)
                 # pymavlink divides by 100 or 1e7 where we multiply: one unit in the last place
-                equal = len(a) == len(b) and np.all(
-                    (np.abs(a - b) <= np.spacing(np.abs(b))) | (a == b) | (np.isnan(a) & np.isnan(b))
-                )
+                equal = len(a) == len(b) and close(a, b)
             if not equal:
                 found.append(f"{name}.{column}: {len(ours)} against {len(values)} rows")
     return found
