@@ -84,6 +84,22 @@ def cannot(without: list[tuple[str, str, str]], nothing: str) -> str:
     return f"Cannot be judged: {reason[0].lower() if reason[:2].istitle() else reason[0]}{reason[1:].rstrip('.')}."
 
 
+def why_not(result: Result, verdict: Verdict) -> str:
+    """Who is not judged and why in few words, rows with the same reason together."""
+    groups: dict[str, list[str]] = {}
+    rows = {r.name: r for r in result.estimators if r.kind == "replay"}
+    for name, reason in verdict.not_judged:
+        if name in rows:
+            row = rows[name]
+            bent = any(
+                a.code == "bent" for m in row.metrics.values() for a in (m.get(verdict.metric),) if a is not None
+            )
+            short = "does not follow the movement" if bent else reason.partition(":")[0].partition(";")[0]
+            groups.setdefault(row.status.replace("_", " ") if row.status != "ok" else short, []).append(name)
+    several = {why: why.replace("does not", "do not") if len(names) > 1 else why for why, names in groups.items()}
+    return ", ".join(f"{listed(names)} ({several[why]})" for why, names in groups.items())
+
+
 def times(ratio: float) -> str:
     """A factor as people say it."""
     return f"{ratio:.0f} times as much" if ratio >= 9.5 else f"{ratio:.1f} times as much"
@@ -112,9 +128,9 @@ def quiet(result: Result) -> Verdict:
     ranked = sorted((j for j in judged if j.ranked), key=lambda j: j.value)
     if not ranked:
         verdict.sentence = (
-            cannot(without, "the log holds no stretch with the vehicle at rest and the motors off")
-            if not judged
-            else "No filter may be ranked here; the values are shown with the reason." + onboard_part(judged, "deg")
+            f"No filter can be ranked: {why_not(result, verdict)}." + onboard_part(judged, "deg")
+            if any(j.row.kind == "replay" for j in judged)
+            else cannot(without, "the log holds no stretch with the vehicle at rest and the motors off")
         )
         return verdict
     floor = result.reference.floor_deg if result.reference else 0.0
@@ -153,11 +169,10 @@ def late(result: Result) -> Verdict:
     ranked = sorted((j for j in judged if j.ranked), key=lambda j: j.value)
     replayed = {r.name for r in result.estimators if r.kind == "replay"}
     bent = [name for name, code, _ in without if code == "bent" and name in replayed]
-    bent += [j.row.name for j in judged if j.row.name in replayed and j.answer.code == "bent"]
     if not ranked:
         verdict.sentence = (
-            f"No filter can be judged: {bent_part(bent, len(replayed))}."
-            if bent
+            f"No filter can be judged: {why_not(result, verdict)}." + onboard_part(judged, "ms")
+            if bent or any(j.row.kind == "replay" for j in judged)
             else cannot(without, "the flight holds too few quick movements (3 per axis are needed)")
         )
         return verdict
@@ -211,6 +226,8 @@ def drifting(result: Result) -> Verdict:
     said = [p for p in parts if p]
     if said:
         verdict.sentence = " ".join(said)
+    elif any(j.row.kind == "replay" for j in shown):
+        verdict.sentence = f"No drift can be ranked: {why_not(result, verdict)}."
     else:
         verdict.sentence = cannot(
             rest_without + air_without, "neither a rest nor a flight is long enough to tell a drift from wander"
@@ -218,16 +235,21 @@ def drifting(result: Result) -> Verdict:
     return verdict
 
 
-def air_drift(result: Result) -> tuple[str, list[Judged], list[tuple[str, str, str]]]:
-    """The first witness of WITNESSES that gives any row a value, with the rows by it."""
-    gathered: list[tuple[str, str, str]] = []
+def best_witness(result: Result) -> str:
+    """The first heading witness of WITNESSES by which any row's drift in the air has a value; ``onboard`` if none."""
     for witness in WITNESSES:
-        metric = f"drift_air_deg_per_min.{witness}"
-        judged, without = split([(row, find(row, metric, AIR)) for row in result.estimators])
-        if judged:
-            return witness, judged, without
-        gathered += without
-    return "onboard", [], gathered
+        answers = [find(row, f"drift_air_deg_per_min.{witness}", AIR) for row in result.estimators]
+        if any(a is not None and a.value is not None for a in answers):
+            return witness
+    return "onboard"
+
+
+def air_drift(result: Result) -> tuple[str, list[Judged], list[tuple[str, str, str]]]:
+    """The best witness of the heading in the air, with the rows by it."""
+    witness = best_witness(result)
+    metric = f"drift_air_deg_per_min.{witness}"
+    judged, without = split([(row, find(row, metric, AIR)) for row in result.estimators])
+    return witness, judged, without
 
 
 def drift_part(judged: list[Judged], where: str) -> str:

@@ -81,10 +81,10 @@ const draws = {
       let best = null;
       for (const s of e.lines) {
         const t = times(s.t), est = values(s.y.est), ref = values(s.y.ref);
-        const top = ref.reduce((m, v) => (Math.abs(v) > Math.abs(m) ? v : m), 0), scale = single || !top ? 1 : 100 / top;
-        if (!best || t.length < best[0].length) best = [t, ref, scale];
+        const zero = onset(t, ref), top = ref.reduce((m, v, i) => (t[i] > 0 && t[i] < 1 && Math.abs(v - zero) > Math.abs(m) ? v - zero : m), 0), scale = single || !top ? 1 : 100 / top;
+        if (!best || t.length < best[0].length) best = [t, ref.map((v) => v - zero), scale];
         const a = add(s.r, 'est'), d = add(s.r, 'off');
-        for (let i = 0; i < t.length; i++) { a.x.push(t[i] * 1e3); a.y.push(est[i] * scale); d.x.push(t[i] * 1e3); d.y.push((est[i] - ref[i]) * scale); }
+        for (let i = 0; i < t.length; i++) { a.x.push(t[i] * 1e3); a.y.push((est[i] - zero) * scale); d.x.push(t[i] * 1e3); d.y.push((est[i] - ref[i]) * scale); }
         for (const l of [a, d]) { l.x.push(null); l.y.push(null); }
       }
       for (let i = 0; i < best[0].length; i++) { reference[0].push(best[0][i] * 1e3); reference[1].push(best[1][i] * best[2]); }
@@ -93,7 +93,7 @@ const draws = {
     const unit = single ? '°' : ' %', hover = single ? {} : { hoverinfo: 'skip', hovertemplate: undefined, opacity: 0.55 }, thin = single ? 1.8 : 1;
     for (const l of lines.values()) traces.push(trace(l.r, l.x, l.y, Object.assign({ yaxis: l.key === 'est' ? 'y' : 'y2', line: line(l.r, thin), hovertemplate: '%{y:.2f}' + unit }, hover)));
     traces.push(Object.assign({ type: 'scatter', mode: single && reference[0].length < 90 ? 'lines+markers' : 'lines', x: reference[0], y: reference[1], meta: null, name: 'reference', line: { color: css('--e0'), width: single ? 2.2 : 1.2 }, marker: { size: 5, color: css('--e0') }, hovertemplate: '%{y:.2f}' + unit }, hover));
-    L.xaxis = axis('time from the start of the movement, ms', { anchor: 'y2', hoverformat: '.0f' });
+    L.xaxis = axis('time from the start of the movement, ms', Object.assign({ anchor: 'y2', hoverformat: '.0f' }, single ? {} : { range: [-300, 1200] }));
     L.yaxis = axis(single ? safe(events[0].axis) + ' change, °' : safe(events[0].axis) + ', % of movement', { domain: [0.42, 1] });
     L.yaxis2 = axis(single ? 'minus reference, °' : 'minus reference, %', { domain: [0, 0.34], nticks: 5 });
     return { traces, layout: L };
@@ -127,18 +127,33 @@ const draws = {
     return { traces, layout: L };
   },
   cost(id, f) {
-    const L = layout(id, { hovermode: 'closest' }), x = f.points.map((p) => p.x), mid = Math.sqrt(Math.min(...x) * Math.max(...x));
-    const traces = f.points.map((p) => ({
-      type: 'scatter', mode: 'markers+text', x: [p.x], y: [p.y], text: [short(name(p.r), 22)], textposition: p.x > mid ? 'middle left' : 'middle right', textfont: { size: 11.5, color: css('--tx') },
-      meta: p.r, visible: !hidden.has(p.r), cliponaxis: false, marker: { size: 11, color: colour(p.r), symbol: D.rows[p.r].dash === 'solid' ? 'circle' : 'diamond' }, hovertemplate: name(p.r) + ': %{x:.0f} ns, %{y:.2f}°<extra></extra>',
-    }));
+    const L = layout(id, { hovermode: 'closest' }), x = f.points.map((p) => p.x), top = Math.max(...f.points.map((p) => p.y), 1e-6) * 1.1;
     const low = Math.log10(Math.min(...x)), high = Math.log10(Math.max(...x)), pad = Math.max(0.25, (high - low) * 0.12);
+    const across = (width(id) - 80) / (high - low + 2 * pad), up = (L.height - 62) / top, taken = [];
+    const traces = f.points.map((p) => {
+      const text = short(name(p.r), 22), left = (Math.log10(p.x) - low + pad) * across, height = p.y * up, w = text.length * 6.6;
+      const boxes = { 'middle right': [left + 8, height - 8, w], 'middle left': [left - 8 - w, height - 8, w], 'top center': [left - w / 2, height + 8, w], 'bottom center': [left - w / 2, height - 24, w] };
+      const free = (b) => b[0] > -10 && b[0] + w < width(id) - 80 && taken.every((o) => b[0] > o[0] + o[2] || o[0] > b[0] + w || Math.abs(b[1] - o[1]) > 15);
+      const where = Object.keys(boxes).find((k) => free(boxes[k])) || 'middle right';
+      taken.push(boxes[where], [left - 6, height - 8, 12]);
+      return {
+        type: 'scatter', mode: 'markers+text', x: [p.x], y: [p.y], text: [text], textposition: where, textfont: { size: 11.5, color: css('--tx') }, meta: p.r, visible: !hidden.has(p.r), cliponaxis: false,
+        marker: { size: 11, color: colour(p.r), symbol: D.rows[p.r].dash === 'solid' ? 'circle' : 'diamond' }, hovertemplate: name(p.r) + ': %{x:.0f} ns, %{y:.2f}°<extra></extra>',
+      };
+    });
     L.xaxis = axis('cost, ns per sample', Object.assign({ type: 'log' }, decades(x, 8), { range: [low - pad, high + pad] }));
-    L.yaxis = axis('tilt error, ° RMS', { rangemode: 'tozero' });
+    L.yaxis = axis('tilt error, ° RMS', { range: [0, top] });
     return { traces, layout: L };
   },
 };
+const SYMBOLS = { 'against truth': 'diamond', 'against smoother': 'diamond', 'against mag': 'square', 'against gnss_yaw': 'triangle-up', 'against course': 'triangle-down' };
 const TIMED = ['strip', 'attitude', 'difference', 'bias'];
+
+// the reference's angle when the movement starts
+function onset(t, ref) {
+  const i = Math.min(at(t, 0), t.length - 1);
+  return Number.isFinite(ref[i]) ? ref[i] : 0;
+}
 
 // failsafes and critical messages across a figure
 function alarms(L, range) {
@@ -154,11 +169,11 @@ function dotted(id, dots, title, unit) {
   for (const d of dots.filter((d) => d.v !== null)) {
     const i = count.get(d.r) || 0, n = dots.filter((o) => o.r === d.r).length;
     count.set(d.r, i + 1);
-    const y = place(d.r) + (n > 1 ? 0.28 - (0.56 * i) / (n - 1) : 0), full = d.ok && (!d.where || d.where === 'at rest');
+    const y = place(d.r) + (n > 1 ? 0.28 - (0.56 * i) / (n - 1) : 0), full = !d.where || d.where === 'at rest' || d.where === 'against truth';
     traces.push({
       type: 'scatter', mode: 'markers', x: [d.v], y: [y], meta: d.r, visible: !hidden.has(d.r),
       error_x: d.ci ? { type: 'data', symmetric: false, array: [d.ci[1] - d.v], arrayminus: [d.v - d.ci[0]], color: colour(d.r), thickness: 2, width: 4 } : undefined,
-      marker: { size: 9, color: full ? colour(d.r) : css('--bg'), line: { color: colour(d.r), width: 2 } },
+      marker: { size: 9, symbol: SYMBOLS[d.where] || 'circle', color: full ? colour(d.r) : css('--bg'), line: { color: colour(d.r), width: 2 } },
       hovertemplate: name(d.r) + (d.where ? ', ' + safe(d.where) : '') + ': ' + minus(d.v.toFixed(2)) + unit + (d.ci ? ' [' + minus(d.ci[0].toFixed(2)) + ' to ' + minus(d.ci[1].toFixed(2)) + ']' : '') + '<extra></extra>',
     });
   }

@@ -37,6 +37,18 @@ WITNESS = {
 }
 
 
+SYMBOLS = {
+    "at rest": "●",
+    "against truth": "◆",
+    "against smoother": "◇",
+    "against onboard": "○",
+    "against mag": "□",
+    "against gnss_yaw": "△",
+    "against course": "▽",
+}
+"""How a drift is drawn by where it was found; the script has the same list."""
+
+
 @dataclass(slots=True)
 class Figure:
     """A place in the page: ``kind`` names the drawing function of the script, ``data`` is what it draws."""
@@ -264,9 +276,9 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
     keys = sorted({t.key for t in traces}, key=lambda k: (k.partition("@")[0] != "rest", k))
     for i, key in enumerate(keys):
         same = [t for t in traces if t.key == key]
-        drawn, _ = series(same, ("heading", "line"), names, store, BUDGET // 4, 0.001)
+        drawn, _ = series([centred(t) for t in same], ("heading", "line"), names, store, BUDGET // 4, 0.001)
         title = "Heading " + WITNESS.get(key, f"minus {key}")
-        caption = "One-second means with the fitted line; anything but flat is drift."
+        caption = "One-second means with the fitted line, each minus its own mean; anything but flat is drift."
         data = {"series": drawn, "range": [min(float(t.t[0]) for t in same), max(float(t.t[-1]) for t in same)]}
         figures.append(Figure(f"drift{i}", "drift", title, caption, 330, data, wide=False))
     dots = []
@@ -279,13 +291,24 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
                     if entry not in dots:
                         dots.append(entry)
     if dots:
-        caption = "Filled: at rest. Hollow: in the air. An interval across zero: no drift that differs from zero."
+        symbols = dict.fromkeys(d["where"] for d in dots)
+        caption = ", ".join(f"{SYMBOLS.get(where, '○')} {where}" for where in symbols)
+        caption = f"{caption[0]}{caption[1:]}. An interval across zero: no drift that differs from zero."
         figures.append(
             Figure(
                 "drifts", "drifts", "Drift with 95 % interval", caption, dot_height(dots), {"rows": dots}, wide=False
             )
         )
     return figures
+
+
+def centred(trace: Trace) -> Trace:
+    """A drift trace minus the mean of its heading, so that slopes compare."""
+    heading = np.asarray(trace.columns["heading"], np.float64)
+    good = np.isfinite(heading)
+    mean = float(np.mean(heading[good])) if good.any() else 0.0
+    columns = {name: np.asarray(y, np.float64) - mean for name, y in trace.columns.items()}
+    return Trace(trace.figure, trace.row, trace.t, columns, trace.key)
 
 
 def more(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:

@@ -172,6 +172,7 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
     kept = bars
     if len(bars) > BARS:
         kept = [*bars[: BARS - 2], *[b for b in bars[BARS - 2 : -1] if b[0] == "onboard"], bars[-1]]
+    unranked = {name for name, _ in verdict.not_judged}
     reasons: dict[str, list[str]] = {}
     for name, reason in verdict.not_judged:
         reasons.setdefault(reason, []).append(name)
@@ -189,6 +190,7 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
         "bars": [
             {
                 "name": name,
+                "pale": name in unranked,
                 "slot": look[name].slot,
                 "width": round(100 * abs(value) / largest, 1) if largest > 0 else 0,
                 "text": quantity(value, unit),
@@ -203,7 +205,8 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
 
 def lead_and_tail(sentence: str) -> tuple[str, str]:
     """The part of a verdict that is set in bold, up to the first full stop or semicolon, and the rest."""
-    end = re.search(r"[.;](?= |$)", sentence)
+    nothing = sentence.startswith(("No ", "Cannot "))
+    end = re.search(r"[.;:](?= |$)" if nothing else r"[.;](?= |$)", sentence)
     return (sentence[: end.end()], sentence[end.end() :].strip()) if end else (sentence, "")
 
 
@@ -248,7 +251,7 @@ def plain_value(value: Any, unit: str = "") -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         sign = unit_sign(unit)
-        text = f"{value:.6g}".replace("-", "\u2212")
+        text = f"{value:.4g}".replace("-", "\u2212")
         return f"{text}{sign}" if sign.startswith("°") else f"{text} {sign}".rstrip()
     return f"{value} {unit_sign(unit)}".rstrip()
 

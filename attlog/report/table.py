@@ -10,27 +10,28 @@ from attlog.metrics.answer import Answer
 from attlog.numbers import interval, number, unit_sign
 from attlog.report.look import ordered
 from attlog.result import EstimatorRow, Result
-from attlog.verdicts import AIR, REST, find
+from attlog.verdicts import AIR, REST, best_witness, find
 
 ALL = ("all", "airborne", "rest")
 
+DRIFT_AIR = "drift_air_deg_per_min"
 COLUMNS = (
     ("noise_roll_deg", "Roll noise", REST),
     ("noise_pitch_deg", "Pitch noise", REST),
     ("noise_heading_deg", "Heading noise", REST),
     ("lag_ms", "Step delay", AIR),
-    ("step_gain_roll", "Roll gain", AIR),
-    ("step_gain_pitch", "Pitch gain", AIR),
+    ("step_gain", "Step gain", AIR),
     ("drift_rest_deg_per_min", "Drift at rest", REST),
-    ("drift_air_deg_per_min.truth", "Drift in the air, by truth", AIR),
-    ("drift_air_deg_per_min.smoother", "Drift in the air, by smoother", AIR),
-    ("drift_air_deg_per_min.onboard", "Drift in the air, by onboard", AIR),
+    (DRIFT_AIR, "Drift in the air", AIR),
     ("inclination_rmse_deg", "Tilt error RMS", AIR),
     ("heading_rmse_deg", "Heading error RMS", AIR),
     ("convergence_s", "Settles after", ALL),
     ("cost_ns", "Cost", ALL),
 )
-"""Metric, heading and the windows in which it is looked for, in the order of the questions."""
+"""Metric, heading and the windows in which it is looked for, in the order of the questions.
+
+Of the drifts in the air the best witness has a column; the others stand in the expert's tables.
+"""
 
 WORDS = {
     "no_rest": "no rest",
@@ -56,6 +57,9 @@ WORDS = {
 }
 """What a cell without a value says, by code; the sentence stands beside it."""
 
+SHAPE = ("step_gain", "distortion")
+"""Conditions for judging a delay, not contests: never marked."""
+
 FULL_COVERAGE = 95.0
 
 
@@ -64,9 +68,10 @@ class Cell:
     """One value as it is shown. ``sort`` is None where there is nothing to sort by."""
 
     text: str
-    small: str = ""
+    small: tuple[str, ...] = ()
     missing: bool = False
     best: bool = False
+    unranked: bool = False
     reason: str = ""
     sort: float | None = None
 
@@ -91,7 +96,9 @@ class Table:
 
 def main_table(result: Result) -> Table:
     """The comparison of all rows: every column of COLUMNS in which at least one row has a value."""
-    return filled(result, COLUMNS)
+    witness = best_witness(result)
+    columns = [(f"{m}.{witness}", f"{t}, by {witness}", w) if m == DRIFT_AIR else (m, t, w) for m, t, w in COLUMNS]
+    return filled(result, columns)
 
 
 def filled(result: Result, columns: Iterable[tuple[str, str, tuple[str, ...]]]) -> Table:
@@ -154,18 +161,18 @@ def cell(result: Result, row: EstimatorRow, metric: str, answer: Answer | None) 
             "reference" if row.is_reference and answer.code == "not_applicable" else WORDS.get(answer.code or "", "n/a")
         )
         return Cell(word, missing=True, reason=answer.reason or "")
-    best = row.name in result.best.get(answer.window, {}).get(metric, ())
+    best = not metric.startswith(SHAPE) and row.name in result.best.get(answer.window, {}).get(metric, ())
     small = [interval(answer.ci95, answer.unit)]
+    unranked = row.kind == "replay" and not answer.ranked
     coverage = answer.detail.get("coverage_pct")
     if isinstance(coverage, (int, float)) and coverage < FULL_COVERAGE:
         small.append(f"of {coverage:.0f} %")
-    if not answer.ranked and row.kind == "replay":
-        small.append("not ranked")
     better = result.definitions.get(metric, {}).get("better") or ("zero" if answer.unit in ("ms", "deg/min") else "low")
     return Cell(
         number(answer.value, answer.unit),
-        ", ".join(x for x in small if x),
+        tuple(x for x in small if x),
         best=best,
+        unranked=unranked,
         reason=answer.reason or "",
         sort={"zero": abs(answer.value), "one": abs(answer.value - 1.0)}.get(better, float(answer.value)),
     )

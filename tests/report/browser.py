@@ -82,7 +82,8 @@ class Visit:
         """Rows drawn in a figure by number, and whether they are shown."""
         return self.page.evaluate(
             f"""() => Object.fromEntries(document.getElementById('{figure}').data
-                .filter((t) => t.meta !== undefined && t.meta !== null).map((t) => [String(t.meta), t.visible !== false]))"""
+                .filter((t) => t.meta !== undefined && t.meta !== null)
+                .map((t) => [String(t.meta), t.visible !== false]))"""
         )
 
     def close(self) -> None:

@@ -71,6 +71,7 @@ def row(name: str, i: int, **changes: object) -> EstimatorRow:
             "airborne": {
                 "lag_ms": lag_answer,
                 "lag_roll_ms": lag_answer,
+                "step_gain": gain,
                 "step_gain_roll": gain,
                 "distortion_roll_pct": answer(3.0 + 20 * bent, "pct", "airborne", 1),
                 "drift_air_deg_per_min.onboard": answer(drift * 2, "deg/min", "airborne", 1.0),

@@ -14,7 +14,10 @@ from attlog.result import ParameterValue, Result
 from attlog.verdicts import verdicts
 from tests.report.conftest import make_result
 
-EVIL = "</script><script>document.title='ran'</script><img src=x onerror=\"document.title='ran'\">'\"\x00\x1b[31m\u202e{{7*7}}%{x}<a href='javascript:1'>"
+EVIL = (
+    "</script><script>document.title='ran'</script><img src=x onerror=\"document.title='ran'\">"
+    "'\"\x00\x1b[31m\u202e{{7*7}}%{x}<a href='javascript:1'>"
+)
 
 
 def hostile() -> Result:
