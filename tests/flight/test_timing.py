@@ -1,0 +1,78 @@
+"""Which records of a message have a believable time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from attlog.flight.model import logged_rate
+from attlog.flight.timing import believable, gaps, longest_rising
+
+EVEN = np.arange(100, dtype=np.int64) * 10_000 + 5_000_000
+
+
+def test_rising_stamps_are_all_kept() -> None:
+    kept = believable(EVEN)
+    assert len(kept.index) == 100
+    assert kept.dropped == 0
+
+
+def test_later_records_with_an_equal_stamp_are_duplicates() -> None:
+    kept = believable(np.repeat(EVEN, 2))
+    assert kept.duplicates == 100
+    assert (kept.index % 2 == 0).all(), "the first of each pair stays"
+
+
+def test_one_false_late_time_does_not_take_the_good_ones_with_it() -> None:
+    t = EVEN.copy()
+    t[50] += 3_000_000
+    kept = believable(t)
+    assert 50 not in kept.index
+    assert len(kept.index) == 99
+    assert kept.backward == 1
+
+
+def test_a_clock_of_ten_to_the_thirteen_seconds_is_false() -> None:
+    t = EVEN.copy()
+    t[[0, 99]] = 10**19 // 2
+    assert believable(t).false == 2
+
+
+def test_single_records_far_behind_the_end_are_false() -> None:
+    kept = believable(np.append(EVEN, EVEN[-1] + 1_174_000_000))
+    assert kept.false == 1
+    assert kept.index[-1] == 99
+
+
+def test_a_pause_between_two_flights_is_no_fault() -> None:
+    kept = believable(np.concatenate([EVEN, EVEN + 628_000_000]))
+    assert kept.dropped == 0
+
+
+def test_the_unix_clock_keeps_its_microseconds() -> None:
+    kept = believable(EVEN + 1_710_773_350_346_001)
+    assert kept.dropped == 0
+
+
+@settings(deadline=None)  # shared machines are slow now and then
+@given(st.lists(st.integers(0, 50), min_size=1, max_size=40))
+def test_the_longest_rising_part_is_found(values: list[int]) -> None:
+    best = [1] * len(values)
+    for i in range(len(values)):
+        best[i] = 1 + max((best[k] for k in range(i) if values[k] < values[i]), default=0)
+    chain = longest_rising(np.array(values))
+    assert len(chain) == max(best)
+    assert (np.diff(np.array(values)[chain]) > 0).all()
+
+
+def test_rate_leaves_out_pauses_but_counts_lost_samples() -> None:
+    t = np.arange(0, 10, 0.02)
+    assert logged_rate(np.concatenate([t, t + 600])) == pytest.approx(50, rel=0.01)
+    assert logged_rate(np.delete(t, slice(100, 110))) < 49.5
+
+
+def test_a_gap_is_longer_than_five_intervals_and_fifty_milliseconds() -> None:
+    t = np.cumsum([0.005] * 20 + [0.049] + [0.005] * 20 + [0.051] + [0.005] * 20)
+    assert gaps(t).tolist() == [41]
