@@ -8,6 +8,7 @@ from types import ModuleType
 from attlog.metrics import (
     allan,
     bias,
+    controller,
     convergence,
     cost,
     drift_air,
@@ -30,7 +31,8 @@ from attlog.reference.model import Row
 __all__ = ["Answer", "Metric", "Trace", "Trial", "Witness", "best", "compute", "definitions", "missing", "traces"]
 
 QUESTIONS: tuple[ModuleType, ...] = (
-    noise, lag, settling, drift_rest, drift_air, wander, rmse, allan, convergence, recovery, hover, bias, cost,
+    noise, lag, settling, drift_rest, drift_air, wander, rmse,
+    allan, convergence, recovery, hover, bias, cost, controller,
 )  # fmt: skip
 FULL_COVERAGE_PCT = 95.0
 COMPARED = ("total_", "heading_", "inclination_", "lag_", "drift_air_")

@@ -28,18 +28,19 @@ FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
 MIN_RATIO = 10.0
 """The record must be this many times longer than the averaging time of the floor."""
 
-_SHARED = """Overlapping Allan deviation of the rate of the row's heading in the longest rest of at least 60 s, averaging
-    times from 2 samples to a quarter of it, chi-squared intervals (NIST SP 1065). """
+_SHARED = """Overlapping Allan deviation of the rate of the row's heading in the longest rest of at least 60 s,
+    averaging times from 2 samples to a quarter of it, chi-squared intervals (NIST SP 1065). """
+_WALK = """Value at 1 s, where the deviation falls as tau^-1/2: how fast the heading walks away by white rate noise."""
+_FLOOR = """Floor of the curve over 0.664: the drift rate that no averaging removes. Only where the rest is ten times
+    longer than the averaging time of the floor."""
 METRICS: tuple[Metric, ...] = (
     Metric(
         "allan_arw_deg_per_sqrt_h", "Angle random walk, heading", "deg/sqrt(h)", "low", ("rest",),
-        paragraph(_SHARED + """Value at 1 s, where the deviation falls as tau^-1/2: how fast the heading walks away by white
-            rate noise."""),
+        paragraph(_SHARED + _WALK),
     ),
     Metric(
         "allan_bias_deg_per_h", "Bias instability, heading", "deg/h", "low", ("rest",),
-        paragraph(_SHARED + """Floor of the curve over 0.664: the drift rate that no averaging removes. Only where the rest is
-            ten times longer than the averaging time of the floor."""),
+        paragraph(_SHARED + _FLOOR),
     ),
 )  # fmt: skip
 
@@ -87,7 +88,7 @@ def longest_rest(trial: Trial, row: Row, window: str) -> slice | None:
 
 
 def angles(row: Row, piece: slice) -> Array:
-    """Rotation away from the mean attitude (n, 3) in deg: roll and pitch about body x and y, heading about the vertical."""
+    """Rotation away from the mean attitude (n, 3) in deg: about body x, about body y, about the vertical."""
     q = row.q[piece]
     centre = rotation.mean(q)
     body = rotation.to_rotvec(rotation.multiply(rotation.conjugate(centre), q))
@@ -142,7 +143,8 @@ def _floor(d: Deviation, length: float, window: str) -> Answer:
     lowest = int(np.argmin(d.sigma))
     tau, unit = float(d.tau[lowest]), "deg/h"
     if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:
-        reason = f"the deviation still falls at {tau:.0f} s; a rest of more than {max(MIN_RATIO * tau, length):.0f} s is needed"
+        needed = max(MIN_RATIO * tau, length)
+        reason = f"the deviation still falls at {tau:.0f} s; a rest of more than {needed:.0f} s is needed"
         return missing("rest_too_short", reason, unit, window, tau_s=tau)
     factor = 3600.0 / FLICKER
     return Answer(

@@ -18,16 +18,16 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "gyro_bias_error_dps", "Gyro bias error", "deg/s", "low", ("rest",),
         paragraph(
-    """Length of the difference between the filter's own gyro bias and the mean rate that the gyro shows at rest,
-    averaged over windows of 5 s (one window where the rest is shorter) from 5 s after the filter's start.
-    Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
-),
+            """Length of the difference between the filter's own gyro bias and the mean rate that the gyro shows at
+            rest, averaged over windows of 5 s (one window where the rest is shorter) from 5 s after the filter's
+            start. Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
+        ),
     ),
 )  # fmt: skip
 
 
 def window_errors(t: Array, gyro: Array, row: Row, windows: list[slice]) -> Array:
-    """Bias estimate minus mean gyro (k, 3) in deg/s for windows of gyro samples; windows without an estimate are left out."""
+    """Bias estimate minus mean gyro (k, 3) in deg/s for windows of gyro samples that have an estimate."""
     found = []
     for w in windows:
         inside = (row.t >= t[w.start]) & (row.t <= t[w.stop - 1])
@@ -41,7 +41,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     if not about(window, "all", "rest", "rest.long"):
         return {}
     name, unit = "gyro_bias_error_dps", "deg/s"
-    if row.kind != "replay" or row.bias is None or trial.log.imu is None:
+    if row.kind != "replay" or row.bias is None or trial.log.imu is None or not np.any(row.bias):
         reason = "this row has no gyro bias estimate of the replayed gyro"
         return {name: missing("not_applicable", reason, unit, window)}
     gyro = trial.log.imus[trial.log.imu].gyro

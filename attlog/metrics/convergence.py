@@ -12,18 +12,19 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "convergence_s", "Convergence time", "s", "low", ("reference",),
         paragraph(
-    """From the row's start to the first time from which, for 5 s, the tilt error is at most 2 deg above its later
-    median (filters with a magnetometer: and the heading error 5 deg above its later median). One-sided: a filter
-    that starts right and is bent later has converged at 0 s. A single event of this record: no interval."""
-),
+            """From the row's start to the first time from which, for 5 s, the tilt error is at most 2 deg above its
+            later median (filters with a magnetometer: and the heading error 5 deg above its later median).
+            One-sided: a filter that starts right and is bent later has converged at 0 s. A single event of this
+            record: no interval."""
+        ),
     ),
     Metric(
         "coverage_pct", "Coverage", "%", "one", ("reference",),
-        "Share of the time in the air and at rest, after the scoring start, in which this row was compared with the reference.",
+        "Share of the time in the air and at rest, after the scoring start, in which this row was compared.",
     ),
     Metric(
         "replay_floor_deg", "Replay floor", "deg", "low", ("reference",),
-        "The smallest difference that this log can resolve: the step of the logged attitude. Smaller differences are not ranked.",
+        "The smallest difference that this log can resolve, by the step of the logged attitude; no rank below it.",
     ),
 )  # fmt: skip
 
@@ -49,7 +50,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         answers["coverage_pct"] = missing("not_covered", reason, "%", window)
     else:
         answers["coverage_pct"] = Answer(
-            row.coverage_pct, "%", window, int(e.scored.sum()), length, None, "time scored over time in the air and at rest",
+            row.coverage_pct, "%", window, int(e.scored.sum()), length, None, "time scored over time in air and at rest",
             reason="a property of the comparison", ranked=False,
         )  # fmt: skip
     if row.convergence_s is None:
@@ -58,7 +59,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     else:
         step = 1.0 / trial.reference.rate if trial.reference.rate > 0 else 0.0
         answers["convergence_s"] = Answer(
-            row.convergence_s, "s", window, 1, length, None, "first time from which the error stays near its later median",
+            row.convergence_s, "s", window, 1, length, None, "first time from which the error stays small",
             reason="one event of this record", ranked=False, detail={"resolution": step},
         )  # fmt: skip
     return {m.name: answers[m.name] for m in METRICS}

@@ -11,7 +11,7 @@ BASE = "mahony"
 METRICS: tuple[Metric, ...] = (
     Metric(
         "cost_ns", "Cost per update", "ns", "low", (),
-        "Measured time of the replay per IMU sample on the machine that made this result. One measurement: no interval.",
+        "Measured time per IMU sample on the machine that made this result. One measurement: no interval.",
     ),
     Metric(
         "cost_ratio", "Cost relative to mahony", "1", "low", (),

@@ -45,10 +45,10 @@ METRICS: tuple[Metric, ...] = tuple(
         "zero",
         ("airborne", name),
         paragraph(
-            f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start: 1 s block means, cut
-    at gaps and at resets of the witness; groups of a quarter of the record (a sixth from 120 s on), each with its
-    own offset; value = mean of the group slopes, interval = t over them. It says how the row drifts away from this
-    witness: a drift of the witness counts too."""
+            f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start: 1 s block
+            means, cut at gaps and at resets of the witness; groups of a quarter of the record (a sixth from 120 s
+            on), each with its own offset; value = mean of the group slopes, interval = t over them. It says how the
+            row drifts away from this witness: a drift of the witness counts too."""
         ),
     )
     for name, words in WITNESSES.items()

@@ -26,11 +26,11 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "hover_jitter_deg", "Jitter in hover", "deg", "low", ("hover",),
         paragraph(
-    """Standard deviation of roll and pitch together between 0.5 and 5 Hz in hover: power in that band of windows of 4
-    s (Hann, half overlapping), summed over both angles. The vehicle's own motion is part of it, the same for all
-    rows. Interval: t on the logarithm of the window powers. Beside it the share of hover within +-5 deg of the
-    mean (Huang's check)."""
-),
+            """Standard deviation of roll and pitch together between 0.5 and 5 Hz in hover: power in that band of
+            windows of 4 s (Hann, half overlapping), summed over both angles. The vehicle's own motion is part of
+            it, the same for all rows. Interval: t on the logarithm of the window powers. Beside it the share of
+            hover within +-5 deg of the mean (Huang's check)."""
+        ),
     ),
 )  # fmt: skip
 

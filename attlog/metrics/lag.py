@@ -25,10 +25,10 @@ _LAG = paragraph(
     """How late the row follows quick movements{axis}, positive = late. Each event (a stroke of at least 5 deg, yaw 10
     deg, within 1 s after 0.3 s of quiet) is compared from 0.5 s before to 1.0 s after it; both attitudes are taken
     relative to their own attitude at mid-step, a constant body misalignment of the log is removed, and delay, gain
-    and one offset per event are fitted by least squares over all events. Interval: jackknife over events. The
-    known delay of the logged sensors is subtracted where the reference does not share it. Judged only with gain
-    0.95 to 1.05 and distortion up to 5 % (or residual up to 0.5 deg), and not where a causal filter comes out
-    early against truth: otherwise bent."""
+    and one offset per event are fitted by least squares over all events. Interval: jackknife over events. The known
+    delay of the logged sensors is subtracted where the reference does not share it. Judged only with gain 0.95 to
+    1.05 and distortion up to 5 % (or residual up to 0.5 deg), and not where a causal filter comes out early against
+    truth: otherwise bent."""
 )
 _GAIN = paragraph(
     """The share of the movement{axis} that the row follows: k in th_est(t + lag) = c + k th_ref(t), from the same fit
@@ -84,17 +84,18 @@ def scored_events(trial: Trial, row: Row) -> list[steps.Event]:
 
 
 def input_delay(trial: Trial, row: Row) -> float:
-    """The delay of the logged sensors (s) that is not the row's fault: only of replays, where the reference is without it."""
+    """The delay of the logged sensors (s) to subtract: of replays, where the reference does not share it."""
     shared = trial.reference.input_delay_shared or row.kind != "replay"
     return 0.0 if shared else trial.reference.input_delay_s
 
 
 def bent(found: Fit, lag: float, earliest: float) -> str | None:
-    """Why a lag (s) may not be judged, else None. ``earliest`` (s) is what a causal filter cannot undercut (-inf: may)."""
+    """Why a lag (s) may not be judged, else None; a causal filter cannot come before ``earliest`` (s)."""
     if not GAIN[0] <= found.gain <= GAIN[1]:
         return f"follows {100 * found.gain:.0f} % of the movement ({GAIN[0]:.2f} to {GAIN[1]:.2f} can be judged)"
     if found.distortion > MAX_DISTORTION and found.residual_deg > MAX_RESIDUAL_DEG:
-        return f"shape error {100 * found.distortion:.0f} %, {found.residual_deg:.1f} deg RMS (5 % or 0.5 deg can be judged)"
+        shape = f"{100 * found.distortion:.0f} %, {found.residual_deg:.1f} deg RMS"
+        return f"shape error {shape} (5 % or 0.5 deg can be judged)"
     low, high = found.delay_ci95 or (found.delay, found.delay)
     if lag + 0.5 * (high - low) < 0.0 and lag < earliest:
         return f"comes out {-1000 * lag:.0f} ms early, which a causal filter cannot be: acceleration bends it"

@@ -30,10 +30,10 @@ AXES = ("roll", "pitch", "heading")
 _TEXT = paragraph(
     """While the vehicle stands still with motors off (in the window idle: motors turning), in windows of 5 s (one
     window where the rest is shorter): rotation away from the window's mean attitude, straight line removed,
-    standard deviation (n - 2), pooled over windows. Interval: chi-square with 0.7 n - 2 windows degrees of
-    freedom, n being the samples divided by 1 + 2 sum rho^2 of their autocorrelation; from 4 windows on a t
-    interval on the logarithm of the window variances. Ranked only for rows that follow motion, and only above half
-    the step of the logged values."""
+    standard deviation (n - 2), pooled over windows. Interval: chi-square with 0.7 n - 2 windows degrees of freedom,
+    n being the samples divided by 1 + 2 sum rho^2 of their autocorrelation; from 4 windows on a t interval on the
+    logarithm of the window variances. Ranked only for rows that follow motion, and only above half the step of the
+    logged values."""
 )
 _TEXT_P2P = paragraph(
     """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest

@@ -27,17 +27,17 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "recovery_s", "Recovery time", "s", "low", ("reference", "disturbance"),
         paragraph(
-    """After the largest disturbance (a manoeuvre in which the specific force is off 1 g by more than 30 % for more
-    than 0.5 s, or a magnetic field off its median by as much): time until the row's error (tilt; heading for the
-    magnetic one) is back within 2 deg of what it was in the 5 s before, for 1 s. 0 where it never left. One event
-    of this record: no interval."""
-),
+            """After the largest disturbance (a manoeuvre in which the specific force is off 1 g by more than 30 % for
+            more than 0.5 s, or a magnetic field off its median by as much): time until the row's error (tilt;
+            heading for the magnetic one) is back within 2 deg of what it was in the 5 s before, for 1 s. 0 where it
+            never left. One event of this record: no interval."""
+        ),
     ),
 )  # fmt: skip
 
 
 def largest(t: Array, vectors: Array, usual: float) -> Span | None:
-    """The stretch in which |vector| is off ``usual`` by more than 30 % for over 0.5 s, the largest by its excess over time."""
+    """The stretch over 0.5 s with |vector| off ``usual`` by more than 30 % that has most excess; None without any."""
     if len(t) < 3 or usual <= 0:
         return None
     count = max(1, round(SMOOTH_S / max(float(np.median(np.diff(t))), 1e-6)))
@@ -56,7 +56,7 @@ def largest(t: Array, vectors: Array, usual: float) -> Span | None:
 
 
 def time_back(t: Array, error: Array, disturbance: Span) -> float | None:
-    """Seconds from the end of a disturbance until |error| (n,) deg is near its earlier level for 1 s; None if not in 60 s."""
+    """Seconds after a disturbance until |error| (n,) deg is near its earlier level for 1 s; None if not in 60 s."""
     before = (t >= disturbance[0] - BEFORE_S) & (t < disturbance[0])
     after = (t >= disturbance[1]) & (t <= disturbance[1] + LIMIT_S)
     if before.sum() < 3 or after.sum() < 3:
@@ -73,7 +73,7 @@ def time_back(t: Array, error: Array, disturbance: Span) -> float | None:
 
 
 def disturbances(trial: Trial) -> dict[str, Span]:
-    """The largest disturbance of accelerometer and magnetometer of the log, where there is one; in flight and scored."""
+    """The largest disturbance of accelerometer and of magnetometer in scored flight, where there is one."""
     if "recovery" not in trial.cache:
         log, found = trial.log, {}
         if log.imu is not None:
@@ -117,7 +117,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         return {"recovery_s": missing("not_converged", reason, "s", window, **detail)}
     return {
         "recovery_s": Answer(
-            seconds, "s", window, 1, span[1] - span[0], None, f"after the disturbance of {span[0]:.1f} to {span[1]:.1f} s",
+            seconds, "s", window, 1, span[1] - span[0], None, f"after {span[0]:.1f} to {span[1]:.1f} s",
             reason="one event of this record", ranked=False, detail=detail,
         )
     }  # fmt: skip

@@ -37,8 +37,9 @@ METRICS: tuple[Metric, ...] = tuple(
         "low",
         ("reference",),
         paragraph(
-            f"""{words[0].upper()}{words[1:]} of {meaning}, with e = q_est q_ref* seen in earth axes, over the scored samples
-    of the window at the times of the slower of row and reference. {_EXTREME if statistic == "max" else _EVIDENCE}"""
+            f"""{words[0].upper()}{words[1:]} of {meaning}, with e = q_est q_ref* seen in earth axes, over the scored
+            samples of the window at the times of the slower of row and reference.
+            {_EXTREME if statistic == "max" else _EVIDENCE}"""
         ),
     )
     for angle, meaning in ANGLES.items()
@@ -62,7 +63,7 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval
     square = float(np.mean(angle**2))
     spread = interval.of_mean([float(np.mean(angle[g] ** 2)) for g in groups])
     if spread is None or square == 0.0:
-        return math.sqrt(square), None
+        return math.sqrt(square), None if spread is None else (0.0, 0.0)
     factor = math.exp(0.25 * (spread[1] - spread[0]) / square)
     return math.sqrt(square), (math.sqrt(square) / factor, math.sqrt(square) * factor)
 

@@ -21,17 +21,17 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "overshoot_pct", "Overshoot", "%", "low", ("reference", "events"),
         paragraph(
-    """How far the row's peak in a step lies beyond the reference's own peak, in percent of the step; mean over the
-    events of the lag, t interval. Negative where the row falls short."""
-),
+            """How far the row's peak in a step lies beyond the reference's own peak, in percent of the step; mean over
+            the events of the lag, t interval. Negative where the row falls short."""
+        ),
     ),
     Metric(
         "settling_s", "Settling time", "s", "low", ("reference", "events"),
         paragraph(
-        """Time from the onset of a step until the error stays below 5 % of the step for the rest of the event's
-        window; 0 where it never exceeds that. Mean over the events of the lag, t interval. Events that do not
-        settle within their window count with the window's end."""
-    ),
+            """Time from the onset of a step until the error stays below 5 % of the step for the rest of the event's
+            window; 0 where it never exceeds that. Mean over the events of the lag, t interval. Events that do not
+            settle within their window count with the window's end."""
+        ),
     ),
 )  # fmt: skip
 

@@ -27,7 +27,7 @@ RATE_SPAN_S = 0.04
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One movement about a body axis: onset, half and 90 % of the stroke, its size, and the window to compare in (s)."""
+    """One movement about a body axis: onset, half and 90 % of the stroke, its size, the window to compare in (s)."""
 
     axis: int
     onset: float

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import allan, drift, drift_air, drift_rest, lag, steps
+from attlog.metrics import allan, controller, drift, drift_air, drift_rest, lag, steps
 from attlog.metrics.base import Trial
 from attlog.metrics.noise import deviations, rest_spans
 from attlog.metrics.spans import within
@@ -30,6 +30,7 @@ def traces(trial: Trial, rows: Iterable[Row]) -> list[Trace]:
             *allan_curves(trial, row),
             *step(trial, row),
             *bias(row),
+            *setpoint(trial, row),
         ]
     return found
 
@@ -119,6 +120,21 @@ def bias(row: Row) -> list[Trace]:
     if row.bias is None or len(row.t) == 0:
         return []
     return [Trace("bias", row.name, row.t, _named(_broken(np.degrees(row.bias), row.run), ("x", "y", "z")))]
+
+
+def setpoint(trial: Trial, row: Row) -> list[Trace]:
+    """The vehicle's response to a unit step of its set-point, roll and pitch: drawn with the onboard row."""
+    pieces, _ = controller.flown(trial, "all") if row.name == "onboard" else ([], None)
+    windows = controller.windows_of(pieces)
+    if windows is None or len(windows.axis) < controller.MIN_WINDOWS:
+        return []
+    columns, t = {}, np.zeros(0)
+    for axis, name in enumerate(("roll", "pitch")):
+        own = windows.axis == axis
+        if own.sum() >= controller.MIN_WINDOWS // 2:
+            part = controller.Windows(windows.setpoint[own], windows.attitude[own], windows.axis[own], windows.step)
+            t, columns[name] = controller.response(part)
+    return [Trace("setpoint", row.name, t, columns)] if columns else []
 
 
 def _named(columns: Array, names: tuple[str, ...]) -> dict[str, Array]:

@@ -23,10 +23,10 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "wander_deg", "Heading wander", "deg", "low", ("rest",),
         paragraph(
-    """RMS of the 1 s block means of the heading after the mean drift and each stretch's offset are removed: of the
-    heading itself at rest, of the heading error against the reference in the window airborne. Interval: t over the
-    mean squares of the drift's groups."""
-),
+            """RMS of the 1 s block means of the heading after the mean drift and each stretch's offset are removed: of
+            the heading itself at rest, of the heading error against the reference in the window airborne. Interval:
+            t over the mean squares of the drift's groups."""
+        ),
     ),
 )  # fmt: skip
 

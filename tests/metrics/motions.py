@@ -1,0 +1,45 @@
+"""Movements for the step tests: steps, yaw turns, flips, through a second-order vehicle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from attlog import rotation
+from attlog.metrics.angle_fit import Track
+
+Array = NDArray[np.float64]
+
+STEP_S = 0.0025
+
+
+def vehicle(command: Array, omega: float) -> Array:
+    """A commanded angle (n,) as a vehicle with natural frequency omega (rad/s) and damping 0.7 follows it."""
+    b = (omega * STEP_S) ** 2
+    return lfilter([0.0, b], [1.0, 2 * 0.7 * omega * STEP_S - 2.0, 1.0 - 2 * 0.7 * omega * STEP_S + b], command)
+
+
+def motion(kind: str, seconds: float = 60.0, seed: int = 0) -> tuple[Array, Array]:
+    """Times (n,) every 2.5 ms and attitudes (n, 4) of ``steps`` (roll, pitch), ``yaw`` turns or ``flips``."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, STEP_S)
+    roll, pitch, yaw = np.zeros((3, len(t)))
+    if kind == "steps":
+        for k, at in enumerate(np.arange(3.0, seconds - 3.0, 2.0)):
+            size = np.radians(rng.uniform(10, 30)) * (1 if k % 2 else -1)
+            ((roll, pitch)[(k // 2) % 2])[(t >= at) & (t < at + 1.6)] = size
+        return t, rotation.from_euler(vehicle(roll, 12.0), vehicle(pitch, 12.0), np.full(len(t), 0.5))
+    if kind == "yaw":
+        for at in np.arange(3.0, seconds - 3.0, 3.0):
+            yaw[t >= at] += np.radians(rng.uniform(30, 90)) * rng.choice([-1, 1])
+        return t, rotation.from_euler(roll + 0.02, pitch - 0.03, vehicle(yaw, 6.0))
+    for at in np.arange(3.0, seconds - 3.0, 4.0):
+        roll[t >= at] += 2 * np.pi
+    return t, rotation.from_euler(vehicle(roll, 4.0), pitch, yaw)
+
+
+def sampled(t: Array, q: Array, hz: float, delay: float = 0.0, offset: float = 0.0) -> Track:
+    """The motion at ``hz``, ``delay`` s late; ``offset`` shifts the sampling instants."""
+    at = np.arange(0.5, t[-1] - 0.5, 1.0 / hz) + offset
+    return Track(at, rotation.slerp(t, q, at - delay), np.zeros(len(at), np.int64))

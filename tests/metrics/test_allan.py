@@ -1,0 +1,76 @@
+import allantools
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.metrics import allan
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+STEP = 0.01
+
+
+def test_the_deviation_is_that_of_allantools():
+    phase = np.cumsum(np.random.default_rng(0).standard_normal(4000)) * STEP
+    ours = allan.deviation(phase, STEP)
+    tau, theirs, _, _ = allantools.oadev(phase, rate=1 / STEP, data_type="phase", taus=ours.tau)
+    np.testing.assert_allclose(ours.tau, tau)
+    np.testing.assert_allclose(ours.sigma, theirs, rtol=1e-9)
+
+
+def test_the_degrees_of_freedom_are_those_of_allantools():
+    phase = np.cumsum(np.random.default_rng(0).standard_normal(2001))
+    ours = allan.deviation(phase, 1.0)
+    m = np.round(ours.tau).astype(int)
+    theirs = [allantools.edf_simple(len(phase), int(k), 0) for k in m]
+    np.testing.assert_allclose(ours.dof, theirs, rtol=1e-6)
+
+
+def test_white_rate_noise_of_known_density_lies_on_its_line():
+    density = 0.01  # deg/s/sqrt(Hz), two-sided: sigma(tau) = density / sqrt(tau)
+    rate = density / np.sqrt(STEP) * np.random.default_rng(2).standard_normal(60_000)
+    d = allan.deviation(np.cumsum(rate) * STEP, STEP)
+    line = density / np.sqrt(d.tau)
+    inside = (d.low <= line) & (line <= d.high)
+    assert inside.mean() > 0.85
+    np.testing.assert_allclose(d.sigma[d.tau < 2], line[d.tau < 2], rtol=0.05)
+
+
+REST = [Segment("run", 0, 400), Segment("rest.long", 0, 400)]
+
+
+def walking_row(seconds, density=0.01, seed=3):
+    t = np.arange(0.0, seconds, STEP)
+    rate = density / np.sqrt(STEP) * np.random.default_rng(seed).standard_normal(len(t))
+    return flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(np.cumsum(rate) * STEP)))
+
+
+def test_the_angle_random_walk_is_60_times_the_density():
+    row = walking_row(300.0)
+    answer = allan.compute(flights.trial([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
+    assert answer.value == pytest.approx(0.6, rel=0.1)
+    assert answer.ci95[0] < 0.6 < answer.ci95[1]
+
+
+def test_a_floor_that_the_rest_is_too_short_for_is_not_invented():
+    row = walking_row(100.0)
+    answers = allan.compute(flights.trial([row], REST), row, "rest")
+    assert answers["allan_bias_deg_per_h"].code == "rest_too_short"
+    short = walking_row(50.0)
+    assert (
+        allan.compute(flights.trial([short], REST), short, "rest")["allan_arw_deg_per_sqrt_h"].code == "rest_too_short"
+    )
+
+
+def test_white_heading_noise_is_no_angle_random_walk():
+    t = np.arange(0.0, 200.0, STEP)
+    noise = np.radians(0.01) * np.random.default_rng(1).standard_normal(len(t))
+    row = flights.row(t, rotation.from_euler(0.0, 0.0, noise))
+    assert allan.compute(flights.trial([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"].code == "not_applicable"
+
+
+def test_averages_of_white_angle_noise_fall_with_the_root_of_tau():
+    angle = 0.02 * np.random.default_rng(5).standard_normal(20_000)
+    d = allan.of_average(angle, STEP)
+    short = d.tau < 1.5
+    np.testing.assert_allclose(d.sigma[short], 0.02 * np.sqrt(STEP / d.tau[short]), rtol=0.1)

@@ -1,0 +1,170 @@
+"""What holds for every metric: names, units, evidence, and that heading has no origin."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from attlog import metrics, rotation
+from attlog.flight.model import Imu, Stream
+from attlog.metrics.answer import CODES
+from attlog.result import plain
+from attlog.segments.model import WINDOWS, Segment
+from tests.metrics import flights
+from tests.metrics.motions import motion
+
+UNITS = {
+    "deg": "deg", "ms": "ms", "pct": "%", "s": "s", "deg_per_min": "deg/min", "deg_per_sqrt_h": "deg/sqrt(h)",
+    "deg_per_h": "deg/h", "dps": "deg/s", "ns": "ns",
+}  # fmt: skip
+NAMED = (
+    "total_rmse_deg heading_median_deg inclination_p95_deg total_max_deg noise_roll_deg noise_pitch_deg "
+    "noise_heading_deg noise_p2p_deg lag_roll_ms lag_pitch_ms lag_yaw_ms lag_ms step_gain_roll distortion_roll_pct overshoot_pct "
+    "settling_s drift_rest_deg_per_min drift_air_deg_per_min.onboard drift_air_deg_per_min.course wander_deg "
+    "allan_arw_deg_per_sqrt_h allan_bias_deg_per_h convergence_s recovery_s hover_jitter_deg gyro_bias_error_dps "
+    "coverage_pct replay_floor_deg cost_ns cost_ratio tracking_rms_deg setpoint_delay_ms"
+).split()
+
+
+def made_up(turn=0.0, seed=0):
+    """70 s of rest, then 60 s of steps, two filters with different noise and lag; everything turned by ``turn`` rad."""
+    t, q = motion("steps", 60.0)
+    t, q = np.concatenate([np.arange(0.0, 70.0, 0.0025), t + 70.0]), np.concatenate([np.tile(q[0], (28000, 1)), q])
+    at = t[::2]
+    rng = np.random.default_rng(seed)
+    rows = []
+    for name, sigma, delay in (("quick", 1e-4, 0.0), ("slow", 5e-4, 0.03)):
+        wobble = rotation.from_rotvec(sigma * rng.standard_normal((len(at), 3)))
+        own = rotation.slerp(t, q, np.maximum(at - delay, 0.0))
+        rows.append(
+            flights.row(at, rotation.turn_about_down(rotation.multiply(own, wobble), turn), name, ns_per_update=50.0)
+        )
+    rows[1].bias = np.zeros((len(at), 3)) + 1e-3
+    segments = [
+        Segment("run", 0, 130), Segment("rest.long", 0, 69), Segment("airborne", 72, 129), Segment("armed", 70, 130),
+        Segment("hover", 72, 80), Segment("idle", 69, 71),
+    ]  # fmt: skip
+    reference = t[::16], rotation.turn_about_down(q, turn)[::16]
+    trial = flights.trial(rows, segments, reference, scoring_start=15.0)
+    gyro = Stream(at, 1e-3 * rng.standard_normal((len(at), 3)), "rad/s", "FRD", "imu")
+    acc = Stream(at, np.tile([0.0, 0.0, -9.81], (len(at), 1)), "m/s^2", "FRD", "imu")
+    trial.log.imus, trial.log.imu = [Imu(0, gyro, acc)], 0
+    return trial
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return made_up()
+
+
+@pytest.fixture(scope="module")
+def table(trial):
+    return {row.name: metrics.compute(trial, row, [*WINDOWS, "75:100"]) for row in trial.rows}
+
+
+def test_the_names_that_users_rely_on_are_defined_and_carry_their_unit():
+    known = metrics.definitions()
+    assert not set(NAMED) - known.keys()
+    for name, metric in known.items():
+        suffix = next((s for s in sorted(UNITS, key=len, reverse=True) if re.search(rf"_{s}(\.|$)", name)), None)
+        assert metric.unit == (UNITS[suffix] if suffix else "1"), name
+        assert len(metric.definition) > 40
+        assert "\n" not in metric.definition
+
+
+def test_every_value_has_its_evidence_and_every_absence_its_reason(table):
+    known = metrics.definitions()
+    for by_window in table.values():
+        for window, answers in by_window.items():
+            for name, answer in answers.items():
+                assert answer.unit == known[name].unit
+                assert answer.window == window
+                if answer.value is None:
+                    assert answer.code in CODES
+                    assert len(answer.reason.split()) > 3
+                    continue
+                assert np.isfinite(answer.value)
+                assert answer.n >= 1
+                assert answer.seconds > 0
+                assert answer.method
+                if answer.ci95 is None:
+                    assert not answer.ranked
+                    assert answer.reason
+                else:
+                    assert answer.ci95[0] <= answer.value <= answer.ci95[1], name
+            assert json.dumps(plain(answers), allow_nan=False)
+
+
+def test_the_quick_and_quiet_filter_leads_where_it_should(trial, table):
+    marks = metrics.best(table, trial.rows)["all"]
+    for column in (
+        "noise_roll_deg",
+        "noise_pitch_deg",
+        "lag_ms",
+        "lag_roll_ms",
+        "inclination_rmse_deg",
+        "total_rmse_deg",
+    ):
+        assert marks[column] == ["quick"], column
+    assert table["slow"]["all"]["lag_ms"].value == pytest.approx(30.0, abs=1.0)
+
+
+def test_every_number_is_the_same_whatever_the_heading(table):
+    turned = made_up(turn=2.0)
+    for row in turned.rows:
+        for window, answers in metrics.compute(turned, row, ["all", "airborne", "rest"]).items():
+            for name, answer in answers.items():
+                was = table[row.name][window][name]
+                assert answer.code == was.code, name
+                if answer.value is not None:
+                    assert answer.value == pytest.approx(was.value, rel=1e-5, abs=1e-7), name
+
+
+def test_the_same_log_gives_the_same_numbers(table):
+    again = made_up()
+    assert {r.name: plain(metrics.compute(again, r, ["all"])["all"]) for r in again.rows} == {
+        name: plain(t["all"]) for name, t in table.items()
+    }
+
+
+def test_traces_have_the_columns_that_the_figures_draw(trial):
+    columns = {
+        "attitude": {"roll", "pitch", "heading"}, "difference": {"total", "heading", "inclination", "roll", "pitch"},
+        "rest": {"roll", "pitch", "heading"}, "drift": {"heading", "line"},
+        "allan": {"tau", "deviation", "low", "high"},
+        "step": {"est", "ref"}, "bias": {"x", "y", "z"},
+    }  # fmt: skip
+    found = metrics.traces(trial, trial.rows)
+    for trace in found:
+        if trace.figure in columns:
+            assert set(trace.columns) == columns[trace.figure]
+        assert all(len(c) == len(trace.t) for c in trace.columns.values())
+    assert {t.figure for t in found} >= columns.keys()
+    step = next(t for t in found if t.figure == "step")
+    assert step.columns["ref"][-1] > step.columns["ref"][0]
+    np.testing.assert_allclose(step.columns["est"], step.columns["ref"], atol=0.5)
+
+
+def test_a_log_with_nothing_in_it_gives_codes_only():
+    t = np.arange(0.0, 1.0, 0.01)
+    row = flights.row(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))
+    empty = flights.trial([row], [])
+    answers = metrics.compute(empty, row, WINDOWS)["all"]
+    assert all(a.value is None for a in answers.values())
+    assert len(metrics.traces(empty, [row])) == 1
+    nothing = flights.row(np.zeros(0), np.zeros((0, 4)))
+    assert all(a.value is None for a in metrics.compute(flights.trial([nothing], []), nothing, ["all"])["all"].values())
+
+
+def test_a_filter_that_turned_nan_breaks_nothing(trial):
+    broken = made_up()
+    row = broken.rows[0]
+    row.q[len(row.q) // 2 :] = np.nan
+    row.status = "diverged"
+    good = np.isfinite(row.q).all(axis=1)
+    row.errors = flights.errors(flights.row(row.t[good], row.q[good]), broken.reference)
+    table = {r.name: metrics.compute(broken, r, ["all", "rest", "airborne"]) for r in broken.rows}
+    marks = metrics.best(table, broken.rows)
+    assert all("quick" not in names for columns in marks.values() for names in columns.values())
+    assert metrics.traces(broken, broken.rows)

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.metrics import rmse
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+T = np.arange(0.0, 100.0, 0.02)
+LEVEL = rotation.from_euler(0.0 * T, 0.0 * T, 0.7)
+SEGMENTS = [Segment("run", 0, 100), Segment("airborne", 40, 100), Segment("hover", 60, 70)]
+
+
+def answers(roll_deg, heading_deg=0.0, window="all", **fields):
+    q = rotation.from_euler(np.radians(roll_deg) + 0 * T, 0 * T, 0.7 + np.radians(heading_deg) + 0 * T)
+    row = flights.row(T, q, **fields)
+    trial = flights.trial([row], SEGMENTS, (T[::5], LEVEL[::5]), scoring_start=15.0)
+    return rmse.compute(trial, row, window)
+
+
+def test_angles_are_told_apart_in_degrees():
+    found = answers(3.0, -4.0)
+    assert found["inclination_rmse_deg"].value == pytest.approx(3.0, abs=1e-6)
+    assert found["heading_rmse_deg"].value == pytest.approx(4.0, abs=0.01)
+    assert found["total_rmse_deg"].value == pytest.approx(5.0, abs=0.01)
+
+
+def test_a_mean_does_not_hide_a_burst():
+    found = answers(np.where((T > 50) & (T < 51), 40.0, 0.5))
+    assert found["inclination_median_deg"].value == pytest.approx(0.5, abs=1e-6)
+    assert found["inclination_max_deg"].value == pytest.approx(40.0, abs=1e-6)
+    assert found["inclination_rmse_deg"].value > 4.0
+    assert not found["inclination_max_deg"].ranked
+
+
+def test_the_window_and_the_scoring_start_decide_what_counts():
+    error = np.where(T < 15, 90.0, np.where((T >= 60) & (T <= 70), 2.0, 1.0))
+    assert answers(error)["inclination_max_deg"].value == pytest.approx(2.0)
+    assert answers(error, window="hover")["inclination_rmse_deg"].value == pytest.approx(2.0, abs=0.03)
+    assert answers(error, window="20:30")["inclination_rmse_deg"].value == pytest.approx(1.0)
+    assert answers(error, window="1:10")["inclination_rmse_deg"].code == "not_covered"
+
+
+def test_slow_errors_have_wider_intervals_than_fast_ones():
+    rng = np.random.default_rng(0)
+    fast = answers(rng.standard_normal(len(T)))["inclination_rmse_deg"]
+    slow = answers(np.sqrt(2) * np.sin(2 * np.pi * T / 37.0))["inclination_rmse_deg"]
+    width = [a.ci95[1] - a.ci95[0] for a in (fast, slow)]
+    assert width[1] > 2 * width[0]
+    assert fast.n == 16
+    for a in (fast, slow):
+        assert a.ci95[0] <= a.value <= a.ci95[1]
+
+
+@pytest.mark.parametrize("statistic", ["rmse", "median", "p95"])
+def test_intervals_cover_the_value_of_the_process(statistic):
+    rng, hits = np.random.default_rng(1), 0
+    truth = {"rmse": 1.0, "median": 0.6745, "p95": 1.96}[statistic]
+    for _ in range(80):
+        x = np.abs(flights.coloured(rng, 1500, 0.04, 1.0, 0.3))
+        _, ci = rmse.statistic(x, statistic, rmse.groups_of(len(x), 60.0))
+        hits += ci[0] <= truth <= ci[1]
+    assert hits >= 68
+
+
+def test_a_heading_whose_offset_was_removed_is_not_ranked_among_those_with_a_north():
+    q = rotation.from_euler(0.01 + 0 * T, 0 * T, 0.7)
+    rows = [flights.row(T, q, "gyro", heading_offset_deg=30.0), flights.row(T, q, "mahony")]
+    trial = flights.trial(rows, SEGMENTS, (T[::5], LEVEL[::5]))
+    assert not rmse.compute(trial, rows[0], "all")["heading_rmse_deg"].ranked
+    assert rmse.compute(trial, rows[0], "all")["inclination_rmse_deg"].ranked
+    alone = flights.trial(rows[:1], SEGMENTS, (T[::5], LEVEL[::5]))
+    assert rmse.compute(alone, rows[0], "all")["heading_rmse_deg"].ranked
+
+
+def test_without_a_reference_there_is_a_code():
+    row = flights.row(T, LEVEL)
+    assert rmse.compute(flights.trial([row], SEGMENTS), row, "all")["total_rmse_deg"].code == "no_reference"
+    trial = flights.trial([row], SEGMENTS, (T, LEVEL), "onboard")
+    row.is_reference = True
+    assert rmse.compute(trial, row, "all")["total_rmse_deg"].code == "not_applicable"
