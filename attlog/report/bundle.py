@@ -51,7 +51,10 @@ def bundle(folder: Path = FOLDER) -> Bundle:
     try:
         packed = (folder / SMALL).read_bytes()
         version = (folder / "stamp").read_text(encoding="utf-8").split()[1]
-        return Bundle(f"plotly-basic-{version}.min.js", gzip.decompress(packed), packed, (EMPTY_STYLE,), True)
+        script = gzip.decompress(packed)
+        if not script:
+            raise EOFError(f"{SMALL} is empty")
+        return Bundle(f"plotly-basic-{version}.min.js", script, packed, (EMPTY_STYLE,), True)
     except (OSError, EOFError, IndexError):
         from plotly.offline import get_plotlyjs, get_plotlyjs_version
 

@@ -73,7 +73,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         "figures": {
             f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for part in figures.values() for f in part
         },
-        "bundle": None if shared else plot.hash,
+        "shared": {"src": plot.name, "integrity": plot.hash} if shared else None,
     }
     style = (HERE / "style.css").read_text(encoding="utf-8")
     parts = [(HERE / name).read_text(encoding="utf-8") for name in SCRIPTS]
@@ -91,7 +91,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
     document = json.dumps(result.to_dict(), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return environment.get_template("page.html").render(
         result=result,
-        policy=policy(plot, style, script),
+        policy=policy(plot, style, script, shared=shared),
         style=style,
         script=script,
         look=look,
@@ -110,7 +110,6 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         json=packed(document.encode("utf-8", "replace")),
         bundle=None if shared else packed_once(plot),
         shared=plot.name if shared else None,
-        shared_hash=plot.hash,
         bundle_name=plot.name,
     )
 
@@ -120,9 +119,14 @@ def packed_once(plot: Bundle) -> str:
     return base64.b64encode(plot.packed).decode()
 
 
-def policy(plot: Bundle, style: str, script: str) -> str:
-    """The content-security policy: the page's own script, style and bundle by hash, nothing else, no request."""
-    scripts = [plot.hash, source_hash(script.encode("utf-8"))]
+def policy(plot: Bundle, style: str, script: str, *, shared: bool) -> str:
+    """The content-security policy: the page's own script, style and bundle by hash, nothing else, no request.
+
+    A shared bundle is loaded by the page's own script, hence ``strict-dynamic``: a hash
+    alone does not let a browser load a script from the disk (it cannot enforce
+    ``integrity`` there; on a server the page's script asks for it).
+    """
+    scripts = [plot.hash, source_hash(script.encode("utf-8")), *(["strict-dynamic"] if shared else [])]
     styles = [source_hash(style.encode("utf-8")), *plot.styles]
     quoted = [" ".join(f"'{h}'" for h in hashes) for hashes in (scripts, styles)]
     return (

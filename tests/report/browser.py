@@ -49,9 +49,9 @@ def chromium() -> Iterator[Any]:
 
 
 class Visit:
-    """A page opened from a file, with everything it complained about and asked for."""
+    """A page opened from a file or an address, with everything it complained about and asked for."""
 
-    def __init__(self, browser: Any, path: Path, **options: Any) -> None:
+    def __init__(self, browser: Any, path: Path | str, **options: Any) -> None:
         self.context = browser.new_context(**({"viewport": {"width": 1280, "height": 900}} | options))
         self.page = self.context.new_page()
         self.complaints: list[str] = []
@@ -60,7 +60,7 @@ class Visit:
         self.page.on("pageerror", lambda e: self.complaints.append(str(e)))
         self.page.on("request", lambda r: self.requests.append(r.url))
         self.page.set_default_timeout(PATIENCE_MS)
-        self.page.goto(path.as_uri())
+        self.page.goto(path.as_uri() if isinstance(path, Path) else path)
         if options.get("java_script_enabled", True):
             self.page.wait_for_selector("html[data-drawn]", state="attached")
 

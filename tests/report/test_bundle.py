@@ -1,0 +1,205 @@
+"""Which plotly.js a report carries, how it gets there, and what happens without it."""
+
+from __future__ import annotations
+
+import base64
+import functools
+import gzip
+import hashlib
+import http.server
+import importlib.util
+import io
+import re
+import subprocess
+import tarfile
+import threading
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from attlog.report import bundle_notice, write_report
+from attlog.report.bundle import FOLDER, SMALL, bundle
+from attlog.report.page import render
+from tests.report.conftest import make_result
+
+ROOT = Path(__file__).resolve().parents[2]
+PIN = tomllib.loads((ROOT / "plotlyjs.toml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def hook():
+    """The build hook as a module, without building anything."""
+    pytest.importorskip("hatchling")
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def source(tmp_path):
+    """A source tree with the pin of a package that the test makes itself."""
+    archive = io.BytesIO()
+    with tarfile.open(fileobj=archive, mode="w:gz") as package:
+        for name, text in (("package/plotly-basic.min.js", b"window.Plotly={}"), ("package/LICENSE", b"MIT")):
+            info = tarfile.TarInfo(name)
+            info.size = len(text)
+            package.addfile(info, io.BytesIO(text))
+    digest = base64.b64encode(hashlib.sha512(archive.getvalue()).digest()).decode()
+    pin = {**PIN, "integrity": f"sha512-{digest}"}
+    (tmp_path / "plotlyjs.toml").write_text("".join(f'{k} = "{v}"\n' for k, v in pin.items()))
+    return tmp_path, archive.getvalue()
+
+
+def test_the_pin_has_the_version_of_the_python_package():
+    pytest.importorskip("plotly")
+    from plotly.offline import get_plotlyjs_version
+
+    assert PIN["version"] == get_plotlyjs_version()
+    assert PIN["integrity"].startswith("sha512-")
+
+
+def test_the_hook_checks_writes_and_stamps(hook, source, monkeypatch):
+    root, archive = source
+    asked = []
+    monkeypatch.setattr(hook, "npm_pack", lambda package, folder: asked.append(package) or archive)
+    assert hook.fetch(root) is True
+    folder = root / "attlog/report/bundle"
+    assert gzip.decompress((folder / SMALL).read_bytes()) == b"window.Plotly={}"
+    assert (folder / "LICENSE").read_bytes() == b"MIT"
+    assert hook.fetch(root) is False
+    assert asked == [f"{PIN['package']}@{PIN['version']}"]
+    assert bundle(folder).small
+    assert bundle_notice(folder) is None
+
+
+def test_a_wrong_hash_leaves_nothing_behind(hook, source, monkeypatch):
+    root, archive = source
+    monkeypatch.setattr(hook, "npm_pack", lambda package, folder: archive + b"x")
+    with pytest.raises(ValueError, match="expected"):
+        hook.fetch(root)
+    assert not (root / "attlog").exists()
+
+
+@pytest.mark.parametrize(("wanted", "raises"), [("", False), ("basic", True), ("full", False)])
+def test_a_failing_fetch_breaks_the_build_only_where_the_bundle_is_demanded(hook, source, monkeypatch, wanted, raises):
+    root, _ = source
+    monkeypatch.setenv("ATTLOG_BUNDLE", wanted)
+
+    def broken(package, folder):
+        raise RuntimeError("npm failed: no network")
+
+    monkeypatch.setattr(hook, "npm_pack", broken)
+    said = []
+    built = hook.BundleHook.__new__(hook.BundleHook)
+    application = type("Application", (), {"display_warning": staticmethod(said.append)})
+    monkeypatch.setattr(hook.BundleHook, "root", property(lambda self: str(root)))
+    monkeypatch.setattr(hook.BundleHook, "app", property(lambda self: application))
+    if raises:
+        with pytest.raises(RuntimeError):
+            built.initialize("standard", {})
+    else:
+        built.initialize("standard", {})
+        assert len(said) == (wanted == "")
+
+
+def test_npm_is_asked_for_the_exact_package_without_scripts(hook, monkeypatch, tmp_path):
+    calls = []
+
+    def run(command, **options):
+        calls.append(command)
+        (tmp_path / "x.tgz").write_bytes(b"archive")
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(hook.shutil, "which", lambda name: "/usr/bin/npm")
+    monkeypatch.setattr(hook.subprocess, "run", run)
+    assert hook.npm_pack("name@1.2.3", tmp_path) == b"archive"
+    assert calls[0][:3] == ["/usr/bin/npm", "pack", "name@1.2.3"]
+    assert "--ignore-scripts" in calls[0]
+    assert not any("registry" in word for word in calls[0])
+
+
+def test_without_npm_node_comes_from_a_wheel(hook, monkeypatch, tmp_path):
+    calls = []
+    monkeypatch.setattr(hook.shutil, "which", lambda name: None)
+    monkeypatch.setattr(hook, "run", lambda command, folder: calls.append(command))
+    command = hook.npm(tmp_path)
+    assert command[0].endswith("bin/node")
+    assert command[1].endswith("npm-cli.js")
+    assert "--only-binary" in calls[0]
+    assert hook.NODE_WHEEL in calls[0]
+
+
+def test_a_missing_bundle_falls_back_to_the_full_one_and_says_so(tmp_path):
+    full = bundle(tmp_path)
+    assert not full.small
+    assert "reinstall" in bundle_notice(tmp_path)
+    assert len(full.styles) == 2
+
+
+@pytest.mark.parametrize("content", [b"", b"not gzip", gzip.compress(b"x" * 1000)[:20]])
+def test_a_damaged_bundle_falls_back_too(tmp_path, content):
+    (tmp_path / SMALL).write_bytes(content)
+    (tmp_path / "stamp").write_text(f"{PIN['package']} {PIN['version']} x\n")
+    assert not bundle(tmp_path).small
+
+
+def test_the_full_bundle_draws_under_its_policy(visit, tmp_path):
+    path = tmp_path / "full.html"
+    path.write_text(render(make_result(), bundle(tmp_path)), encoding="utf-8")
+    page = visit(path)
+    assert page.complaints == []
+    assert page.requests == [path.as_uri()]
+    assert [name for name, drawn in page.figures().items() if not drawn] == []
+    assert path.stat().st_size < 3_000_000
+
+
+def test_shared_reports_load_one_bundle_from_their_folder_and_nothing_else(visit, tmp_path):
+    for name in ("a.html", "b.html"):
+        write_report(make_result(), tmp_path / name, plotly="shared")
+    beside = [p for p in tmp_path.iterdir() if p.suffix == ".js"]
+    assert len(beside) == 1
+    assert (tmp_path / "a.html").stat().st_size < 700_000
+    page = visit(tmp_path / "a.html")
+    assert page.complaints == []
+    assert sorted(page.requests) == sorted([(tmp_path / "a.html").as_uri(), beside[0].as_uri()])
+    assert page.page.get_attribute("html", "data-drawn") == "all"
+
+
+@pytest.fixture
+def server(tmp_path):
+    """A web server for the test's folder."""
+    handler = functools.partial(QuietHandler, directory=tmp_path)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as running:
+        threading.Thread(target=running.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{running.server_port}"
+        running.shutdown()
+
+
+class QuietHandler(http.server.SimpleHTTPRequestHandler):
+    """A file server that prints nothing."""
+
+    def log_message(self, *args):
+        """Nothing."""
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_on_a_server_a_shared_bundle_runs_only_unchanged(visit, tmp_path, server, changed):
+    write_report(make_result(), tmp_path / "a.html", plotly="shared")
+    script = next(p for p in tmp_path.iterdir() if p.suffix == ".js")
+    if changed:
+        script.write_bytes(b"document.title='ran';" + script.read_bytes())
+    page = visit(f"{server}/a.html")
+    assert page.page.evaluate("document.title") != "ran"
+    assert page.page.get_attribute("html", "data-drawn") == ("failed" if changed else "all")
+    assert {r.rpartition("/")[0] for r in page.requests} == {server}
+    if changed:
+        assert "plotly" in page.page.locator("#failed").inner_text()
+
+
+def test_the_installed_bundle_is_the_pinned_one():
+    if not (FOLDER / SMALL).is_file():
+        pytest.skip("this installation has no small bundle (no npm and no network when it was installed)")
+    assert (FOLDER / "stamp").read_text().split() == [PIN["package"], PIN["version"], PIN["integrity"]]
+    assert re.match(rb"/\*\*\s*\n\* plotly\.js \(basic - minified\) v" + PIN["version"].encode(), bundle().script)
