@@ -20,9 +20,11 @@ ACTIVE_DPS = 12.0
 RANGE_S = 0.06
 COARSE_S = 5e-3
 MOST = 1200
+INTERVAL_SAMPLES, LONGEST_S = 8, 0.2
 FEWEST = 100
 SLOWEST_HZ = 5.0
-AGREES_S = 2e-3
+AGREES_S, SURE_S = 2e-3, 1e-3
+OUTLIER_RAD_S = np.radians(60.0)
 
 
 def by_parameter(log: FlightLog, imu: Imu) -> tuple[float, str]:
@@ -43,20 +45,23 @@ def by_parameter(log: FlightLog, imu: Imu) -> tuple[float, str]:
 def by_rates(imu: Imu, reference: Reference) -> float | None:
     """Delay in s of the gyro against the reference's own rotation; None where the log moves too little or too slowly.
 
-    Least squares between the reference's rotation per interval and the gyro's over
+    Least squares between the reference's rotation over an interval and the gyro's over
     the same interval shifted by tau, offset per axis removed, where it turns faster
-    than 12 deg/s: 5 ms grid, then a parabola.
+    than 12 deg/s: 5 ms grid, then a parabola. An interval holds at least 8 IMU samples:
+    in shorter ones the gyro's noise, which shrinks at half a sample's shift, pulls tau.
     """
     t, q = reference.t, reference.q
     gyro_t, rate = runs.rising(imu.gyro.t_best, imu.gyro.x)
     if reference.rate < SLOWEST_HZ or len(t) < FEWEST or len(gyro_t) < FEWEST:
         return None
-    dt = np.diff(t)
+    wanted = min(INTERVAL_SAMPLES * (gyro_t[-1] - gyro_t[0]) / (len(gyro_t) - 1), LONGEST_S)
+    k = max(1, math.ceil(wanted * reference.rate))
+    start, end = t[:-k], t[k:]
     with np.errstate(divide="ignore", invalid="ignore"):
-        own = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-1]), q[1:])) / dt[:, None]
-    speed = np.degrees(np.sqrt(np.sum(own * own, axis=1)))
-    active = (speed > ACTIVE_DPS) & (np.diff(reference.piece) == 0) & (dt > 0)
-    active &= (t[:-1] > gyro_t[0] + RANGE_S) & (t[1:] < gyro_t[-1] - RANGE_S) & (t[:-1] >= reference.scoring_start)
+        own = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-k]), q[k:])) / (end - start)[:, None]
+    active = np.degrees(np.sqrt(np.sum(own * own, axis=1))) > ACTIVE_DPS
+    active &= (reference.piece[k:] == reference.piece[:-k]) & (start >= reference.scoring_start)
+    active &= (start > gyro_t[0] + RANGE_S) & (end < gyro_t[-1] - RANGE_S)
     i = np.flatnonzero(active)
     if len(i) < FEWEST:
         return None
@@ -64,17 +69,19 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     turning = Turning(gyro_t, rate, imu.gyro.sampling)
 
     def misfit(tau: float) -> float:
-        off = turning.between(t[i] + tau, t[i + 1] + tau) / dt[i, None] - own[i]
-        off -= np.median(off, axis=0)
-        return float(np.mean(np.minimum(np.sum(off * off, axis=1), np.radians(60.0) ** 2)))
+        off = turning.between(start[i] + tau, end[i] + tau) / (end - start)[i, None] - own[i]
+        usual = np.sum((off - np.median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
+        off = off[usual] - np.mean(off[usual], axis=0)
+        return float(np.mean(np.sum(off * off, axis=1)))
 
     coarse = np.arange(-RANGE_S, RANGE_S + 1e-9, COARSE_S)
     best = int(np.argmin([misfit(tau) for tau in coarse]))
     if not 0 < best < len(coarse) - 1:
         return None
-    fine = coarse[best] + np.linspace(-COARSE_S, COARSE_S, 5)
-    a, b, _ = np.polyfit(fine - coarse[best], [misfit(tau) for tau in fine], 2)
-    return float(coarse[best] - b / (2 * a)) if a > 0 else None
+    a, b, c = np.polyfit(fine := np.linspace(-COARSE_S, COARSE_S, 5), [misfit(coarse[best] + u) for u in fine], 2)
+    if a <= 0 or max(c - b * b / (4 * a), 0.0) / (a * len(i) / k) > SURE_S**2:
+        return None
+    return float(coarse[best] - b / (2 * a))
 
 
 def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | float) -> AlignmentStep:

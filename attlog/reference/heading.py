@@ -21,8 +21,8 @@ RESET_S = 1.0
 def remove(row: Row, segments: Segments, reference: Reference) -> None:
     """Turn a row so that its heading starts with the reference's, and tell it in its steps.
 
-    The mean difference over the first long rest of each run (else its first 10 s of
-    scoring) is taken out of ``q`` and the errors. Where the reference itself
+    The mean difference over the scored part of the first long rest of each run (else
+    its first 10 s of scoring) is taken out of ``q`` and the errors. Where the reference itself
     jumps, the errors go on as if it had not: its reset is no drift of this row.
     """
     errors = row.errors
@@ -56,12 +56,12 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
 
 def _first_mean(errors: Errors, along: Array, inside: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
     """Mean of the unwrapped heading error (rad) over the first long rest of a run, else its first 10 s of scoring."""
-    for rest in segments.of("rest.long"):
-        during = inside & spans.inside(errors.t, [(rest.t0, rest.t1)])
-        if np.any(during) and np.ptp(errors.t[during]) >= LEAST_REST_S:
-            return float(np.mean(along[during])), f"the rest from {rest.t0:.0f} s"
     counted = inside & errors.scored
     counted = counted if counted.any() else inside
+    for rest in segments.of("rest.long"):
+        during = counted & spans.inside(errors.t, [(rest.t0, rest.t1)])
+        if np.any(during) and np.ptp(errors.t[during]) >= LEAST_REST_S:
+            return float(np.mean(along[during])), f"the rest from {errors.t[during][0]:.0f} s"
     start = errors.t[counted][0]
     during = counted & (errors.t <= start + FIRST_S)
     return float(np.mean(along[during])), f"{FIRST_S:.0f} s from {start:.0f} s"

@@ -66,16 +66,17 @@ def _measure(row: Row, segments: Segments, reference: Reference, free_heading: b
     """Fill in errors, heading offset, convergence, coverage and status of a row."""
     good = np.isfinite(row.q).all(axis=1)
     row.start = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
-    lost = np.flatnonzero(~good & (row.t > row.start))
+    lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring_start)))
     if reference.kind != "none" and good.any():
         row.errors = compare.errors(row.t[good], row.q[good], row.run[good], reference)
         if free_heading and len(row.errors.t):
             heading.remove(row, segments, reference)
         _judge(row, segments, reference)
-    if len(lost):
-        row.status, row.reason = "diverged", f"no finite attitude from {row.t[lost[0]]:.1f} s on"
-    elif not good.any():
+    if not good.any():
         row.status, row.reason = "failed", "no finite attitude at all"
+    elif len(lost):
+        row.status = "diverged"
+        row.reason = f"{len(lost)} attitudes are not finite, the first at {row.t[lost[0]]:.1f} s"
     return row
 
 

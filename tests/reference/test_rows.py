@@ -1,0 +1,247 @@
+"""Rows are aligned once, freed of a heading they cannot know, and told what became of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog import rotation, segments
+from attlog.estimators.base import Estimate
+from attlog.reference import Options, choose, onboard_rows, replayed, trim
+from attlog.segments.model import Segment
+
+from .flights import RATE, SECONDS, ardupilot, attitude_at, compared, estimate, flight, sampled
+
+T = np.arange(0.0, SECONDS, 1 / RATE)
+TRIM = np.array([0.03, -0.02, 0.0])
+
+
+def with_trim(has_trim: bool = True, **params: float):
+    """An ArduPilot log whose ATT has the trim taken out, as the autopilot does."""
+    log = ardupilot(flight(), AHRS_TRIM_X=TRIM[0], AHRS_TRIM_Y=TRIM[1], **params)
+    attitude = log.attitudes["ATT"]
+    if has_trim:
+        attitude.q = trim.apply(attitude.q, TRIM)
+        attitude.has_trim = True
+    return log
+
+
+def test_trim_is_taken_out_of_a_replay_once():
+    row, reference, _ = compared(with_trim(), estimate())
+    assert reference.trim is not None
+    assert row.errors is not None
+    assert row.errors.total.max() < 0.05
+    assert [s.name for s in row.steps] == ["trim"]
+
+
+def test_trim_switched_off_leaves_its_size_as_tilt():
+    row, _, _ = compared(with_trim(), estimate(), Options(trim=False, declination=0.0))
+    assert row.errors is not None
+    assert np.median(row.errors.inclination) == pytest.approx(np.degrees(np.hypot(*TRIM[:2])), abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["imu attitude", "truth", "px4"])
+def test_trim_is_not_applied_where_the_reference_has_none(kind):
+    """XKQ, truth and everything of PX4 are attitudes of the IMU: taking a trim out of the replay would be the error."""
+    log = with_trim(has_trim=False)
+    if kind == "truth":
+        log.truth = sampled(50.0, source="SIM")
+    if kind == "px4":
+        log = flight()
+    row, reference, _ = compared(log, estimate())
+    assert reference.trim is None
+    assert row.errors is not None
+    assert row.errors.total.max() < 0.05
+
+
+def test_an_unknown_trim_is_said_and_not_invented():
+    log = with_trim()
+    log.params = {}
+    _, reference, _ = compared(log, estimate())
+    step = next(s for s in reference.steps if s.name == "trim")
+    assert reference.trim is None
+    assert step.value is None
+    assert "does not hold AHRS_TRIM_X" in step.text
+
+
+def test_onboard_attitudes_without_trim_are_levelled_like_replays():
+    log = with_trim()
+    log.attitudes["XKQ.0"] = sampled(20.0, source="XKQ")
+    found = segments.build(log)
+    rows = {r.name: r for r in onboard_rows(log, found, choose(log, found))}
+    assert rows["onboard"].is_reference
+    assert rows["onboard:XKQ.0"].errors is not None
+    assert rows["onboard:XKQ.0"].errors.total.max() < 0.05
+
+
+def test_a_filter_without_magnetometer_is_compared_with_its_heading_offset_removed():
+    """The trap: its heading starts anywhere, so the plain RMSE would be the arbitrary start."""
+    row, _, _ = compared(flight(), estimate(heading_deg=123.0), uses_mag=False)
+    assert row.errors is not None
+    assert row.heading_offset_deg == pytest.approx(123.0, abs=0.01)
+    assert np.abs(row.errors.heading).max() < 0.05
+    assert row.status == "ok"
+    step = next(s for s in row.steps if s.name == "heading_offset")
+    assert "the rest from 15 s" in step.text
+    yaw = rotation.error(row.q, attitude_at(row.t))
+    assert np.degrees(np.abs(rotation.heading_angle(yaw))).max() < 0.05
+
+
+def test_removing_an_offset_keeps_the_drift():
+    row, _, _ = compared(flight(), estimate(heading_deg=40.0 + 0.1 * T), uses_mag=False)
+    assert row.errors is not None
+    slope = np.polyfit(row.errors.t, row.errors.heading, 1)[0]
+    assert slope == pytest.approx(0.1, abs=1e-3)
+
+
+def test_an_offset_near_half_a_turn_does_not_wrap_the_errors():
+    row, _, _ = compared(flight(), estimate(heading_deg=179.9 + 0.2 * np.sin(T)), uses_mag=False)
+    assert row.errors is not None
+    assert np.abs(row.errors.heading).max() < 0.5
+
+
+def test_a_filter_with_magnetometer_keeps_its_heading_error():
+    row, _, _ = compared(flight(), estimate(heading_deg=7.0))
+    assert row.heading_offset_deg is None
+    assert row.errors is not None
+    assert np.median(row.errors.heading) == pytest.approx(7.0, abs=0.01)
+
+
+def test_with_unknown_declination_magnetic_headings_are_compared_without_offset():
+    row, reference, _ = compared(flight(), estimate(heading_deg=7.0), Options())
+    assert reference.declination_deg is None
+    assert row.heading_offset_deg == pytest.approx(7.0, abs=0.05)
+
+
+def test_each_restart_has_an_offset_of_its_own():
+    run = (T >= 30.0).astype(np.int64)
+    e = estimate(heading_deg=np.where(run == 1, -60.0, 20.0))
+    e.run = run
+    row, _, _ = compared(flight(), e, uses_mag=False)
+    assert row.errors is not None
+    assert np.abs(row.errors.heading).max() < 0.1
+    assert "in each of 2 runs" in row.steps[-1].text
+
+
+def test_a_reset_of_the_reference_is_no_error_of_a_gyro_filter():
+    """The trap "reset counted as drift": the onboard heading jumps by 50 deg, the vehicle and the filter do not."""
+    log = flight()
+    attitude = log.attitudes["ATT"]
+    after = attitude.t >= 40.0
+    attitude.q[after] = rotation.turn_about_down(attitude.q[after], np.radians(50.0))
+    row, reference, _ = compared(log, estimate(heading_deg=10.0), uses_mag=False)
+    assert np.unique(reference.piece).tolist() == [0, 1]
+    assert row.errors is not None
+    assert np.abs(row.errors.heading).max() < 0.2
+    assert "1 resets of the reference not counted" in row.steps[-1].text
+    jumps = np.abs(np.degrees(rotation.heading_angle(rotation.error(row.q[1:], row.q[:-1]))))
+    assert jumps.max() < 1.0
+
+
+def test_the_onboard_attitude_is_a_row_when_truth_is_the_reference():
+    log = flight(truth_hz=50.0)
+    log.attitudes["AHR2"] = sampled(5.0, source="AHR2")
+    found = segments.build(log)
+    rows = onboard_rows(log, found, choose(log, found))
+    assert [r.name for r in rows] == ["onboard", "onboard:AHR2"]
+    assert not any(r.is_reference for r in rows)
+    assert all(r.errors is not None and r.errors.total.max() < 0.05 for r in rows)
+    assert rows[0].coverage_pct == pytest.approx(100.0, abs=0.5)
+
+
+def test_the_reference_is_a_marked_row_without_errors():
+    log = flight()
+    log.attitudes["AHR2"] = sampled(5.0, source="AHR2")
+    found = segments.build(log)
+    rows = onboard_rows(log, found, choose(log, found, Options(reference="onboard:AHR2")))
+    assert {r.name: (r.is_reference, r.errors is None) for r in rows} == {
+        "onboard": (False, False),
+        "onboard:AHR2": (True, True),
+    }
+
+
+def test_a_row_that_topples_is_diverged_from_then_on():
+    row, _, _ = compared(flight(), estimate(tilt_deg=np.where(T > 45.0, 40.0, 0.0)))
+    assert row.status == "diverged"
+    assert "from 45.0" in row.reason or "from 45.1" in row.reason
+    assert row.errors is not None
+
+
+@pytest.mark.parametrize("tilt", [np.where((T > 45.0) & (T < 46.5), 40.0, 0.0), np.where(T < 10.0, 80.0, 0.0)])
+def test_a_short_excursion_and_one_before_scoring_are_no_divergence(tilt):
+    row, _, _ = compared(flight(), estimate(tilt_deg=tilt))
+    assert row.status == "ok"
+
+
+def test_an_estimate_that_ends_in_nan_is_diverged_and_one_that_is_all_nan_failed():
+    e = estimate()
+    e.q[T > 45.0] = np.nan
+    row, _, _ = compared(flight(), e)
+    assert row.status == "diverged"
+    assert "the first at 45.0" in row.reason
+    e = estimate()
+    e.q[:] = np.nan
+    assert compared(flight(), e)[0].status == "failed"
+
+
+def test_convergence_is_the_time_until_the_error_stays_near_its_later_median():
+    row, _, _ = compared(flight(), estimate(tilt_deg=30.0 * np.exp(-T / 4.0)))
+    assert row.convergence_s == pytest.approx(4.0 * np.log(30 / 2), abs=0.5)
+    assert row.status == "ok"
+
+
+def test_a_filter_that_starts_right_and_is_bent_later_has_converged_at_once():
+    row, _, _ = compared(flight(), estimate(tilt_deg=np.where(T > 40, 8.0, 0.0)))
+    assert row.convergence_s == 0.0
+
+
+def test_a_heading_that_settles_late_counts_only_with_a_magnetometer():
+    heading = 90.0 * np.exp(-T / 5.0)
+    assert compared(flight(), estimate(heading_deg=heading))[0].convergence_s == pytest.approx(14.4, abs=1.0)
+    assert compared(flight(), estimate(heading_deg=heading), uses_mag=False)[0].convergence_s == 0.0
+
+
+def test_a_filter_that_never_settles_within_a_minute_has_not_converged():
+    log = flight(200.0)
+    t = np.arange(0.0, 200.0, 1 / RATE)
+    row, _, _ = compared(log, estimate(t, tilt_deg=np.where(t < 90.0, 20.0, 0.0)))
+    assert row.status == "not_converged"
+    assert row.convergence_s is None
+
+
+def test_coverage_counts_the_rest_and_flight_that_was_scored():
+    """The trap: a filter scored on its good half only."""
+    log = flight()
+    found = segments.build(log)
+    found.segments.append(Segment("airborne", 20.0, SECONDS, "made"))
+    reference = choose(log, found, Options(declination=0.0))
+    whole = replayed(log, found, reference, estimate(), name="whole", uses_mag=True)
+    half = replayed(log, found, reference, estimate(T[T < 37.5]), name="half", uses_mag=True)
+    assert whole.coverage_pct == pytest.approx(100.0, abs=0.5)
+    assert half.coverage_pct == pytest.approx(50.0, abs=1.0)
+    holes = estimate()
+    holes.q[(T > 30) & (T < 39)] = np.nan
+    holed = replayed(log, found, reference, holes, name="holes", uses_mag=True)
+    assert holed.coverage_pct == pytest.approx(80.0, abs=1.0)
+
+
+def test_a_row_without_common_time_says_so():
+    row, _, _ = compared(flight(), estimate(T + 1000.0))
+    assert row.coverage_pct == 0.0
+    assert "no time in common" in row.reason
+
+
+def test_without_reference_a_row_has_no_errors_and_is_not_judged():
+    log = flight()
+    log.attitudes, log.onboard = {}, None
+    row, _, _ = compared(log, estimate(heading_deg=5.0))
+    assert row.errors is None
+    assert row.status == "ok"
+    assert row.coverage_pct is None
+
+
+def test_what_the_estimator_told_is_kept():
+    e = Estimate(T, attitude_at(T), bias=np.zeros((len(T), 3)), skipped={"nan": 3}, ns_per_update=120.0, causal=False)
+    row, _, _ = compared(flight(), e, estimator="mahony", parameters={"kp": 0.6})
+    assert (row.kind, row.estimator, row.parameters, row.skipped) == ("replay", "mahony", {"kp": 0.6}, {"nan": 3})
+    assert (row.ns_per_update, row.causal, row.start) == (120.0, False, 0.0)
