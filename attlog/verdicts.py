@@ -184,7 +184,7 @@ def late(result: Result) -> Verdict:
     if not slow:
         says = "No filter that can be judged is measurably late" if bent else "No filter is measurably late"
         says += f" against {against} over {steps} steps"
-        says += f"; within ±{number(half)} ms, half an IMU sample, counts as zero." if half else "."
+        says += f"; within ±{half:.3g} ms, half an IMU sample, counts as zero." if half else "."
     else:
         worst = slow[-1]
         says = f"{worst.row.name} is latest: {quantity(worst.value, 'ms')}{worst.interval} against {against}"
