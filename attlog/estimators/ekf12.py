@@ -12,7 +12,8 @@
     P-   = F P F^T + Q,  K = P- H^T (H P- H^T + R)^-1                              (13)
 
     roll    = atan2(g_y, g_z),  pitch = atan2(-g_x, |g_yz|)                        (5)
-    heading = atan2(-(M_y cos roll - M_z sin roll), M_x cos pitch + M_y sin pitch sin roll + M_z sin pitch cos roll)   (12)
+    heading = atan2(-(M_y cos roll - M_z sin roll),                                (12)
+                    M_x cos pitch + M_y sin pitch sin roll + M_z sin pitch cos roll)
 
 Source: Fan 6-13. The paper gives no noise values; the defaults are ours (docs/estimators.md).
 
@@ -41,8 +42,17 @@ from attlog.estimators.vectors import GRAVITY, down
 SOURCE = "Fan 6-13"
 NEEDS = {"gyro", "acc", "mag"}
 HOLD_MAG = False
-STATE = {"q": 4, "rate": 3, "rate_dot": 3, "gravity": 3, "field": 3, "_covariance": 144, "_work": 144}
-X, W, G, M, P, V = 4, 0, 6, 9, 16, 160
+STATE = {
+    "q": 4,
+    "rate": 3,
+    "rate_dot": 3,
+    "gravity": 3,
+    "field": 3,
+    "_covariance": 144,
+    "_work": 144,
+    "_since_field": 1,
+}
+X, W, G, M, P, V, SINCE = 4, 0, 6, 9, 16, 160, 304
 """Where things stand: X, P, V (work) in the state; W, G, M within X and within each row of P."""
 
 PARAMETERS = (
@@ -61,10 +71,18 @@ PARAMETERS = (
         "m/s^2/sqrt(Hz)",
         1e-5,
         1e3,
-        "specific force noise density: sensor noise, vibration and accelerations",
-        "attlog",
+        "density of what the accelerometer shows beside gravity, R = n^2 / dt: vibration and accelerations",
+        "attlog; a quarter of the acceleration of a lively flight over a second",
     ),
-    Parameter("mag_noise", 0.1, "1", 1e-5, 1e2, "noise of one magnetometer sample, as part of the field", "attlog"),
+    Parameter(
+        "mag_noise",
+        0.05,
+        "1/sqrt(Hz)",
+        1e-5,
+        1e2,
+        "density of the field's disturbance as part of the field, R = n^2 / (time since the last sample)",
+        "attlog, as acc_noise as part of gravity",
+    ),
     Parameter(
         "jerk_noise",
         30.0,
@@ -72,13 +90,25 @@ PARAMETERS = (
         1e-6,
         1e6,
         "random walk of the angular acceleration: large follows the gyro at once",
+        "attlog; copters reach 50 rad/s^2 within a second",
+    ),
+    Parameter(
+        "gravity_noise",
+        0.1,
+        "m/s^2/sqrt(s)",
+        1e-9,
+        1e2,
+        "random walk of g: what the gyro does not explain, its bias first; bandwidth = gravity_noise / acc_noise",
         "attlog",
     ),
     Parameter(
-        "gravity_noise", 3e-3, "m/s^2/sqrt(s)", 1e-9, 1e2, "random walk of g: what the gyro does not explain", "attlog"
-    ),
-    Parameter(
-        "field_noise", 3e-4, "1/sqrt(s)", 1e-9, 1e2, "random walk of M: what the gyro does not explain", "attlog"
+        "field_noise",
+        0.005,
+        "1/sqrt(s)",
+        1e-9,
+        1e2,
+        "random walk of M: what the gyro does not explain; bandwidth = field_noise / mag_noise",
+        "attlog, half of gravity_noise as part of gravity: indoors and near motors the field is the worse reference",
     ),
 )
 PRESETS: dict[str, dict[str, float | str]] = {"fan": {}}
@@ -86,7 +116,7 @@ PRESETS: dict[str, dict[str, float | str]] = {"fan": {}}
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """The state: g and M as the start attitude shows them, rates unknown."""
-    state = np.zeros(304)
+    state = np.zeros(305)
     state[0:4] = q0
     dx, dy, dz = down(state)
     state[X + G : X + M] = GRAVITY * np.array([dx, dy, dz])
@@ -96,7 +126,7 @@ def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     size = math.sqrt(float(np.sum(acc * acc) * np.sum(mag * mag)))
     sine = -float(np.sum(acc * mag)) / size if size > 0.0 else 0.0
     state[X + M : P] = math.sqrt(max(1.0 - sine * sine, 0.0)) * north + sine * np.array([dx, dy, dz])
-    sigma = np.repeat([1.0, 10.0, 0.5, 0.1], 3)
+    sigma = np.repeat([1.0, 10.0, 0.1 * GRAVITY, 0.1], 3)
     state[P:V:13] = sigma * sigma
     return state
 
@@ -109,8 +139,11 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> No
     if acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0:
         measure(state, G, -acc[0], -acc[1], -acc[2], params[1] * params[1] / dt)
     norm = math.sqrt(mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2])
+    state[SINCE] += dt
     if norm > 0.0:
-        measure(state, M, mag[0] / norm, mag[1] / norm, mag[2] / norm, params[2] * params[2])
+        r = params[2] * params[2] / state[SINCE]
+        measure(state, M, mag[0] / norm, mag[1] / norm, mag[2] / norm, r)
+        state[SINCE] = 0.0
     attitude(state)
 
 

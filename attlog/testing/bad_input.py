@@ -105,7 +105,7 @@ def drops_impossible_values(s: Subject) -> None:
     acc[900:905], acc[1500, 0] = 1e6, -np.inf
     e = _run(s, m.t, gyr, acc, m.mag)
     require_attitudes(e)
-    _counted(e.skipped, "saturated")
+    _counted(e.skipped, "saturated", 6 if s.uses_acc else 1)
     _tilt_stays(s, e.q, m, "impossible values")
 
 
