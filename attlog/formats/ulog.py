@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable, NotALog
 from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
-from attlog.formats.mapping import map_bytes
+from attlog.formats.mapping import gather, map_bytes
+from attlog.formats.ulog_doubt import doubtful
 from attlog.formats.ulog_index import HEADER, Bytes, Identifiers, Offsets, Sizes, by_id, chain
 from attlog.formats.ulog_layout import Layout, Members, layout_of, parse_format
 from attlog.formats.ulog_records import (
@@ -54,6 +55,8 @@ GROUP = 1 << 17
 """Records that are sorted into their topics at a time; bounds the memory of the sort."""
 ANCHOR_RECORDS = 3
 """Records in a row that must make sense before reading goes on behind damage."""
+LONG_UNKNOWN = 300
+"""Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""
 FIRST_SEARCH, LONGEST_SEARCH = 1 << 12, 1 << 20
 """Bytes looked at together behind damage: most wounds are short, some are whole flash blocks."""
 _KINDS = np.zeros(256, bool)
@@ -99,6 +102,7 @@ class _Reader:
         self.dropouts: list[int] = []
         self.damage: list[Damage] = []
         self.damage_bytes = 0
+        self.wounded = False
         self.boots: list[int] = []
         self.unknown: dict[int, list[int]] = {}
         self.runs: list[tuple[Offsets, Identifiers]] = []
@@ -112,13 +116,14 @@ class _Reader:
         while position < self.size:
             stop = next((a for a in self.appended if a > position), self.size)
             position = self._walk(position, stop)
-        self._group()
-        self._report_unknown()
+        self._end_log()
         tables = {
             key: _table(self.data, key, topic)
             for key, topic in sorted(self.topics.items())
             if sum(map(len, topic.offsets))
         }
+        if self.wounded:
+            tables = {key: kept for key, table in tables.items() if len(kept := self._without_doubtful(table))}
         ends = [*self.boots[1:], self.size]
         return Messages(
             self.path, "ulog", self.size, tables, self.params, self.texts, self.info,
@@ -158,22 +163,23 @@ class _Reader:
     def _record(self, position: int, stop: int) -> int | None:
         """Take in the record that is no known data; the next position, None where there is no record."""
         if self.raw[position : position + 7] == MAGIC and position + FILE_HEADER <= stop:
-            self._group()
+            self._end_log()
             self._start_log(position)
             return position + FILE_HEADER
-        if position + 3 > stop:
-            return self._cut(position, stop)
+        if position + 3 > stop or self._end(position) > stop:
+            return None
         kind, end = self.raw[position + 2], self._end(position)
-        if end > stop:
-            return self._cut(position, stop) if self._known(position) else None
         payload = bytes(self.raw[position + 3 : end])
         strict = position == self.checked or (kind != ord("D") and is_record(kind, payload))
         if not strict and (end == position + 3 or kind == 0 or (not _KINDS[kind] and len(payload) > LARGEST_UNKNOWN)):
             return None
-        if not self._leads_on(end, stop, 1 if strict else 2):
+        if (kind == ord("D") and len(payload) < 2) or not self._leads_on(end, stop, 1 if strict else 2):
+            return None
+        if not strict and (kind != ord("D") or len(payload) > LONG_UNKNOWN) and self._anchor(position + 1, end) < end:
             return None
         if kind == ord("D"):
-            self._count_unknown(position, end)
+            identifier = self.raw[position + 3] | self.raw[position + 4] << 8
+            self.unknown.setdefault(identifier, []).append(position)
         elif strict or kind in b"IMFPQALC":
             self._take(kind, payload, position)
         return end
@@ -217,13 +223,17 @@ class _Reader:
 
     # Damage.
 
-    def _cut(self, position: int, stop: int) -> int:
-        self._damaged(position, stop, "a record that is cut off", "at the end of the file" if stop == self.size else
-                      f"at the appended data, byte {stop}")  # fmt: skip
-        return stop
-
     def _resume(self, position: int, stop: int) -> int:
-        """Give up the record that ended at ``position``, find the next good one and note the damage."""
+        """Give up the record that ended at ``position``, find the next good one and note the damage.
+
+        Where nothing more follows and the rest is the beginning of a record, the log
+        was cut off there and the record before is whole.
+        """
+        if self._is_cut_off(position, stop) and self._anchor(position + 1, stop) == stop:
+            resumed = "at the end of the file" if stop == self.size else f"at the appended data, byte {stop}"
+            self._damaged(position, stop, "a record that is cut off", resumed)
+            return stop
+        self.wounded = True
         begin = position
         if self.runs and self._end(self.last) == position:
             begin = self.last
@@ -233,6 +243,9 @@ class _Reader:
         lost = f"{here - begin} bytes that are no records"
         self._damaged(begin, here, lost, f"at byte {here}" if here < stop else "nothing behind it is readable")
         return here
+
+    def _is_cut_off(self, position: int, stop: int) -> bool:
+        return position + 3 > stop or (self._end(position) > stop and self._known(position))
 
     def _drop_last(self) -> None:
         starts, ids = self.runs.pop()
@@ -282,22 +295,53 @@ class _Reader:
         before, now = self._time_before(position), self._time_at(position)
         return before is None or now is None or abs(now - before) < MAX_TIME_JUMP_S * 1e6
 
+    def _without_doubtful(self, table: Table) -> Table:
+        """The table without the records that damage went through unseen."""
+        doubt = doubtful(table)
+        if not doubt.any():
+            return table
+        for start in table.offsets[doubt].tolist():
+            self._damaged(start, self._end(start), f"a record of {table.name} with impossible numbers", "behind it")
+        return table.rows(~doubt)
+
     def _damaged(self, begin: int, end: int, lost: str, resumed: str) -> None:
         self.damage_bytes += end - begin
         if len(self.damage) < MAX_DAMAGE:
             self.damage.append(Damage(begin, end - begin, lost, resumed))
 
-    def _count_unknown(self, position: int, end: int) -> None:
-        identifier = self.raw[position + 3] | self.raw[position + 4] << 8
-        seen = self.unknown.setdefault(identifier, [position, 0, 0])
-        seen[1] += 1
-        seen[2] += end - position
-
-    def _report_unknown(self) -> None:
-        for identifier, (first, count, length) in self.unknown.items():
-            self._damaged(first, first, f"{count} records ({length} bytes) of id {identifier}, which no readable "
-                          "definition describes or whose size differs from it", "skipped one by one")  # fmt: skip
+    def _end_log(self) -> None:
+        """Sort what is pending; give records whose subscription is lost to the one topic that they can be."""
+        self._group()
+        for identifier, starts in self.unknown.items():
+            sizes = {self._end(start) - start - 3 for start in starts}
+            offsets = np.array(starts, np.int64)
+            found = self._only_topic_for(sizes, offsets) if identifier not in self.by_id else None
+            if found is not None:
+                name, layout = found
+                self._add((name, 0), layout, offsets)
+                lost = f"the subscription of id {identifier}; its {len(starts)} records can only be {name}"
+                self._damaged(starts[0], starts[0], lost, f"read as {name}")
+                continue
+            length = sum(self._end(start) - start for start in starts)
+            lost = f"{len(starts)} records ({length} bytes) of id {identifier}, which no readable definition describes"
+            self._damaged(starts[0], starts[0], lost, "skipped one by one")
             self.damage_bytes += length
+        self.unknown.clear()
+
+    def _only_topic_for(self, sizes: set[int], starts: Offsets) -> tuple[str, Layout] | None:
+        """The one format without subscription that has this size and rising times, None if there are none or more."""
+        if len(sizes) != 1 or len(starts) < ANCHOR_RECORDS:
+            return None
+        subscribed = {name for name, _, _ in self.by_id.values()}
+        fitting = []
+        for name in self.formats.keys() - subscribed:
+            layout = layout_of(name, self.formats)
+            if layout is None or layout.time_at is None or min(sizes) - 2 not in (layout.size, layout.full_size):
+                continue
+            times = gather(self.data, starts + HEADER + layout.time_at, np.dtype("<u8")).astype(np.float64)
+            if (np.diff(times) >= 0).all() and times[-1] - times[0] < MAX_TIME_JUMP_S * 1e6:
+                fitting.append((name, layout))
+        return fitting[0] if len(fitting) == 1 else None
 
     # What records mean.
 
@@ -421,11 +465,14 @@ class _Reader:
         begins = np.flatnonzero(ids[1:] != ids[:-1]) + 1
         for identifier, part in zip(ids[[0, *begins]].tolist(), np.split(starts, begins), strict=True):
             name, multi, layout = self.by_id[identifier]
-            topic = self.topics.setdefault((name, multi), _Topic([layout], [0]))
-            if topic.layouts[-1] != layout:
-                topic.layouts.append(layout)
-                topic.begins.append(int(part[0]))
-            topic.offsets.append(part)
+            self._add((name, multi), layout, part)
+
+    def _add(self, key: tuple[str, int], layout: Layout, offsets: Offsets) -> None:
+        topic = self.topics.setdefault(key, _Topic([layout], [0]))
+        if topic.layouts[-1] != layout:
+            topic.layouts.append(layout)
+            topic.begins.append(int(offsets[0]))
+        topic.offsets.append(offsets)
 
 
 def _table(data: Bytes, key: tuple[str, int], topic: _Topic) -> Table:

@@ -90,7 +90,7 @@ def _redefined(log: Messages) -> set[str]:
 
 def _compare(log: Messages, key: oracles.Key, theirs: dict[str, Any] | None, found: Verification) -> None:
     name = key[0] if key[1] is None else f"{key[0]}:{key[1]}"
-    ours = _columns(log, key)
+    ours = official_columns(log, key)
     if ours is None or theirs is None:
         present = ours if ours is not None else theirs
         count = len(next(iter(present.values()))) if present else 0
@@ -125,7 +125,7 @@ def _compare(log: Messages, key: oracles.Key, theirs: dict[str, Any] | None, fou
 
 def _compare_rows(log: Messages, name: str, ours: list[Any], theirs: list[Any], found: Verification) -> None:
     """Different numbers of records: which of them do both have?"""
-    mine, other = (Counter(zip(*(map(_spelled, c) for c in columns), strict=False)) for columns in (ours, theirs))
+    mine, other = (Counter(zip(*(map(spelled, c) for c in columns), strict=False)) for columns in (ours, theirs))
     more, less = (mine - other).total(), (other - mine).total()
     common = mine.total() - more
     found.records += common
@@ -138,7 +138,7 @@ def _note(found: Verification, log: Messages, sentence: str) -> None:
     (found.explained if log.damage or log.damage_bytes else found.differences).append(sentence)
 
 
-def _columns(log: Messages, key: oracles.Key) -> dict[str, Any] | None:
+def official_columns(log: Messages, key: oracles.Key) -> dict[str, Any] | None:
     """Our columns as the library names and scales them; instances of one message merged in file order if it does so."""
     if log.format == "ulog":
         return _flat(log, key) if key in log else None  # type: ignore[operator]
@@ -181,7 +181,7 @@ def _texts(column: NDArray[np.bytes_], ascii_only: bool) -> NDArray[np.object_]:
 def _equal(ours: Any, theirs: Any) -> NDArray[np.bool_]:
     """Element-wise; NaN equals NaN, the last digit may differ (we multiply by 0.01 where pymavlink divides by 100)."""
     if ours.dtype == object or theirs.dtype == object or ours.ndim > 1:
-        return np.array([_spelled(a) == _spelled(b) for a, b in zip(ours, theirs, strict=True)], bool)
+        return np.array([spelled(a) == spelled(b) for a, b in zip(ours, theirs, strict=True)], bool)
     if ours.dtype.kind in "iub" and theirs.dtype.kind in "iub":
         return np.asarray(ours == theirs)
     a, b = ours.astype(np.float64), theirs.astype(np.float64)
@@ -191,10 +191,10 @@ def _equal(ours: Any, theirs: Any) -> NDArray[np.bool_]:
     return same
 
 
-def _spelled(value: Any) -> str:
+def spelled(value: Any) -> str:
     """A value as text that is equal where the values are."""
     if isinstance(value, str | bytes):
         return text_of(value) if isinstance(value, bytes) else value
     if np.ndim(value):
-        return ",".join(map(_spelled, value))
+        return ",".join(map(spelled, value))
     return f"{value:.12g}" if isinstance(value, float | np.floating) else str(int(value))
