@@ -23,7 +23,7 @@ from attlog.formats.clock import restarts, times_before
 from attlog.formats.dataflash_index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index, index_records
 from attlog.formats.dataflash_write import write
 from attlog.formats.mapping import Records, gather, map_bytes, text_of
-from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+from attlog.limits import MAX_DAMAGE, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS, MAX_TIME_JUMP_S
 
 __all__ = ["INFO", "build_tables", "instance_column", "read", "time_column", "timeline", "unreadable", "write"]
 
@@ -31,6 +31,12 @@ INFO = 6  # syslog severity; MSG records carry none
 
 INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
 """Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0)."""
+
+FALSE_TIME_US = 5_000_000
+"""A single record further than this from two neighbours that agree is false; no undamaged log has one beyond 0.1 s."""
+
+LAST_TIME_US = 1 << 56
+"""Boot clocks and even Unix clocks stay below; random bytes hardly ever do."""
 
 _PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
 
@@ -53,6 +59,7 @@ def read(path: str | Path) -> Messages:
             f"{path}: no FMT record describes any data, so nothing can be decoded; a log must contain its beginning."
         )
     at, time = timeline(data, index)
+    at, time = _drop_false_times(index, at, time)
     units = _units(data, index)
     tables = build_tables(data, index, units)
     messages = Messages(path, "dataflash", len(data), tables, damage=index.damage, damage_bytes=index.damage_bytes)
@@ -298,6 +305,34 @@ def timeline(data: NDArray[np.uint8], index: Index) -> tuple[NDArray[np.int64], 
         return at[0], time[0]
     order = np.argsort(np.concatenate(at), kind="stable")
     return np.concatenate(at)[order], np.concatenate(time)[order]
+
+
+def _drop_false_times(
+    index: Index, at: NDArray[np.int64], time: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The timeline without single records whose time is far from both neighbours; they leave the index as damage.
+
+    DataFlash has no checksum, so this is the one sign of a record whose bytes were changed.
+    """
+    if len(time) < 3:
+        return at, time
+    step = np.abs(np.diff(time)) > FALSE_TIME_US
+    far = np.concatenate([[step[0] and not step[1]], step[:-1] & step[1:], [step[-1] and not step[-2]]])
+    far[1:-1] &= np.abs(time[2:] - time[:-2]) <= FALSE_TIME_US
+    far[[0, -1]] &= np.abs(time[[0, -1]] - time[[1, -2]]) > MAX_TIME_JUMP_S * 1e6  # a hole may stand at the ends
+    far |= (time < 0) | (time > LAST_TIME_US)
+    if not far.any():
+        return at, time
+    false = np.isin(index.offsets, at[far])
+    for offset, layout in zip(index.offsets[false].tolist(), index.layout[false].tolist(), strict=True):
+        fmt = index.layouts[layout]
+        index.damage_bytes += fmt.length
+        if len(index.damage) < MAX_DAMAGE:
+            lost = f"a {fmt.name} record whose time is far from that of its neighbours"
+            index.damage.append(Damage(offset, fmt.length, lost, f"next record at {offset + fmt.length}"))
+    index.damage.sort(key=lambda d: d.offset)
+    index.offsets, index.layout = index.offsets[~false], index.layout[~false]
+    return at[~far], time[~far]
 
 
 def _boots(data: NDArray[np.uint8], index: Index, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Boot]:

@@ -121,6 +121,8 @@ def _formats(data: NDArray[np.uint8], headers: NDArray[np.int64]) -> list[Format
     size = len(data)
     at = headers[data[headers + 2] == FMT_TYPE]
     at = at[at + FMT_LENGTH <= size]
+    first = data[at + 5]
+    at = at[(first >= 0x30) & (first <= 0x7A)][: MAX_FORMATS * 16]  # a name begins with a letter or digit
     layouts = [FMT_FORMAT]
     current: dict[int, Format] = {FMT_TYPE: FMT_FORMAT}
     for offset in at.tolist():
@@ -168,7 +170,10 @@ def index_records(data: NDArray[np.uint8]) -> Index:
     known = layout >= 0
     start, layout = headers[known], layout[known]
     end = start + np.array([f.length for f in layouts], np.int64)[layout]
-    followed = _is_header(data, end)
+    followed = np.zeros(len(start), np.bool_)
+    followed[:-1] = end[:-1] == start[1:]
+    loose = np.flatnonzero(~followed)
+    followed[loose] = _is_header(data, end[loose])
     kept, holes = _walk(start, end, followed, size)
     damage, lost = _describe(data, holes, layouts)
     return Index(layouts, start[kept], layout[kept], damage, lost)
@@ -239,7 +244,7 @@ def _describe(data: NDArray[np.uint8], holes: list[tuple[int, int]], layouts: li
         if stop - begin >= HEADER_LENGTH and data[begin] == 0xA3 and data[begin + 1] == 0x95:
             kind = int(data[begin + 2])
             if kind not in defined and stop < size:
-                unknown[kind] += 1
+                unknown[kind] += data[begin:stop].tobytes().count(bytes([0xA3, 0x95, kind]))
                 unknown_bytes[kind] += stop - begin
                 first.setdefault(kind, begin)
                 continue

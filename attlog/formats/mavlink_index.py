@@ -23,7 +23,7 @@ V1, V2 = 0xFE, 0xFD
 SIGNED = 0x01  # incompatibility flag of MAVLink 2: a signature of 13 bytes follows the checksum
 SIGNATURE_LENGTH = 13
 STAMP_LENGTH = 8  # big-endian u64 microseconds of the receiver before each packet of a tlog
-_CHUNK = 1 << 20  # bytes scanned at once
+_CHUNK = 1 << 22  # bytes whose packets are sought at once, bounds the memory
 _PADDING = 16  # packets of up to this many bytes difference share one checksum pass
 _BATCH = 1 << 18  # bytes whose checksums are taken at once, stays in cache
 
@@ -94,13 +94,10 @@ class Catalogue:
         return number < len(self.seeds) and self.seeds[number] >= 0
 
 
-def _markers(data: NDArray[np.uint8], value: int, smallest: int) -> NDArray[np.int64]:
-    """Every offset of a marker byte behind which the smallest packet still fits."""
-    found = []
-    last = max(len(data) - smallest + 1, 0)
-    for start in range(0, last, _CHUNK):
-        found.append(np.flatnonzero(data[start : min(start + _CHUNK, last)] == value) + start)
-    return np.concatenate(found) if found else np.zeros(0, np.int64)
+def _markers(data: NDArray[np.uint8], value: int, smallest: int, start: int) -> NDArray[np.int64]:
+    """The offsets of a marker byte from ``start`` on, for one chunk, behind which the smallest packet still fits."""
+    stop = min(start + _CHUNK, len(data) - smallest + 1)
+    return np.flatnonzero(data[start : max(stop, start)] == value) + start
 
 
 @dataclass(slots=True)
@@ -117,8 +114,8 @@ class _Headers:
         return _Headers(self.at[select], self.covered[select], self.end[select], self.ids[select])
 
 
-def _headers_v1(data: NDArray[np.uint8], catalogue: Catalogue) -> _Headers:
-    at = _markers(data, V1, 8)
+def _headers_v1(data: NDArray[np.uint8], catalogue: Catalogue, start: int) -> _Headers:
+    at = _markers(data, V1, 8, start)
     limit = np.full(256, -1, np.int16)
     limit[: len(catalogue.seeds)] = np.where(catalogue.seeds >= 0, catalogue.sizes, -1)[:256]
     ids = data[at + 5]
@@ -129,8 +126,8 @@ def _headers_v1(data: NDArray[np.uint8], catalogue: Catalogue) -> _Headers:
     return headers.chosen(headers.end <= len(data))
 
 
-def _headers_v2(data: NDArray[np.uint8], catalogue: Catalogue) -> _Headers:
-    at = _markers(data, V2, 12)
+def _headers_v2(data: NDArray[np.uint8], catalogue: Catalogue, start: int) -> _Headers:
+    at = _markers(data, V2, 12, start)
     at = at[data[at + 2] <= SIGNED]  # other incompatibility flags are not defined
     ids = (gather(data, at + 6, np.dtype("<u4")) >> 8).astype(np.int32)  # behind the component: 24 bits
     listed = np.flatnonzero(ids < len(catalogue.seeds))
@@ -195,10 +192,11 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
     bytes are damage.
     """
     found = []
-    for headers in (_headers_v1(data, catalogue), _headers_v2(data, catalogue)):
-        found.append(headers.chosen(_checked(data, headers, catalogue)))
+    for first in range(0, max(len(data), 1), _CHUNK):
+        for headers in (_headers_v1(data, catalogue, first), _headers_v2(data, catalogue, first)):
+            found.append(headers.chosen(_checked(data, headers, catalogue)))
     start = np.concatenate([h.at for h in found])
-    order = np.argsort(start, kind="stable") if all(len(h.at) for h in found) else slice(None)
+    order = np.argsort(start, kind="stable")
     start, end = start[order], np.concatenate([h.end for h in found])[order]
     ids = np.concatenate([h.ids for h in found])[order]
     kept = _without_embedded(start, end)
