@@ -157,6 +157,7 @@ class _Reader:
         self.runs.append((starts, ids))
         self.pending += len(starts)
         self.last = int(starts[-1])
+        self.recent = starts[-3:].tolist()
         if self.pending >= GROUP:
             self._group()
 
@@ -252,7 +253,8 @@ class _Reader:
         self.pending -= 1
         if len(starts) > 1:
             self.runs.append((starts[:-1], ids[:-1]))
-        self.last = int(self.runs[-1][0][-1]) if self.runs else 0
+        self.recent = self.runs[-1][0][-3:].tolist() if self.runs else []
+        self.last = self.recent[-1] if self.recent else 0
 
     def _anchor(self, position: int, stop: int) -> int:
         """The first place from ``position`` on where records make sense again, else ``stop``."""
@@ -292,8 +294,9 @@ class _Reader:
             return False
         if self.raw[position + 2] != ord("D"):
             return True
-        before, now = self._time_before(position), self._time_at(position)
-        return before is None or now is None or abs(now - before) < MAX_TIME_JUMP_S * 1e6
+        now = self._time_at(position)
+        before = [t for start in self.recent if (t := self._time_at(start)) is not None]
+        return now is None or not before or min(abs(now - t) for t in before) < MAX_TIME_JUMP_S * 1e6
 
     def _without_doubtful(self, table: Table) -> Table:
         """The table without the records that damage went through unseen."""
@@ -351,6 +354,7 @@ class _Reader:
         self.by_id: dict[int, tuple[str, int, Layout]] = {}
         self.in_data = False
         self.last = 0
+        self.recent: list[int] = []
         self.low = 0
         self.checked = 0
         self.runs.clear()
