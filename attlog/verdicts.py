@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from attlog.metrics.answer import Answer
-from attlog.numbers import duration, interval, listed, number, quantity
+from attlog.numbers import duration, interval, listed, quantity
 from attlog.result import EstimatorRow, Result, Verdict
 
 REST = ("rest", "rest.long", "all")
