@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from attlog import formats
 from attlog.errors import LogUnusable, UsageError
 from attlog.flight.model import FlightLog, Problem
@@ -50,7 +52,9 @@ def read(
     if not 0 <= chosen < boots:
         raise UsageError(f"{messages.path}: there is no boot {boot}; the log holds boots 0 to {boots - 1}")
     part = messages.boot(chosen) if boots > 1 else messages
-    log = read_messages(part, imu, mag, system)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
+        log = read_messages(part, imu, mag, system)
     log.boot, log.boots = chosen, boots
     log.seconds = duration(log)
     if boots > 1:

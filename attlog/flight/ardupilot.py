@@ -14,6 +14,7 @@ from attlog.flight.ardupilot_time import Clock, own_time
 from attlog.flight.model import FlightLog, Mag
 from attlog.flight.reading import Reading, columns
 from attlog.flight.settings import how_to_log
+from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages
 
 MILLIGAUSS = 1e-7
@@ -32,12 +33,14 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
         )  # fmt: skip
     found = ardupilot_imu.candidates(reading, clock, messages.params)
     chosen = inertial.best_per_unit(reading, found)
-    family, lane_t, lanes = ardupilot_imu.primary_core(messages, clock)
+    nothing: tuple[str, Stamps, list[int]] = ("", np.zeros(0, np.int64), [])
+    family, lane_t, lanes = reading.attempt(
+        "The primary EKF core", lambda: ardupilot_imu.primary_core(messages, clock), nothing
+    )
     mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
     have = [c.index for c in chosen]
     flown = [ardupilot_imu.unit_of_core(core, mask, have) for core in lanes]
-    end = int(chosen[0].t_us[-1]) if chosen else 0
-    flew = inertial.longest_held(lane_t, flown, end)
+    flew = inertial.longest_held(lane_t, flown)
     why = f"it fed the primary EKF core ({family}F4.PI)"
     if flew is None and chosen:
         flew, why = chosen[0].index, "the first; the log does not tell the primary one"
@@ -52,13 +55,13 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.imu = position
     log.imu_that_flew = reading.time_line(lane_t, flown, f"{family}F4.PI")
     flying = None if position is None else log.imus[position]
-    log.mags = magnetometers(reading, clock, values)
+    log.mags = reading.attempt("MAG", lambda: magnetometers(reading, clock, values), [])
     log.mag = magnetic.choose(reading, log.mags, flying, primary_compass(values, log.mags), "the primary compass", mag)
-    resets = ardupilot_attitude.resets(reading, clock, lane_t, lanes)
+    resets = reading.attempt("Resets", lambda: ardupilot_attitude.resets(reading, clock, lane_t, lanes), [])
     log.attitudes = ardupilot_attitude.attitudes(reading, clock, resets)
     log.onboard = ardupilot_attitude.onboard(log.attitudes, family, lanes[-1] if lanes else None)
-    log.truth = ardupilot_attitude.truth(reading, clock)
-    log.setpoints = ardupilot_attitude.setpoints(reading, clock)
+    log.truth = reading.attempt("SIM", lambda: ardupilot_attitude.truth(reading, clock), None)
+    log.setpoints = reading.attempt("Set-points", lambda: ardupilot_attitude.setpoints(reading, clock), None)
     log.params = parameters.time_lines(reading, messages.params, "PARM")
     log.param_defaults = parameters.defaults(messages.params)
     ardupilot_state.fill(reading, clock, log, values)

@@ -28,7 +28,9 @@ def attitudes(reading: Reading, clock: Clock, resets_us: list[int]) -> dict[str,
     found: dict[str, Attitude] = {}
     for name, table, trimmed in sources(reading.messages):
         followed = resets_us if name in ("ATT", "ANG") or name.startswith(("XK", "NK", "EKF")) else ()
-        attitude = of_table(reading, clock, table, name, trimmed, followed)
+        attitude = reading.attempt(
+            name, lambda t=table, n=name, x=trimmed, r=followed: of_table(reading, clock, t, n, x, r), None
+        )
         if attitude is not None:
             found[name] = attitude
     return found

@@ -6,6 +6,8 @@ RISI (LOG_REPLAY) > IMT increments >= 100 Hz > GYR/ACC raw >= 400 Hz > IMU. Batc
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from attlog.flight.ardupilot_time import Clock
@@ -41,7 +43,13 @@ def raw_units(messages: Messages, name: str) -> dict[int, Table]:
 
 def candidates(reading: Reading, clock: Clock, params: list[ParamChange]) -> list[Candidate]:
     """Every inertial source of the log, cleaned."""
-    found = [*replay(reading), *increments(reading, clock), *raw(reading, clock, params), *imu(reading, clock, params)]
+    sources: dict[str, Callable[[], list[Candidate]]] = {
+        "RISI": lambda: replay(reading),
+        "IMT": lambda: increments(reading, clock),
+        "GYR": lambda: raw(reading, clock, params),
+        "IMU": lambda: imu(reading, clock, params),
+    }
+    found = [c for name, source in sources.items() for c in reading.attempt(name, source, [])]
     return [c for c in (admit(reading, f) for f in found) if c is not None]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from attlog.flight.ardupilot_imu import units
 from attlog.flight.ardupilot_time import Clock, own_time
 from attlog.flight.model import Array, Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
-from attlog.flight.modes import FAMILY_OF_TYPE, ardupilot_mode
+from attlog.flight.modes import ardupilot_mode
 from attlog.flight.px4_state import utc_offset
 from attlog.flight.reading import Reading, columns
 from attlog.flight.utc import gps_time_us
@@ -97,22 +97,23 @@ def fill(reading: Reading, clock: Clock, log: FlightLog, values: dict[str, float
     """Add states, aids and texts to the log."""
     messages = reading.messages
     family = family_of(messages, values)
+    imu = None if log.imu is None else log.imus[log.imu]
     log.vehicle = vehicle(messages, values, family)
     log.simulated = "SIM" in messages.names() or any(n.startswith("SIM_") for n in values)
-    log.armed = armed(reading, clock)
-    log.landed = landed(reading, clock, log.armed)
-    log.mode = mode(reading, clock, family or FAMILY_OF_TYPE.get(log.vehicle, ""))
-    log.rate_setpoints = rate_setpoints(reading, clock, None if log.imu is None else log.imus[log.imu])
-    log.gnss = [g for g in (receiver(reading, clock, i, t) for i, t in units(messages, "GPS").items()) if g is not None]
+    log.armed = reading.attempt("Arming", lambda: armed(reading, clock), None)
+    log.landed = reading.attempt("Landing", lambda: landed(reading, clock, log.armed), None)
+    log.mode = reading.attempt("The flight mode", lambda: mode(reading, clock, family), None)
+    log.rate_setpoints = reading.attempt("The rate set-point", lambda: rate_setpoints(reading, clock, imu), None)
+    for unit, table in units(messages, "GPS").items():
+        one = reading.attempt("GPS", lambda u=unit, t=table: receiver(reading, clock, u, t), None)
+        log.gnss += [] if one is None else [one]
     log.utc_offset = utc_offset(log.gnss)
-    log.baro = baro(reading, clock)
-    log.airspeed = airspeed(reading, clock)
-    log.throttle = throttle(reading, clock, family)
-    log.rpm = rpm(reading, clock)
-    log.battery = battery(reading, clock)
-    for text in messages.texts:
-        t_us = int(clock.at(np.array([text.offset]))[0]) if text.t_us is None else text.t_us
-        log.texts.append((float(reading.seconds(np.int64(t_us))), text.level, text.text))
+    log.baro = reading.attempt("BARO", lambda: baro(reading, clock), [])
+    log.airspeed = reading.attempt("ARSP", lambda: airspeed(reading, clock), None)
+    log.throttle = reading.attempt("Throttle", lambda: throttle(reading, clock, family), None)
+    log.rpm = reading.attempt("Rotor speed", lambda: rpm(reading, clock), None)
+    log.battery = reading.attempt("The battery", lambda: battery(reading, clock), None)
+    log.texts = reading.texts(lambda offset: int(clock.at(np.array([offset]))[0]))
 
 
 # --- state ------------------------------------------------------------------------------------------------------

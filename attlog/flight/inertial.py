@@ -178,14 +178,15 @@ def onto(t_us: Stamps, at_us: Stamps, x: Array) -> Array:
     return out
 
 
-def longest_held(t_us: Stamps, units: list[int], end_us: int) -> int | None:
-    """The unit that flew for the longest time until ``end_us``, None without entries."""
+def longest_held(t_us: Stamps, units: list[int]) -> int | None:
+    """The unit that flew for the longest time (the last one as long as the median of the others), None without."""
     if not units:
         return None
+    lengths = np.diff(np.asarray(t_us, np.int64))
+    lengths = np.append(lengths, int(np.median(lengths)) if len(lengths) else 1)
     held: dict[int, int] = {}
-    ends = np.append(np.asarray(t_us, np.int64)[1:], max(end_us, int(t_us[-1]) + 1))
-    for unit, begin, end in zip(units, t_us, ends, strict=True):
-        held[unit] = held.get(unit, 0) + int(end) - int(begin)
+    for unit, length in zip(units, lengths.tolist(), strict=True):
+        held[unit] = held.get(unit, 0) + max(length, 1)
     return max(held, key=lambda u: held[u])
 
 

@@ -80,9 +80,7 @@ def fill(reading: Reading, clock: PacketClock, instance: int, autopilot: int | N
             log.airspeed = speed
     log.rpm = rpm(reading, clock, instance)
     log.battery = battery(reading, clock, instance)
-    for text in messages.texts:
-        t_us = reading.t0_us if text.t_us is None else text.t_us
-        log.texts.append((float(reading.seconds(np.int64(t_us))), text.level, text.text))
+    log.texts = reading.texts()
 
 
 def receiver(reading: Reading, clock: PacketClock, instance: int, unit: int) -> Gnss | None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from attlog.flight.model import TimeLine
-from attlog.flight.reading import Reading
+from attlog.flight.reading import LATEST_US, Reading
 from attlog.formats.base import ParamChange
 
 
@@ -30,13 +30,15 @@ def time_lines(reading: Reading, changes: list[ParamChange], source: str) -> dic
 
     Repetitions of the same value (a table written again at each arming) are one entry.
     """
-    begin = min((c.t_us for c in changes if c.t_us is not None), default=reading.t0_us)
+    begin = min((c.t_us for c in changes if c.t_us is not None and c.t_us >= 0), default=reading.t0_us)
     begin = min(begin, reading.t0_us)
     lines: dict[str, tuple[list[int], list[float]]] = {}
     for change in changes:
         if change.is_default or not math.isfinite(change.value):
             continue
         t, v = lines.setdefault(change.name, ([], []))
+        if change.t_us is not None and not 0 <= change.t_us < LATEST_US:
+            continue
         if not v or v[-1] != change.value:
             t.append(begin if change.t_us is None else change.t_us)
             v.append(change.value)

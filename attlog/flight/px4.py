@@ -14,6 +14,7 @@ from attlog.flight.px4_calibration import calibrate, priority, slot_of
 from attlog.flight.px4_imu import device, stamps
 from attlog.flight.reading import Reading, columns
 from attlog.flight.settings import how_to_log
+from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages, Table
 
 
@@ -21,9 +22,9 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     """The flight in a PX4 ULog; ``imu`` and ``mag`` ask for an instance instead of the one that flew."""
     reading = Reading(messages)
     values = parameters.values(messages.params)
-    when, units, source = px4_imu.selected_units(reading)
-    end = max((int(stamps(t)[-1]) for t in [messages.first("sensor_combined")] if t is not None), default=0)
-    flew = inertial.longest_held(when, units, end)
+    nothing: tuple[Stamps, list[int], str] = (np.zeros(0, np.int64), [], "")
+    when, units, source = reading.attempt("The choice of IMU", lambda: px4_imu.selected_units(reading), nothing)
+    flew = inertial.longest_held(when, units)
     why = f"it flew ({source})" if source else "the only source of the voted unit"
     found = px4_imu.candidates(reading, values, 0 if flew is None else flew)
     chosen = inertial.best_per_unit(reading, found)
@@ -47,11 +48,13 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
             "sensor_combined jumps from one sensor to the other.",
             t=float(log.imu_that_flew.t[-1]),
         )
-    log.mags = magnetometers(reading, values)
-    log.mag = magnetic.choose(reading, log.mags, flying, flown_mag(reading, log.mags), "it flew", mag)
+    log.mags = reading.attempt("The magnetometer", lambda: magnetometers(reading, values), [])
+    used = reading.attempt("The choice of compass", lambda: flown_mag(reading, log.mags), None)
+    log.mag = magnetic.choose(reading, log.mags, flying, used, "it flew", mag)
     log.attitudes = attitudes(reading)
     log.onboard = "vehicle_attitude" if "vehicle_attitude" in log.attitudes else None
-    log.truth = attitude_of(reading, "vehicle_attitude_groundtruth", 0, ())
+    truth = "vehicle_attitude_groundtruth"
+    log.truth = reading.attempt(truth, lambda: attitude_of(reading, truth, 0, ()), None)
     log.params = parameters.time_lines(reading, messages.params, "parameter")
     log.param_defaults = parameters.defaults(messages.params)
     px4_state.fill(reading, log)
@@ -65,7 +68,7 @@ def first_stamp(reading: Reading, chosen: list[inertial.Candidate], position: in
         return int(chosen[0 if position is None else position].t_us[0])
     for name in ("vehicle_attitude", "vehicle_status", "vehicle_gps_position"):
         table = reading.messages.tables.get((name, 0))
-        if table is not None:
+        if table is not None and "timestamp" in table:
             return int(np.median(stamps(table)[:5]))
     first = [stamps(t)[0] for t in reading.messages.tables.values() if "timestamp" in t and len(t)]
     return int(min(first)) if first else 0
@@ -77,7 +80,7 @@ def first_stamp(reading: Reading, chosen: list[inertial.Candidate], position: in
 def attitudes(reading: Reading) -> dict[str, Attitude]:
     """Every attitude in the log: the published one, each EKF instance, and cameras or motion capture."""
     found: dict[str, Attitude] = {}
-    switches = instance_changes(reading)
+    switches = reading.attempt("estimator_selector_status", lambda: instance_changes(reading), ())
     for name in (
         "vehicle_attitude",
         "estimator_attitude",
@@ -88,7 +91,7 @@ def attitudes(reading: Reading) -> dict[str, Attitude]:
         instances = reading.messages.instances(name)
         for i in instances:
             times = switches if name == "vehicle_attitude" else ()
-            attitude = attitude_of(reading, name, i, times)
+            attitude = reading.attempt(name, lambda n=name, i=i, t=times: attitude_of(reading, n, i, t), None)
             if attitude is not None:
                 single = name != "estimator_attitude" and i == 0
                 found[name if single else f"{name}.{i}"] = attitude

@@ -6,6 +6,7 @@ with ``vehicle_acceleration`` > raw ``sensor_gyro`` with ``sensor_accel``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,13 +31,14 @@ def stamps(table: Table, column: str = "timestamp") -> Stamps:
 
 def candidates(reading: Reading, values: dict[str, float], selected: int) -> list[Candidate]:
     """Every inertial source of the log; ``selected`` is the unit whose data ``sensor_combined`` holds."""
-    found = [
-        *fifo(reading, values),
-        *vehicle_imu(reading),
-        *sensor_combined(reading, selected),
-        *filtered(reading, values, selected),
-        *raw(reading, values),
-    ]
+    sources: dict[str, Callable[[], list[Candidate]]] = {
+        "sensor_gyro_fifo": lambda: fifo(reading, values),
+        "vehicle_imu": lambda: vehicle_imu(reading),
+        "sensor_combined": lambda: sensor_combined(reading, selected),
+        "vehicle_angular_velocity": lambda: filtered(reading, values, selected),
+        "sensor_gyro": lambda: raw(reading, values),
+    }
+    found = [c for name, source in sources.items() for c in reading.attempt(name, source, [])]
     return [c for c in (admit(reading, f) for f in found) if c is not None]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Stream
+from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import px4_mode, vehicle_name
 from attlog.flight.px4_imu import stamps
 from attlog.flight.reading import Reading, columns
@@ -37,27 +37,41 @@ def fill(reading: Reading, log: FlightLog) -> None:
     status = reading.messages.tables.get(("vehicle_status", 0))
     log.vehicle = vehicle(status)
     log.simulated = simulated(reading, status)
-    log.setpoints = setpoints(reading)
-    log.rate_setpoints = rate_setpoints(reading)
-    if status is not None:
-        t = stamps(status)
-        if "arming_state" in status:
-            log.armed = reading.time_line(t, (status["arming_state"] == ARMED).tolist(), "vehicle_status")
-        if "nav_state" in status:
-            log.mode = reading.time_line(t, [px4_mode(int(n)) for n in status["nav_state"]], "vehicle_status")
-    land = reading.messages.tables.get(("vehicle_land_detected", 0))
-    if land is not None and "landed" in land:
-        log.landed = reading.time_line(stamps(land), (land["landed"] != 0).tolist(), "vehicle_land_detected")
-    log.gnss = gnss(reading)
+    log.setpoints = reading.attempt("The attitude set-point", lambda: setpoints(reading), None)
+    log.rate_setpoints = reading.attempt("The rate set-point", lambda: rate_setpoints(reading), None)
+    log.armed = reading.attempt("Arming", lambda: armed(reading, status), None)
+    log.mode = reading.attempt("The flight mode", lambda: mode(reading, status), None)
+    log.landed = reading.attempt("The land detector", lambda: landed(reading), None)
+    log.gnss = reading.attempt("GNSS", lambda: gnss(reading), [])
     log.utc_offset = utc_offset(log.gnss)
-    log.baro = baro(reading)
-    log.airspeed = airspeed(reading)
-    log.throttle = throttle(reading)
-    log.rpm = rpm(reading)
-    log.battery = battery(reading)
-    for text in reading.messages.texts:
-        t = 0 if text.t_us is None else text.t_us
-        log.texts.append((float(reading.seconds(np.int64(t))), text.level, text.text))
+    log.baro = reading.attempt("The barometer", lambda: baro(reading), [])
+    log.airspeed = reading.attempt("Airspeed", lambda: airspeed(reading), None)
+    log.throttle = reading.attempt("Throttle", lambda: throttle(reading), None)
+    log.rpm = reading.attempt("Rotor speed", lambda: rpm(reading), None)
+    log.battery = reading.attempt("The battery", lambda: battery(reading), None)
+    log.texts = reading.texts()
+
+
+def armed(reading: Reading, status: Table | None) -> TimeLine | None:
+    """Armed or not."""
+    if status is None or "arming_state" not in status:
+        return None
+    return reading.time_line(stamps(status), (status["arming_state"] == ARMED).tolist(), "vehicle_status")
+
+
+def mode(reading: Reading, status: Table | None) -> TimeLine | None:
+    """Flight modes by name."""
+    if status is None or "nav_state" not in status:
+        return None
+    return reading.time_line(stamps(status), [px4_mode(int(n)) for n in status["nav_state"]], "vehicle_status")
+
+
+def landed(reading: Reading) -> TimeLine | None:
+    """On the ground or not, by the land detector."""
+    table = reading.messages.tables.get(("vehicle_land_detected", 0))
+    if table is None or "landed" not in table:
+        return None
+    return reading.time_line(stamps(table), (table["landed"] != 0).tolist(), "vehicle_land_detected")
 
 
 def vehicle(status: Table | None) -> str:

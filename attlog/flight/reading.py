@@ -7,9 +7,9 @@ the way: problems, choices and the zero.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from attlog import rotation
 from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
 from attlog.flight.timing import Stamps, believable
 from attlog.formats.base import Messages, Table
+
+T = TypeVar("T")
 
 QUATERNION_NORM = (0.5, 1.5)
 """A logged quaternion outside this norm is damage or an unset value."""
@@ -45,6 +47,19 @@ class Reading:
     ) -> None:
         """Note something the user must know."""
         self.problems.append(Problem(code, severity, text, t, offset, count))
+
+    def attempt(self, what: str, build: Callable[[], T], otherwise: T) -> T:
+        """What ``build`` finds, ``otherwise`` where a damaged definition makes its message unreadable.
+
+        Wounds in a log hit format definitions too: fields are then missing, renamed or
+        of another type. One such message must not take the others with it.
+        """
+        try:
+            return build()
+        except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
+            reason = str(error.args[0]) if error.args else type(error).__name__
+            self.problem("unreadable_message", "warning", f"{what} cannot be used: {reason.rstrip('.')[:200]}.")
+            return otherwise
 
     def seconds(self, t_us: Stamps) -> Array:
         """Boot-clock microseconds as seconds on the log's clock (exact difference first)."""
@@ -186,15 +201,31 @@ class Reading:
                 found.add(max(around, key=lambda k: steps[k - 1]))
         return found
 
+    def texts(self, at: Callable[[int], int] | None = None) -> list[tuple[float, int, str]]:
+        """The autopilot's messages (t, level, text); ``at`` gives the time of a place in the file for those without."""
+        found = []
+        for text in self.messages.texts:
+            t_us = text.t_us if text.t_us is not None else self.t0_us if at is None else at(text.offset)
+            if 0 <= t_us < LATEST_US:
+                found.append((float(self.seconds(np.int64(t_us))), text.level, text.text))
+        return found
+
     def time_line(self, t_us: Stamps, values: list[Any], source: str) -> TimeLine | None:
         """A time line that keeps only changes; None without entries."""
-        if len(values) == 0:
+        stamps = np.asarray(t_us, np.int64)
+        sane = (stamps >= 0) & (stamps < LATEST_US)
+        if len(values) == 0 or not sane.any():
             return None
-        order = np.argsort(np.asarray(t_us, np.int64), kind="stable")
+        order = np.argsort(stamps, kind="stable")
+        order = order[sane[order]]
         ordered = [values[i] for i in order]
         changed = [i for i, value in enumerate(ordered) if i == 0 or value != ordered[i - 1]]
         t = self.seconds(np.asarray(t_us, np.int64)[order])
         return TimeLine(t[changed], [ordered[i] for i in changed], source)
+
+
+LATEST_US = 2**62
+"""Stamps beyond are damage; as seconds they would still be finite, as clock they mean nothing."""
 
 
 def columns(table: Table, *names: str) -> Array:

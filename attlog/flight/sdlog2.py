@@ -31,7 +31,7 @@ def stamps(table: Table) -> Stamps:
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
     """The flight in an sdlog2 log; ``imu`` and ``mag`` ask for a unit."""
     reading = Reading(messages)
-    chosen = inertial.best_per_unit(reading, candidates(reading))
+    chosen = inertial.best_per_unit(reading, reading.attempt("IMU", lambda: candidates(reading), []))
     position = inertial.choose_unit(reading, chosen, 0, "the first one, which the estimator used", imu, HOW_TO_LOG)
     clock = messages.first("TIME")
     reading.t0_us = int(chosen[position or 0].t_us[0]) if chosen else int(clock["StartTime"][0]) if clock else 0
@@ -41,14 +41,16 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.vehicle = vehicle_name(int(values.get("MAV_TYPE", -1)))
     log.imus = [inertial.build(reading, c) for c in chosen]
     log.imu = position
-    log.mags = magnetometers(reading)
+    log.mags = reading.attempt("The magnetometer", lambda: magnetometers(reading), [])
     flying = None if position is None else log.imus[position]
     log.mag = magnetic.choose(reading, log.mags, flying, 0, "the first one", mag)
-    attitude = euler_or_quaternion(reading, "ATT", ("Roll", "Pitch", "Yaw"))
+    attitude = reading.attempt("ATT", lambda: euler_or_quaternion(reading, "ATT", ("Roll", "Pitch", "Yaw")), None)
     if attitude is not None:
         log.attitudes, log.onboard = {"ATT": attitude}, "ATT"
-    log.setpoints = euler_or_quaternion(reading, "ATSP", ("RollSP", "PitchSP", "YawSP"))
-    fill(reading, log)
+    wanted = ("RollSP", "PitchSP", "YawSP")
+    log.setpoints = reading.attempt("ATSP", lambda: euler_or_quaternion(reading, "ATSP", wanted), None)
+    reading.attempt("STAT", lambda: states(reading, log), None)
+    aids(reading, log)
     log.params = parameters.time_lines(reading, messages.params, "PARM")
     log.problems, log.choices = reading.problems, reading.choices
     return log
@@ -113,21 +115,28 @@ def euler_or_quaternion(reading: Reading, name: str, angles: tuple[str, str, str
     return reading.attitude(stamps(table), q, name)
 
 
-def fill(reading: Reading, log: FlightLog) -> None:
-    """Add states and aids to the log."""
+def states(reading: Reading, log: FlightLog) -> None:
+    """Add arming, landing and modes to the log."""
     status = reading.messages.first("STAT")
-    if status is not None:
-        t = stamps(status)
-        arm = next((c for c in ("ArmS", "ArmState") if c in status), None)
-        if arm is not None:
-            log.armed = reading.time_line(t, (status[arm] == ARMED).tolist(), "STAT")
-        if "Landed" in status:
-            log.landed = reading.time_line(t, (status["Landed"] != 0).tolist(), "STAT")
-        if "MainState" in status:
-            log.mode = reading.time_line(t, [px4_mode(int(m)) for m in status["MainState"]], "STAT")
-    log.gnss = [g for g in [receiver(reading)] if g is not None]
+    if status is None:
+        return
+    t = stamps(status)
+    arm = next((c for c in ("ArmS", "ArmState") if c in status), None)
+    if arm is not None:
+        log.armed = reading.time_line(t, (status[arm] == ARMED).tolist(), "STAT")
+    if "Landed" in status:
+        log.landed = reading.time_line(t, (status["Landed"] != 0).tolist(), "STAT")
+    if "MainState" in status:
+        log.mode = reading.time_line(t, [px4_mode(int(m)) for m in status["MainState"]], "STAT")
+
+
+def aids(reading: Reading, log: FlightLog) -> None:
+    """Add GNSS, barometer, battery, throttle and rate set-points to the log."""
+    one = reading.attempt("GPS", lambda: receiver(reading), None)
+    log.gnss = [] if one is None else [one]
     log.utc_offset = utc_offset(log.gnss)
-    log.baro = [b for b in [column(reading, "SENS", ("BaroAlt",), "m", 1e5)] if b is not None]
+    altitude = column(reading, "SENS", ("BaroAlt",), "m", 1e5)
+    log.baro = [] if altitude is None else [altitude]
     log.battery = column(reading, "BATT", ("V", "C"), "V, A", 1e4)
     log.throttle = column(reading, "ATTC", ("Thrust",), "1", 10.0)
     log.rate_setpoints = column(reading, "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP"), "rad/s", 200.0)
@@ -138,7 +147,11 @@ def column(reading: Reading, name: str, names: tuple[str, ...], unit: str, limit
     table = reading.messages.first(name)
     if table is None or not all(n in table for n in names):
         return None
-    return reading.stream(stamps(table), columns(table, *names), unit, name, limit=limit, allow_nan=True)
+    return reading.attempt(
+        name,
+        lambda: reading.stream(stamps(table), columns(table, *names), unit, name, limit=limit, allow_nan=True),
+        None,
+    )
 
 
 def receiver(reading: Reading) -> Gnss | None:

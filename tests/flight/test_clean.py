@@ -81,5 +81,12 @@ def test_interpolation_onto_another_sensor_never_crosses_a_gap() -> None:
 
 def test_the_unit_that_flew_longest_counts() -> None:
     t = np.array([0, 1_000_000, 20_000_000])
-    assert longest_held(t, [1, 0, 2], 21_000_000) == 0
-    assert longest_held(t[:0], [], 5) is None
+    assert longest_held(t, [1, 0, 2]) == 0
+    assert longest_held(t[:0], []) is None
+
+
+def test_a_message_with_a_damaged_definition_does_not_take_the_others_with_it() -> None:
+    r = reading()
+    assert r.attempt("GPS", lambda: r.messages["x", 0]["lat"], "nothing") == "nothing"
+    assert [(p.code, p.severity) for p in r.problems] == [("unreadable_message", "warning")]
+    assert "x has no field 'lat'" in r.problems[0].text
