@@ -95,8 +95,7 @@ def _build(
     jumped[found] = 1
     piece = run + np.cumsum(jumped)[kept]
     reference = Reference(kind, attitude.source, t, q, run, _consecutive(piece), name=name, clock=which)
-    span = float(t[-1] - t[0])
-    reference.rate = (len(t) - 1) / span if span > 0 else 0.0
+    reference.rate = runs.rate(t)
     reference.trim, trim_step = trim.step(log, attitude, options.trim)
     reference.floor_deg, reference.step_deg, floor_step = floor.step(t, q, attitude.step_deg, imu)
     start_step = _score(reference, _imu_times(imu, t), segments, options)

@@ -49,8 +49,7 @@ def errors(t: Array, q: Array, run: Index, reference: Reference) -> Errors:
     would have to be guessed across a gap, restart or reset are left out.
     """
     own = runs.pieces(t) + np.concatenate([[0], np.cumsum(np.diff(run) != 0)]).astype(np.int64) if len(t) else run
-    rate = (len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 and t[-1] > t[0] else 0.0
-    if rate > SAME_RATE * reference.rate:
+    if runs.rate(t) > SAME_RATE * reference.rate:
         at, q_ref = reference.t, reference.q
         q_est, mine = interpolate(t, q, own, at)
         where = np.arange(len(at))

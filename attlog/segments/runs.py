@@ -24,6 +24,13 @@ def gap_limit(t: Array) -> float:
     return max(GAP_MEDIANS * float(np.median(dt)), GAP_SECONDS) if len(dt) else GAP_SECONDS
 
 
+def rate(t: Array) -> float:
+    """Samples per second in Hz where there are samples: time lost in gaps does not count; 0 for fewer than two."""
+    dt = np.diff(t)
+    dt = dt[(dt > 0) & (dt <= gap_limit(t))]
+    return len(dt) / float(np.sum(dt)) if len(dt) else 0.0
+
+
 def pieces(t: Array, limit: float | None = None) -> NDArray[np.int64]:
     """The number of the stretch (n,) that each time belongs to; a gap or a backward step begins a new one."""
     if len(t) == 0:

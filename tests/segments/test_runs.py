@@ -58,3 +58,9 @@ def test_samples_that_are_not_finite_or_not_later_are_left_out():
     kept_t, kept_x = runs.rising(t, x)
     np.testing.assert_array_equal(kept_t, [0.0, 1.0, 3.0])
     np.testing.assert_array_equal(kept_x[:, 0], [0.0, 1.0, 3.0])
+
+
+def test_the_rate_does_not_count_the_time_lost_in_gaps():
+    assert runs.rate(np.concatenate([at_rate(50, 10), at_rate(50, 10, 100)])) == pytest.approx(50.0)
+    assert runs.rate(np.array([0.0, 0.1, 0.3, 0.4])) == pytest.approx(7.5)
+    assert runs.rate(np.zeros(1)) == 0.0
