@@ -14,7 +14,7 @@ from attlog.estimators.loop import Sampling
 from attlog.estimators.registry import get, names
 
 DEFAULT = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick", "ekf12", "vqf")
-"""What ``default`` stands for: the papers' rivals, the drift of the bare gyro, and one modern filter to measure against."""
+"""What ``default`` stands for: the bare gyro, the papers' rivals, and one modern filter to measure against."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,7 +86,8 @@ def _folder() -> Path | None:
     import numba
     import platformdirs
 
-    version = f"attlog-{attlog.__version__}-py{sys.version_info.major}{sys.version_info.minor}-numba-{numba.__version__}-{platform.machine()}"
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    version = f"attlog-{attlog.__version__}-python-{python}-numba-{numba.__version__}-{platform.machine()}"
     user = Path(platformdirs.user_cache_dir("attlog")) / "kernels" / version
     temporary = Path(tempfile.gettempdir()) / f"attlog-kernels-{_user()}" / version
     return next((f for f in (user, temporary) if _usable(f)), None)

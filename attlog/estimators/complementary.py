@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.knobs import ACC_FORM, INTEGRATOR, KI_PER, MAG_FORM
+from attlog.estimators.knobs import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM
 from attlog.estimators.vectors import field_error, gravity_error, turn
 
 SOURCE = "Fan 14-18 and section 5; Lyu 13-16"
@@ -47,7 +47,10 @@ PARAMETERS = (
     INTEGRATOR,
     KI_PER,
 )
-PRESETS = {"fan": {"kp": 3.0, "ki": 0.01}, "lyu-fixed": {"kp": 0.5, "ki": 0.001, "mag_gain": 0.0}}
+PRESETS = {
+    "fan": {"kp": 3.0, "ki": 0.01, "mag_form": "vector", **AS_PRINTED},
+    "lyu-fixed": {"kp": 0.5, "ki": 0.001, "mag_gain": 0.0, **AS_PRINTED},
+}
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

@@ -45,7 +45,8 @@ def _collect(name: str, value: Any, parts: dict[str, str], jit: bool, single: bo
         text = f"from {value.__module__} import {value.__name__} as {name}\n"
     else:
         raise PluginError(
-            f"the kernel uses {name}, a {type(value).__name__}; use numbers, functions and the modules math and numpy only"
+            f"the kernel uses {name}, a {type(value).__name__}; "
+            "use numbers, functions and the modules math and numpy only"
         )
     if parts.setdefault(name, text) != text:
         raise PluginError(f"two different things are called {name} in an estimator and its helpers; rename one")

@@ -6,12 +6,12 @@ from attlog.estimators.base import Parameter
 
 ACC_FORM = Parameter(
     "acc_form",
-    "direction",
+    "vector",
     "",
     0,
     1,
-    "gravity error from the direction of the specific force f/|f|, or from the vector f/g, in which short accelerations cancel",
-    "attlog; vectors average to gravity, directions do not",
+    "gravity error from the direction f/|f| of the specific force, or the vector f/g, in which accelerations cancel",
+    "attlog; vectors average to gravity, directions do not: BROAD inclination 4.2 -> 2.5 deg (mahony, kp 0.6)",
     ("direction", "vector"),
 )
 MAG_FORM = Parameter(
@@ -44,3 +44,5 @@ KI_PER = Parameter(
     "attlog; the papers do not say it",
     ("second", "sample"),
 )
+AS_PRINTED = {"acc_form": "direction", "integrator": "first_order"}
+"""What the papers' presets share: unit vectors and the first-order step."""

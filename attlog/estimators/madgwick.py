@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.knobs import ACC_FORM, INTEGRATOR
+from attlog.estimators.knobs import ACC_FORM, AS_PRINTED, INTEGRATOR
 from attlog.estimators.vectors import GRAVITY, turn
 
 SOURCE = "Madgwick 2010, equations 20-49"
@@ -64,9 +64,9 @@ PARAMETERS = (
     INTEGRATOR,
 )
 PRESETS = {
-    "imu": {"beta": 0.033},
-    "marg": {"beta": 0.041},
-    "code2011": {"beta": 0.12, "field_scale": 0.5, "integrator": "first_order"},
+    "imu": {"beta": 0.033, **AS_PRINTED},
+    "marg": {"beta": 0.041, **AS_PRINTED},
+    "code2011": {"beta": 0.12, "field_scale": 0.5, **AS_PRINTED},
 }
 
 

@@ -1,6 +1,6 @@
 """Mahony's explicit complementary filter: one gain on the sum of gravity and heading error.
 
-    e   = e_g + e_m                 e_g = v x d,  v = -f/|f| measured, d = R^T e_z predicted down
+    e   = e_g + e_m                 e_g = v x d,  v = -f/g measured, d = R^T e_z predicted down
                                     e_m = R^T (0, 0, -sin psi), psi heading of the field R m
     b'  = -ki e                     gyro bias [rad/s]
     q'  = q (x) (0, w - b + kp e)/2
@@ -12,7 +12,9 @@ Departures. Xu's frames (right-forward-up, ENU, order Z-X-Y) are translated to F
 and NED. Printed errors stay out: (3) loses a factor 2 in 2 q1^2, rows 2-4 of (10)
 are permuted, (11) and (15) print the same quotient twice and use arctan for atan2.
 ``mag_form = vector`` is Mahony's cross product with the whole field,
-``integrator = first_order`` Xu's (6-10).
+``integrator = first_order`` Xu's (6-10), ``acc_form = direction`` his unit vector. The
+default takes f/g for f/|f|: on 12 BROAD trials inclination falls from 4.2 to 2.5 deg
+(kp 0.6), on four EuRoC flights it stays (6.0 and 6.1 deg).
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.knobs import ACC_FORM, INTEGRATOR, MAG_FORM
+from attlog.estimators.knobs import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM
 from attlog.estimators.vectors import field_error, gravity_error, turn
 
 SOURCE = "Mahony, Hamel, Pflimlin 2008; Xu section 2"
@@ -46,7 +48,11 @@ PARAMETERS = (
     ACC_FORM,
     INTEGRATOR,
 )
-PRESETS = {"xu-0.6": {"kp": 0.6, "ki": 0.0}, "xu-1.1": {"kp": 1.1, "ki": 0.0}, "xu-2": {"kp": 2.0, "ki": 0.0}}
+PRESETS = {
+    "xu-0.6": {"kp": 0.6, "ki": 0.0, **AS_PRINTED},
+    "xu-1.1": {"kp": 1.1, "ki": 0.0, **AS_PRINTED},
+    "xu-2": {"kp": 2.0, "ki": 0.0, **AS_PRINTED},
+}
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.knobs import ACC_FORM, INTEGRATOR, MAG_FORM
+from attlog.estimators.knobs import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM
 from attlog.estimators.vectors import GRAVITY, field_error, gravity_error, turn
 
 SOURCE = "Xu section 2 (gains); Valenti, Dryanovski, Xiao 2015, equations 60-62 (law)"
@@ -65,7 +65,7 @@ PARAMETERS = (
     ACC_FORM,
     INTEGRATOR,
 )
-PRESETS = {"xu": {"kp": 0.6, "ki": 0.0}}
+PRESETS = {"xu": {"kp": 0.6, "ki": 0.0, **AS_PRINTED}}
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

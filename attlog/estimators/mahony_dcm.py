@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.knobs import ACC_FORM, INTEGRATOR, MAG_FORM
+from attlog.estimators.knobs import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM
 from attlog.estimators.matrices import matrix_from_quaternion, quaternion_from_matrix, turn_matrix
 from attlog.estimators.vectors import field_error, gravity_error
 
@@ -48,7 +48,7 @@ PARAMETERS = (
     ACC_FORM,
     INTEGRATOR,
 )
-PRESETS = {"huang": {"kp": 0.3, "ki": 0.01, "integrator": "first_order"}}
+PRESETS = {"huang": {"kp": 0.3, "ki": 0.01, **AS_PRINTED}}
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.knobs import ACC_FORM, INTEGRATOR, KI_PER, MAG_FORM
+from attlog.estimators.knobs import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM
 from attlog.estimators.vectors import field_error, gravity_error, turn
 
 SOURCE = "Lyu 11-18"
@@ -76,7 +76,7 @@ PARAMETERS = (
     ),
 )
 PRESETS = {
-    "lyu": {"kp": 0.5, "ki": 0.001, "err1": 0.3, "err2": 0.8, "mag_gain": 0.0, "integrator": "first_order"},
+    "lyu": {"kp": 0.5, "ki": 0.001, "err1": 0.3, "err2": 0.8, "mag_gain": 0.0, **AS_PRINTED},
 }
 
 
