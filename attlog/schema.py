@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_type_hints
 
-from pydantic import TypeAdapter
+from pydantic import create_model
 
 from attlog.result import MEASURED_TIMES, SCHEMA, Result
 
@@ -15,15 +15,13 @@ def schema() -> dict[str, Any]:
     Non-finite numbers are null, measured times may be absent (``--deterministic``),
     and the figures' traces are not part of the document.
     """
-    document = TypeAdapter(Result).json_schema(mode="serialization", ref_template="#/$defs/{model}")
-    document["properties"].pop("traces")
+    fields = {name: (hint, ...) for name, hint in get_type_hints(Result).items() if name not in ("traces", "schema")}
+    document = create_model("Result", **fields).model_json_schema(mode="serialization")  # type: ignore[call-overload]
+    document["properties"] = {"schema": {"const": SCHEMA}} | document["properties"]
     for part in (document, *document.get("$defs", {}).values()):
-        if part.get("type") != "object" or "properties" not in part:
-            continue
-        part["required"] = [name for name in part["properties"] if name not in MEASURED_TIMES]
-        part["additionalProperties"] = False
-    document.get("$defs", {}).pop("Trace", None)
-    document["properties"]["schema"] = {"const": SCHEMA}
+        if "properties" in part:
+            part["required"] = [name for name in part["properties"] if name not in MEASURED_TIMES]
+            part["additionalProperties"] = False
     document["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     document["title"] = "attlog result"
     return document
