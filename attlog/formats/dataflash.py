@@ -136,11 +136,18 @@ def build_tables(
             continue
         place = fmt.place(fmt.columns.index(column))
         number = gather(data, offsets + place, fields[column].dtype)
-        for instance in np.unique(number).tolist():
+        for instance in _distinct(number):
             part = Table(fmt.name, instance, fields, offsets[number == instance], _decoder(data, record))
             parts.setdefault((fmt.name, instance), []).append(part)
     tables = {key: found[0] if len(found) == 1 else MixedTable(found) for key, found in parts.items()}
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+
+
+def _distinct(number: NDArray[np.integer[Any]]) -> list[int]:
+    """The different values, ascending; bytes are counted instead of sorted."""
+    if number.dtype == np.uint8:
+        return np.flatnonzero(np.bincount(number, minlength=256)).tolist()
+    return np.unique(number).tolist()
 
 
 def instance_column(fmt: Format, unit_ids: str) -> str | None:
