@@ -191,7 +191,7 @@ def repeated(source: Path, target: Path, size: int) -> Path:
     body = raw[repeats]
     with target.open("wb") as file:
         file.write(raw[:begin].tobytes())
-        file.write(raw[begin:][~repeats[begin:]].tobytes() if log.format == "ulog" else b"")  # late definitions, texts
+        file.write(raw[_late_definitions(log, raw, begin) & ~repeats].tobytes())
         for i in range(max(1, round((size - begin) / len(body)))):
             copy = body.copy()
             for at, dtype in clocks:
@@ -202,23 +202,48 @@ def repeated(source: Path, target: Path, size: int) -> Path:
     return target
 
 
+ONCE = {"FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "VER", "FILE", "PARAM_VALUE", "STATUSTEXT", "SYSTEM_TIME"}
+"""Definitions, parameters and texts stand once in a log however long it is; SYSTEM_TIME ends in a time that MAVLink
+cuts to the bytes it needs, which leaves no room for a later one."""
+
+
 def _repeating(log: Messages, raw: np.ndarray) -> tuple[int, np.ndarray]:
-    """Bytes before the first IMU record, and which bytes belong to the data that is repeated."""
+    """Where data begins, and which bytes belong to records that are repeated."""
+    first = {"ulog": "sensor_combined", "dataflash": "IMU", "tlog": "RAW_IMU"}[log.format]
+    lead = 8 if log.format == "tlog" else 0
+    begin = int(log.first(first).offsets[0]) - lead
     repeats = np.zeros(len(raw), bool)
-    if log.format == "tlog":
-        repeats[:] = True
-        return 0, repeats
-    first = "sensor_combined" if log.format == "ulog" else "IMU"
-    begin = int(log.first(first).offsets[0])
-    if log.format == "dataflash":
-        repeats[begin:] = True
-        for damage in log.damage:
-            repeats[damage.offset : damage.offset + damage.length] = False
-        return begin, repeats
-    for table in log.values():
-        for at in table.offsets[table.offsets >= begin].tolist():
-            repeats[at : at + 3 + int(raw[at]) + 256 * int(raw[at + 1])] = True
+    for (name, _), table in log.items():
+        if name in ONCE:
+            continue
+        starts = table.offsets[table.offsets - lead >= begin]
+        for start, length in zip(starts.tolist(), _lengths(log, raw, starts).tolist(), strict=True):
+            repeats[start - lead : start + length] = True
     return begin, repeats
+
+
+def _late_definitions(log: Messages, raw: np.ndarray, begin: int) -> np.ndarray:
+    """Bytes behind the beginning of the data without which it cannot be decoded."""
+    late = np.zeros(len(raw), bool)
+    if log.format == "ulog":
+        late[begin:] = True
+    for name in ("FMT", "FMTU", "UNIT", "MULT"):
+        table = log.first(name)
+        starts = table.offsets[table.offsets >= begin] if table is not None else np.zeros(0, np.int64)
+        for start, length in zip(starts.tolist(), _lengths(log, raw, starts).tolist(), strict=True):
+            late[start : start + length] = True
+    return late
+
+
+def _lengths(log: Messages, raw: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Bytes of the records at these places."""
+    if log.format == "ulog":
+        return 3 + raw[starts].astype(int) + 256 * raw[starts + 1].astype(int)
+    if log.format == "tlog":
+        return raw[starts + 1].astype(int) + np.where(raw[starts] == 0xFE, 8, 12)
+    by_type = np.zeros(256, int)
+    by_type[log["FMT", 0]["Type"]] = log["FMT", 0]["Length"]
+    return by_type[raw[starts + 2]]
 
 
 def _clocks(log: Messages) -> Iterator[tuple[np.ndarray, str]]:
