@@ -112,18 +112,21 @@ class Sums:
     count: Array
 
 
-def misalignment(moves: list[Relative], delay: float) -> Array:
+def misalignment(moves: list[Relative], delay: float, slow: bool) -> Array:
     """The constant body rotation (rotation vector (3,), rad) between estimate and reference, small angles, ridge 5 deg.
 
     est = k ref + phi x ref + c over all samples of all events; a constant mounting
-    difference shows best in yaw turns.
+    difference shows best in yaw turns. ``slow``: at the row's own times.
     """
     if not moves:
         return np.zeros(3)
     refs, ests = [], []
     for m in moves:
-        est = np.column_stack([np.interp(m.t_ref + delay, m.t_est, m.est[:, k]) for k in range(3)])
-        refs.append(m.ref - np.mean(m.ref, axis=0))
+        if slow:
+            ref, est = _at(m.t_est - delay, m.t_ref, m.ref), m.est
+        else:
+            ref, est = m.ref, _at(m.t_ref + delay, m.t_est, m.est)
+        refs.append(ref - np.mean(ref, axis=0))
         ests.append(est - np.mean(est, axis=0))
     x, y = np.concatenate(refs), np.concatenate(ests)
     square = float(np.sum(x * x))
@@ -131,6 +134,10 @@ def misalignment(moves: list[Relative], delay: float) -> Array:
     ridge = float(np.mean(np.sum(y * y, axis=1))) / np.radians(RIDGE_DEG) ** 2
     normal = (square + max(ridge, 1e-12)) * np.eye(3) - x.T @ x
     return np.linalg.solve(normal, np.sum(np.cross(x, y), axis=0))
+
+
+def _at(at: Array, t: Array, x: Array) -> Array:
+    return np.column_stack([np.interp(at, t, x[:, k]) for k in range(x.shape[1])])
 
 
 def on_axis(moves: list[Relative], body: Array, est_step: float, ref_step: float) -> list[Pair]:
@@ -141,9 +148,11 @@ def on_axis(moves: list[Relative], body: Array, est_step: float, ref_step: float
     back = rotation.conjugate(rotation.from_rotvec(body))
     found = []
     for m in moves:
-        stroke = np.flatnonzero((m.t_ref >= m.event.onset) & (m.t_ref <= m.event.t90))
-        ends = stroke[[0, -1]] if len(stroke) >= 2 else np.array([0, -1])
-        axis = m.ref[ends[1]] - m.ref[ends[0]]
+        near = np.sum(m.ref**2, axis=1) <= LARGEST_TURN_DEG**2
+        stroke = np.flatnonzero(near & (m.t_ref >= m.event.onset) & (m.t_ref <= m.event.t90))
+        if len(stroke) < 2:
+            continue
+        axis = m.ref[stroke[-1]] - m.ref[stroke[0]]
         length = float(np.linalg.norm(axis))
         if length < 1e-6:
             continue
@@ -153,7 +162,9 @@ def on_axis(moves: list[Relative], body: Array, est_step: float, ref_step: float
             t_ref, ref = smoothed(t_ref, ref, round(est_step / ref_step))
         else:
             t_est, est = smoothed(t_est, est, round(ref_step / est_step))
-        found.append(Pair(m.event, t_ref, ref, t_est, est))
+        pair = Pair(m.event, t_ref, ref, t_est, est)
+        if len(compared(pair, 0.0, is_slower(est_step, ref_step))[0]) >= MIN_SAMPLES:
+            found.append(pair)
     return found
 
 
@@ -230,7 +241,7 @@ def fit(est: Track, ref: Track, events: list[Event], body: Array | None = None) 
     used = np.zeros(3) if body is None else body
     for reach in (NEAR_S, WIDE_S):
         moves = relative(est, ref, events, delay)
-        used = misalignment(moves, delay) if body is None else body
+        used = misalignment(moves, delay, slow) if body is None else body
         found = on_axis(moves, used, est.step, ref.step)
         if not found:
             return None
@@ -289,17 +300,23 @@ def _relative(est: Track, ref: Track, event: Event, delay: float) -> Relative | 
     own_middle = rotation.slerp(t_est, q_est, t_ref[middle] + delay)[0]
     r_ref = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_ref[middle]), q_ref)))
     r_est = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(own_middle), q_est)))
-    use = np.sum(r_ref**2, axis=1) <= LARGEST_TURN_DEG**2
-    use &= (t_ref + early >= t_est[0]) & (t_ref + late <= t_est[-1])
+    if is_slower(est.step, ref.step):
+        use = np.sum(r_est**2, axis=1) <= LARGEST_TURN_DEG**2
+        use &= (t_est - late >= t_ref[0]) & (t_est - early <= t_ref[-1])
+        t_est, r_est = t_est[use], r_est[use]
+    else:
+        use = np.sum(r_ref**2, axis=1) <= LARGEST_TURN_DEG**2
+        use &= (t_ref + early >= t_est[0]) & (t_ref + late <= t_est[-1])
+        t_ref, r_ref = t_ref[use], r_ref[use]
     if use.sum() < MIN_SAMPLES:
         return None
-    return Relative(event, t_ref[use], r_ref[use], t_est, r_est)
+    return Relative(event, t_ref, r_ref, t_est, r_est)
 
 
 def _with_intervals(found: list[Pair], table: Sums, grid: Array, delay: float, slow: bool) -> Fit:
     each = np.array([best_delay(grid, _residual(_only(table, k))) for k in range(len(found))])
     at = sums(found, np.array([delay]), slow)
-    out = _describe(found, at, delay, each)
+    out = _describe(found, at, delay, each, slow)
     if len(found) >= 3:
         left_out = [best_delay(grid, _residual(_without(table, k))) for k in range(len(found))]
         numbers = np.array([_gain_and_distortion(_without(at, k)) for k in range(len(found))])
@@ -310,19 +327,28 @@ def _with_intervals(found: list[Pair], table: Sums, grid: Array, delay: float, s
     return out
 
 
-def _describe(found: list[Pair], at: Sums, delay: float, each: Array) -> Fit:
+def _describe(found: list[Pair], at: Sums, delay: float, each: Array, slow: bool) -> Fit:
     gain, distortion = _gain_and_distortion(at)
     residual = math.sqrt(float(_residual(at)[0]) / float(at.count.sum()))
     seconds, squares, offsets = 0.0, 0.0, []
     for p in found:
-        use = (p.t_ref >= p.event.begin) & (p.t_ref <= p.event.end)
-        t, x = p.t_ref[use], p.ref[use]
+        t, x, y = compared(p, delay, slow)
         squares += float(np.sum(np.diff(x) ** 2 / np.maximum(np.diff(t), 1e-9)))
         seconds += float(t[-1] - t[0])
-        offsets.append(float(np.mean(np.interp(t + delay, p.t_est, p.est)) - gain * np.mean(x)))
+        offsets.append(float(np.mean(y) - gain * np.mean(x)))
     rate = math.sqrt(squares / seconds) if seconds > 0 else 0.0
     shape = residual / rate if rate > 0 else math.inf
     return Fit(delay, gain, distortion, residual, shape, seconds, each, offsets=np.array(offsets), pairs=found)
+
+
+def compared(pair: Pair, delay: float, slow: bool) -> tuple[Array, Array, Array]:
+    """Times, reference and estimate ``delay`` s later, at the slower one's own samples within the event's window."""
+    own = pair.t_est if slow else pair.t_ref
+    use = (own >= pair.event.begin) & (own <= pair.event.end)
+    t = own[use]
+    if slow:
+        return t, np.interp(t - delay, pair.t_ref, pair.ref), pair.est[use]
+    return t, pair.ref[use], np.interp(t + delay, pair.t_est, pair.est)
 
 
 def _residual(s: Sums) -> Array:

@@ -31,8 +31,8 @@ MOVING_DEG = 1.0
 BLOCKS = 10
 BAND = 0.05
 
-_RESPONSE = """Response of roll and pitch together to a unit step of the set-point: Wiener deconvolution of set-point and
-    onboard attitude in windows of 2 s (Hann, half overlapping), regularised at 5 % of the peak input power, windows
+_RESPONSE = """Response of roll and pitch together to a unit step of the set-point: Wiener deconvolution of set-point
+    and onboard attitude in windows of 2 s (Hann, half overlapping), regularised at 5 % of the peak input power, windows
     weighted by their input power, divided by its level at the end (0.8 to 1 s). Flight only. Interval: jackknife over
     blocks of windows. """
 METRICS: tuple[Metric, ...] = (

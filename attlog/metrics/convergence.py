@@ -50,7 +50,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         answers["coverage_pct"] = missing("not_covered", reason, "%", window)
     else:
         answers["coverage_pct"] = Answer(
-            row.coverage_pct, "%", window, int(e.scored.sum()), length, None, "time scored over time in air and at rest",
+            row.coverage_pct, "%", window, int(e.scored.sum()), length, None, "scored over all time in air and at rest",
             reason="a property of the comparison", ranked=False,
         )  # fmt: skip
     if row.convergence_s is None:

@@ -140,12 +140,14 @@ def test_a_reference_below_5_hz_answers_no_lag():
     assert lag.compute(trial, row, "all")["lag_ms"].code == "reference_too_slow"
 
 
-def test_a_slow_row_is_compared_at_its_own_times():
-    t, q = motion("steps", 60.0)
+@pytest.mark.parametrize("kind", ["steps", "yaw", "flips"])
+def test_a_slow_row_is_compared_at_its_own_times(kind):
+    t, q = motion(kind, 60.0)
     trial, row = step_trial(sampled(t, q, 10.0, delay=0.02), sampled(t, q, 200.0))
     told = lag.compute(trial, row, "all")
     assert told["lag_ms"].value == pytest.approx(20.0, abs=2.0)
     assert told["step_gain"].value == pytest.approx(1.0, abs=0.01)
+    assert told["distortion_pct"].value < 2.0
 
 
 def test_two_events_are_too_few_and_none_is_none():
