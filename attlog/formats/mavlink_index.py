@@ -8,8 +8,11 @@ Source: MAVLink guide, "Packet Serialization"; CRC-16/MCRF4XX.
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +20,7 @@ from numpy.typing import NDArray
 
 from attlog.formats.base import Damage
 from attlog.formats.mapping import gather
+from attlog.formats.mavlink_compiled import WORTH_COMPILED, compiled_packets
 from attlog.limits import MAX_DAMAGE
 
 V1, V2 = 0xFE, 0xFD
@@ -44,6 +48,7 @@ class Packets:
     damage_bytes: int = 0
 
 
+@cache
 def _crc_table() -> NDArray[np.uint16]:
     """The CRC-16/MCRF4XX state after two more bytes (65536), by state xor those bytes as little-endian word."""
     byte = np.arange(256, dtype=np.uint32)
@@ -56,16 +61,17 @@ def _crc_table() -> NDArray[np.uint16]:
 
 
 def _crc_rows(rows: NDArray[np.uint8], pad: NDArray[np.int64], table: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """CRC-16/MCRF4XX of rows (n, k), k even, whose first ``pad`` bytes do not count; changes ``rows``.
+    """CRC-16/MCRF4XX of rows (n, k), k even, whose first ``pad`` (sorted) bytes do not count; changes ``rows``.
 
     A state of zero does not change by zero bytes, so rows of many lengths go
     together when the padding is zero and the start value 0xffff is put on the
     first two bytes.
     """
-    head = np.arange(min(rows.shape[1], _PADDING + 1))
-    each = np.arange(_PADDING)[:, np.newaxis]
-    rows[:, : len(head)] &= np.where(head < each, 0, 0xFF).astype(np.uint8)[pad]
-    rows[:, : len(head)] ^= np.where((head - each) >> 1 == 0, 0xFF, 0).astype(np.uint8)[pad]
+    edges = [0, *(np.flatnonzero(np.diff(pad)) + 1).tolist(), len(rows)]
+    for begin, stop in pairwise(edges):
+        skipped = int(pad[begin]) if stop > begin else 0
+        rows[begin:stop, :skipped] = 0
+        rows[begin:stop, skipped : skipped + 2] ^= 0xFF
     crc = np.zeros(len(rows), np.uint16)
     for column in np.ascontiguousarray(rows.view("<u2").T):
         column ^= crc
@@ -152,12 +158,12 @@ def _checked(data: NDArray[np.uint8], headers: _Headers, catalogue: Catalogue) -
         begin = int(headers.at[k]) + 1
         covered = np.append(data[begin : begin + int(headers.covered[k])], seeds[k])
         good[k] = crc_of_rows(covered[np.newaxis])[0] == sent[k]
-    widths[early] = 0
-    order = np.argsort(widths.astype(np.uint16), kind="stable")
-    values, first = np.unique(widths[order], return_index=True)
-    for width, begin, stop in zip(values.tolist(), first.tolist(), [*first[1:].tolist(), len(order)], strict=True):
-        if width == 0:
-            continue
+    order = np.argsort(headers.covered.astype(np.uint16), kind="stable")
+    order = order[~early[order]]
+    sorted_widths = widths[order]
+    edges = [0, *(np.flatnonzero(np.diff(sorted_widths)) + 1).tolist(), len(order)]
+    for begin, stop in pairwise(edges):
+        width = int(sorted_widths[begin]) if stop > begin else _PADDING
         step = max(_BATCH // width, 1)
         for k in range(begin, stop, step):
             mine = order[k : min(k + step, stop)]
@@ -184,13 +190,10 @@ def _without_embedded(start: NDArray[np.int64], end: NDArray[np.int64]) -> NDArr
     return keep
 
 
-def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
-    """All packets of known messages with a right checksum.
-
-    Packets of unknown messages cannot be checked. They count as such where a
-    whole chain of them fills the space between two checked packets; any other
-    bytes are damage.
-    """
+def _packets(
+    data: NDArray[np.uint8], catalogue: Catalogue
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32]]:
+    """Begin, end and message id of the packets with a right checksum, in file order."""
     found = []
     for first in range(0, max(len(data), 1), _CHUNK):
         for headers in (_headers_v1(data, catalogue, first), _headers_v2(data, catalogue, first)):
@@ -202,6 +205,20 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
     kept = _without_embedded(start, end)
     if not kept.all():
         start, end, ids = start[kept], end[kept], ids[kept]
+    return start, end, ids
+
+
+def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
+    """All packets of known messages with a right checksum.
+
+    Packets of unknown messages cannot be checked. They count as such where a
+    whole chain of them fills the space between two checked packets; any other
+    bytes are damage.
+    """
+    if "numba" in sys.modules and len(data) >= WORTH_COMPILED:
+        start, end, ids = compiled_packets(data, catalogue.seeds, catalogue.sizes)
+    else:
+        start, end, ids = _packets(data, catalogue)
     gaps = start[1:] - end[:-1]
     if len(gaps):
         stamped = np.count_nonzero(gaps == STAMP_LENGTH) > np.count_nonzero(gaps == 0)
