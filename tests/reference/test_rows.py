@@ -34,6 +34,12 @@ def test_trim_is_taken_out_of_a_replay_once():
     assert [s.name for s in row.steps] == ["trim"]
 
 
+def test_the_vehicles_roll_is_the_imus_less_the_trim():
+    """ArduPilot: AHRS_TRIM_X of 2 deg makes an IMU that shows 2 deg of roll a level vehicle."""
+    level = trim.apply(rotation.from_euler(*np.radians([2.0, -1.0, 0.0])), np.radians([2.0, -1.0, 0.0]))
+    np.testing.assert_allclose(np.degrees(rotation.to_euler(level)), 0.0, atol=0.03)
+
+
 def test_trim_switched_off_leaves_its_size_as_tilt():
     row, _, _ = compared(with_trim(), estimate(), Options(trim=False, declination=0.0))
     assert row.errors is not None

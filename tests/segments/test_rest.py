@@ -58,7 +58,7 @@ def test_a_log_that_is_all_flight_has_no_rest_however_quiet_its_quietest_window(
     log = imu_log(
         t,
         np.radians(rng.normal(size=(len(t), 3)) * noise[:, None]),
-        rng.normal(size=(len(t), 3)) * 0.4 + [0, 0, -flights.G],
+        rng.normal(size=(len(t), 3)) * 0.05 + [0, 0, -flights.G],
     )
     assert resting(log) == []
     assert "no window as still as a surface" in segments.build(log).notes["rest"]
