@@ -8,7 +8,6 @@ Source: MAVLink guide, "Packet Serialization"; CRC-16/MCRF4XX.
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import cache
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from attlog.formats.base import Damage
 from attlog.formats.mapping import gather
-from attlog.formats.mavlink_compiled import WORTH_COMPILED, compiled_packets
+from attlog.formats.mavlink_compiled import compiled_packets, pays
 from attlog.limits import MAX_DAMAGE
 
 V1, V2 = 0xFE, 0xFD
@@ -215,7 +214,7 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
     whole chain of them fills the space between two checked packets; any other
     bytes are damage.
     """
-    if "numba" in sys.modules and len(data) >= WORTH_COMPILED:
+    if pays(data):
         start, end, ids = compiled_packets(data, catalogue.seeds, catalogue.sizes)
     else:
         start, end, ids = _packets(data, catalogue)

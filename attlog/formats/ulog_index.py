@@ -10,12 +10,13 @@ numba is loaded already, since importing it costs more than it saves on one log.
 
 from __future__ import annotations
 
-import sys
 from functools import cache
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from attlog.formats.compiled import compile_once, numba_is_loaded
 
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
@@ -129,7 +130,6 @@ class NumbaChain:
 @cache
 def compiled_walk() -> Any:
     """The compiled walk from record to record; numba keeps its machine code for the next process."""
-    import numba
     from numba import types
 
     data = types.Array(types.uint8, 1, "C", readonly=True)
@@ -156,13 +156,10 @@ def compiled_walk() -> Any:
             position += 3 + size
         return n
 
-    try:
-        return numba.njit(signature, error_model="numpy", nogil=True, cache=True)(walk)
-    except RuntimeError:  # no folder is writable: numba refuses to cache, compiling for this process still works
-        return numba.njit(signature, error_model="numpy", nogil=True)(walk)
+    return compile_once(signature, walk)
 
 
 def chain(data: Bytes, sizes: Sizes) -> Chain:
     """The follower that is faster now: compiled where numba is loaded, else numpy."""
-    compiled = "numba" in sys.modules and len(data) >= WORTH_COMPILED
-    return NumbaChain(data, sizes) if compiled else NumpyChain(data, sizes)
+    pays = numba_is_loaded() and len(data) >= WORTH_COMPILED and compiled_walk() is not None
+    return NumbaChain(data, sizes) if pays else NumpyChain(data, sizes)
