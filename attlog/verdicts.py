@@ -43,6 +43,11 @@ class Judged:
         return self.row.kind == "replay" and self.answer.ranked and self.row.status == "ok"
 
     @property
+    def shown(self) -> bool:
+        """Whether the card has a bar for it: filters and what flew; other onboard rows stand in the table."""
+        return self.row.kind == "replay" or self.row.name == "onboard"
+
+    @property
     def interval(self) -> str:
         """The interval in brackets with a blank before it; empty where there is none."""
         text = interval(self.answer.ci95, self.answer.unit)
@@ -122,7 +127,7 @@ def quiet(result: Result) -> Verdict:
         "",
         "max(noise_roll_deg, noise_pitch_deg)",
         judged[0].answer.window if judged else "rest",
-        [(j.row.name, j.value, "deg") for j in sorted(judged, key=lambda j: j.value)],
+        [(j.row.name, j.value, "deg") for j in sorted(judged, key=lambda j: j.value) if j.shown],
         [(name, reason) for name, _, reason in without] + unranked(judged),
     )
     ranked = sorted((j for j in judged if j.ranked), key=lambda j: j.value)
@@ -163,7 +168,7 @@ def late(result: Result) -> Verdict:
         "",
         "lag_ms",
         judged[0].answer.window if judged else "airborne",
-        [(j.row.name, j.value, "ms") for j in sorted(judged, key=lambda j: j.value) if j.answer.ranked],
+        [(j.row.name, j.value, "ms") for j in sorted(judged, key=lambda j: j.value) if j.shown],
         [(name, reason) for name, _, reason in without] + unranked(judged),
     )
     ranked = sorted((j for j in judged if j.ranked), key=lambda j: j.value)
@@ -219,7 +224,7 @@ def drifting(result: Result) -> Verdict:
         "",
         "drift_rest_deg_per_min" if shown is rest else f"drift_air_deg_per_min.{witness}",
         shown[0].answer.window if shown else "rest",
-        [(j.row.name, j.value, "deg/min") for j in sorted(shown, key=lambda j: abs(j.value)) if j.answer.ranked],
+        [(j.row.name, j.value, "deg/min") for j in sorted(shown, key=lambda j: abs(j.value)) if j.shown],
         [(name, reason) for name, _, reason in (rest_without if shown is rest else air_without)] + unranked(shown),
     )
     parts = [drift_part(rest, "At rest"), drift_part(air, f"In the air against {witness_name(witness)}")]

@@ -102,7 +102,7 @@ const draws = {
     const p = dotted(id, f.rows, 'delay, ms (left: early, right: late)', ' ms');
     if (f.half) { p.layout.shapes.push(band(-f.half, f.half, css('--arm'))); p.layout.annotations.push(note(0, '± half an IMU sample')); }
     f.rows.forEach((d) => {
-      if (d.single.length) p.traces.unshift({ type: 'scatter', mode: 'markers', x: d.single, y: d.single.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !hidden.has(d.r), marker: d.ok ? { size: 5, color: colour(d.r), opacity: 0.55 } : { size: 6, color: css('--bg'), line: { color: colour(d.r), width: 1.2 } }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });
+      if (d.single.length && !hidden.has(d.r)) p.traces.unshift({ type: 'scatter', mode: 'markers', x: d.single, y: d.single.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !hidden.has(d.r), marker: d.ok ? { size: 5, color: colour(d.r), opacity: 0.55 } : { size: 6, color: css('--bg'), line: { color: colour(d.r), width: 1.2 } }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });
     });
     return p;
   },
@@ -147,6 +147,7 @@ const draws = {
   },
 };
 const SYMBOLS = { 'against truth': 'diamond', 'against smoother': 'diamond', 'against mag': 'square', 'against gnss_yaw': 'triangle-up', 'against course': 'triangle-down' };
+const REFIT = ['lag', 'drifts', 'difference', 'rest', 'drift', 'cost'];
 const TIMED = ['strip', 'attitude', 'difference', 'bias'];
 
 // the reference's angle when the movement starts
@@ -162,8 +163,8 @@ function alarms(L, range) {
 }
 
 // one line per row: a value with its interval, filled at rest, hollow in the air
-function dotted(id, dots, title, unit) {
-  const rows = [...new Set(dots.map((d) => d.r))], L = layout(id, { hovermode: 'closest' }), traces = [];
+function dotted(id, all, title, unit) {
+  const dots = all.filter((d) => !hidden.has(d.r)), rows = [...new Set(dots.map((d) => d.r))], L = layout(id, { hovermode: 'closest' }), traces = [];
   const place = (r) => rows.length - 1 - rows.indexOf(r);
   const count = new Map();
   for (const d of dots.filter((d) => d.v !== null)) {
@@ -177,7 +178,7 @@ function dotted(id, dots, title, unit) {
       hovertemplate: name(d.r) + (d.where ? ', ' + safe(d.where) : '') + ': ' + minus(d.v.toFixed(2)) + unit + (d.ci ? ' [' + minus(d.ci[0].toFixed(2)) + ' to ' + minus(d.ci[1].toFixed(2)) + ']' : '') + '<extra></extra>',
     });
   }
-  const longest = Math.max(...rows.map((r) => Math.min(D.rows[r].name.length, 22)));
+  const longest = Math.max(1, ...rows.map((r) => Math.min(D.rows[r].name.length, 22)));
   L.margin.l = Math.min(24 + 6.6 * longest, width(id) * 0.42);
   L.xaxis = axis(title, { zerolinewidth: 2, range: spanOf(dots) });
   L.yaxis = axis('', { tickvals: rows.map((r) => place(r)), ticktext: rows.map((r) => short(name(r), 22)), range: [-0.6, rows.length - 0.4], fixedrange: true, zeroline: false });
@@ -186,7 +187,7 @@ function dotted(id, dots, title, unit) {
 
 // intervals far wider than the values may run out of the figure, values never
 function spanOf(dots) {
-  const all = dots.flatMap((d) => [...(d.v === null ? [] : [d.v]), ...(d.single || [])]), most = Math.max(...all.map(Math.abs), 1e-3);
+  const all = dots.flatMap((d) => [...(d.v === null ? [] : [d.v]), ...(d.single || [])]), most = Math.max(1e-3, ...all.map(Math.abs));
   const ends = dots.flatMap((d) => (d.ci ? d.ci : [])).filter((v) => Math.abs(v) < 4 * most);
   const low = Math.min(0, ...all, ...ends), high = Math.max(0, ...all, ...ends), pad = (high - low) * 0.08;
   return [low - pad, high + pad];

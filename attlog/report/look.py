@@ -22,18 +22,21 @@ FEW = 6
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How one row is drawn: ``slot`` of the palette, ``dash``, and whether it is shown at first."""
+    """How one row is drawn: ``slot`` of the palette, ``dash``, whether it is shown at first.
+
+    A ``lost`` row (diverged) does not set the range of an axis.
+    """
 
     name: str
     slot: int
     dash: str
     shown: bool
     onboard: bool
-    reference: bool
+    lost: bool
 
 
 def looks(result: Result) -> dict[str, Look]:
-    """The look of every row by name, reference and onboard first, then filters in their own order."""
+    """The look of every row by name: reference and onboard, the filters, other onboard rows."""
     rows = ordered(result)
     replays = [r.name for r in rows if r.kind == "replay"]
     shown = set(replays)
@@ -42,20 +45,22 @@ def looks(result: Result) -> dict[str, Look]:
     known = {r.name for r in rows}
     others = list(dict.fromkeys(t.row for t in result.traces if t.row not in known))
     others += [r.name for r in rows if r.kind != "replay"]
+    lost = {r.name for r in rows if r.status in ("diverged", "failed")}
     references = {r.name for r in rows if r.is_reference} or set(others[:1])
     out = {
-        name: Look(name, 0, ONBOARD_DASHES[i % 4], i < 2 or name in references, True, name in references)
+        name: Look(name, 0, ONBOARD_DASHES[i % 4], i < 2 or name in references, True, name in lost)
         for i, name in enumerate(others)
     }
     for i, name in enumerate(replays):
         dash = DASHES[(i // COLOURS) % len(DASHES)]
-        out[name] = Look(name, 1 + i % COLOURS, dash, name in shown, False, name in references)
-    return out
+        out[name] = Look(name, 1 + i % COLOURS, dash, name in shown, False, name in lost)
+    first = [name for name in others if name in references or name == "onboard"]
+    return {name: out[name] for name in (*first, *replays, *(n for n in others if n not in first))}
 
 
 def ordered(result: Result) -> list[EstimatorRow]:
-    """Rows as the page shows them: the reference, other onboard rows, the filters."""
-    return sorted(result.estimators, key=lambda r: (not r.is_reference, r.kind == "replay"))
+    """Rows as the page shows them: what flew, the filters, other onboard rows."""
+    return sorted(result.estimators, key=lambda r: (not (r.is_reference or r.name == "onboard"), r.kind != "replay"))
 
 
 def marks(result: Result, name: str) -> int:

@@ -40,7 +40,12 @@ function redraw(which) {
 // hidden rows vanish from every figure; those not drawn yet know it when they are
 function toggled() {
   document.querySelectorAll('.lg input').forEach((box) => { const r = +box.dataset.row; if (box.checked) hidden.delete(r); else hidden.add(r); });
-  for (const id of ids()) if (!waiting.has(id)) Plotly.restyle($(id), { visible: $(id).data.map((t) => t.meta == null || !hidden.has(t.meta)) });
+  busy = true;
+  for (const id of ids()) if (!waiting.has(id)) {
+    if (REFIT.includes(D.figures[id].kind)) draw(id);
+    else Plotly.restyle($(id), { visible: $(id).data.map((t) => t.meta == null || !hidden.has(t.meta)) });
+  }
+  busy = false;
 }
 
 function legend() {

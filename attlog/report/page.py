@@ -66,7 +66,14 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
     figures = sections(result, look, store)
     header = {
         "rows": [
-            {"name": clean(v.name), "slot": v.slot, "dash": v.dash, "shown": v.shown, "onboard": v.onboard}
+            {
+                "name": clean(v.name),
+                "slot": v.slot,
+                "dash": v.dash,
+                "shown": v.shown,
+                "onboard": v.onboard,
+                "lost": v.lost,
+            }
             for v in look.values()
         ],
         "marks": cleaned(time_marks(result)),
@@ -244,7 +251,8 @@ def where(problem: Problem) -> str:
     """Where in the log: seconds or bytes."""
     if (t := shown_time(problem)) is not None:
         return f"at {t:.1f} s"
-    return f"at byte {problem.offset:,}" if problem.offset is not None else ""
+    said = problem.offset is None or str(problem.offset) in problem.text
+    return "" if said else f"at byte {problem.offset:,}"
 
 
 def plain_value(value: Any, unit: str = "") -> str:

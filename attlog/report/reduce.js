@@ -32,11 +32,12 @@ function reduced(t, y, range, pixels, wraps) {
   return [X, Y];
 }
 
-// the range of visible values with a margin, from what is drawn
+// the range of visible values with a margin, from what is drawn; a diverged filter may leave the figure
 function fitted(traces, axis, least) {
   let low = Infinity, high = -Infinity;
-  for (const trace of traces) if (trace.visible !== false && (trace.yaxis || 'y') === axis)
-    for (const v of trace.y) if (v !== null && v !== undefined) { if (v < low) low = v; if (v > high) high = v; }
+  const here = traces.filter((t) => t.visible !== false && (t.yaxis || 'y') === axis), sound = here.filter((t) => t.meta == null || !D.rows[t.meta].lost);
+  for (const t of sound.length ? sound : here)
+    for (const v of t.y) if (v !== null && v !== undefined) { if (v < low) low = v; if (v > high) high = v; }
   if (!(low <= high)) return [-least, least];
   const pad = Math.max((high - low) * 0.06, (least - (high - low)) / 2, 1e-6);
   return [low - pad, high + pad];
