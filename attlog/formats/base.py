@@ -84,7 +84,8 @@ class Table:
         stored = self[column]
         element = None if column in self.fields else self._element(column)
         scale = self.fields[element[0] if element else column].scale
-        as_float = stored.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # damaged bytes can be signalling NaN, which stay NaN
+            as_float = stored.astype(np.float64)
         return as_float if scale == 1.0 else as_float * scale
 
     def _element(self, column: str) -> tuple[str, int] | None:
