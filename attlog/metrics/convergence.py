@@ -5,7 +5,6 @@ from __future__ import annotations
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
 from attlog.metrics.rmse import why_no_errors
-from attlog.metrics.spans import seconds, stretches
 from attlog.reference.model import Row
 
 METRICS: tuple[Metric, ...] = (
@@ -38,7 +37,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         absent = absent or ("no_reference", "this row was not compared")
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     e = row.errors
-    length = seconds(e.t, stretches(e.t, e.scored, e.piece))
+    length = float(e.t[-1] - e.t[0])
     answers = {
         "replay_floor_deg": Answer(
             trial.reference.floor_deg, "deg", window, len(e.t), length, None, "smallest step of the logged attitude",
@@ -50,7 +49,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         answers["coverage_pct"] = missing("not_covered", reason, "%", window)
     else:
         answers["coverage_pct"] = Answer(
-            row.coverage_pct, "%", window, int(e.scored.sum()), length, None, "scored over all time in air and at rest",
+            row.coverage_pct, "%", window, len(e.t), length, None, "scored over all time in air and at rest",
             reason="a property of the comparison", ranked=False,
         )  # fmt: skip
     if row.convergence_s is None:

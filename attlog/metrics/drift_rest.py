@@ -31,6 +31,13 @@ METRICS: tuple[Metric, ...] = (
 
 def rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blocks:
     """1 s means of the row's heading in deg during one rest, relative to its mean there."""
+    key = f"drift_rest:{row.name}:{span}"
+    if key not in trial.cache:
+        trial.cache[key] = _rest_blocks(trial, row, span)
+    return trial.cache[key]
+
+
+def _rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blocks:
     pieces = within(row.t, span, row_pieces(trial, row))
     t, e, label = [], [], []
     for k, piece in enumerate(pieces):

@@ -149,15 +149,12 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     if not about(window, "all", "rest", "rest.long", "idle"):
         return {}
     spans = rest_spans(trial, row, window)
-    windows = [w for span in spans for p in within(row.t, span, row.run) for w in cut(row.t, p)]
-    windows = [w for w in windows if np.isfinite(row.q[w]).all()]
+    windows, noises = measured(trial, row, spans)
     if not windows:
         code, reason = why_no_rest(trial, row, window, spans)
         return {m.name: missing(code, reason, "deg", window) for m in METRICS}
-    residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
-    noises = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
-    roll, pitch, heading, yaw = (n for n in noises if n is not None)
-    shared = {"windows": len(windows), "body_z_deg": yaw.sigma, **input_noise(trial, window, spans)}
+    roll, pitch, heading, yaw = noises
+    shared = {"windows": len(windows), "body_z_deg": yaw.sigma, **input_noise(trial, spans)}
     duration = seconds(row.t, windows)
     answers = {
         f"noise_{axis}_deg": _answer(trial, row, window, axis, noise, duration, shared)
@@ -177,6 +174,18 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         detail={"heading_deg": heading.p2p, "windows": len(windows)},
     )
     return answers
+
+
+def measured(trial: Trial, row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
+    """The windows of a row within spans of rest, and its noise about roll, pitch, the vertical and body z."""
+    key = f"noise:{row.name}:{spans}"
+    if key not in trial.cache:
+        windows = [w for span in spans for p in within(row.t, span, row.run) for w in cut(row.t, p)]
+        windows = [w for w in windows if np.isfinite(row.q[w]).all()]
+        residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
+        found = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
+        trial.cache[key] = windows, [n for n in found if n is not None]
+    return trial.cache[key]
 
 
 def _answer(
@@ -206,9 +215,9 @@ def _answer(
     )
 
 
-def input_noise(trial: Trial, window: str, spans: list[Span]) -> dict[str, list[float]]:
+def input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
     """The same statistic of the replayed gyro (deg/s) and accelerometer (m/s^2) in the same windows, per body axis."""
-    key = f"noise:input:{window}:{spans}"
+    key = f"noise:input:{spans}"
     if key not in trial.cache:
         trial.cache[key] = {}
         if trial.log.imu is not None:

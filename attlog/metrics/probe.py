@@ -20,7 +20,7 @@ LONGEST_S = 8.0
 
 
 def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
-    """The pulse over the last second of ``t``: rates (n, 3) in rad/s, and fixed vectors (n, 3) as the body sees them."""
+    """The pulse in the last second of ``t``: rates (n, 3) in rad/s, and fixed vectors (n, 3) as the body sees them."""
     on = t > t[-1] - PULSE_S
     rate = np.zeros((len(t), 3))
     rate[on, axis] = np.radians(RATE_DPS)

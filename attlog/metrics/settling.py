@@ -73,8 +73,13 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     detail = {"gain": found.gain, "unsettled": unsettled, "each": [float(x) for x in settling]}
     return {
         name: Answer(
-            float(np.mean(values)), unit, window, len(values), found.seconds, interval.of_mean(values), method,
+            float(np.mean(values)), unit, window, len(values), found.seconds, _from_zero(name, interval.of_mean(values)), method,
             detail=detail if name == "settling_s" else {"each": [float(x) for x in values]},
         )
         for name, unit, values in (("overshoot_pct", "%", overshoot), ("settling_s", "s", settling))
     }  # fmt: skip
+
+
+def _from_zero(name: str, ci95: interval.Interval | None) -> interval.Interval | None:
+    """A time cannot be negative, an overshoot can."""
+    return (max(ci95[0], 0.0), ci95[1]) if ci95 is not None and name == "settling_s" else ci95

@@ -21,7 +21,8 @@ UNITS = {
 NAMED = (
     "total_rmse_deg heading_median_deg inclination_p95_deg total_max_deg noise_roll_deg noise_pitch_deg "
     "noise_heading_deg noise_p2p_deg lag_roll_ms lag_pitch_ms lag_yaw_ms lag_ms step_gain_roll distortion_roll_pct "
-    "overshoot_pct settling_s drift_rest_deg_per_min drift_air_deg_per_min.onboard drift_air_deg_per_min.course wander_deg "
+    "overshoot_pct settling_s drift_rest_deg_per_min "
+    "drift_air_deg_per_min.onboard drift_air_deg_per_min.course wander_deg "
     "allan_arw_deg_per_sqrt_h allan_bias_deg_per_h convergence_s recovery_s hover_jitter_deg gyro_bias_error_dps "
     "coverage_pct replay_floor_deg cost_ns cost_ratio tracking_rms_deg setpoint_delay_ms"
 ).split()

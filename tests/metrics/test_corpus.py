@@ -1,0 +1,93 @@
+"""Simulated flights with truth: what is known of them must come out."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from attlog import estimators, metrics, read, reference, segments
+from attlog.metrics import drift_rest, lag, steps
+
+pytestmark = pytest.mark.slow
+
+
+def trial_of(path, names="gyro", clock="sample"):
+    """A log with truth, replayed by the named estimators."""
+    log = read(path)
+    phases = segments.build(log)
+    ref = reference.choose(log, phases, reference.Options(clock=clock))
+    imu = log.imus[log.imu]
+    rows = []
+    for spec in estimators.select(names):
+        found = estimators.estimate(spec, imu.gyro.t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+        rows.append(reference.replayed(log, phases, ref, found, name=spec.name, estimator=spec.estimator.name))
+    rows += reference.onboard_rows(log, phases, ref)
+    return metrics.Trial(log, phases, ref, rows, reference.witnesses(log, phases, ref, rows))
+
+
+def row_of(trial, name):
+    return next(r for r in trial.rows if r.name == name)
+
+
+@pytest.mark.parametrize(
+    ("name", "roll", "pitch", "yaw"),
+    [
+        ("px4/px4_steps.ulg", 14, 13, 0),
+        ("ardupilot/copter_steps_stabilize.bin", 14, 11, 0),
+        ("px4/px4_yaw.ulg", 0, 0, 8),
+        ("ardupilot/copter_yaw_turns.bin", 0, 0, 10),
+    ],
+)
+def test_the_commanded_movements_are_found(corpus, name, roll, pitch, yaw):
+    events = steps.of_trial(trial_of(corpus / "sitl" / name))
+    found = [sum(e.axis == axis for e in events) for axis in range(3)]
+    assert np.abs(np.array(found) - [roll, pitch, yaw]).max() <= 1
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["px4/px4_steps.ulg", "px4/px4_yaw.ulg", "px4/px4_aggressive.ulg", "px4/px4_plane.ulg", "px4/px4_wind.ulg",
+     "ardupilot/copter_steps_stabilize.bin", "ardupilot/copter_yaw_turns.bin", "ardupilot/copter_aggressive.bin"],
+)  # fmt: skip
+def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, name):
+    trial = trial_of(corpus / "sitl" / name)
+    answer = lag.compute(trial, row_of(trial, "onboard"), "all")["lag_ms"]
+    assert answer.value is not None, answer.reason
+    assert abs(answer.value) < 2.0
+
+
+@pytest.mark.parametrize("name", ["px4/px4_steps.ulg", "ardupilot/copter_steps_stabilize.bin"])
+def test_integrated_gyro_is_not_late_once_the_input_delay_is_known(corpus, name):
+    trial = trial_of(corpus / "sitl" / name)
+    answer = lag.compute(trial, row_of(trial, "gyro"), "all")["lag_ms"]
+    assert abs(answer.value) < 1.0
+    assert answer.detail["input_delay_ms"] == pytest.approx(1000 * trial.reference.input_delay_s)
+
+
+@pytest.mark.parametrize("name", ["px4/px4_hover.ulg", "px4/px4_static.ulg", "ardupilot/copter_static_hop.bin"])
+def test_integrated_gyro_drifts_at_rest_by_its_offset(corpus, name):
+    with open(corpus / "sitl" / "MANIFEST.csv", newline="", encoding="utf-8") as file:
+        known = {r["file"]: r for r in csv.DictReader(file) if r["source"] == "onboard"}[name]
+    trial = trial_of(corpus / "sitl" / name)
+    row = row_of(trial, "gyro")
+    first = drift_rest.records(trial, row, "rest")[0]
+    bias_z = float(known["checks.gyro_bias_dps"].split()[2])
+    assert first.value / 60.0 == pytest.approx(bias_z, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "px4/px4_steps.ulg",
+        "px4/px4_yaw.ulg",
+        "ardupilot/copter_steps_stabilize.bin",
+        "ardupilot/copter_wind_guided.bin",
+    ],
+)
+def test_the_onboard_error_is_that_of_the_manifest(corpus, name):
+    with open(corpus / "sitl" / "MANIFEST.csv", newline="", encoding="utf-8") as file:
+        known = {r["file"]: r for r in csv.DictReader(file) if r["source"] == "onboard"}[name]
+    trial = trial_of(corpus / "sitl" / name, clock="publication")
+    answers = metrics.compute(trial, row_of(trial, "onboard"), ["all"])["all"]
+    assert answers["inclination_rmse_deg"].value == pytest.approx(float(known["rms_tilt"]), abs=0.1)
+    assert answers["heading_rmse_deg"].value == pytest.approx(float(known["rms_heading"]), abs=0.1)
