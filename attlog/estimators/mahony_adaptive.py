@@ -15,7 +15,7 @@ rate term raises the gain while the body turns, where gyro scale errors grow; it
 default. Preset ``xu``: kp 0.6, the best of Xu's fixed gains, without bias.
 
 Departures. An acceleration across gravity hardly changes |f| and passes the test: 10 % in
-norm is 0.46 g sideways. ``acc_form = vector`` treats those better.
+norm is 0.46 g sideways. ``acc_form = vector`` (the default; ``direction`` as printed) treats those better.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def works_at_every_heading(s: Subject) -> None:
 
 
 def turns_with_the_earth(s: Subject) -> None:
-    """Yaw equivariance: a declination or, without a field, a start turned about the vertical turns the result by that."""
+    """Yaw equivariance: a declination or a start turned about the vertical turns the result by just that."""
     m, angle = flight(20.0), np.deg2rad(40.0)
     if s.uses_mag:
         _require_turned(s.run(m).q, s.run(m, declination=40.0).q, angle, "a declination of 40 deg")
