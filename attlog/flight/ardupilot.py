@@ -39,7 +39,8 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     )
     mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
     have = [c.index for c in chosen]
-    flown = [ardupilot_imu.unit_of_core(core, mask, have) for core in lanes]
+    unit = {core: ardupilot_imu.unit_of_core(core, mask, have) for core in set(lanes)}
+    flown = [unit[core] for core in lanes]
     flew = inertial.longest_held(lane_t, flown)
     why = f"it fed the primary EKF core ({family}F4.PI)"
     if flew is None and chosen:
@@ -101,6 +102,23 @@ def magnetometers(reading: Reading, clock: Clock, values: dict[str, float]) -> l
         mag = magnetic.build(reading, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, enabled=use != 0)
         if mag is not None:
             found.append(mag)
+    return found or replay_magnetometers(reading)
+
+
+def replay_magnetometers(reading: Reading) -> list[Mag]:
+    """Compasses as LOG_REPLAY gave them to the EKF (RMGI, mGa, body frame), at their own 32-bit microseconds."""
+    found = []
+    frames = reading.messages.first("RFRH")
+    for unit, table in units(reading.messages, "RMGI").items():
+        if frames is None or "FX" not in table or "LU" not in table:
+            continue
+        t = ardupilot_imu.frame_times(frames, table)
+        updated = t - (t - table["LU"].astype(np.int64)) % 2**32
+        field = columns(table, "FX", "FY", "FZ") * MILLIGAUSS
+        new = np.concatenate([[True], np.diff(updated) != 0]) if len(t) else np.zeros(0, bool)
+        use = bool("UFY" not in table or (table["UFY"] != 0).any())
+        mag = magnetic.build(reading, unit, updated[new], field[new], f"RMGI:{unit}", enabled=use)
+        found += [mag] if mag is not None else []
     return found
 
 

@@ -37,7 +37,10 @@ def attitudes(reading: Reading, clock: Clock, resets_us: list[int]) -> dict[str,
 
 
 def sources(messages: Messages) -> Iterator[tuple[str, Table, bool]]:
-    """(name, table, trim taken out) of every attitude record; old names NKQ2, XKF6 are cores of their family."""
+    """(name, table, trim taken out) of every attitude record; old names NKQ2, XKF6 are cores of their family.
+
+    XKF1 and NKF1 count only for cores without quaternion: they are the same attitude.
+    """
     for name in ("ANG", "ATT", "AHR2", "DCM", "EKF1"):
         table = messages.first(name)
         if table is not None:
@@ -53,6 +56,8 @@ def sources(messages: Messages) -> Iterator[tuple[str, Table, bool]]:
         for core, table in sorted(quaternion.items()):
             yield f"{family}Q.{core}", table, False
         for core, table in sorted(euler.items()):
+            if core in quaternion:
+                continue  # the same attitude, rounded to 0.01 deg
             yield f"{family}F1.{core}", table, True
 
 

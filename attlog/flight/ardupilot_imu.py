@@ -151,22 +151,24 @@ def increments(reading: Reading, clock: Clock) -> list[Candidate]:
 
 
 def replay(reading: Reading) -> list[Candidate]:
-    """``RISI`` (LOG_REPLAY): the increments that the EKF was given; the time is that of the frame's RFRH."""
+    """``RISI`` (LOG_REPLAY) of every unit: the increments that the EKF was given."""
     frames = reading.messages.first("RFRH")
-    if frames is None or "TimeUS" not in frames or len(frames) == 0:
+    if frames is None or "TimeUS" not in frames:
         return []
-    frame_times = frames["TimeUS"].astype(np.int64)
-    found = []
-    for unit, table in units(reading.messages, "RISI").items():
-        k = np.searchsorted(frames.offsets, table.offsets) - 1
-        table, k = table.rows(k >= 0), k[k >= 0]
-        found.append(
-            from_increments(
-                unit, 0, frame_times[k], table.value("DADT"), columns(table, "DAX", "DAY", "DAZ"),
-                table.value("DVDT"), columns(table, "DVX", "DVY", "DVZ"), f"RISI:{unit}",
-            )
-        )  # fmt: skip
-    return found
+    return [
+        from_increments(
+            unit, 0, frame_times(frames, table), table.value("DADT"), columns(table, "DAX", "DAY", "DAZ"),
+            table.value("DVDT"), columns(table, "DVX", "DVY", "DVZ"), f"RISI:{unit}",
+        )
+        for unit, table in units(reading.messages, "RISI").items()
+    ]  # fmt: skip
+
+
+def frame_times(frames: Table, table: Table) -> Stamps:
+    """Stamps (n,) in us of replay records: that of the frame header (RFRH) before each; -1 before the first."""
+    k = np.searchsorted(frames.offsets, table.offsets) - 1
+    time = frames["TimeUS"].astype(np.int64)
+    return np.where(k >= 0, time[np.maximum(k, 0)], -1)
 
 
 def from_increments(

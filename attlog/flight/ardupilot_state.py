@@ -107,6 +107,8 @@ def fill(reading: Reading, clock: Clock, log: FlightLog, values: dict[str, float
     for unit, table in units(messages, "GPS").items():
         one = reading.attempt("GPS", lambda u=unit, t=table: receiver(reading, clock, u, t), None)
         log.gnss += [] if one is None else [one]
+    if not log.gnss:
+        log.gnss = reading.attempt("RGPJ", lambda: replay_receivers(reading), [])
     log.utc_offset = utc_offset(log.gnss)
     log.baro = reading.attempt("BARO", lambda: baro(reading, clock), [])
     log.airspeed = reading.attempt("ARSP", lambda: airspeed(reading, clock), None)
@@ -243,6 +245,27 @@ def receiver(reading: Reading, clock: Clock, unit: int, table: Table) -> Gnss | 
         *accuracies, fix[index], yaw[index] if yaw is not None and np.isfinite(yaw[index]).any() else None,
         None if utc is None else utc[index],
     )  # fmt: skip
+
+
+def replay_receivers(reading: Reading) -> list[Gnss]:
+    """Receivers as LOG_REPLAY gave them to the EKF (RGPJ): 1e-7 deg, cm, m/s NED, boot time in ms."""
+    found = []
+    for unit, table in units(reading.messages, "RGPJ").items():
+        t_us = table["TS"].astype(np.int64) * 1000
+        place = columns(table, "Lat", "Lon", "Alt") * [1e-7, 1e-7, 1e-2]
+        new = np.concatenate([[True], np.diff(t_us) != 0]) if len(t_us) else np.zeros(0, bool)
+        good = new & (np.abs(place[:, :2]) <= [90.0, 180.0]).all(axis=1) & (place[:, :2] != 0).any(axis=1)
+        index = Reading(reading.messages).keep(t_us, f"RGPJ:{unit}", good)
+        if len(index) == 0:
+            continue
+        found.append(
+            Gnss(
+                unit, reading.seconds(t_us[index]), f"RGPJ:{unit}", place[index, 0], place[index, 1], place[index, 2],
+                columns(table, "VX", "VY", "VZ")[index], *(table.value(c)[index] for c in ("HA", "VA", "SA")),
+                np.full(len(index), 3),
+            )
+        )  # fmt: skip
+    return found
 
 
 def accuracy(reading: Reading, clock: Clock, unit: int, t_us: np.ndarray, column: str) -> Array:

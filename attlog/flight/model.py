@@ -94,7 +94,11 @@ class Mag:
 
 @dataclass(slots=True)
 class Gnss:
-    """One receiver at ``t`` (n,): degrees, metres, m/s NED; NaN where the log has no value."""
+    """One receiver at ``t`` (n,): degrees, metres, m/s NED; NaN where the log has no value.
+
+    ``yaw`` (n,) rad is the heading of a receiver with two antennas, ``utc_us`` (n,) Unix
+    time, 0 where unknown. Without a fix position and velocity are NaN.
+    """
 
     index: int
     t: Array

@@ -86,6 +86,28 @@ def test_increments_of_log_replay_come_first_with_the_time_of_their_frame() -> N
     np.testing.assert_allclose(unit.acc.x[5], [0, 0, -9.81], rtol=1e-5)
 
 
+def test_compass_and_receiver_of_log_replay_stand_in_for_missing_records() -> None:
+    n = 200
+    frames = {"TimeUS": micros(n, 50, 5_000_000_000)}
+    compass = {"LU": (frames["TimeUS"] // 100_000 * 100_000 % 2**32).astype(np.uint32), "UFY": np.ones(n, np.uint8)}
+    compass |= {c: np.full(n, v, np.float32) for c, v in (("FX", 200.0), ("FY", 0.0), ("FZ", 400.0))}
+    place = {"TS": (frames["TimeUS"] // 200_000 * 200).astype(np.uint32), "Lat": np.full(n, 473_977_000, np.int32),
+             "Lon": np.full(n, 85_456_000, np.int32), "Alt": np.full(n, 48_800, np.int32)}  # fmt: skip
+    place |= {c: np.full(n, 0.5, np.float32) for c in ("VX", "VY", "VZ", "HA", "VA", "SA")}
+    tables = {("RFRH", 0): frames, ("RMGI", 0): compass, ("RGPJ", 0): place}
+    made = messages(
+        "dataflash", tables | {("IMU", 0): imu() | {"TimeUS": micros(N, RATE, 5_000_000_000)}}, (), [BANNER]
+    )
+    for name in ("RMGI", "RGPJ"):
+        made.tables[name, 0].offsets[:] = made.tables["RFRH", 0].offsets + 50
+    log = ardupilot.read(made)
+    mag = log.mags[log.mag].field
+    assert mag.rate == pytest.approx(10, rel=0.05), "only new values count"
+    np.testing.assert_allclose(mag.x[0], [2e-5, 0, 4e-5], rtol=1e-6)
+    assert abs(mag.t[0]) < 0.2, "the 32-bit clock has wrapped"
+    np.testing.assert_allclose([log.gnss[0].lat[0], log.gnss[0].lon[0], log.gnss[0].alt[0]], [47.3977, 8.5456, 488])
+
+
 def test_imt_increments_are_preferred_from_100_hz_and_raw_samples_from_400_hz() -> None:
     def imt(rate: float) -> dict[str, Any]:
         n, dt = 500, 1 / rate
@@ -123,11 +145,15 @@ def test_imt_increments_are_preferred_from_100_hz_and_raw_samples_from_400_hz() 
 def test_quaternions_of_the_cores_hold_no_trim_and_euler_records_do() -> None:
     quaternion = {"TimeUS": micros(50, 10), **{f"Q{k + 1}": np.full(50, float(k == 0), np.float32) for k in range(4)}}
     euler = {k: v for k, v in att().items() if not k.startswith("Des")}
-    log = read({("IMU", 0): imu(), ("ATT", 0): att(), ("XKQ", 0): quaternion, ("XKQ", 1): quaternion,
-                ("XKF1", 0): euler, ("AHR2", 0): euler})  # fmt: skip
+    tables = {("IMU", 0): imu(), ("ATT", 0): att(), ("XKQ", 0): quaternion, ("XKF1", 0): euler, ("XKF1", 1): euler,
+              ("AHR2", 0): euler}  # fmt: skip
+    log = read(tables)
     assert {n: a.has_trim for n, a in log.attitudes.items()} == {
-        "ATT": True, "AHR2": True, "XKQ.0": False, "XKQ.1": False, "XKF1.0": True,
-    }  # fmt: skip
+        "ATT": True,
+        "AHR2": True,
+        "XKQ.0": False,
+        "XKF1.1": True,  # XKF1.0 is the same attitude as XKQ.0
+    }
     assert log.onboard == "ATT"
 
 

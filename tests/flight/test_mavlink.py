@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog import flight, rotation
 from attlog.errors import LogUnusable, UsageError
 from attlog.flight import mavlink
 from attlog.flight.model import FlightLog
+from attlog.formats import tlog_write
 from tests.flight.fake import messages
 
 UNIX = 1_700_000_000_000_000
@@ -117,3 +119,20 @@ def test_heartbeats_tell_arming_mode_and_vehicle() -> None:
     assert log.vehicle == "quadrotor"
     assert log.armed.value == [False, True]
     assert log.mode.value == ["STABILIZE", "LAND"]
+
+
+def test_of_two_vehicles_in_a_file_the_one_asked_for_is_read(tmp_path: Path) -> None:
+    tables: dict[tuple[str, int], Any] = {}
+    for system, rate in ((1, 50.0), (2, 25.0)):
+        me = system * 256 + 1
+        beats = {"_t_us": UNIX + 5_000_000 + 500_000 * np.arange(20), "autopilot": np.full(20, 3, np.uint8),
+                 "type": np.full(20, system, np.uint8)}  # fmt: skip
+        tables |= {("RAW_IMU", me): raw_imu(500, rate), ("ATTITUDE", me): attitude(100, 10), ("HEARTBEAT", me): beats}
+    path = tmp_path / "two.tlog"
+    tlog_write.write(path, tables)
+    first, second = flight.read(path), flight.read(path, system=2)
+    assert (first.vehicle, second.vehicle) == ("fixed wing", "quadrotor")
+    assert second.imus[0].gyro.rate == pytest.approx(25, rel=0.01)
+    assert "several_systems" in {p.code for p in first.problems}
+    with pytest.raises(UsageError, match="system 9"):
+        flight.read(path, system=9)
