@@ -275,6 +275,9 @@ def drift_part(judged: list[Judged], where: str) -> str:
             says += f"; {some(still, len(ranked))} {'shows' if len(still) == 1 else 'show'} none that differs from zero"
         elif len(ranked) > 1:
             says += f"; least: {drifts[0].row.name}, {quantity(drifts[0].value, 'deg/min')}{drifts[0].interval}"
+    others = [j for j in judged if j.row.kind == "replay" and not j.ranked]
+    if others:
+        says += f"; {some(others, len(ranked) + len(others))} cannot be ranked"
     onboard = [j for j in judged if j.row.name == "onboard"]
     if onboard:
         says += f"; onboard {quantity(onboard[0].value, 'deg/min')}"

@@ -275,7 +275,7 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
     traces = by.get("drift", [])
     keys = sorted({t.key for t in traces}, key=lambda k: (k.partition("@")[0] != "rest", k))
     for i, key in enumerate(keys):
-        same = [t for t in traces if t.key == key]
+        same = together([t for t in traces if t.key == key])
         drawn, _ = series([centred(t) for t in same], ("heading", "line"), names, store, BUDGET // 4, 0.001)
         title = "Heading " + WITNESS.get(key, f"minus {key}")
         caption = "One-second means with the fitted line, each minus its own mean; anything but flat is drift."
@@ -300,6 +300,12 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
             )
         )
     return figures
+
+
+def together(traces: list[Trace]) -> list[Trace]:
+    """Those that share time with the longest: a row may have its longest rest elsewhere."""
+    longest = max(traces, key=lambda t: float(t.t[-1] - t.t[0]))
+    return [t for t in traces if t.t[0] <= longest.t[-1] and t.t[-1] >= longest.t[0]]
 
 
 def centred(trace: Trace) -> Trace:

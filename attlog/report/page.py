@@ -30,6 +30,9 @@ SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "figures.js", "page
 BARS = 7
 """Rows in a verdict card; the table has them all."""
 
+FULL_BAR_MS = 20.0
+"""Delays below this do not fill a bar, so that half a millisecond does not look late."""
+
 SEVERITY = {
     "error": ("Serious", "bad"),
     "warning": ("Limits", "warn"),
@@ -113,6 +116,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         messages=[(t, level_name(level), alarming(level, text), text) for t, level, text in messages(result)],
         config=json.dumps(result.to_dict()["config"], indent=1, ensure_ascii=False),
         firmware=firmware(result),
+        columns=columns,
         data=store.pack(header),
         json=packed(document.encode("utf-8", "replace")),
         bundle=None if shared else packed_once(plot),
@@ -140,6 +144,11 @@ def policy(plot: Bundle, style: str, script: str, *, shared: bool) -> str:
         f"default-src 'none'; script-src {quoted[0]}; style-src {quoted[1]}; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
+
+
+def columns(entries: list[dict[str, Any]]) -> list[str]:
+    """The keys of a list of dictionaries, in the order they first appear."""
+    return list(dict.fromkeys(str(key) for entry in entries for key in entry))
 
 
 def subtitle(result: Result) -> list[str]:
@@ -180,6 +189,7 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
     lead, tail = lead_and_tail(verdict.sentence)
     bars = [b for b in verdict.bars if b[0] in look and math.isfinite(b[1])]
     largest = max((abs(v) for _, v, _ in bars), default=0.0)
+    largest = max(largest, FULL_BAR_MS) if verdict.question == "late" else largest
     kept = bars
     if len(bars) > BARS:
         kept = [*bars[: BARS - 2], *[b for b in bars[BARS - 2 : -1] if b[0] == "onboard"], bars[-1]]
