@@ -174,7 +174,9 @@ class MixedTable(Table):
         fields: dict[str, Field] = {}
         for part in parts:
             for name, field in part.fields.items():
-                fields.setdefault(name, field)
+                known = fields.setdefault(name, field)
+                if known.dtype.kind == field.dtype.kind == "S" and field.dtype.itemsize > known.dtype.itemsize:
+                    fields[name] = field
         for name, field in fields.items():
             same = all(name in p and (p.fields[name].dtype, p.fields[name].scale) == (field.dtype, field.scale)
                        for p in parts)  # fmt: skip
@@ -188,11 +190,15 @@ class MixedTable(Table):
         blank = np.nan if dtype.kind == "f" else 0
         result = np.full((len(offsets), *dtype.shape), b"" if dtype.kind == "S" else blank, dtype.base)
         for part in self._parts:
-            if column in part and part.fields[column].dtype.kind in ("S" if dtype.kind == "S" else "iuf"):
-                mine = np.isin(offsets, part.offsets, assume_unique=True)
-                inside = part.rows(np.isin(part.offsets, offsets, assume_unique=True))
-                same = part.fields[column].dtype == dtype and part.fields[column].scale == self.fields[column].scale
-                result[mine] = inside[column] if same else inside.value(column)
+            if column not in part:
+                continue
+            field = part.fields[column]
+            if (field.dtype.kind == "S", field.dtype.shape) != (dtype.kind == "S", dtype.shape):
+                continue  # the same name for something else
+            mine = np.isin(offsets, part.offsets, assume_unique=True)
+            inside = part.rows(np.isin(part.offsets, offsets, assume_unique=True))
+            as_stored = dtype.kind == "S" or (field.dtype, field.scale) == (dtype, self.fields[column].scale)
+            result[mine] = inside[column] if as_stored else inside.value(column)
         return result
 
     def rows(self, select: NDArray[Any] | slice) -> Table:

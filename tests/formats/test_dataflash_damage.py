@@ -179,3 +179,28 @@ def test_megabytes_of_nonsense_take_no_time(raw: bytes, tmp_path: Path, filler: 
     assert time.process_time() - begin < 5
     assert found.damage_bytes > 2_900_000
     assert len(found["IMU", 0]) >= len(dataflash.read(written(tmp_path, raw))["IMU", 0]) - 1
+
+
+def test_texts_of_two_layouts_keep_their_length(raw: bytes, tmp_path: Path) -> None:
+    short = {"NOTE": {"TimeUS": np.array([10], np.uint64), "Text": np.array([b"abc"], "S4")}}
+    long = {"NOTE": {"TimeUS": np.array([20], np.uint64), "Text": np.array([b"a longer text"], "S16")}}
+    for name, messages in (("a.bin", short), ("b.bin", long)):
+        dataflash.write(tmp_path / name, messages)
+    joined = (tmp_path / "a.bin").read_bytes() + (tmp_path / "b.bin").read_bytes()
+    assert dataflash.read(written(tmp_path, joined))["NOTE", 0]["Text"].tolist() == [b"abc", b"a longer text"]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_everything_in_a_damaged_log_can_be_decoded(raw: bytes, tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    log = damage(raw[:150_000], KINDS[seed % len(KINDS)], 60, rng, size=300)
+    found = dataflash.read(written(tmp_path, log.data.tobytes()))
+    for table in found.values():
+        for column in table.fields:
+            assert len(table[column]) == len(table)
+            if table[column].dtype.kind in "iuf":
+                assert table.value(column).dtype == np.float64
+    assert 0 < found.damage_bytes < found.size
+    assert sum(len(found.boot(k).get(("IMU", 0), ())) for k in range(len(found.boots))) == len(
+        found.get(("IMU", 0), ())
+    )
