@@ -35,7 +35,7 @@ def firmware(messages: Messages) -> Firmware:
 def fill(reading: Reading, log: FlightLog) -> None:
     """Add set-points, states, aids and texts to the log."""
     status = reading.messages.tables.get(("vehicle_status", 0))
-    log.vehicle = vehicle(status)
+    log.vehicle = vehicle(status, log.param("MAV_TYPE"))
     log.simulated = simulated(reading, status)
     log.setpoints = reading.attempt("The attitude set-point", lambda: setpoints(reading), None)
     log.rate_setpoints = reading.attempt("The rate set-point", lambda: rate_setpoints(reading), None)
@@ -54,9 +54,12 @@ def fill(reading: Reading, log: FlightLog) -> None:
 
 def armed(reading: Reading, status: Table | None) -> TimeLine | None:
     """Armed or not."""
-    if status is None or "arming_state" not in status:
+    if status is not None and "arming_state" in status:
+        return reading.time_line(stamps(status), (status["arming_state"] == ARMED).tolist(), "vehicle_status")
+    table = reading.messages.tables.get(("actuator_armed", 0))
+    if table is None or "armed" not in table:
         return None
-    return reading.time_line(stamps(status), (status["arming_state"] == ARMED).tolist(), "vehicle_status")
+    return reading.time_line(stamps(table), (table["armed"] != 0).tolist(), "actuator_armed")
 
 
 def mode(reading: Reading, status: Table | None) -> TimeLine | None:
@@ -74,15 +77,14 @@ def landed(reading: Reading) -> TimeLine | None:
     return reading.time_line(stamps(table), (table["landed"] != 0).tolist(), "vehicle_land_detected")
 
 
-def vehicle(status: Table | None) -> str:
-    """The kind of vehicle in words, "unknown" if the log does not say."""
-    if status is None or len(status) == 0:
-        return "unknown"
-    if "is_vtol" in status and status["is_vtol"].any():
-        return "VTOL"
-    if "system_type" in status:
-        return vehicle_name(int(status["system_type"][-1]))
-    return "unknown"
+def vehicle(status: Table | None, mav_type: float | None) -> str:
+    """The kind of vehicle in words, by its status or the parameter MAV_TYPE, "unknown" if neither tells."""
+    if status is not None and len(status):
+        if "is_vtol" in status and status["is_vtol"].any():
+            return "VTOL"
+        if "system_type" in status:
+            return vehicle_name(int(status["system_type"][-1]))
+    return "unknown" if mav_type is None else vehicle_name(int(mav_type))
 
 
 def simulated(reading: Reading, status: Table | None) -> bool:
@@ -91,7 +93,7 @@ def simulated(reading: Reading, status: Table | None) -> bool:
     board = f"{info.get('ver_hw', '')} {info.get('sys_mcu', '')}".upper()
     hil = status is not None and "hil_state" in status and bool((status["hil_state"] == 1).any())
     truth = ("vehicle_attitude_groundtruth", 0) in reading.messages.tables
-    return hil or truth or "SITL" in board or "SIM" in board
+    return hil or truth or "SITL" in board
 
 
 def setpoints(reading: Reading) -> Attitude | None:
