@@ -69,7 +69,7 @@ def parse_format(line: bytes) -> Format | None:
         return FMT_FORMAT
     listed = cells[5].decode("latin-1") if len(cells) > 5 else ""
     listed = listed.rpartition(", ")[2] if ", " in listed.strip() else listed
-    columns = tuple(c.strip(' "') for c in listed.split(",")) if listed.strip() else ()
+    columns = tuple(c.strip(' "\r') for c in listed.split(",")) if listed.strip() else ()
     return Format(kind, length, name, letters, columns, 0)
 
 

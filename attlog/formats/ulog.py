@@ -24,7 +24,7 @@ from attlog.errors import LogUnusable, NotALog
 from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
 from attlog.formats.mapping import gather, map_bytes
 from attlog.formats.ulog_doubt import doubtful
-from attlog.formats.ulog_index import HEADER, Bytes, Identifiers, Offsets, Sizes, by_id, chain
+from attlog.formats.ulog_index import HEADER, Bytes, Identifiers, Offsets, Sizes, chain
 from attlog.formats.ulog_layout import Layout, Members, layout_of, parse_format
 from attlog.formats.ulog_records import (
     FILE_HEADER,
@@ -465,9 +465,7 @@ class _Reader:
         starts = np.concatenate([starts for starts, _ in self.runs])
         ids = np.concatenate([ids for _, ids in self.runs])
         self.runs, self.pending = [], 0
-        starts, ids = by_id(starts, ids)
-        begins = np.flatnonzero(ids[1:] != ids[:-1]) + 1
-        for identifier, part in zip(ids[[0, *begins]].tolist(), np.split(starts, begins), strict=True):
+        for identifier, part in self.chain.by_id(starts, ids):
             name, multi, layout = self.by_id[identifier]
             self._add((name, multi), layout, part)
 

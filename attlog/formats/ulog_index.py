@@ -50,14 +50,11 @@ class Chain(Protocol):
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
         """Starts and ids of an unbroken run of data records from ``position`` on, all ending at or before ``stop``."""
 
+    def by_id(self, starts: Offsets, ids: Identifiers) -> list[tuple[int, Offsets]]:
+        """Each id and its records' starts, in the given order within."""
+
     def forget(self) -> None:
         """Drop what was concluded from the sizes before."""
-
-
-def by_id(starts: Offsets, ids: Identifiers) -> tuple[Offsets, Identifiers]:
-    """The same records sorted by id, in file order within each."""
-    order = ids.argsort(kind="stable")
-    return starts.take(order), ids.take(order)
 
 
 class NumpyChain:
@@ -83,6 +80,13 @@ class NumpyChain:
         if self._ends[last - 1] > stop:
             last = first + int(self._ends[first:last].searchsorted(stop, side="right"))
         return self._starts[first:last], self._ids[first:last]
+
+    def by_id(self, starts: Offsets, ids: Identifiers) -> list[tuple[int, Offsets]]:
+        """Each id and its records' starts, by a radix sort."""
+        order = ids.argsort(kind="stable")
+        starts, ids = starts.take(order), ids.take(order)
+        begins = (ids[1:] != ids[:-1]).nonzero()[0] + 1
+        return list(zip(ids[[0, *begins]].tolist(), np.split(starts, begins), strict=True))
 
     def _look(self, position: int) -> None:
         """All places in the next block that look like a data record, and where their chain breaks."""
@@ -113,7 +117,7 @@ class NumbaChain:
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data = data
         self._sizes = sizes
-        self._walk = compiled_walk()
+        self._walk, self._scatter = compiled_walk(), compiled_scatter()
         self._starts = np.empty(BLOCK // 8, np.int64)
         self._ids = np.empty(BLOCK // 8, np.uint16)
 
@@ -125,6 +129,30 @@ class NumbaChain:
         sizes = self._sizes
         n = self._walk(self._data, position, stop, sizes.smallest, sizes.spread, self._starts, self._ids)
         return self._starts[:n].copy(), self._ids[:n].copy()
+
+    def by_id(self, starts: Offsets, ids: Identifiers) -> list[tuple[int, Offsets]]:
+        """Each id and its records' starts, by counting."""
+        counts = np.bincount(ids)
+        ends = counts.cumsum()
+        places, sorted_starts = ends - counts, np.empty_like(starts)
+        self._scatter(starts, ids, places, sorted_starts)
+        present = counts.nonzero()[0]
+        return [(i, sorted_starts[ends[i] - counts[i] : ends[i]]) for i in present.tolist()]
+
+
+@cache
+def compiled_scatter() -> Any:
+    """Puts each start at the next free place of its id."""
+    from numba import types
+
+    ids, starts = types.Array(types.uint16, 1, "C"), types.Array(types.int64, 1, "C")
+
+    def scatter(starts, ids, places, out):  # type: ignore[no-untyped-def]
+        for i in range(len(starts)):
+            out[places[ids[i]]] = starts[i]
+            places[ids[i]] += 1
+
+    return compile_once(types.void(starts, ids, starts, starts), scatter)
 
 
 @cache
