@@ -48,7 +48,11 @@ def read(path: str | Path) -> Messages:
     tables = build_tables(data, index, by_instance=False)
     clock = tables.get(("TIME", 0))
     if clock is None or "StartTime" not in clock:
-        raise LogUnusable(f"{path}: no TIME record with StartTime, so no record of this sdlog2 file has a time.")
+        blank = not any(fmt.columns for fmt in index.layouts[1:])
+        why = (
+            "its formats name no columns" if blank else "it has no TIME record with StartTime, so no record has a time"
+        )
+        raise LogUnusable(f"{path}: this sdlog2 log cannot be decoded: {why}.")
     at, time = clock.offsets, clock["StartTime"].astype(np.int64)
     messages = Messages(
         path,

@@ -143,7 +143,7 @@ def systems_of(messages: Messages) -> dict[int, dict[str, Any]]:
 
 def vehicle_of(messages: Messages) -> int | None:
     """The system to analyse: among those with an autopilot the one with most packets; None if nobody sent data."""
-    systems = systems_of(messages)
+    systems = messages.info.get("systems") or systems_of(messages)
     flying = {s: d for s, d in systems.items() if d["autopilot"] is not None}
     if not flying:
         # a capture that lost its heartbeats: whoever sends an attitude is the vehicle
@@ -158,7 +158,7 @@ def _of_system(messages: Messages, name: str, system: int) -> list[Table]:
 
 def _timeline(messages: Messages, system: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
-    component = systems_of(messages)[system]["component"] if system in systems_of(messages) else None
+    component = messages.info["systems"].get(system, {}).get("component")
     at, time = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for name in CLOCK_MESSAGES:
         for table in _of_system(messages, name, system):
@@ -176,7 +176,7 @@ def _params(messages: Messages, system: int, at: NDArray[np.int64], time: NDArra
 
     ArduPilot sends integers as float values, PX4 sends their bits in the float.
     """
-    bitwise = systems_of(messages).get(system, {}).get("autopilot") == PX4_AUTOPILOT
+    bitwise = messages.info["systems"].get(system, {}).get("autopilot") == PX4_AUTOPILOT
     result = []
     for table in _of_system(messages, "PARAM_VALUE", system):
         names = [text_of(raw) for raw in table["param_id"].tolist()]
