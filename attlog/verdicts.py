@@ -83,10 +83,17 @@ def unranked(judged: list[Judged]) -> list[tuple[str, str]]:
 
 def cannot(without: list[tuple[str, str, str]], nothing: str) -> str:
     """The sentence for a question that no row answers: the commonest reason."""
+    return f"Cannot be judged: {commonest(without) or nothing}."
+
+
+def commonest(without: list[tuple[str, str, str]]) -> str:
+    """The reason that most rows give, rows to which the question does not apply only if there are no others."""
     reasons = Counter(reason for _, code, reason in without if reason and code != "not_applicable")
     reasons = reasons or Counter(reason for _, _, reason in without if reason)
-    reason = reasons.most_common(1)[0][0] if reasons else nothing
-    return f"Cannot be judged: {reason[0].lower() if reason[:2].istitle() else reason[0]}{reason[1:].rstrip('.')}."
+    if not reasons:
+        return ""
+    reason = reasons.most_common(1)[0][0].rstrip(".")
+    return reason[0].lower() + reason[1:] if reason[:2].istitle() else reason
 
 
 def why_not(result: Result, verdict: Verdict) -> str:
@@ -233,6 +240,9 @@ def drifting(result: Result) -> Verdict:
         verdict.sentence = " ".join(said)
     elif any(j.row.kind == "replay" for j in shown):
         verdict.sentence = f"No drift can be ranked: {why_not(result, verdict)}."
+    elif rest_without and air_without:
+        at_rest, in_air = commonest(rest_without), commonest(air_without)
+        verdict.sentence = f"Cannot be judged: at rest, {at_rest}; in the air, {in_air}."
     else:
         verdict.sentence = cannot(
             rest_without + air_without, "neither a rest nor a flight is long enough to tell a drift from wander"

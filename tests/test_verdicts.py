@@ -225,3 +225,15 @@ def test_sentences_stay_short():
     ]
     for found in verdicts(result(rows)):
         assert len(found.sentence.split()) <= 55
+
+
+def test_without_any_drift_both_reasons_are_given():
+    metrics = {
+        "rest": {"drift_rest_deg_per_min": missing("no_rest", "No rest.", "deg/min", "rest")},
+        "airborne": {
+            "drift_air_deg_per_min.onboard": missing("record_too_short", "8 s in the air", "deg/min", "airborne")
+        },
+    }
+    assert verdict("drifting", [row("a", metrics)]).sentence == (
+        "Cannot be judged: at rest, no rest; in the air, 8 s in the air."
+    )
