@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from attlog.errors import LogUnusable
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
 from attlog.formats.clock import restarts, times_before
-from attlog.formats.dataflash import INFO, instance_column, time_column
+from attlog.formats.dataflash import INFO
 from attlog.formats.dataflash_index import FMT_FORMAT, LETTER_DTYPES, Format
+from attlog.formats.dataflash_tables import instance_column
+from attlog.formats.dataflash_time import time_column
 from attlog.formats.mapping import map_bytes, text_of
 from attlog.limits import MAX_DAMAGE, MAX_FORMATS, MAX_TEXT_LENGTH, MAX_TEXTS
 

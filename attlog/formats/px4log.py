@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from attlog.errors import LogUnusable
 from attlog.formats.base import Boot, Field, Messages, ParamChange, Table
 from attlog.formats.clock import restarts, times_before
-from attlog.formats.dataflash import build_tables, unreadable
 from attlog.formats.dataflash_index import index_records
+from attlog.formats.dataflash_tables import build_tables, unreadable
 from attlog.formats.mapping import map_bytes, text_of
 
 TIME = "_t_us"
