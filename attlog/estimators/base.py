@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping
+import os
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import UsageError
+from attlog.errors import AttlogError, PluginError, UsageError
 
 Array = NDArray[np.float64]
 
@@ -180,3 +183,27 @@ def suggestion(name: str, known: Any) -> str:
     if near:
         return f"; did you mean {near[0]}?"
     return f"; known are {', '.join(known)}" if known else "; there are none"
+
+
+def broken(where: str, error: BaseException) -> PluginError:
+    """A PluginError that names the innermost line of the plug-in file ``where`` that led to ``error``."""
+    if isinstance(error, SyntaxError):
+        return PluginError(f"{error.filename or where}, line {error.lineno}: {error.msg}")
+    lines = [
+        f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename in (where, os.path.abspath(where))
+    ]
+    at = f"{where}, line {lines[-1]}" if lines else where
+    return PluginError(f"{at}: {type(error).__name__}: {error}")
+
+
+@contextmanager
+def plugin_errors(estimator: Estimator) -> Iterator[None]:
+    """Whatever a plug-in raises inside becomes a PluginError with file and line; our own errors stay."""
+    try:
+        yield
+    except AttlogError:
+        raise
+    except Exception as error:
+        if estimator.origin == "attlog":
+            raise
+        raise broken(estimator.origin, error) from error

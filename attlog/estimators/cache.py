@@ -17,7 +17,7 @@ import platform
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,9 +32,9 @@ def jit_wanted() -> bool:
     return os.environ.get("ATTLOG_NO_JIT", "") in ("", "0")
 
 
-def plain(source: str, name: str) -> Callable[..., Any]:
-    """The function ``name`` of undecorated source: the readable twin of the compiled kernel."""
-    namespace: dict[str, Any] = {}
+def plain(source: str, name: str, known: Mapping[str, Any]) -> Callable[..., Any]:
+    """The function ``name`` of undecorated source, which uses the objects ``known``: the kernel's plain twin."""
+    namespace: dict[str, Any] = dict(known)
     exec(compile(HEADER + source, "<attlog kernel>", "exec"), namespace)
     return namespace[name]
 

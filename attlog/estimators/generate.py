@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import inspect
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
@@ -18,15 +18,15 @@ from attlog.errors import PluginError
 INLINE = "@njit(forceinline=True, error_model='numpy')\n"
 
 
-def with_helpers(functions: list[Callable[..., Any]], jit: bool, single: bool = False) -> str:
-    """Source text that defines ``functions`` and, before them, all globals they need.
+def with_helpers(functions: Mapping[str, Callable[..., Any]], jit: bool, single: bool = False) -> str:
+    """Source text that defines ``functions`` by name and, before them, all globals they need.
 
     ``jit`` puts numba's decorator on each; ``single`` writes float literals as float32.
     PluginError for a global that cannot be written down (an object, a closure).
     """
     parts: dict[str, str] = {}
-    for function in functions:
-        _collect(function.__name__, function, parts, jit, single)
+    for name, function in functions.items():
+        _collect(name, function, parts, jit, single)
     return "\n".join(parts.values())
 
 

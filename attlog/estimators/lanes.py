@@ -153,7 +153,9 @@ def kernel(estimator: Estimator, switches: Mapping[int, float], dtype: str) -> A
 
     single = dtype == "float32"
     number = "f4" if single else "f8"
-    functions = generate.with_helpers([turn_vector_back, estimator.step], jit=False, single=single)
+    functions = generate.with_helpers(
+        {"turn_vector_back": turn_vector_back, "step": estimator.step}, jit=False, single=single
+    )
     constants, _, rest = functions.partition("def ")
     rewritten = expand.expand("def " + rest, ENTRY, switches)
     if rewritten is None:

@@ -29,7 +29,8 @@ from numpy.typing import ArrayLike, NDArray
 from attlog import rotation
 from attlog.errors import PluginError, UsageError
 from attlog.estimators import cache, generate
-from attlog.estimators.base import Array, Estimate, Estimator
+from attlog.estimators.base import Array, Estimate, Estimator, plugin_errors
+from attlog.estimators.vectors import GRAVITY, turn_vector_back
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
 Sampling = Literal["interval", "instant"]
@@ -193,25 +194,39 @@ def kernel(estimator: Estimator) -> Any:
 
     PluginError if a plug-in's step cannot be compiled.
     """
-    from attlog.estimators.vectors import turn_vector_back
-
-    jit = cache.jit_wanted()
     bias = estimator.slices.get("bias")
     b = ["" if bias is None else f" - state[{bias.start + i}]" for i in range(3)]
     loop = LOOP.format(bx=b[0], by=b[1], bz=b[2], outputs=estimator.outputs).lstrip()
-    functions = generate.with_helpers([turn_vector_back, estimator.step], jit)
-    if not jit:
-        return _quiet(cache.plain(functions + "\n\n" + loop, "advance"))
+    used = {"turn_vector_back": turn_vector_back, "step": estimator.step}
+    twin = _quiet(cache.plain(loop, "advance", used), estimator)
+    if not cache.jit_wanted():
+        return twin
     decorator = f"\n\n@njit({SIGNATURE!r}, cache=KEEP, error_model='numpy')\n"
     try:
-        return cache.compiled(functions + decorator + loop, "advance")
+        return cache.compiled(generate.with_helpers(used, jit=True) + decorator + loop, "advance")
     except Exception as error:
         if estimator.origin == "attlog":
             raise
+        _try_plainly(estimator, twin)
         reason = " ".join(str(error).split())[:400]
         raise PluginError(
-            f"{estimator.origin}: numba cannot compile step ({type(error).__name__}: {reason})"
+            f"{estimator.origin}: step runs in Python but numba cannot compile it ({reason}); "
+            "use numbers and elements of arrays only, or set ATTLOG_NO_JIT=1"
         ) from error
+
+
+def _try_plainly(estimator: Estimator, twin: Any) -> None:
+    """Run two samples in plain Python: what is wrong there has a line in the plug-in's file. PluginError says it."""
+    vectors = np.tile([0.1, 0.2, -GRAVITY], (2, 1))
+    still = Samples(
+        np.array([0.0, 0.01]), np.array([0.0, 0.01]), np.array([0, 1]), 0.1 * vectors, vectors, vectors,
+        np.array([NEW, NEW]), np.zeros(2, np.int64), np.zeros(1, np.int64),
+    )  # fmt: skip
+    values = {p.name: p.default for p in estimator.parameters}
+    params = estimator.pack(values)
+    state = initial_state(estimator, still, 0, 2, params, values, None)
+    out = np.empty((2, estimator.outputs))
+    twin(state, params, still.dt, still.parts, still.gyr, still.acc, still.mag, still.use, 1, out)
 
 
 def initial_state(
@@ -226,7 +241,8 @@ def initial_state(
     """The state (float64) with which the run of samples a to b starts; ``q0`` is the user's."""
     acc, mag = _start_vectors(samples, a, b, str(values.get("init", "average")))
     attitude = start_attitude(acc, mag, _declination(values)) if q0 is None else _q0(q0, values)
-    state = np.ascontiguousarray(estimator.start(params, acc, mag, attitude.copy()), np.float64)
+    with plugin_errors(estimator):
+        state = np.array(estimator.start(params, acc, mag, attitude.copy()), np.float64)
     if state.shape != (estimator.state_size,):
         raise PluginError(
             f"{estimator.origin}: start returns an array of shape {state.shape}, STATE says ({estimator.state_size},)"
@@ -416,7 +432,8 @@ def _whole_run(estimator: Estimator, s: Samples, values: Mapping[str, float | st
     for a, b in pairwise(bounds):
         mag = np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)
         clock = time.perf_counter()
-        pieces.append(estimator.run(s.t[a:b], s.gyr[a:b], s.acc[a:b], mag, {}, dict(values)))
+        with plugin_errors(estimator):
+            pieces.append(estimator.run(s.t[a:b], s.gyr[a:b], s.acc[a:b], mag, {}, dict(values)))
         spent += time.perf_counter() - clock
     q = np.concatenate([p.q for p in pieces]) if pieces else np.empty((0, 4))
     q = _to_true_north(q, values)
@@ -436,11 +453,11 @@ def _whole_run(estimator: Estimator, s: Samples, values: Mapping[str, float | st
     )
 
 
-def _quiet(function: Any) -> Any:
+def _quiet(function: Any, estimator: Estimator) -> Any:
     """The plain twin under the compiled kernel's rule: a division by zero gives inf, not a warning."""
 
     def advance(*arguments: Any) -> None:
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), plugin_errors(estimator):
             function(*arguments)
 
     return advance

@@ -18,15 +18,13 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import sys
-import traceback
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from attlog.errors import AttlogError, PluginError, UsageError
-from attlog.estimators.base import COMMON, DECLINATION, INIT, Estimator, Parameter, suggestion
+from attlog.estimators.base import DECLINATION, INIT, Estimator, Parameter, broken, suggestion
 
 BUILT_IN = (
     "gyro",
@@ -72,7 +70,7 @@ def get(name: str) -> Estimator:
     try:
         module = importlib.import_module(point.value.partition(":")[0])
     except Exception as error:
-        raise _broken(f"estimator {name} of package {point.dist.name if point.dist else point.value}", error) from error
+        raise broken(f"estimator {name} of package {point.dist.name if point.dist else point.value}", error) from error
     return from_module(module, name, origin=point.value)
 
 
@@ -87,7 +85,7 @@ def from_file(path: Path) -> Estimator:
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
-        raise _broken(str(path), error) from error
+        raise broken(str(path), error) from error
     return from_module(module, path.stem, origin=str(path))
 
 
@@ -112,12 +110,8 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
     if next(iter(state.items())) != ("q", 4):
         raise PluginError(f'{where}: STATE must begin with "q": 4')
     taken = {p.name for p in own}
-    wanted = (INIT, DECLINATION) if "mag" in uses else (INIT,)
-    common = tuple(
-        p
-        for p in wanted
-        if (p.name not in taken and p in COMMON and run is None) or (p is DECLINATION and p.name not in taken)
-    )
+    wanted = [INIT] * (run is None) + [DECLINATION] * ("mag" in uses)
+    common = tuple(p for p in wanted if p.name not in taken)
     estimator = Estimator(
         name=name,
         title=title.strip(),
@@ -173,25 +167,3 @@ def _entry_points() -> dict[str, Any]:
     from importlib.metadata import entry_points
 
     return {p.name: p for p in entry_points(group=GROUP)}
-
-
-def _broken(where: str, error: BaseException) -> PluginError:
-    """A PluginError that names the innermost line of the plug-in."""
-    if isinstance(error, SyntaxError):
-        return PluginError(f"{error.filename or where}, line {error.lineno}: {error.msg}")
-    frames = traceback.extract_tb(error.__traceback__)
-    inside = [f for f in frames if f.filename == where] or frames[-1:]
-    line = f", line {inside[-1].lineno}" if inside else ""
-    return PluginError(f"{inside[-1].filename if inside else where}{line}: {type(error).__name__}: {error}")
-
-
-def locate(error: BaseException, function: Any) -> str:
-    """``file, line n`` of the innermost frame of ``error`` in the file that defines ``function``."""
-    file = sys.modules.get(function.__module__, None)
-    path = (
-        getattr(function, "__code__", None).co_filename
-        if hasattr(function, "__code__")
-        else getattr(file, "__file__", "?")
-    )
-    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
-    return f"{path}, line {lines[-1]}" if lines else str(path)
