@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import interval
+from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
 from attlog.metrics.noise import rest_spans, why_no_rest
@@ -119,13 +119,11 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
         return {m.name: missing("rest_too_short", reason, m.unit, window) for m in METRICS}
     d = deviation(angles(row, piece)[:, 2], length / (len(t) - 1))
-    return {
-        "allan_arw_deg_per_sqrt_h": _walk(d, length, window, row),
-        "allan_bias_deg_per_h": _floor(d, length, window),
-    }
+    found = {"allan_arw_deg_per_sqrt_h": _walk(d, length, window), "allan_bias_deg_per_h": _floor(d, length, window)}
+    return {name: follow.unrank_frozen(trial, row, "heading", answer) for name, answer in found.items()}
 
 
-def _walk(d: Deviation, length: float, window: str, row: Row) -> Answer:
+def _walk(d: Deviation, length: float, window: str) -> Answer:
     value, slope = random_walk(d)
     unit = "deg/sqrt(h)"
     if not WALK_SLOPE[0] <= slope <= WALK_SLOPE[1]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import earth, rotation
-from attlog.metrics import drift
+from attlog.metrics import drift, follow
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
 from attlog.metrics.noise import rest_spans, why_no_rest
@@ -81,7 +81,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     turn = earth_turn(trial)
     if turn is not None:
         answer.detail["earth_turn_deg_per_min"] = turn
-    return {"drift_rest_deg_per_min": answer}
+    return {"drift_rest_deg_per_min": follow.unrank_frozen(trial, row, "heading", answer)}
 
 
 def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.metrics import lag, probe
+from attlog.metrics.answer import Answer
 from attlog.metrics.base import Trial
 from attlog.reference.model import Row
 
@@ -70,6 +71,14 @@ def verdict(trial: Trial, row: Row, axis: str) -> Verdict:
     if probed is not None:
         return _judge(float(probed[number]), "a probe: a pulse of 20 deg/s added to the sensors at rest")
     return Verdict(False, None, "no motion", "did not move: nothing shows that this row follows motion")
+
+
+def unrank_frozen(trial: Trial, row: Row, axis: str, answer: Answer) -> Answer:
+    """The answer, no longer ranked where the row does not follow motion about that axis: standing still is no merit."""
+    if answer.value is not None and answer.ranked:
+        found = verdict(trial, row, axis)
+        answer.ranked, answer.reason = found.follows, answer.reason if found.follows else found.reason
+    return answer
 
 
 def _regression(row: Row) -> Array:

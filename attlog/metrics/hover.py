@@ -75,11 +75,9 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         return {name: missing("record_too_short", reason, "deg", window)}
     sigma = math.sqrt(float(np.mean(powers)))
     ci95 = interval.of_sigma_log(sigma, powers[::2])
-    verdict = follow.verdict(trial, row, "roll")
-    reason = "one window of hover gives no interval" if ci95 is None else None if verdict.follows else verdict.reason
-    return {
-        name: Answer(
-            sigma, "deg", window, len(powers[::2]), seconds(row.t, pieces), ci95, f"{len(powers)} windows of 4 s",
-            reason=reason, ranked=reason is None, detail={"within_5_deg_pct": 100.0 * near / total},
-        )
-    }  # fmt: skip
+    reason = "one window of hover gives no interval" if ci95 is None else None
+    answer = Answer(
+        sigma, "deg", window, len(powers[::2]), seconds(row.t, pieces), ci95, f"{len(powers)} windows of 4 s",
+        reason=reason, ranked=reason is None, detail={"within_5_deg_pct": 100.0 * near / total},
+    )  # fmt: skip
+    return {name: follow.unrank_frozen(trial, row, "roll", answer)}

@@ -149,10 +149,13 @@ def _of_axis(trial: Trial, row: Row, window: str, axis: str, found: Fit | None) 
         scaled = None if ci95 is None else (factor * ci95[0], factor * ci95[1])
         return Answer(factor * value, unit, window, found.events, found.seconds, scaled, method, detail=dict(detail))
 
+    distortion = answer(found.distortion, "%", found.distortion_ci95, 100.0)
+    if not GAIN[0] <= found.gain <= GAIN[1]:
+        distortion.ranked, distortion.reason = False, bent(found, 0.0, 0.0)
     return {
         names["lag"]: _lag_answer(trial, row, window, found, method, detail),
         names["gain"]: answer(found.gain, "1", found.gain_ci95, 1.0),
-        names["distortion"]: answer(found.distortion, "%", found.distortion_ci95, 100.0),
+        names["distortion"]: distortion,
     }
 
 

@@ -198,21 +198,12 @@ def _answer(
         correction = row.step_deg**2 / 12.0
         low, high = (math.sqrt(max(x**2 - correction, 0.0)) for x in (low, high))
         sigma = math.sqrt(sigma**2 - correction)
-    elif window != "idle" or row.kind == "replay":
-        verdict = follow.verdict(trial, row, axis)
-        reason = None if verdict.follows else verdict.reason
-    return Answer(
-        sigma,
-        "deg",
-        window,
-        max(1, round(noise.n)),
-        duration,
-        (low, high),
-        noise.method,
-        reason=reason,
+    answer = Answer(
+        sigma, "deg", window, max(1, round(noise.n)), duration, (low, high), noise.method, reason=reason,
         ranked=reason is None,
         detail=shared | {"effective_samples": noise.n, "step_deg": row.step_deg, "floor_deg": row.step_deg / 2.0},
-    )
+    )  # fmt: skip
+    return follow.unrank_frozen(trial, row, axis, answer)
 
 
 def input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:

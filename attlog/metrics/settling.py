@@ -19,7 +19,7 @@ BAND = 0.05
 
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "overshoot_pct", "Overshoot", "%", "low", ("reference", "events"),
+        "overshoot_pct", "Overshoot", "%", "zero", ("reference", "events"),
         paragraph(
             """How far the row's peak in a step lies beyond the reference's own peak, in percent of the step; mean over
             the events of the lag, t interval. Negative where the row falls short."""
@@ -73,7 +73,8 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     detail = {"gain": found.gain, "unsettled": unsettled, "each": [float(x) for x in settling]}
     return {
         name: Answer(
-            float(np.mean(values)), unit, window, len(values), found.seconds, _from_zero(name, interval.of_mean(values)), method,
+            float(np.mean(values)), unit, window, len(values), found.seconds,
+            _from_zero(name, interval.of_mean(values)), method,
             detail=detail if name == "settling_s" else {"each": [float(x) for x in values]},
         )
         for name, unit, values in (("overshoot_pct", "%", overshoot), ("settling_s", "s", settling))

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.metrics import drift, interval
+from attlog.metrics import drift, follow, interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
 from attlog.metrics.drift_air import error_blocks
@@ -69,9 +69,8 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         return {"wander_deg": missing("record_too_short", reason, "deg", window)}
     value, ci95, groups = found
     floor = trial.reference.floor_deg if window == "airborne" else row.step_deg / 2.0
-    return {
-        "wander_deg": Answer(
-            value, "deg", window, groups, sum(r.seconds for r in records), ci95,
-            f"RMS about the mean drift, {groups} groups", detail={"floor_deg": floor},
-        )
-    }  # fmt: skip
+    answer = Answer(
+        value, "deg", window, groups, sum(r.seconds for r in records), ci95,
+        f"RMS about the mean drift, {groups} groups", detail={"floor_deg": floor},
+    )  # fmt: skip
+    return {"wander_deg": follow.unrank_frozen(trial, row, "heading", answer)}

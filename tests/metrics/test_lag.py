@@ -108,6 +108,15 @@ def test_a_filter_that_follows_half_is_bent_and_its_gain_is_told():
     assert "50 %" in answers["lag_ms"].reason
 
 
+def test_a_frozen_filter_has_no_distortion_and_still_does_not_win_it():
+    t, q = motion("steps", 40.0)
+    frozen = sampled(t, q, 200.0)
+    frozen.q = np.tile(frozen.q[0], (len(frozen.t), 1))
+    answer = lag.compute(*step_trial(frozen, sampled(t, q, 25.0)), "all")["distortion_pct"]
+    assert answer.value == pytest.approx(0.0, abs=1e-6)
+    assert not answer.ranked
+
+
 def test_a_causal_filter_that_comes_out_early_against_truth_is_bent_but_not_against_onboard():
     t, q = motion("steps", 40.0)
     early, ref = sampled(t, q, 200.0, delay=-0.02), sampled(t, q, 25.0)

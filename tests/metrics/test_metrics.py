@@ -169,3 +169,15 @@ def test_a_filter_that_turned_nan_breaks_nothing(trial):
     marks = metrics.best(table, broken.rows)
     assert all("quick" not in names for columns in marks.values() for names in columns.values())
     assert metrics.traces(broken, broken.rows)
+
+
+def test_a_filter_scored_on_its_good_half_says_so_and_is_not_best():
+    half = made_up()
+    quick = half.rows[0]
+    quick.coverage_pct = 45.0
+    table = {r.name: metrics.compute(half, r, ["all"]) for r in half.rows}
+    assert table["quick"]["all"]["inclination_rmse_deg"].detail["coverage_pct"] == 45.0
+    assert "coverage_pct" not in table["slow"]["all"]["inclination_rmse_deg"].detail
+    assert metrics.best(table, half.rows) == {}
+    quick.coverage_pct = 90.0
+    assert metrics.best(table, half.rows)["all"]["inclination_rmse_deg"] == ["quick"]
