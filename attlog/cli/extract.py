@@ -36,7 +36,7 @@ def command(
     no_color: NoColor = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write data of LOG to files that pandas and PlotJuggler read: first column time_s, units in the names or metadata."""
+    """Write data of LOG to files for pandas and PlotJuggler: first column time_s, units in names or metadata."""
     if kind not in ("csv", "parquet"):
         raise UsageError(f"--format {kind}: use csv or parquet")
     if messages and (streams or estimates):

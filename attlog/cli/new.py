@@ -1,0 +1,82 @@
+"""``attlog new``: a filter of one's own, as a file to fill in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+TEMPLATE = '''"""My filter: one line that says what it is.
+
+Equations, for people:
+
+    e   = v x d                     v = -f/g measured down, d predicted down (body axes)
+    q'  = q (x) (0, w - b + kp e)/2, b' = -ki e
+
+Frames: body is forward-right-down, earth north-east-down. q turns body vectors into
+earth vectors, scalar first. gyr [rad/s], acc [m/s^2] is specific force (at rest
+(0, 0, -9.8) when level), mag in any unit.
+
+The loop around it owns time: it skips and counts NaN, gaps, saturation and times that do
+not rise, turns slow magnetometer samples on between updates, and starts at q0. A zero
+vector in acc or mag means "no sample now".
+"""
+
+import numpy as np
+
+from attlog.estimators import Parameter
+from attlog.estimators.vectors import field_error, gravity_error, turn
+
+SOURCE = "where the equations come from"
+NEEDS = {"gyro", "acc"}  # cannot run without
+USES = {"mag"}  # takes it when there
+
+# Sizes by name, in the order of the state array. "bias" [rad/s] is shown and used between
+# magnetometer samples; any other name becomes an output, one that begins with _ does not.
+STATE = {"q": 4, "bias": 3}
+
+PARAMETERS = (
+    # name, default, unit, lowest, highest, meaning, where the default comes from
+    Parameter("kp", 0.6, "1/s", 0, 100, "gain of the error; 1/kp is the time constant", "my choice"),
+    Parameter("ki", 0.002, "1/s^2", 0, 10, "gain of the gyro bias estimate", "my choice"),
+)
+PRESETS = {"gentle": {"kp": 0.2}, "eager": {"kp": 2.0}}
+
+
+def start(params, acc, mag, q0):
+    """The first state; q0 is the attitude that accelerometer and magnetometer show at the start."""
+    state = np.zeros(7)
+    state[0:4] = q0
+    return state
+
+
+def step(state, params, dt, gyr, acc, mag):
+    """One update, in place: params in the order of PARAMETERS, dt [s] > 0.
+
+    Plain numbers, elements of arrays, math and small functions of this file compile to
+    machine code; the helpers in attlog.estimators.vectors do the usual vector maths.
+    """
+    kp, ki = params[0], params[1]
+    gx, gy, gz = gravity_error(state, acc, 1.0)  # 0.0: direction of f only
+    mx, my, mz = field_error(state, mag, 0.0)  # 1.0: the whole field vector
+    ex, ey, ez = gx + mx, gy + my, gz + mz
+    state[4] -= ki * ex * dt
+    state[5] -= ki * ey * dt
+    state[6] -= ki * ez * dt
+    turn(state, gyr[0] - state[4] + kp * ex, gyr[1] - state[5] + kp * ey, gyr[2] - state[6] + kp * ez, dt, 0.0)
+'''
+
+
+def command(file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file to write; must not exist.")]) -> None:
+    """Write a commented filter to start from; it passes the checks as it is."""
+    from attlog.errors import OutputError, UsageError
+    from attlog.output import write_atomic
+
+    if file.suffix != ".py":
+        raise UsageError(f"{file}: a filter is a Python file; give it the suffix .py")
+    if file.exists():
+        raise OutputError(f"{file}: exists already and is not overwritten; choose another name")
+    write_atomic(file, TEMPLATE)
+    typer.echo(f"{file} written. Check it: attlog check-estimator {file}")
+    typer.echo(f"Run it beside the others: attlog analyze LOG --estimators default,{file}")

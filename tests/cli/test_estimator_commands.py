@@ -1,0 +1,76 @@
+"""``attlog estimators``, ``new`` and ``check-estimator``: from the list to a filter of one's own."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+
+def test_the_list_names_every_filter_with_source(attlog):
+    from attlog.estimators import get, names
+
+    done = attlog("estimators")
+    assert done.code == 0
+    for name in names():
+        assert name in done.out
+        assert get(name).source.split()[0] in done.out
+
+
+def test_one_filter_is_explained_with_parameters_and_presets(attlog):
+    done = attlog("estimators", "mahony")
+    assert done.code == 0
+    for word in ("kp", "1/s", "mahony@xu-0.6", "v x d", "Mahony"):
+        assert word in done.out
+
+
+def test_an_unknown_filter_is_2_with_a_suggestion(attlog):
+    done = attlog("estimators", "mahonny")
+    assert done.code == 2
+    assert "did you mean mahony" in done.err
+
+
+def test_the_template_passes_the_checks_and_runs_in_an_analysis(attlog, samples, tmp_path):
+    mine = tmp_path / "my_filter.py"
+    assert attlog("new", mine).code == 0
+    assert attlog("check-estimator", mine, "-q").code == 0
+    done = attlog("analyze", samples / "px4_steps.ulg", "--estimators", f"gyro,{mine}", "-o", tmp_path, "--json", "-")
+    assert done.code == 0, done.err
+    rows = {r["name"]: r for r in json.loads(done.out)["estimators"]}
+    assert rows["my_filter"]["status"] == "ok"
+    assert rows["my_filter"]["parameters"]["k"]["value"] == 0.5
+
+
+def test_a_wrong_sign_fails_the_checks_with_1(attlog, tmp_path):
+    mine = tmp_path / "my_filter.py"
+    attlog("new", mine)
+    mine.write_text(mine.read_text().replace("gyr[0] + k * ex", "gyr[0] - k * ex"))
+    done = attlog("check-estimator", mine)
+    assert done.code == 1
+    assert "failed  converges_from_170_deg" in done.out
+
+
+def test_a_file_that_exists_is_kept(attlog, tmp_path):
+    mine = tmp_path / "mine.py"
+    mine.write_text("precious")
+    assert attlog("new", mine).code == 73
+    assert mine.read_text() == "precious"
+
+
+@pytest.mark.parametrize("name", ["mine.txt", "my-filter.py", "1st.py"])
+def test_a_name_that_is_no_module_is_2(attlog, tmp_path, name):
+    assert attlog("new", tmp_path / name).code == 2
+    assert not (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [("def step(:\n", "line 1"), ("x = 1\n", "start and step"), ("import nothing_like_this\n", "nothing_like_this")],
+)
+def test_a_broken_file_is_told_with_its_place(attlog, tmp_path, code, words):
+    mine = tmp_path / "mine.py"
+    mine.write_text(code)
+    done = attlog("check-estimator", mine)
+    assert done.code == 2
+    assert words in done.err
+    assert "Traceback" not in done.err
