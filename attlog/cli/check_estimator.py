@@ -1,4 +1,4 @@
-"""``attlog check-estimator``: the public conformance suite on one filter."""
+"""``attlog check-estimator``: does a filter keep the contract?"""
 
 from __future__ import annotations
 
@@ -6,32 +6,30 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.cli.common import NoColor, Quiet, console
+from attlog.cli.common import NoColor, console
 
 if TYPE_CHECKING:
     from attlog.testing import Outcome
 
+FAILED = 1
+Name = Annotated[str, typer.Argument(metavar="NAME|FILE.py", help="A filter; @PRESET and :k=v may follow.")]
 
-def command(
-    name: Annotated[str, typer.Argument(metavar="NAME|FILE.py", help="A registered estimator, or the file of one.")],
-    no_color: NoColor = False,
-    quiet: Quiet = False,
-) -> None:
-    """Run every check that applies to a filter: signs, convergence, frames, bad input. Exit code 1 if one fails."""
-    from rich.markup import escape
 
+def command(name: Name, no_color: NoColor = False) -> None:
+    """Run the conformance checks on a filter; exit code 1 if one fails."""
     from attlog.testing import check_estimator, speed_ns
 
     out = console()
 
     def show(outcome: Outcome) -> None:
-        mark = "[green]passed[/]" if outcome.passed else "[red]failed[/]"
-        if not (quiet and outcome.passed):
-            out.print(f"{mark}  {escape(outcome.name)}" + (f": {escape(outcome.message)}" if outcome.message else ""))
+        mark = "[green]pass[/]" if outcome.passed else "[red]FAIL[/]"
+        out.print(f"{mark}  {outcome.name.replace('_', ' ')}", soft_wrap=True)
+        if not outcome.passed:
+            out.print(f"      {outcome.message}", style="dim", markup=False, soft_wrap=True)
 
-    outcomes = check_estimator(name, report=show)
+    outcomes = check_estimator(name, show)
     failed = sum(not o.passed for o in outcomes)
-    if not quiet:
-        out.print(f"{len(outcomes) - failed} passed, {failed} failed; {speed_ns(name):.0f} ns per update")
     if failed:
-        raise typer.Exit(1)
+        out.print(f"\n{name}: {failed} of {len(outcomes)} checks failed.", markup=False)
+        raise typer.Exit(FAILED)
+    out.print(f"\n{name}: all {len(outcomes)} checks passed; {speed_ns(name):.0f} ns per update.", markup=False)

@@ -68,7 +68,9 @@ def step(state, params, dt, gyr, acc, mag):
 '''
 
 
-def command(file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file to write; must not exist.")]) -> None:
+def command(
+    file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file to write; must not exist.")],
+) -> None:
     """Write a commented filter to start from; it passes the checks as it is."""
     from attlog.errors import OutputError, UsageError
     from attlog.output import write_atomic
