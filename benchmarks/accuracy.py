@@ -1,0 +1,242 @@
+"""How accurate every estimator is where the truth is known, beside its peers in the same process.
+
+    python benchmarks/accuracy.py [--corpus DIR] [--estimators LIST] [--peers vqf,imufusion,ahrs] [--lag]
+
+Three sets below the corpus folder (default $ATTLOG_CORPUS): ``broad/`` (9-axis IMU with
+optical truth; motion phases), ``euroc/`` (quadrotor without magnetometer; after 20 s,
+inclination only), ``sitl/`` (simulated firmware flights with truth; after 15 s). Per row:
+mean over the set of total, heading and inclination RMSE in deg and ns per update. ``--lag`` adds lag and step gain
+from ``attlog.analyze`` on the simulated flights. ``ahrs`` is plain Python: minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import attlog
+from attlog import rotation
+from attlog.errors import AttlogError
+from attlog.estimators import estimate, place, select
+from attlog.estimators.loop import Sampling
+
+Array = NDArray[np.float64]
+FLIP = np.array([1.0, -1.0, -1.0])
+HALF = np.sqrt(0.5)
+TO_NED = np.array([0.0, HALF, HALF, 0.0])
+FLIP_BODY = np.array([0.0, 1.0, 0.0, 0.0])
+
+
+@dataclass(slots=True)
+class Case:
+    """One recording in FRD and NED: sensors, truth ``q`` at ``t_true``, and which truth samples are scored."""
+
+    group: str
+    name: str
+    t: Array
+    gyr: Array
+    acc: Array
+    mag: Array | None
+    t_true: Array
+    q: Array
+    scored: NDArray[np.bool_]
+    sampling: Sampling = "interval"
+    declination: float = 0.0
+
+    def errors(self, t: Array, q: Array) -> Array:
+        """Total, heading, inclination RMSE in deg of attitudes ``q`` at ``t``; NaN for heading without magnetometer."""
+        use = self.scored & np.isfinite(self.q).all(axis=1) & (self.t_true >= t[0]) & (self.t_true <= t[-1])
+        e = rotation.error(rotation.slerp(t, q, self.t_true[use]), self.q[use])
+        angles = [rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e)]
+        rmse = np.rad2deg([np.sqrt(np.mean(a**2)) for a in angles])
+        return rmse if self.mag is not None else np.array([np.nan, np.nan, rmse[2]])
+
+
+def broad(root: Path) -> Iterator[Case]:
+    """The BROAD trials: motion phases, no alignment."""
+    for path in sorted((root / "broad").glob("*.npz")):
+        with np.load(path) as d:
+            t = np.arange(len(d["gyr"])) / float(d["fs"])
+            q = rotation.multiply(rotation.multiply(TO_NED, d["opt_quat"]), FLIP_BODY)
+            sensors = [np.asarray(d[k], np.float64) * FLIP for k in ("gyr", "acc", "mag")]
+            yield Case("broad", path.stem, t, *sensors, t, q, d["movement"].astype(bool))
+
+
+def euroc(root: Path) -> Iterator[Case]:
+    """The EuRoC flights: no magnetometer, scored after 20 s."""
+    for path in sorted((root / "euroc").glob("*.npz")):
+        with np.load(path) as d:
+            t, q = d["t"], np.asarray(d["quat"], np.float64)
+            yield Case("euroc", path.stem, t, d["gyr"].astype(float), d["acc"].astype(float), None, t, q, t > 20.0)
+
+
+def sitl(root: Path) -> Iterator[Case]:
+    """The simulated flights with truth in the log, scored after 15 s, true declination given."""
+    with (root / "sitl" / "MANIFEST.csv").open(encoding="utf-8") as file:
+        declination = {r["file"]: float(r["declination_true"] or 0) for r in csv.DictReader(file)}
+    for path in sorted((root / "sitl").glob("*/*")):
+        if path.suffix not in (".ulg", ".bin"):
+            continue
+        log = attlog.read(path)
+        if log.truth is None or log.imu is None or log.mag is None:
+            continue
+        imu, field = log.imus[log.imu], log.mags[log.mag].field
+        t = imu.gyro.t
+        yield Case(
+            f"sitl/{path.parent.name}",
+            path.stem,
+            t,
+            imu.gyro.x,
+            imu.acc.x,
+            place(t, field.t_best, field.x),
+            log.truth.t,
+            log.truth.q,
+            log.truth.t > 15.0,
+            imu.gyro.sampling,
+            declination.get(f"{path.parent.name}/{path.name}", 0.0),
+        )
+
+
+Peer = Callable[[Case], tuple[Array, float]]
+"""Gives attitudes (FRD, NED, magnetic) at the case's times and ns per update."""
+
+
+def filled(mag: Array) -> Array:
+    """The magnetometer held from sample to sample: what the peers' interfaces ask for."""
+    good = np.isfinite(mag).all(axis=1)
+    return mag[np.maximum.accumulate(np.where(good, np.arange(len(mag)), int(np.argmax(good))))]
+
+
+def from_enu(q: Array) -> Array:
+    """Attitudes FLU to ENU as FRD to NED."""
+    return rotation.multiply(rotation.multiply(TO_NED, q), FLIP_BODY)
+
+
+def peer_vqf(case: Case) -> tuple[Array, float]:
+    """vqf with default parameters, batch."""
+    from vqf import VQF
+
+    gyr, acc = (np.ascontiguousarray(x * FLIP) for x in (case.gyr, case.acc))
+    mag = None if case.mag is None else np.ascontiguousarray(filled(case.mag) * FLIP)
+    peer = VQF(float(np.median(np.diff(case.t))))
+    clock = time.perf_counter()
+    out = peer.updateBatch(gyr, acc) if mag is None else peer.updateBatch(gyr, acc, mag)
+    spent = time.perf_counter() - clock
+    return from_enu(out["quat6D" if mag is None else "quat9D"]), 1e9 * spent / len(gyr)
+
+
+def peer_imufusion(case: Case) -> tuple[Array, float]:
+    """imufusion (Madgwick's Fusion) with default settings, sample by sample; earth axes NWU."""
+    import imufusion
+
+    gyr, acc = np.rad2deg(case.gyr * FLIP), case.acc * FLIP / 9.80665
+    mag = None if case.mag is None else filled(case.mag) * FLIP * 1e6
+    dt = float(np.median(np.diff(case.t)))
+    peer, q = imufusion.Ahrs(), np.empty((len(gyr), 4))
+    clock = time.perf_counter()
+    for k in range(len(gyr)):
+        if mag is None:
+            peer.update_no_magnetometer(gyr[k], acc[k], dt)
+        else:
+            peer.update(gyr[k], acc[k], mag[k], dt)
+        q[k] = _wxyz(peer.quaternion)
+    spent = time.perf_counter() - clock
+    return q * np.array([1.0, 1.0, -1.0, -1.0]), 1e9 * spent / len(gyr)
+
+
+def _wxyz(q: object) -> Array:
+    """The quaternion of imufusion as an array, in the older and the newer version of the package."""
+    return np.array([q.w, q.x, q.y, q.z]) if hasattr(q, "w") else np.asarray(q, np.float64)
+
+
+def peer_ahrs(case: Case) -> tuple[Array, float]:
+    """ahrs.filters.Madgwick with default gain; earth axes NWU."""
+    from ahrs.filters import Madgwick
+
+    gyr, acc = case.gyr * FLIP, case.acc * FLIP
+    mag = None if case.mag is None else filled(case.mag) * FLIP * 1e9
+    clock = time.perf_counter()
+    q = Madgwick(gyr=gyr, acc=acc, mag=mag, Dt=float(np.median(np.diff(case.t)))).Q
+    return q * np.array([1.0, 1.0, -1.0, -1.0]), 1e9 * (time.perf_counter() - clock) / len(gyr)
+
+
+PEERS: dict[str, Peer] = {"vqf": peer_vqf, "imufusion": peer_imufusion, "ahrs": peer_ahrs}
+
+
+def scores(cases: list[Case], specs: list[str], peers: list[str]) -> dict[tuple[str, str], list[Array]]:
+    """Per (row, group) the list of (total, heading, inclination, ns); rows that need a missing sensor are left out."""
+    found: dict[tuple[str, str], list[Array]] = {}
+    for case in cases:
+        for spec in specs:
+            try:
+                e = estimate(
+                    spec, case.t, case.gyr, case.acc, case.mag, sampling=case.sampling, declination=case.declination
+                )
+            except AttlogError:
+                continue
+            row = np.append(case.errors(e.t, e.q), e.ns_per_update)
+            found.setdefault((spec, case.group), []).append(row)
+        for name in peers:
+            q, ns = PEERS[name](case)
+            turned = rotation.turn_about_down(rotation.normalize(q), np.deg2rad(case.declination))
+            found.setdefault((f"peer {name}", case.group), []).append(np.append(case.errors(case.t, turned), ns))
+    return found
+
+
+def lags(root: Path, specs: list[str]) -> dict[str, list[Array]]:
+    """Per row the list of (lag ms, step gain of roll) of the simulated flights that have steps."""
+    from attlog.config import Config
+
+    found: dict[str, list[Array]] = {}
+    for path in sorted((root / "sitl").glob("*/*")):
+        if path.suffix not in (".ulg", ".bin"):
+            continue
+        for row in attlog.analyze(path, Config(estimators=specs)).estimators:
+            answers = row.metrics.get("all", {})
+            values = [answers[m].value if m in answers else None for m in ("lag_ms", "step_gain_roll")]
+            if values[0] is not None:
+                found.setdefault(row.name, []).append(np.array([np.nan if v is None else v for v in values]))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--corpus", type=Path, default=os.environ.get("ATTLOG_CORPUS"), help="folder with the data")
+    parser.add_argument("--estimators", default="all", help="as on the command line of attlog")
+    parser.add_argument("--peers", default="vqf,imufusion", help="of vqf, imufusion, ahrs; empty for none")
+    parser.add_argument("--sets", default="broad,euroc,sitl")
+    parser.add_argument("--lag", action="store_true", help="lag and step gain on the simulated flights as well")
+    given = parser.parse_args()
+    if given.corpus is None:
+        parser.error("name the data with --corpus or ATTLOG_CORPUS")
+    sets = {"broad": broad, "euroc": euroc, "sitl": sitl}
+    cases = [c for name in given.sets.split(",") for c in sets[name](given.corpus)]
+    specs = [row.name for row in select(given.estimators)]
+    for spec in specs:
+        estimate(spec, *(x[:50] for x in (cases[0].t, cases[0].gyr, cases[0].acc, cases[0].acc)))
+    table = scores(cases, specs, [p for p in given.peers.split(",") if p])
+    print(
+        f"{'group':16}{'row':28}{'n':>4}{'total':>8}{'heading':>9}{'incl.':>8}{'ns':>9}   mean RMSE [deg], ns per update"
+    )
+    for group in dict.fromkeys(c.group for c in cases):
+        for (row, where), values in table.items():
+            if where == group:
+                total, heading, inclination, ns = np.mean(values, axis=0)
+                print(f"{group:16}{row:28}{len(values):4}{total:8.2f}{heading:9.2f}{inclination:8.2f}{ns:9.0f}")
+    if given.lag:
+        print(f"{'row':44}{'n':>4}{'lag ms':>9}{'step gain':>11}   medians over simulated flights")
+        for row, values in lags(given.corpus, specs).items():
+            lag, gain = np.nanmedian(values, axis=0)
+            print(f"{row:44}{len(values):4}{lag:9.1f}{gain:11.3f}")
+
+
+if __name__ == "__main__":
+    main()
