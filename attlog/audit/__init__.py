@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from attlog.audit import accelerometer, attitude, gyro, magnetometer, timing
+from attlog.audit import accelerometer, attitude, delay, gyro, magnetometer, timing
 from attlog.audit.model import Answerable, Check
 from attlog.audit.questions import answerable
 from attlog.flight.model import FlightLog
+from attlog.reference import choose
+from attlog.reference.model import Reference
 from attlog.segments.model import Segments
 
 __all__ = ["Answerable", "Check", "answerable", "audit"]
 
 
-def audit(log: FlightLog, segments: Segments | None) -> list[Check]:
-    """Every check of the log in a fixed order; ``segments`` None where there is no usable IMU."""
+def audit(log: FlightLog, segments: Segments | None, reference: Reference | None = None) -> list[Check]:
+    """Every check of the log in a fixed order; ``segments`` None where there is no usable IMU.
+
+    ``reference`` is what the delay is measured against; where it is not given it is chosen.
+    """
     phases = segments or Segments()
+    if reference is None and segments is not None and log.imu is not None:
+        reference = choose(log, segments)
     return [
         *timing.checks(log),
+        *delay.checks(log, reference),
         *gyro.checks(log, phases),
         *accelerometer.checks(log, phases),
         *attitude.checks(log, phases),

@@ -1,10 +1,10 @@
-"""Rate, gaps, jitter, coverage and filter delay of the inertial data."""
+"""Rate, gaps and jitter of the inertial data."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from attlog.audit.model import Check, graded, not_judged
+from attlog.audit.model import Check, graded
 from attlog.flight.inertial import LOW_RATE_HZ, REPLAY_MIN_HZ
 from attlog.flight.model import FlightLog
 from attlog.flight.timing import gaps
@@ -28,7 +28,6 @@ def checks(log: FlightLog) -> list[Check]:
         rate_check(imu.gyro.source, imu.gyro.rate),
         gap_check(t, dt[breaks]),
         jitter_check(steady),
-        *delay_checks(log),
     ]
 
 
@@ -63,18 +62,3 @@ def jitter_check(dt: np.ndarray) -> Check:
     jitter = 100.0 * float(dt.std() / np.median(dt)) if np.median(dt) > 0 else float("inf")
     text = f"Intervals {np.median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
     return Check("jitter", graded(jitter, 15.0, 60.0), text, round(jitter, 2), "%", "good up to 15 %, bad above 60 %")
-
-
-def delay_checks(log: FlightLog) -> list[Check]:
-    """What the filters ahead of the logger cost."""
-    imu = log.imus[log.imu or 0]
-    limit = "good up to 6 ms"
-    if imu.gyro.delay == 0.0 and imu.filtered in ("unknown", "driver"):
-        return [not_judged("delay", f"{imu.gyro.source}: the log does not tell how it was filtered.", limit)]
-    if imu.gyro.delay == 0.0:
-        return [Check("delay", "good", f"{imu.gyro.source} is logged without a low-pass filter.", 0.0, "ms", limit)]
-    delay = 1e3 * imu.gyro.delay
-    text = (
-        f"{imu.gyro.source} is late by {delay:.1f} ms ({imu.filtered}); lags of replayed filters are corrected for it."
-    )
-    return [Check("delay", "good" if delay <= 6.0 else "look", text, round(delay, 2), "ms", limit)]

@@ -161,6 +161,23 @@ def test_a_field_in_the_wrong_unit_is_bad() -> None:
     assert with_fault(tenfold)["field"].verdict == "bad"
 
 
+def test_a_late_gyro_is_measured() -> None:
+    def late(log: FlightLog) -> None:
+        for stream in (log.imus[0].gyro, log.imus[0].acc):
+            stream.t = stream.t + 0.03
+
+    assert checks(good("px4_steps.ulg"))["delay"].value == pytest.approx(0.0, abs=0.5)
+    found = with_fault(late)["delay"]
+    assert found.verdict == "bad"
+    assert found.value == pytest.approx(30.0, abs=1.0)
+
+
+def test_a_low_pass_is_confirmed_by_the_rates() -> None:
+    found = checks(good("copter_steps_stabilize.bin"))["delay"]
+    assert found.verdict == "good"
+    assert found.value == pytest.approx(2.8, abs=0.5)
+
+
 def test_lost_samples_show_as_gaps() -> None:
     def lose(log: FlightLog) -> None:
         imu = log.imus[0]
