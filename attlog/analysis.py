@@ -64,7 +64,7 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
                 table_row.metrics = metrics.compute(trial, by_name[table_row.name], windows)
         best = metrics.best({r.name: r.metrics for r in estimator_rows}, rows)
     with clock("audit"):
-        checks = audit(log, phases)
+        checks = audit(log, phases, ref)
     result = Result(
         attlog=versions(),
         command=command,
