@@ -23,6 +23,9 @@ FAULT_DEG = 10.0
 
 SLOW_HZ = 5.0
 
+FROZEN_DPS = 5.0
+"""A gyro that varies by more than this does not belong to an attitude that never changes."""
+
 ACC_SAMPLES = 2000
 """Accelerometer samples of one stretch that are enough for its mean."""
 
@@ -31,8 +34,8 @@ def choose(log: FlightLog, segments: Segments, options: Options | None = None) -
     """The reference of a log: truth, else the onboard attitude that flew, else none; with all its steps.
 
     UsageError for an option that names something the log does not hold. An attitude
-    that gravity at rest contradicts by more than 10 deg is refused unless the user
-    asked for it.
+    that gravity contradicts by more than 10 deg, or that stands still while the gyro
+    turns, is refused for the next best unless the user asked for it.
     """
     options = options or Options()
     if options.clock not in ("sample", "publication"):
@@ -42,18 +45,23 @@ def choose(log: FlightLog, segments: Segments, options: Options | None = None) -
     if attitude is None:
         return _without(log, imu, segments, options, why)
     reference = _build(log, imu, segments, options, kind, name, attitude, why)
-    if reference.fault and options.reference == "auto":
-        nothing = _without(log, imu, segments, options, reference.fault)
-        nothing.fault = reference.fault
-        return nothing
-    return reference
+    if not reference.fault or options.reference != "auto":
+        return reference
+    _, flew, onboard, _ = _pick(log, "auto", truth=False)
+    if kind == "truth" and onboard is not None:
+        second = _build(log, imu, segments, options, "onboard", flew, onboard, f"truth refused: {reference.fault}")
+        if not second.fault:
+            return second
+    nothing = _without(log, imu, segments, options, reference.fault)
+    nothing.fault = reference.fault
+    return nothing
 
 
 Kind = Literal["truth", "onboard", "none"]
 
 
-def _pick(log: FlightLog, wanted: str) -> tuple[Kind, str, Attitude | None, str]:
-    """Kind, name and attitude of the reference, with the reason."""
+def _pick(log: FlightLog, wanted: str, truth: bool = True) -> tuple[Kind, str, Attitude | None, str]:
+    """Kind, name and attitude of the reference, with the reason; ``truth=False`` leaves the truth out."""
     kind, _, named = wanted.partition(":")
     if kind not in ("auto", "truth", "onboard", "none") or (named and kind != "onboard"):
         raise UsageError(f"reference {wanted!r}: use auto, truth, onboard, onboard:NAME or none")
@@ -65,7 +73,7 @@ def _pick(log: FlightLog, wanted: str) -> tuple[Kind, str, Attitude | None, str]
         if named not in log.attitudes:
             raise UsageError(f"reference {wanted!r}: {log.path.name} holds {_known(log)}")
         return "onboard", named, log.attitudes[named], "as asked"
-    if kind in ("auto", "truth") and log.truth is not None and _enough(log.truth):
+    if truth and kind in ("auto", "truth") and log.truth is not None and _enough(log.truth):
         return "truth", "", log.truth, "the log holds the truth"
     attitude = log.attitudes.get(log.onboard or "")
     if attitude is None or not _enough(attitude):
@@ -104,6 +112,7 @@ def _build(
     lag = delay.step(log, imu, reference, options.input_delay)
     reference.input_delay_s = 1e-3 * float(lag.value) if lag.applied and isinstance(lag.value, float) else 0.0
     reference.fault, gravity_step = _gravity(reference, imu, segments)
+    reference.fault = reference.fault or _frozen(reference, imu)
     reference.steps = [
         AlignmentStep("reference", why, kind, source=attitude.source, option="--reference"),
         clock.step(log, attitude, which),
@@ -206,6 +215,18 @@ def _gravity(reference: Reference, imu: Imu | None, segments: Segments) -> tuple
         "so agreement with it would mean nothing"
     )
     return (fault if tilt > FAULT_DEG else ""), [step]
+
+
+def _frozen(reference: Reference, imu: Imu | None) -> str:
+    """A sentence if the reference never moves while the gyro turns faster than an offset explains, else nothing."""
+    if imu is None or not len(imu.gyro.x):
+        return ""
+    good = imu.gyro.x[np.isfinite(imu.gyro.x).all(axis=1)]
+    spread = np.std(good, axis=0) if len(good) else np.zeros(3)
+    turning = float(np.degrees(np.sqrt(np.sum(spread**2))))
+    if turning < FROZEN_DPS or np.ptp(reference.q, axis=0).max() > 1e-9:
+        return ""
+    return f"{reference.source} never changes while the gyro turns by {turning:.0f} deg/s rms: it holds no attitude"
 
 
 def _tilt_deg(reference: Reference, imu: Imu, t0: float, t1: float) -> float | None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.segments import spans
+
 Array = NDArray[np.float64]
 
 KINDS = ("run", "rest.long", "rest.short", "idle", "armed", "airborne", "hover", "impact", "reset", "gap")
@@ -57,7 +59,4 @@ class Segments:
 
     def mask(self, t: Array, window: str) -> NDArray[np.bool_]:
         """Which of the times (n,) lie inside a window."""
-        inside = np.zeros(len(t), bool)
-        for t0, t1 in self.spans(window):
-            inside |= (t >= t0) & (t <= t1)
-        return inside
+        return spans.inside(t, self.spans(window))

@@ -94,6 +94,22 @@ def test_an_attitude_that_gravity_contradicts_is_refused_unless_asked_for():
     assert kept.fault == refused.fault
 
 
+def test_a_truth_that_gravity_contradicts_gives_way_to_the_onboard_attitude():
+    log = flight(truth_hz=50.0)
+    log.truth.q = rotation.multiply(log.truth.q, rotation.from_euler(np.radians(30.0), 0, 0))
+    reference = chosen(log)
+    assert reference.source == "ATT"
+    assert "truth refused: SIM disagrees with gravity" in reference.steps[0].text
+
+
+def test_a_truth_that_never_moves_while_the_gyro_turns_is_none():
+    log = flight(truth_hz=50.0)
+    log.truth.q[:] = [1.0, 0.0, 0.0, 0.0]
+    log.imus[0].acc.x[:] = [0.0, 0.0, -9.81]
+    assert "never changes while the gyro turns" in chosen(log).steps[0].text
+    assert chosen(log, reference="truth").kind == "truth"
+
+
 @pytest.mark.parametrize(("seconds", "start"), [(60.0, 15.0), (30.5, 15.0), (24.0, 8.0), (6.0, 2.0)])
 def test_scoring_starts_after_fifteen_seconds_or_a_third_of_a_short_log(seconds, start):
     assert chosen(flight(seconds)).scoring_start == pytest.approx(start, abs=0.01)
