@@ -11,6 +11,7 @@ from attlog.flight.model import Imu, Stream
 from attlog.metrics.answer import CODES
 from attlog.result import plain
 from attlog.segments.model import WINDOWS, Segment
+from tests.conftest import ROOT
 from tests.metrics import flights
 from tests.metrics.motions import motion
 
@@ -181,3 +182,14 @@ def test_a_filter_scored_on_its_good_half_says_so_and_is_not_best():
     assert metrics.best(table, half.rows) == {}
     quick.coverage_pct = 90.0
     assert metrics.best(table, half.rows)["all"]["inclination_rmse_deg"] == ["quick"]
+
+
+def test_the_documentation_names_every_metric():
+    text = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
+    for name in metrics.definitions():
+        stem, dot, witness = name.partition(".")
+        known = f"{stem}.WITNESS" in text and witness in text if dot else f"`{name}`" in text
+        statistic = next((s for s in ("_median_", "_p95_", "_max_") if s in name), None)
+        assert known or (statistic and f"`{statistic}`" in text and f"`{name.replace(statistic, '_rmse_')}`" in text), (
+            name
+        )
