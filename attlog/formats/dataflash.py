@@ -91,7 +91,7 @@ def _boots(data: NDArray[np.uint8], index: Index, at: NDArray[np.int64], time: N
 
 def _times_of(table: Table, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[int | None]:
     """The time of each record, from its own stamp or else from the record before it."""
-    if "TimeUS" in table:
+    if "TimeUS" in table and table.fields["TimeUS"].dtype.kind in "iu":
         return table["TimeUS"].tolist()
     return times_before(table.offsets, at, time)
 

@@ -181,6 +181,21 @@ def test_megabytes_of_nonsense_take_no_time(raw: bytes, tmp_path: Path, filler: 
     assert len(found["IMU", 0]) >= len(dataflash.read(written(tmp_path, raw))["IMU", 0]) - 1
 
 
+def test_a_clock_that_falls_is_a_new_boot_also_without_formats(raw: bytes, clean: Index, tmp_path: Path) -> None:
+    end = int((clean.offsets + lengths_of(clean))[-1])
+    log = dataflash.read(written(tmp_path, raw[:end] + raw[after_formats(clean) :]))
+    assert [boot.start for boot in log.boots] == [0, end]
+    imu = [log.boot(k)["IMU", 0]["TimeUS"].astype(np.int64) for k in (0, 1)]
+    assert all(np.all(np.diff(t) > 0) for t in imu)
+
+
+def test_formats_that_come_late_hold_for_what_lies_before(raw: bytes, clean: Index, tmp_path: Path) -> None:
+    start = after_formats(clean)
+    moved = raw[start:] + raw[:start]
+    before = dataflash.read(written(tmp_path, raw))["IMU", 0]["GyrX"]
+    np.testing.assert_array_equal(dataflash.read(written(tmp_path, moved))["IMU", 0]["GyrX"], before)
+
+
 def test_texts_of_two_layouts_keep_their_length(raw: bytes, tmp_path: Path) -> None:
     short = {"NOTE": {"TimeUS": np.array([10], np.uint64), "Text": np.array([b"abc"], "S4")}}
     long = {"NOTE": {"TimeUS": np.array([20], np.uint64), "Text": np.array([b"a longer text"], "S16")}}
