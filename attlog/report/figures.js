@@ -37,7 +37,7 @@ const draws = {
     const map = cutter(f.cut), ticks = [];
     for (let v = Math.ceil(f.cut / 90) * 90; v < f.cut + 360; v += 90) ticks.push(v);
     const text = ticks.map((v) => { const h = ((v % 360) + 360) % 360; return (COMPASS[h] || '') + ' ' + h; });
-    const p = panels(id, f, [['roll', 'roll, °', { least: 4 }], ['pitch', 'pitch, °', { least: 4 }], ['heading', 'heading, °', { least: 10, wraps: true, map }]], { range, phases: 'named' });
+    const p = panels(id, f, [['roll', 'roll, °', { least: 4, wraps: true }], ['pitch', 'pitch, °', { least: 4 }], ['heading', 'heading, °', { least: 10, wraps: true, map }]], { range, phases: 'named' });
     const [low, high] = p.layout.yaxis3.range;
     if (high - low > 150) Object.assign(p.layout.yaxis3, { tickvals: ticks, ticktext: text });
     else Object.assign(p.layout.yaxis3, numbered(low, high));
@@ -45,7 +45,7 @@ const draws = {
     return p;
   },
   difference(id, f, range) {
-    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °'], ['pitch', 'pitch, °'], ['heading', 'heading, °']], { range, phases: 'named' });
+    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]], { range, phases: 'named' });
     alarms(p.layout, range);
     return p;
   },

@@ -34,13 +34,15 @@ function phases(L, named) {
   for (const [a, b] of M.airborne) L.shapes.push(band(a, b, css('--arm')));
   for (const [a, b] of M.rest.slice(0, MANY_MARKS)) L.shapes.push(band(a, b, css('--rest')));
   for (const [a, b] of M.impact) L.shapes.push(band(a, Math.max(b, a), css('--crash')), bar(a, css('--bad'), 'solid'));
-  for (const [a, b] of M.gaps.slice(0, MANY_MARKS)) L.shapes.push(band(a, b, css('--gap')));
+  for (const [a, b] of M.gaps.slice(0, MANY_MARKS)) L.shapes.push(band(a, b, css('--gap')), bar(a, css('--edge'), 'solid'), bar(b, css('--edge'), 'solid'));
   for (const [t] of M.resets.slice(0, MANY_MARKS)) L.shapes.push(bar(t, css('--bad'), 'dot'));
   if (!named) return;
   const share = (a, b) => (Math.min(b, range[1]) - Math.max(a, range[0])) / (range[1] - range[0]);
   const label = (spans, text, least) => {
-    for (const [a, b] of spans) if (seen(a, b) && share(a, b) > least)
-      L.annotations.push(note((Math.max(a, range[0]) + Math.min(b, range[1])) / 2, text));
+    for (const [a, b] of spans) {
+      const middle = (Math.max(a, range[0]) + Math.min(b, range[1])) / 2, crowded = M.impact.some(([t]) => Math.abs(t - middle) < 1.3 * 50 / L.width * (range[1] - range[0]));
+      if (seen(a, b) && share(a, b) > least && !crowded) L.annotations.push(note(middle, text));
+    }
   };
   const least = 50 / L.width;
   label(M.rest, 'rest', least);
@@ -71,7 +73,7 @@ function panels(id, f, columns, options) {
   L.xaxis = axis(options.time || 'time, s', { range: range.slice(), anchor: last, hoverformat: '.2f', showspikes: true, spikemode: 'across', spikethickness: 1, spikecolor: css('--mu'), spikedash: 'dot' });
   columns.forEach(([, title, opt], i) => {
     const top = 1 - i * (height + gap), own = 'y' + (i || '' ? i + 1 : '');
-    L['yaxis' + (i ? i + 1 : '')] = axis(title, Object.assign({ domain: [Math.max(top - height, 0), top], nticks: 5, range: fitted(traces, i ? own : 'y', opt && opt.least || 0.2), zeroline: !(opt && opt.wraps) }, opt && opt.axis));
+    L['yaxis' + (i ? i + 1 : '')] = axis(title, Object.assign({ domain: [Math.max(top - height, 0), top], nticks: 5, range: fitted(traces, i ? own : 'y', opt && opt.least || 0.2), zeroline: !(opt && opt.map) }, opt && opt.axis));
   });
   if (options.phases) phases(L, options.phases === 'named');
   return { traces, layout: L };
