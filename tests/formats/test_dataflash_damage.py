@@ -193,7 +193,8 @@ def test_formats_that_come_late_hold_for_what_lies_before(raw: bytes, clean: Ind
     start = after_formats(clean)
     moved = raw[start:] + raw[:start]
     before = dataflash.read(written(tmp_path, raw))["IMU", 0]["GyrX"]
-    np.testing.assert_array_equal(dataflash.read(written(tmp_path, moved))["IMU", 0]["GyrX"], before)
+    after = dataflash.read(written(tmp_path, moved))["IMU", 0]["GyrX"]
+    np.testing.assert_array_equal(np.sort(after), np.sort(before))
 
 
 def test_texts_of_two_layouts_keep_their_length(raw: bytes, tmp_path: Path) -> None:
