@@ -12,18 +12,16 @@ next place where three records in a row make sense and the time is near.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable, NotALog
 from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
 from attlog.formats.mapping import gather, map_bytes
 from attlog.formats.ulog_doubt import doubtful
+from attlog.formats.ulog_framing import ANCHOR_RECORDS, DATA, KINDS, Framing
 from attlog.formats.ulog_index import HEADER, Bytes, Identifiers, Offsets, Sizes, chain
 from attlog.formats.ulog_layout import Layout, Members, layout_of, parse_format
 from attlog.formats.ulog_records import (
@@ -33,11 +31,11 @@ from attlog.formats.ulog_records import (
     SYNC,
     SYNC_HEADER,
     info_value,
-    is_record,
     keyed,
     parameter_value,
     text,
 )
+from attlog.formats.ulog_topic import Topic
 from attlog.formats.ulog_write import write
 from attlog.limits import (
     MAX_DAMAGE,
@@ -53,14 +51,8 @@ __all__ = ["read", "write"]
 ENCRYPTED = b"ULogEnc"
 GROUP = 1 << 17
 """Records that are sorted into their topics at a time; bounds the memory of the sort."""
-ANCHOR_RECORDS = 3
-"""Records in a row that must make sense before reading goes on behind damage."""
 LONG_UNKNOWN = 300
 """Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""
-FIRST_SEARCH, LONGEST_SEARCH = 1 << 12, 1 << 20
-"""Bytes looked at together behind damage: most wounds are short, some are whole flash blocks."""
-_KINDS = np.zeros(256, bool)
-_KINDS[list(b"ABCDFILMOPQRS")] = True
 
 
 def read(path: Path | str) -> Messages:
@@ -79,23 +71,15 @@ def read(path: Path | str) -> Messages:
     return _Reader(path, data).messages()
 
 
-@dataclass(slots=True)
-class _Topic:
-    """A topic's records so far; another layout (a second log in the same file) starts a new part."""
-
-    layouts: list[Layout]
-    begins: list[int]
-    offsets: list[Offsets] = field(default_factory=list)
-
-
 class _Reader:
     """One walk over the file; ``messages`` turns what was found into the result."""
 
     def __init__(self, path: Path, data: Bytes) -> None:
         self.path, self.data, self.raw, self.size = path, data, memoryview(data), len(data)
         self.sizes = Sizes()
+        self.framing = Framing(data, self.sizes, self._is_timely)
         self.chain = chain(self.data, self.sizes)
-        self.topics: dict[tuple[str, int], _Topic] = {}
+        self.topics: dict[tuple[str, int], Topic] = {}
         self.params: list[ParamChange] = []
         self.texts: list[Text] = []
         self.info: dict[str, Any] = {}
@@ -118,7 +102,7 @@ class _Reader:
             position = self._walk(position, stop)
         self._end_log()
         tables = {
-            key: _table(self.data, key, topic)
+            key: topic.table(self.data, *key)
             for key, topic in sorted(self.topics.items())
             if sum(map(len, topic.offsets))
         }
@@ -137,11 +121,11 @@ class _Reader:
         """Read records up to ``stop``; returns ``stop`` or the place where the plan changed."""
         plan, raw = self.appended, self.raw
         while position < stop and self.appended is plan:
-            if position + HEADER <= stop and raw[position + 2] == ord("D"):
+            if position + HEADER <= stop and raw[position + 2] == DATA:
                 starts, ids = self.chain.follow(position, stop)
                 if len(starts):
                     self._keep(starts, ids)
-                    position = self._end(self.last)
+                    position = self.framing.end(self.last)
                     continue
             if raw[position + 3 : position + 11] == SYNC and raw[position : position + 3] == SYNC_HEADER:
                 position += len(SYNC_HEADER) + len(SYNC)
@@ -150,77 +134,38 @@ class _Reader:
             position = self._resume(position, stop) if following is None else following
         return position
 
-    def _end(self, start: int) -> int:
-        return start + 3 + (self.raw[start] | self.raw[start + 1] << 8)
-
     def _keep(self, starts: Offsets, ids: Identifiers) -> None:
+        if self.pending >= GROUP:  # before and not after: the last record can still be given up
+            self._group()
         self.runs.append((starts, ids))
         self.pending += len(starts)
         self.last = int(starts[-1])
         self.recent = starts[-3:].tolist()
-        if self.pending >= GROUP:
-            self._group()
 
     def _record(self, position: int, stop: int) -> int | None:
         """Take in the record that is no known data; the next position, None where there is no record."""
-        if self.raw[position : position + 7] == MAGIC and position + FILE_HEADER <= stop:
+        if self.framing.is_header(position) and position + FILE_HEADER <= stop:
             self._end_log()
             self._start_log(position)
             return position + FILE_HEADER
-        if position + 3 > stop or self._end(position) > stop:
+        if position + 3 > stop or self.framing.end(position) > stop:
             return None
-        kind, end = self.raw[position + 2], self._end(position)
+        kind, end = self.raw[position + 2], self.framing.end(position)
         payload = bytes(self.raw[position + 3 : end])
-        strict = position == self.checked or (kind != ord("D") and is_record(kind, payload))
-        if not strict and (end == position + 3 or kind == 0 or (not _KINDS[kind] and len(payload) > LARGEST_UNKNOWN)):
+        strict = kind != DATA and self.framing.is_strict(position, payload)
+        if not strict and (end == position + 3 or kind == 0 or (not KINDS[kind] and len(payload) > LARGEST_UNKNOWN)):
             return None
-        if (kind == ord("D") and len(payload) < 2) or not self._leads_on(end, stop, 1 if strict else 2):
+        if (kind == DATA and len(payload) < 2) or not self.framing.leads_on(end, stop, 1 if strict else 2):
             return None
-        if not strict and (kind != ord("D") or len(payload) > LONG_UNKNOWN) and self._anchor(position + 1, end) < end:
+        may_hide_records = not strict and (kind != DATA or len(payload) > LONG_UNKNOWN)
+        if may_hide_records and self.framing.anchor(position + 1, end) < end:
             return None
-        if kind == ord("D"):
-            identifier = self.raw[position + 3] | self.raw[position + 4] << 8
+        if kind == DATA:
+            identifier = self.framing.identifier(position)
             self.unknown.setdefault(identifier, []).append(position)
         elif strict or kind in b"IMFPQALC":
             self._take(kind, payload, position)
         return end
-
-    def _known(self, position: int) -> bool:
-        """Whether the start of a record whose end is missing looks like one."""
-        size, kind = self._end(position) - position - 3, self.raw[position + 2]
-        if kind != ord("D"):
-            return bool(_KINDS[kind]) and size > 0
-        if position + HEADER > self.size:
-            return True
-        identifier = self.raw[position + 3] | self.raw[position + 4] << 8
-        return self._size_fits(identifier, size)
-
-    def _size_fits(self, identifier: int, size: int) -> bool:
-        smallest = int(self.sizes.smallest[identifier])
-        return smallest > 0 and smallest <= size <= smallest + int(self.sizes.spread[identifier])
-
-    def _leads_on(self, position: int, stop: int, records: int) -> bool:
-        """Whether ``records`` well-formed records follow, or the end of the section comes before."""
-        for _ in range(records):
-            if position >= stop - 2:
-                return True
-            if self.raw[position : position + 7] == MAGIC:
-                return True
-            kind, end = self.raw[position + 2], self._end(position)
-            if end > stop:
-                return self._known(position)
-            if kind == ord("D"):
-                if end < position + HEADER:
-                    return False
-                identifier = self.raw[position + 3] | self.raw[position + 4] << 8
-                if self.sizes.smallest[identifier] and not self._size_fits(identifier, end - position - 3):
-                    return False
-            elif is_record(kind, bytes(self.raw[position + 3 : end])):
-                self.checked = position
-            else:
-                return False
-            position = end
-        return True
 
     # Damage.
 
@@ -230,23 +175,20 @@ class _Reader:
         Where nothing more follows and the rest is the beginning of a record, the log
         was cut off there and the record before is whole.
         """
-        if self._is_cut_off(position, stop) and self._anchor(position + 1, stop) == stop:
+        if self.framing.is_cut_off(position, stop) and self.framing.anchor(position + 1, stop) == stop:
             resumed = "at the end of the file" if stop == self.size else f"at the appended data, byte {stop}"
             self._damaged(position, stop, "a record that is cut off", resumed)
             return stop
         self.wounded = True
         begin = position
-        if self.runs and self._end(self.last) == position:
+        if self.runs and self.framing.end(self.last) == position:
             begin = self.last
             self._drop_last()
-        here = self._anchor(max(begin + 1, self.low), stop)
+        here = self.framing.anchor(max(begin + 1, self.low), stop)
         self.low = here
         lost = f"{here - begin} bytes that are no records"
         self._damaged(begin, here, lost, f"at byte {here}" if here < stop else "nothing behind it is readable")
         return here
-
-    def _is_cut_off(self, position: int, stop: int) -> bool:
-        return position + 3 > stop or (self._end(position) > stop and self._known(position))
 
     def _drop_last(self) -> None:
         starts, ids = self.runs.pop()
@@ -256,46 +198,10 @@ class _Reader:
         self.recent = self.runs[-1][0][-3:].tolist() if self.runs else []
         self.last = self.recent[-1] if self.recent else 0
 
-    def _anchor(self, position: int, stop: int) -> int:
-        """The first place from ``position`` on where records make sense again, else ``stop``."""
-        length = FIRST_SEARCH
-        while position < stop:
-            end = min(position + length, stop)
-            for candidate in self._candidates(position, end):
-                if self._anchors(candidate, stop):
-                    return candidate
-            position, length = end, min(length * 4, LONGEST_SEARCH)
-        return stop
-
-    def _candidates(self, begin: int, end: int) -> list[int]:
-        """Places whose first bytes could be a record that we can check."""
-        last = min(end, self.size - HEADER)
-        if last <= begin:
-            return []
-        window = self.data[begin : last + HEADER - 1]
-        count = last - begin
-        size = window[:count].astype(np.int32) | window[1 : count + 1].astype(np.int32) << 8
-        kind = window[2 : count + 2]
-        identifier = window[3 : count + 3].astype(np.int32) | window[4 : count + 4].astype(np.int32) << 8
-        smallest = self.sizes.smallest[identifier].astype(np.int32)
-        data = (kind == ord("D")) & (smallest > 0) & (size >= smallest)
-        data &= size <= smallest + self.sizes.spread[identifier]
-        small = ((kind == ord("R")) | (kind == ord("O"))) & (size == 2) | (kind == ord("S")) & (size == len(SYNC))
-        other = _KINDS[kind] & (size > 2) & (kind != ord("D")) & (kind != ord("S"))
-        header = (window[:count] == MAGIC[0]) & (window[1 : count + 1] == MAGIC[1]) & (kind == MAGIC[2])
-        found = np.flatnonzero(data | small | other | header)
-        return (found + begin).tolist()
-
-    def _anchors(self, position: int, stop: int) -> bool:
-        """Whether reading may go on here: this record and the next ones are well formed, at a time near the last."""
-        if self.raw[position : position + 7] == MAGIC:
-            return position + FILE_HEADER <= stop
-        if self._end(position) > stop or not self._leads_on(position, stop, ANCHOR_RECORDS):
-            return False
-        if self.raw[position + 2] != ord("D"):
-            return True
-        now = self._time_at(position)
-        before = [t for start in self.recent if (t := self._time_at(start)) is not None]
+    def _is_timely(self, start: int) -> bool:
+        """Whether the data record's time is near those of the last records."""
+        now = self._time_at(start)
+        before = [t for last in self.recent if (t := self._time_at(last)) is not None]
         return now is None or not before or min(abs(now - t) for t in before) < MAX_TIME_JUMP_S * 1e6
 
     def _without_doubtful(self, table: Table) -> Table:
@@ -304,7 +210,8 @@ class _Reader:
         if not doubt.any():
             return table
         for start in table.offsets[doubt].tolist():
-            self._damaged(start, self._end(start), f"a record of {table.name} with impossible numbers", "behind it")
+            lost = f"a record of {table.name} with impossible numbers"
+            self._damaged(start, self.framing.end(start), lost, "behind it")
         return table.rows(~doubt)
 
     def _damaged(self, begin: int, end: int, lost: str, resumed: str) -> None:
@@ -316,7 +223,7 @@ class _Reader:
         """Sort what is pending; give records whose subscription is lost to the one topic that they can be."""
         self._group()
         for identifier, starts in self.unknown.items():
-            sizes = {self._end(start) - start - 3 for start in starts}
+            sizes = {self.framing.end(start) - start - 3 for start in starts}
             offsets = np.array(starts, np.int64)
             found = self._only_topic_for(sizes, offsets) if identifier not in self.by_id else None
             if found is not None:
@@ -325,7 +232,7 @@ class _Reader:
                 lost = f"the subscription of id {identifier}; its {len(starts)} records can only be {name}"
                 self._damaged(starts[0], starts[0], lost, f"read as {name}")
                 continue
-            length = sum(self._end(start) - start for start in starts)
+            length = sum(self.framing.end(start) - start for start in starts)
             lost = f"{len(starts)} records ({length} bytes) of id {identifier}, which no readable definition describes"
             self._damaged(starts[0], starts[0], lost, "skipped one by one")
             self.damage_bytes += length
@@ -356,7 +263,7 @@ class _Reader:
         self.last = 0
         self.recent: list[int] = []
         self.low = 0
-        self.checked = 0
+        self.framing.checked = -1
         self.runs.clear()
         self.boots.append(position)
         self.start_us = struct.unpack_from("<Q", self.raw, position + 8)[0]
@@ -447,7 +354,7 @@ class _Reader:
 
     def _time_at(self, start: int) -> int | None:
         """The stamp of a data record, None if its topic has none."""
-        known = self.by_id.get(self.raw[start + 3] | self.raw[start + 4] << 8)
+        known = self.by_id.get(self.framing.identifier(start))
         if known is None or known[2].time_at is None:
             return None
         return int(struct.unpack_from("<Q", self.raw, start + HEADER + known[2].time_at)[0])
@@ -470,47 +377,4 @@ class _Reader:
             self._add((name, multi), layout, part)
 
     def _add(self, key: tuple[str, int], layout: Layout, offsets: Offsets) -> None:
-        topic = self.topics.setdefault(key, _Topic([layout], [0]))
-        if topic.layouts[-1] != layout:
-            topic.layouts.append(layout)
-            topic.begins.append(int(offsets[0]))
-        topic.offsets.append(offsets)
-
-
-def _table(data: Bytes, key: tuple[str, int], topic: _Topic) -> Table:
-    """The topic's table; fields are those that all its layouts share."""
-    offsets = np.concatenate(topic.offsets)
-    if len(topic.offsets) > 1 and (offsets[1:] < offsets[:-1]).any():
-        offsets.sort()
-    first, *others = topic.layouts
-    fields = {n: f for n, f in first.fields.items() if all(o.fields.get(n) == f for o in others)}
-    gather = _Gather(data, topic.layouts, topic.begins)
-    return Table(key[0], key[1], fields, offsets, gather)
-
-
-class _Gather:
-    """Decodes columns of one topic: all bytes of its records are gathered once, columns are views of them."""
-
-    def __init__(self, data: Bytes, layouts: Sequence[Layout], begins: Sequence[int]) -> None:
-        self._data, self._layouts, self._begins = data, layouts, begins
-        self._records = [layout.record() for layout in layouts]
-        self._of: Offsets | None = None
-        self._gathered: list[NDArray[np.void]] = []
-
-    def __call__(self, column: str, offsets: Offsets) -> NDArray[Any]:
-        if self._of is not offsets:
-            cuts = np.searchsorted(offsets, self._begins[1:])
-            self._gathered = [
-                self._rows(record, part) for record, part in zip(self._records, np.split(offsets, cuts), strict=True)
-            ]
-            self._of = offsets
-        if len(self._gathered) == 1:
-            return self._gathered[0][column]
-        return np.concatenate([rows[column] for rows in self._gathered])
-
-    def _rows(self, record: np.dtype[np.void], offsets: Offsets) -> NDArray[np.void]:
-        count = len(self._data) - record.itemsize + 1
-        if not len(offsets):
-            return np.zeros(0, record)
-        windows = np.ndarray((count,), f"V{record.itemsize}", self._data, strides=(1,))
-        return windows[offsets + HEADER].view(record)
+        self.topics.setdefault(key, Topic([layout], [0])).add(layout, offsets)
