@@ -61,6 +61,10 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     resets = reading.attempt("Resets", lambda: ardupilot_attitude.resets(reading, clock, lane_t, lanes), [])
     log.attitudes = ardupilot_attitude.attitudes(reading, clock, resets)
     log.onboard = ardupilot_attitude.onboard(log.attitudes, family, lanes[-1] if lanes else None)
+    if log.onboard == "ANG":
+        reading.choices["onboard"] = "ANG holds the values of ATT at loop rate"
+    elif log.onboard not in (None, "ATT"):
+        reading.choices["onboard"] = "the log holds neither ATT nor ANG"
     log.truth = reading.attempt("SIM", lambda: ardupilot_attitude.truth(reading, clock), None)
     log.setpoints = reading.attempt("Set-points", lambda: ardupilot_attitude.setpoints(reading, clock), None)
     log.params = parameters.time_lines(reading, messages.params, "PARM")

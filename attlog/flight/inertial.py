@@ -115,7 +115,7 @@ def choose_unit(
             )
             wanted, reason = fast[0], "the only one logged fast enough"
     unit = units[wanted]
-    reading.choices["imu"] = f"{unit.source} at {unit.rate:.1f} Hz: {reason}."
+    reading.choices["imu"] = sentence(reason)
     if unit.rate < REPLAY_MIN_HZ:
         reading.problem(
             "imu_rate_too_low",
@@ -132,6 +132,11 @@ def choose_unit(
             f"{1000 / unit.rate:.0f} ms cannot be told. {how_to_log}",
         )
     return wanted
+
+
+def sentence(reason: str) -> str:
+    """A reason as a sentence."""
+    return reason[0].upper() + reason[1:] + "."
 
 
 def build(reading: Reading, candidate: Candidate) -> Imu:

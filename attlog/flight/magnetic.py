@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.inertial import sentence
 from attlog.flight.model import Array, Imu, Mag
 from attlog.flight.reading import Reading
 from attlog.flight.timing import Stamps
@@ -95,7 +96,7 @@ def choose(
     ``asked`` is a number, ``"none"`` for no magnetometer, or None to choose.
     """
     if asked == "none":
-        reading.choices["mag"] = "none, as asked."
+        reading.choices["mag"] = "None, as asked for."
         return None
     if asked is not None:
         named = [k for k, m in enumerate(mags) if m.index == int(asked)]
@@ -105,7 +106,7 @@ def choose(
                 "mag_not_in_log", "error", f"There is no magnetometer {asked} in this log; it holds {have}."
             )
             return None
-        reading.choices["mag"] = f"{mags[named[0]].field.source}: asked for."
+        reading.choices["mag"] = "Asked for."
         return named[0]
     usable = []
     for k, mag in enumerate(mags):
@@ -134,7 +135,7 @@ def choose(
         return None
     chosen = next((k for k in usable if mags[k].index == preferred), usable[0])
     reason = why if mags[chosen].index == preferred else "the first usable one"
-    reading.choices["mag"] = f"{mags[chosen].field.source} at {mags[chosen].field.rate:.1f} Hz: {reason}."
+    reading.choices["mag"] = sentence(reason)
     return chosen
 
 
