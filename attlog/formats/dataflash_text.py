@@ -27,8 +27,8 @@ from attlog.formats.mapping import map_bytes, text_of
 from attlog.limits import MAX_DAMAGE, MAX_FORMATS, MAX_TEXT_LENGTH, MAX_TEXTS
 
 _TEXT_LETTERS = "nNZMa"  # M is a mode name in text logs; arrays are printed in a form of their own
-_NUMBER = rb"[ \t]*[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|nan|inf)[ \t]*"
-_INTEGER = rb"[ \t]*[-+]?\d+[ \t]*"
+_NUMBER = rb"[ \t]*[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|nan|inf(?:inity)?)[ \t]*"
+_INTEGER = rb"[ \t]*[-+]?\d{1,18}[ \t]*"  # what int64 holds for sure
 _ANY = rb"[^,]*"
 
 

@@ -85,6 +85,15 @@ def test_cut_and_mixed_lines_are_left_out_and_told(tmp_path: Path) -> None:
     assert log.damage_bytes == sum(d.length for d in log.damage)
 
 
+def test_numbers_that_no_logger_prints_are_damage(tmp_path: Path) -> None:
+    log = dataflash_text.read(
+        log_of(tmp_path, b"IMU, 99999999999999999999, 0, 0", b"IMU, 5, 0x1, 0", b"IMU, 7, -inf, 2")
+    )
+    assert log["IMU", 0]["TimeMS"].tolist() == [7]
+    assert log["IMU", 0]["GyrX"].tolist() == [-np.inf]
+    assert len(log.damage) == 2
+
+
 def test_further_values_are_ignored_but_a_text_keeps_its_commas(tmp_path: Path) -> None:
     log = dataflash_text.read(log_of(tmp_path, b"IMU, 10, 0.5, -9.8, 7, 8", b"MSG, one, two, three"))
     assert log["IMU", 0]["AccZ"].tolist() == [-9.8]
