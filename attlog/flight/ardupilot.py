@@ -33,9 +33,10 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
         )  # fmt: skip
     found = ardupilot_imu.candidates(reading, clock, messages.params)
     chosen = inertial.best_per_unit(reading, found)
+    ekf = values.get("AHRS_EKF_TYPE")
     nothing: tuple[str, Stamps, list[int]] = ("", np.zeros(0, np.int64), [])
     family, lane_t, lanes = reading.attempt(
-        "The primary EKF core", lambda: ardupilot_imu.primary_core(messages, clock), nothing
+        "The primary EKF core", lambda: ardupilot_imu.primary_core(messages, clock, ekf), nothing
     )
     mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
     have = [c.index for c in chosen]

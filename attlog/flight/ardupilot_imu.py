@@ -182,9 +182,12 @@ def from_increments(
     )  # fmt: skip
 
 
-def primary_core(messages: Messages, clock: Clock) -> tuple[str, Stamps, list[int]]:
-    """The EKF family in the log (XK, NK or empty), and when which of its cores was primary."""
-    for family in ("XK", "NK"):
+def primary_core(messages: Messages, clock: Clock, ekf_type: float | None) -> tuple[str, Stamps, list[int]]:
+    """The EKF family that flew (XK, NK or empty), and when which of its cores was primary.
+
+    Both may run; AHRS_EKF_TYPE 2 means that EKF2 (NK) flies.
+    """
+    for family in ("NK", "XK") if ekf_type == 2 else ("XK", "NK"):
         table = messages.first(f"{family}F4")
         if table is not None and "PI" in table:
             primary = table["PI"].astype(np.int64)

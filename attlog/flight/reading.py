@@ -46,7 +46,7 @@ class Reading:
         count: int = 1,
     ) -> None:
         """Note something the user must know."""
-        self.problems.append(Problem(code, severity, text, t, offset, count))
+        self.problems.append(Problem(code, severity, text.strip(), t, offset, count))
 
     def attempt(self, what: str, build: Callable[[], T], otherwise: T) -> T:
         """What ``build`` finds, ``otherwise`` where a damaged definition makes its message unreadable.

@@ -16,12 +16,12 @@ def number(version: str) -> tuple[int, int]:
 
 
 def how_to_log(firmware: str, version: str, what: str, telemetry: bool = False) -> str:
-    """The sentence on how to log ``what``: imu, fast_imu, attitude, mag, rest, gnss."""
+    """The sentence on how to log ``what`` (imu, fast_imu, attitude, mag, rest, gnss), empty for unknown firmware."""
     if telemetry:
         return "Take the log from the vehicle's SD card (.bin or .ulg) instead of telemetry."
     if firmware == "ArduPilot":
         return ardupilot(version, what)
-    return px4(version, what)
+    return px4(version, what) if firmware == "PX4" else ""
 
 
 def px4(version: str, what: str) -> str:
