@@ -13,6 +13,9 @@ from attlog.segments import runs
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+CHUNK = 1 << 18
+"""Attitudes per pass: temporaries of long logs stay small."""
+
 SAME_RATE = 1.05
 """Rates this close count as equal; then the row's own times are used."""
 
@@ -24,8 +27,16 @@ def interpolate(t: Array, q: Array, piece: Index, at: Array) -> tuple[Array, Ind
     between two samples of one piece only: never across a gap or a reset.
     """
     out, where = np.full((len(at), 4), np.nan), np.full(len(at), -1, np.int64)
-    if len(t) == 0 or len(at) == 0:
+    if len(t) == 0:
         return out, where
+    for a in range(0, len(at), CHUNK):
+        block = slice(a, a + CHUNK)
+        out[block], where[block] = _interpolated(t, q, piece, at[block])
+    return out, where
+
+
+def _interpolated(t: Array, q: Array, piece: Index, at: Array) -> tuple[Array, Index]:
+    """``interpolate`` for one block of times."""
     i = np.searchsorted(t, at, side="right") - 1
     j = np.clip(i, 0, len(t) - 1)
     k = np.minimum(j + 1, len(t) - 1)
@@ -33,12 +44,10 @@ def interpolate(t: Array, q: Array, piece: Index, at: Array) -> tuple[Array, Ind
     between = (i >= 0) & (i < len(t) - 1) & (piece[j] == piece[k])
     valid = (on_sample | between) & np.isfinite(at)
     span = np.where(t[k] > t[j], t[k] - t[j], 1.0)
-    share = np.where(between & ~on_sample, (at - t[j]) / span, 0.0)
+    share = np.where(between & ~on_sample, (at - t[j]) / span, 0.0)[:, None]
     step = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[j]), q[k]))
-    between_q = rotation.multiply(q[j], rotation.from_rotvec(share[:, None] * np.where(share[:, None] > 0, step, 0.0)))
-    out[valid] = between_q[valid]
-    where[valid] = piece[j][valid]
-    return out, where
+    turned = rotation.multiply(q[j], rotation.from_rotvec(share * np.where(share > 0, step, 0.0)))
+    return np.where(valid[:, None], turned, np.nan), np.where(valid, piece[j], -1)
 
 
 def errors(t: Array, q: Array, run: Index, reference: Reference) -> Errors:
@@ -65,9 +74,12 @@ def errors(t: Array, q: Array, run: Index, reference: Reference) -> Errors:
 
 def measured(t: Array, q_est: Array, q_ref: Array, run: Index, piece: Index, scored: NDArray[np.bool_]) -> Errors:
     """The errors between attitudes at common times (METRICS 2, "Angles")."""
-    e = rotation.error(q_est, q_ref)
-    total, heading, tilt = rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e)
-    return Errors(t, np.degrees(total), np.degrees(heading), np.degrees(tilt), run, piece, scored, q_est, q_ref)
+    angles = np.empty((3, len(t)))
+    for a in range(0, len(t), CHUNK):
+        e = rotation.error(q_est[a : a + CHUNK], q_ref[a : a + CHUNK])
+        measures = (rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e))
+        angles[:, a : a + CHUNK] = np.degrees(measures)
+    return Errors(t, *angles, run, piece, scored, q_est, q_ref)
 
 
 def _renumber(a: Index, b: Index) -> Index:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 ACTIVE_DPS = 12.0
 RANGE_S = 0.06
 COARSE_S = 5e-3
-MOST = 1200
+LOOKED_AT, MOST = 100_000, 1200
 INTERVAL_SAMPLES, LONGEST_S = 8, 0.2
 FEWEST = 100
 SLOWEST_HZ = 5.0
@@ -56,11 +56,13 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
         return None
     wanted = min(INTERVAL_SAMPLES * (gyro_t[-1] - gyro_t[0]) / (len(gyro_t) - 1), LONGEST_S)
     k = max(1, math.ceil(wanted * reference.rate))
-    start, end = t[:-k], t[k:]
+    first = np.arange(0, len(t) - k, max(1, (len(t) - k) // LOOKED_AT))
+    start, end = t[first], t[first + k]
     with np.errstate(divide="ignore", invalid="ignore"):
-        own = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-k]), q[k:])) / (end - start)[:, None]
+        turn = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[first]), q[first + k]))
+        own = turn / (end - start)[:, None]
     active = np.degrees(np.sqrt(np.sum(own * own, axis=1))) > ACTIVE_DPS
-    active &= (reference.piece[k:] == reference.piece[:-k]) & (start >= reference.scoring_start)
+    active &= (reference.piece[first + k] == reference.piece[first]) & (start >= reference.scoring_start)
     active &= (start > gyro_t[0] + RANGE_S) & (end < gyro_t[-1] - RANGE_S)
     i = np.flatnonzero(active)
     if len(i) < FEWEST:

@@ -17,6 +17,7 @@ Index = NDArray[np.int64]
 SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1
 NEIGHBOURS, NEIGHBOUR_FACTOR = 10, 4.0
 CHUNK = 50_000
+"""Intervals per pass: temporaries of long logs stay small."""
 
 
 def find(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
@@ -61,11 +62,15 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
     gyro_t, rate = runs.rising(imu.gyro.t_best, imu.gyro.x)
     if len(gyro_t) < 3:
         return None
-    by_gyro = Turning(gyro_t, rate, imu.gyro.sampling).between(t[:-1], t[1:])
-    by_attitude = rotation.multiply(rotation.conjugate(attitude.q[:-1]), attitude.q[1:])
-    rest = rotation.multiply(rotation.conjugate(rotation.from_rotvec(by_gyro)), by_attitude)
-    jump = np.degrees(rotation.total_angle(rest))
-    rotated = np.degrees(np.sqrt(np.sum(by_gyro**2, axis=1)))
+    turning = Turning(gyro_t, rate, imu.gyro.sampling)
+    jump, rotated = np.empty(len(t) - 1), np.empty(len(t) - 1)
+    for a in range(0, len(t) - 1, CHUNK):
+        b = min(a + CHUNK, len(t) - 1)
+        by_gyro = turning.between(t[a:b], t[a + 1 : b + 1])
+        by_attitude = rotation.multiply(rotation.conjugate(attitude.q[a:b]), attitude.q[a + 1 : b + 1])
+        rest = rotation.multiply(rotation.conjugate(rotation.from_rotvec(by_gyro)), by_attitude)
+        jump[a:b] = np.degrees(rotation.total_angle(rest))
+        rotated[a:b] = np.degrees(np.sqrt(np.sum(by_gyro**2, axis=1)))
     piece = runs.pieces(gyro_t)
     where = np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)
     whole = piece[where[:-1]] == piece[where[1:]]
