@@ -35,19 +35,12 @@ class Damaged:
     def whole(self, offsets: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which records of the undamaged file still stand in one piece, by their offsets and lengths there."""
         place = np.full(int((offsets + lengths).max()) + 1, -1)
-        present = np.flatnonzero(self.source >= 0)
-        place[self.source[present][self.source[present] < len(place)]] = present[self.source[present] < len(place)]
-        # a run of original bytes that stand side by side
-        joined = np.zeros(len(self.data) + 1, np.int64)
-        joined[1:-1] = np.cumsum(np.diff(self.source) != 1)
-        joined[-1] = -1
+        present = np.flatnonzero((self.source >= 0) & (self.source < len(place)))
+        place[self.source[present]] = present
         first, last = place[offsets], place[offsets + lengths - 1]
-        return (first >= 0) & (last >= 0) & (last - first == lengths - 1) & (self._breaks(first, last) == 0)
-
-    def _breaks(self, first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.int64]:
-        """How often the bytes from first to last do not follow each other."""
-        steps = np.concatenate([[0], np.cumsum((np.diff(self.source) != 1) | (self.source[1:] < 0))])
-        return steps[np.maximum(last, 0)] - steps[np.maximum(first, 0)]
+        # how many bytes up to each one do not follow the byte before
+        breaks = np.concatenate([[0], np.cumsum((np.diff(self.source) != 1) | (self.source[1:] < 0))])
+        return (first >= 0) & (last - first == lengths - 1) & (breaks[last] == breaks[first])
 
 
 KINDS = ("garbage over", "garbage between", "zeros", "erased flash", "cut out", "flipped bits")
