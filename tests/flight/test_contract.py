@@ -17,7 +17,7 @@ from attlog import flight, rotation
 from attlog.errors import AttlogError
 from attlog.flight.model import FlightLog, Stream
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, MAG_LIMIT_T
-from tests.conftest import corpus_logs, corpus_root
+from tests.conftest import SAMPLES, corpus_logs, corpus_root
 from tests.flight import physics
 
 LOGS = corpus_logs()
@@ -155,6 +155,32 @@ def test_gyro_gravity_and_field_agree_with_truth(row: dict[str, str]) -> None:
     if "magfault" not in row["file"] and "mag_fault" not in row["file"]:
         azimuth = physics.azimuths(log, log.truth)
         assert np.median(azimuth) == pytest.approx(float(row["declination_true"]), abs=0.25)
+
+
+SAMPLE_SCORES = {
+    "px4_hover.ulg": (0.866, 1.133, "-0.358 0.550 0.894"),
+    "px4_steps.ulg": (0.887, 1.159, "0.801 0.295 -0.510"),
+    "copter_steps_stabilize.bin": (0.665, 2.549, "-0.292 0.527 0.208"),
+    "copter_steps_stabilize.tlog": (0.665, 2.590, "-0.265 0.499 0.178"),
+}
+"""RMS tilt and heading in deg of the onboard attitude against truth, and gyro bias at rest in deg/s, as in the
+manifest of the simulated flights: the same proof where only the sample logs are at hand."""
+
+
+@pytest.mark.parametrize("name", SAMPLE_SCORES)
+def test_sample_logs_agree_with_their_truth(name: str) -> None:
+    log = opened(SAMPLES / name)
+    assert isinstance(log, FlightLog)
+    tilt, heading, bias = SAMPLE_SCORES[name]
+    scores = physics.scores(log.attitudes[log.onboard], log.truth, 15.0)
+    assert scores["rms_tilt"] == pytest.approx(tilt, abs=0.02)
+    assert scores["rms_heading"] == pytest.approx(heading, abs=0.02)
+    imu = log.imus[log.imu]
+    assert physics.correlation(imu, log.truth) > 0.99
+    rest = physics.still(imu) & (imu.gyro.t < 12)
+    np.testing.assert_allclose(
+        np.degrees(np.median(imu.gyro.x[rest], axis=0)), [float(x) for x in bias.split()], atol=0.04
+    )
 
 
 # --- real logs --------------------------------------------------------------------------------------------------
