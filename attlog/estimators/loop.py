@@ -445,7 +445,7 @@ def _whole_run(estimator: Estimator, s: Samples, values: Mapping[str, float | st
         t=s.t,
         q=q,
         bias=np.concatenate([p.bias for p in pieces]) if has_bias else None,
-        aux={},
+        aux={n: np.concatenate([p.aux[n] for p in pieces]) for n in (pieces[0].aux if pieces else {})},
         run=s.run,
         skipped=dict(s.skipped),
         ns_per_update=1e9 * spent / max(len(s.t), 1),
