@@ -33,7 +33,7 @@ _BATCH = 1 << 18  # bytes whose checksums are taken at once, stays in cache
 
 @dataclass(slots=True)
 class Packets:
-    """The packets of a file in file order: offset of the marker byte, payload place and length, ids.
+    """The packets of a file in file order: offset of the marker byte, message id and sender.
 
     ``stamped`` tells a tlog (each packet behind its receiver time) from a raw capture.
     """
@@ -178,7 +178,6 @@ def _without_embedded(start: NDArray[np.int64], end: NDArray[np.int64]) -> NDArr
     keep = np.ones(len(start), np.bool_)
     reach = np.maximum.accumulate(end) if len(end) else end
     inside = np.flatnonzero(start[1:] < reach[:-1]) + 1
-    limit = -1
     for k in inside.tolist():
         # the last packet kept before this one decides, not the furthest candidate
         before = k - 1
@@ -223,6 +222,8 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
         stamped = np.count_nonzero(gaps == STAMP_LENGTH) > np.count_nonzero(gaps == 0)
     else:
         stamped = len(start) > 0 and int(start[0]) >= STAMP_LENGTH
+    if stamped and start[0] < STAMP_LENGTH:  # a file that begins inside a receiver time
+        start, end, ids = start[1:], end[1:], ids[1:]
     place = np.where(data[start] == V2, 5, 3)
     senders = data[start + place].astype(np.int32) << 8 | data[start + place + 1]
     packets = Packets(start, ids, senders, bool(stamped))
@@ -235,7 +236,9 @@ def _account(data: NDArray[np.uint8], packets: Packets, end: NDArray[np.int64], 
     size = len(data)
     stamp = STAMP_LENGTH if packets.stamped else 0
     begins = np.concatenate([[0], end])
-    stops = np.concatenate([packets.offsets - stamp, [size]])
+    # less than a receiver time between two packets is what damage left of one
+    whole = packets.offsets - stamp >= begins[:-1]
+    stops = np.append(np.where(whole, packets.offsets - stamp, packets.offsets), size)
     holes = np.flatnonzero(stops != begins)
     wrong: dict[int, list[tuple[int, int]]] = {}
     for begin, stop in zip(begins[holes].tolist(), stops[holes].tolist(), strict=True):

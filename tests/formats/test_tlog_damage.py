@@ -77,6 +77,28 @@ def test_damage_is_told_with_its_bytes(raw: bytes, tmp_path: Path) -> None:
     assert sum(len(table) for table in log.values()) == len(clean.offsets)
 
 
+@pytest.mark.parametrize("cut", [1, 5, 8, 9, 30])
+def test_a_file_that_begins_anywhere_keeps_its_stamped_packets(raw: bytes, tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "begun.tlog"
+    path.write_bytes(raw[cut:])
+    log = tlog.read(path)
+    clean = index_packets(np.frombuffer(raw, np.uint8), catalogue())
+    assert sum(len(table) for table in log.values()) == np.count_nonzero(clean.offsets - 8 >= cut)
+    assert log.damage[0].offset == 0
+    assert all(table[tlog.STAMP].min() > 1_700_000_000_000_000 for table in log.values())
+
+
+def test_what_is_left_of_a_receiver_time_is_damage(tmp_path: Path) -> None:
+    link = Link()
+    link.attitudes(4)
+    before = len(link.raw)
+    link.attitudes(4, start_ms=2000)
+    link.raw = link.raw[:before] + link.raw[before + 3 :]
+    log = link.read(tmp_path)
+    assert len(log["ATTITUDE", 257]) == 8
+    assert [(d.offset, d.length) for d in log.damage] == [(before, 5)]
+
+
 def test_both_versions_signatures_and_raw_captures_are_read(tmp_path: Path) -> None:
     for stamped in (True, False):
         link = Link(stamped=stamped)
