@@ -14,6 +14,8 @@ from attlog.flight.reading import Reading, finite_within
 from attlog.flight.timing import Stamps, believable
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
+REPLAY_MIN_SAMPLES = 20
+"""Fewer samples are no flight."""
 REPLAY_MIN_HZ = 10.0
 """Below this no attitude can be replayed: rotation between samples is lost."""
 LOW_RATE_HZ = 45.0
@@ -66,10 +68,16 @@ def admit(reading: Reading, candidate: Candidate) -> Candidate | None:
     What is left out is noted with the candidate and told only if it is chosen.
     """
     own = Reading(reading.messages)
+    if candidate.gyro.shape[1:] != (3,) or candidate.acc.shape[1:] != (3,):
+        reading.problem("unreadable_message", "warning", f"{candidate.source} does not hold three axes.")
+        return None
     good = finite_within(candidate.gyro, GYRO_LIMIT_RAD_S) & finite_within(candidate.acc, ACC_LIMIT_M_S2)
     index = own.keep(candidate.t_us, candidate.source, good)
     candidate.problems += own.problems
-    return candidate.rows(index) if len(index) else None
+    if len(index):
+        return candidate.rows(index)
+    reading.problems += own.problems
+    return None
 
 
 def best_per_unit(reading: Reading, candidates: list[Candidate]) -> list[Candidate]:
@@ -116,6 +124,13 @@ def choose_unit(
             wanted, reason = fast[0], "the only one logged fast enough"
     unit = units[wanted]
     reading.choices["imu"] = sentence(reason)
+    if len(unit.t_us) < REPLAY_MIN_SAMPLES:
+        reading.problem(
+            "imu_too_short",
+            "error",
+            f"{unit.source} holds {len(unit.t_us)} samples; a replay needs at least {REPLAY_MIN_SAMPLES}. {how_to_log}",
+        )
+        return None
     if unit.rate < REPLAY_MIN_HZ:
         reading.problem(
             "imu_rate_too_low",

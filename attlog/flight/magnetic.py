@@ -32,6 +32,8 @@ def build(
     enabled: bool = True,
 ) -> Mag | None:
     """One magnetometer, ``field_t`` (n, 3) in tesla; None if no record is left. Spikes and zeros become NaN rows."""
+    if field_t.shape[1:] != (3,):
+        raise ValueError(f"{source} does not hold three axes")
     stream = reading.stream(
         t_us, field_t, "T", source, frame="FRD", limit=np.inf, t_sample_us=t_sample_us, allow_nan=True
     )

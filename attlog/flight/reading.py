@@ -165,6 +165,8 @@ class Reading:
         are resets that the log tells elsewhere, each put on the largest of the three
         steps around it (the logger's order and rate leave one sample of doubt).
         """
+        if np.shape(q)[1:] != (4,):
+            raise ValueError(f"{source} does not hold four numbers of a quaternion")
         norm = np.sqrt(np.sum(np.asarray(q, np.float64) ** 2, axis=1))
         unset = norm == 0
         if unset.all():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from attlog.flight import magnetic
-from attlog.flight.inertial import Candidate, admit, best_per_unit, longest_held, onto
+from attlog.flight.inertial import Candidate, admit, best_per_unit, choose_unit, longest_held, onto
 from attlog.flight.reading import Reading
 from tests.flight.fake import gravity, level, messages, micros
 
@@ -90,3 +90,20 @@ def test_a_message_with_a_damaged_definition_does_not_take_the_others_with_it() 
     assert r.attempt("GPS", lambda: r.messages["x", 0]["lat"], "nothing") == "nothing"
     assert [(p.code, p.severity) for p in r.problems] == [("unreadable_message", "warning")]
     assert "x has no field 'lat'" in r.problems[0].text
+
+
+def test_two_axes_are_no_gyro_and_three_numbers_no_attitude() -> None:
+    r = reading()
+    assert admit(r, candidate(np.zeros((N, 2)), gravity(N).astype(float))) is None
+    assert [p.code for p in r.problems] == ["unreadable_message"]
+    t = micros(5, 50).astype(np.int64)
+    assert r.attempt("ATT", lambda: r.attitude(t, np.ones((5, 3)), "ATT"), None) is None
+    assert r.attempt("MAG", lambda: magnetic.build(r, 0, t, np.ones((5, 2)), "MAG"), None) is None
+    assert len(r.problems) == 3
+
+
+def test_a_handful_of_samples_is_no_flight() -> None:
+    r = reading()
+    one = admit(r, candidate(np.zeros((5, 3)), gravity(5).astype(float)))
+    assert choose_unit(r, [one], 0, "it flew", None, "Log more.") is None
+    assert [p.code for p in r.problems] == ["imu_too_short"]
