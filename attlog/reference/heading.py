@@ -30,25 +30,19 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
     along = np.unwrap(np.radians(errors.heading))
     jumps = _reset_steps(errors, along)
     smooth = along - np.cumsum(jumps)
-    own_run = row.run[np.clip(np.searchsorted(row.t, errors.t, side="right") - 1, 0, len(row.t) - 1)]
-    offsets: dict[int, float] = {}
-    source = ""
-    for run in np.unique(own_run):
-        inside = own_run == run
-        usual, where = _first_mean(errors, smooth, inside, segments)
-        offsets[int(run)] = usual
-        source = source or where
-    turned = np.array([offsets[int(r)] for r in own_run])
-    row.errors = measured(
-        errors.t, rotation.turn_about_down(errors.q_est, -(turned + np.cumsum(jumps))), errors.q_ref,
-        errors.run, errors.piece, errors.scored,
-    )  # fmt: skip
-    filled = np.array([offsets.get(int(r), 0.0) for r in np.unique(row.run)])
-    row.q = rotation.turn_about_down(row.q, -filled[np.searchsorted(np.unique(row.run), row.run)])
-    first = next(iter(offsets.values()))
-    row.heading_offset_deg = float(np.degrees(rotation.wrap(first)))
-    text = f"mean heading difference over {source}, removed"
-    text += f" in each of {len(offsets)} runs" if len(offsets) > 1 else ""
+    numbers = np.unique(row.run)
+    place = np.searchsorted(numbers, row.run)
+    own = place[np.clip(np.searchsorted(row.t, errors.t, side="right") - 1, 0, len(row.t) - 1)]
+    offset, sources = np.zeros(len(numbers)), []
+    for k in np.unique(own):
+        offset[k], source = _first_mean(errors, smooth, own == k, segments)
+        sources.append(source)
+    turned = rotation.turn_about_down(errors.q_est, -(offset[own] + np.cumsum(jumps)))
+    row.errors = measured(errors.t, turned, errors.q_ref, errors.run, errors.piece, errors.scored)
+    row.q = rotation.turn_about_down(row.q, -offset[place])
+    row.heading_offset_deg = float(np.degrees(rotation.wrap(offset[own[0]])))
+    text = f"mean heading difference over {sources[0]}, removed"
+    text += f" in each of {len(sources)} runs" if len(sources) > 1 else ""
     resets = int(np.count_nonzero(jumps))
     text += f"; {resets} resets of the reference not counted" if resets else ""
     row.steps.append(AlignmentStep("heading_offset", text, row.heading_offset_deg, "deg", reference.source))
