@@ -344,6 +344,8 @@ class _Reader:
             self.texts.append(Text(text(payload[at + 8 :])[:MAX_TEXT_LENGTH], level, t_us, position))
 
     def _take_flags(self, payload: bytes, position: int) -> None:
+        if position != self.boots[-1] + FILE_HEADER:
+            return  # flags stand behind the header only, anything else is damage that looks like them
         incompatible = payload[8:16]
         if incompatible[0] & ~1 or any(incompatible[1:]):
             raise LogUnusable(f"{self.path}: the log says that it needs a newer reader (incompatible flags "

@@ -47,8 +47,8 @@ def small_dataflash(path: Path) -> None:
 
 
 def small_tlog(path: Path) -> None:
-    """The first packets of the sample: 3 kB."""
-    path.write_bytes((SAMPLES / "copter_steps_stabilize.tlog").read_bytes()[:3000])
+    """The first packets of the sample: 2 kB."""
+    path.write_bytes((SAMPLES / "copter_steps_stabilize.tlog").read_bytes()[:2200])
 
 
 def at_lengths(path: Path, lengths: Iterator[int]) -> Iterator[tuple[int, Messages | None]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from pathlib import Path
 
@@ -143,6 +144,23 @@ def test_a_time_out_of_reach_does_not_stretch_the_log(raw: np.ndarray, extents: 
     hurt[at : at + 200] = 0x99
     _, found = salvage(hurt, tmp_path / "stamp.ulg")
     assert not found - as_records(raw, extents)
+
+
+def test_flags_in_the_middle_of_a_log_mean_nothing(raw: np.ndarray, extents: np.ndarray, tmp_path: Path) -> None:
+    at = extents[500, 0]
+    flags = np.frombuffer(b"\x28\x00B" + b"\xff" * 40, np.uint8)
+    _, found = salvage(np.concatenate([raw[:at], flags, raw[at:]]), tmp_path / "flags.ulg")
+    assert found == as_records(raw, extents)
+
+
+@pytest.mark.parametrize("step", [50, 200])
+def test_a_log_in_shreds_is_read_in_reasonable_time(step: int, raw: np.ndarray, tmp_path: Path) -> None:
+    hurt = raw.copy()
+    hurt[100_000:400_000:step] = 255
+    begin = time.process_time()
+    log, _ = salvage(hurt, tmp_path / "shreds.ulg")
+    assert time.process_time() - begin < 20
+    assert log.damage
 
 
 @pytest.fixture(scope="module")
