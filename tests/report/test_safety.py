@@ -9,7 +9,8 @@ import pytest
 from attlog.flight.model import Problem
 from attlog.report import write_report
 from attlog.report.bundle import bundle
-from attlog.report.page import clean, render
+from attlog.report.page import render
+from attlog.report.text import clean
 from attlog.result import ParameterValue, Result
 from attlog.verdicts import verdicts
 from tests.report.conftest import make_result

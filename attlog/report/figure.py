@@ -1,0 +1,76 @@
+"""What figures are made of: places in the page, stored lines, dots with intervals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from attlog.metrics.answer import Answer
+from attlog.metrics.trace import Trace
+from attlog.report.pack import Store, reduce
+
+
+@dataclass(slots=True)
+class Figure:
+    """A place in the page: ``kind`` names the drawing function of the script, ``data`` is what it draws."""
+
+    id: str
+    kind: str
+    title: str
+    caption: str
+    height: int
+    data: dict[str, Any] = field(default_factory=dict)
+    wide: bool = True
+
+
+def series(
+    traces: list[Trace], columns: tuple[str, ...], names: list[str], store: Store, budget: int, step: float
+) -> tuple[list[dict[str, Any]], float]:
+    """Traces reduced to a budget and put into the store, and the ratio of reduction (1: all samples kept)."""
+    total = sum(len(t.t) for t in traces)
+    out, before, after = [], 0, 0
+    for trace in traces:
+        keep = max(int(budget * len(trace.t) / total), 200) if total > 1.1 * budget else len(trace.t)
+        present = {c: np.asarray(trace.columns[c], np.float64) for c in columns if c in trace.columns}
+        t, kept = reduce(np.asarray(trace.t, np.float64), present, keep)
+        before, after = before + len(trace.t), after + len(t)
+        out.append(
+            {
+                "r": names.index(trace.row),
+                "k": trace.key,
+                "t": store.times(t),
+                "y": {c: store.values(y, step) for c, y in kept.items()},
+            }
+        )
+    return out, before / after if after else 1.0
+
+
+def said(ratio: float) -> str:
+    """The sentence about reduction."""
+    if ratio <= 1.0:
+        return "Every sample is stored."
+    return f"Stored: smallest and largest value of each stretch, 1 in {ratio:.1f} samples; no peak is lost."
+
+
+def dot(r: int, found: Answer) -> dict[str, Any]:
+    """A value with its interval as a figure draws it."""
+    interval = [float(x) for x in found.ci95] if found.ci95 and all(map(number, found.ci95)) else None
+    return {"r": r, "v": None if found.value is None else float(found.value), "ci": interval, "ok": found.ranked}
+
+
+def dot_height(dots: list[dict[str, Any]]) -> int:
+    """Pixels for a figure with one line per row."""
+    return 90 + 34 * max(len({d["r"] for d in dots}), 2)
+
+
+def listed(y: Any) -> list[float | None]:
+    """A short array as JSON numbers; what is not finite becomes null."""
+    return [float(f"{v:.5g}") if math.isfinite(v) else None for v in np.asarray(y, np.float64).tolist()]
+
+
+def number(x: Any) -> bool:
+    """Whether x is a finite number."""
+    return isinstance(x, (int, float, np.number)) and not isinstance(x, bool) and math.isfinite(x)

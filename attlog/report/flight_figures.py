@@ -1,0 +1,55 @@
+"""The whole flight: time strip, attitude, difference from the reference."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.metrics.trace import Trace
+from attlog.report.figure import Figure, said, series
+from attlog.report.pack import BUDGET, Store
+from attlog.result import Result
+
+ANGLE_STEP = 0.01
+"""Degrees per stored step of whole-flight figures; a screen shows a tenth at best."""
+
+
+def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:
+    """The whole flight: time strip, attitude, difference."""
+    strip = Figure("strip", "strip", "", "", 120)
+    figures = [strip]
+    if by.get("attitude"):
+        drawn, ratio = series(by["attitude"], ("roll", "pitch", "heading"), names, store, BUDGET, ANGLE_STEP)
+        caption = (
+            "Drag across a figure to zoom: all figures with flight time follow. Double-click to go back. "
+            "Dotted red: jumps of the onboard attitude. Dark band: gap in the log. " + said(ratio)
+        )
+        data = {"series": drawn, "cut": heading_cut(by["attitude"])}
+        figures.append(Figure("attitude", "attitude", "Attitude", caption, 470, data))
+    if by.get("difference"):
+        columns = ("inclination", "roll", "pitch", "heading")
+        drawn, ratio = series(by["difference"], columns, names, store, BUDGET, ANGLE_STEP)
+        reference = result.reference.choice if result.reference else "onboard"
+        caption = {
+            "truth": "Zero is the logged truth. ",
+            "smoother": "Zero is the smoother. ",
+        }.get(reference, "Zero is agreement with onboard, not truth. ")
+        caption += "Tilt is the angle between the two down directions. " + said(ratio)
+        title = f"Difference from {'onboard' if reference == 'none' else reference}"
+        figures.append(Figure("difference", "difference", title, caption, 560, {"series": drawn}))
+    return figures
+
+
+def heading_cut(traces: list[Trace]) -> float:
+    """Where to cut the circle of headings open, in degrees: the middle of the widest unused arc."""
+    heading = np.concatenate(
+        [np.asarray(t.columns["heading"], np.float64) for t in traces if "heading" in t.columns] or [[0.0]]
+    )
+    counts, _ = np.histogram(heading[np.isfinite(heading)] % 360.0, bins=72, range=(0.0, 360.0))
+    used = np.flatnonzero(counts > 0.0005 * max(counts.sum(), 1))
+    if len(used) == 0:
+        return -180.0
+    arcs = np.diff(np.append(used, used[0] + 72))
+    widest = int(np.argmax(arcs))
+    if arcs[widest] <= 1:
+        return float(5.0 * np.argmin(counts))
+    return float((5.0 * (used[widest] + arcs[widest] / 2.0 + 0.5)) % 360.0)

@@ -1,0 +1,46 @@
+"""Texts of strangers made fit to be shown, and values of unknown type as text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from attlog.numbers import unit_sign
+
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]")
+
+
+def clean(text: str) -> str:
+    """Text from a log made fit to be shown: control and direction characters become a visible mark."""
+    return CONTROL.sub("\ufffd", str(text))
+
+
+def shown(value: Any) -> Any:
+    """What the template puts in place of a value: texts cleaned (jinja escapes them), own markup as it is."""
+    return value if hasattr(value, "__html__") or not isinstance(value, str) else clean(value)
+
+
+def cleaned(value: Any) -> Any:
+    """The same for every text inside a JSON value; numbers that JSON cannot hold become null."""
+    if isinstance(value, str):
+        return clean(value)
+    if isinstance(value, dict):
+        return {k: cleaned(v) for k, v in value.items()}
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return [cleaned(v) for v in value] if isinstance(value, Iterable) else value
+
+
+def plain_value(value: Any, unit: str = "") -> str:
+    """A value of unknown type as text."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        sign = unit_sign(unit)
+        text = f"{value:.4g}".replace("-", "\u2212")
+        return f"{text}{sign}" if sign.startswith("°") else f"{text} {sign}".rstrip()
+    return f"{value} {unit_sign(unit)}".rstrip()
