@@ -24,8 +24,8 @@ the states: a bias tilts g and M until the measurements balance it.
 
 How it computes. H picks states and R is diagonal, so the update of a sensor is three scalar
 updates and needs no inverse; their columns ``c_i = P h_i / sqrt(S_i)`` are found first and
-``P -= sum c_i c_i^T`` is one pass, symmetric to the last bit. F is sparse: P F^T is
-written by rows of F and the same function applied twice gives F P F^T.
+``P -= sum c_i c_i^T`` is one pass over its upper triangle. Of F P F^T only the rows of g
+and M are products; the blocks of w and w_dot are sums, their counterparts copies.
 """
 
 from __future__ import annotations
@@ -50,10 +50,11 @@ STATE = {
     "field": 3,
     "_covariance": 144,
     "_work": 144,
+    "_z": 9,
     "_since_field": 1,
 }
-X, W, G, M, P, V, SINCE = 4, 0, 6, 9, 16, 160, 304
-"""Where things stand: X, P, V (work) in the state; W, G, M within X and within each row of P."""
+X, W, G, M, P, V, Z, SINCE = 4, 0, 6, 9, 16, 160, 304, 313
+"""Where things stand: X, P, V (work), Z in the state; W, G, M within X and within each row of P."""
 
 PARAMETERS = (
     Parameter(
@@ -116,7 +117,7 @@ PRESETS: dict[str, dict[str, float | str]] = {"fan": {}}
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """The state: g and M as the start attitude shows them, rates unknown."""
-    state = np.zeros(305)
+    state = np.zeros(314)
     state[0:4] = q0
     dx, dy, dz = down(state)
     state[X + G : X + M] = GRAVITY * np.array([dx, dy, dz])
@@ -134,30 +135,91 @@ def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
 def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
     """One update: prediction, gyro, gravity, field where new, attitude."""
     predict(state, params, dt)
-    r = params[0] * params[0] / dt
-    measure(state, W, gyr[0], gyr[1], gyr[2], r)
-    if acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0:
-        measure(state, G, -acc[0], -acc[1], -acc[2], params[1] * params[1] / dt)
-    norm = math.sqrt(mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2])
     state[SINCE] += dt
+    norm = math.sqrt(mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2])
+    inv = 1.0 / norm if norm > 0.0 else 0.0
+    for i in range(3):
+        state[Z + i] = gyr[i]
+        state[Z + 3 + i] = -acc[i]
+        state[Z + 6 + i] = mag[i] * inv
+    has_acc = acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0
+    # One loop around one copy of the update: three copies are slower, they do not fit the instruction cache.
+    for sensor in range(3):
+        seconds = state[SINCE] if sensor == 2 else dt
+        usable = sensor == 0 or (has_acc if sensor == 1 else norm > 0.0)
+        if usable:
+            k = 3 * sensor + (3 if sensor > 0 else 0)
+            measure(state, k, Z + 3 * sensor, params[sensor] * params[sensor] / seconds)
     if norm > 0.0:
-        r = params[2] * params[2] / state[SINCE]
-        measure(state, M, mag[0] / norm, mag[1] / norm, mag[2] / norm, r)
         state[SINCE] = 0.0
     attitude(state)
 
 
 def predict(state: Any, params: Any, dt: float) -> None:
     """X- and P- (7, 8, 11): P- = F P F^T + Q with F at the state before the step."""
-    times_transition(state, P, V, dt)
-    times_transition(state, V, P, dt)
+    wx = dt * state[X]
+    wy = dt * state[X + 1]
+    wz = dt * state[X + 2]
+    gx = dt * state[X + G]
+    gy = dt * state[X + G + 1]
+    gz = dt * state[X + G + 2]
+    mx = dt * state[X + M]
+    my = dt * state[X + M + 1]
+    mz = dt * state[X + M + 2]
+    # Rows g and M of F P.
+    for j in range(12):
+        ux = state[P + j]
+        uy = state[P + 12 + j]
+        uz = state[P + 24 + j]
+        px = state[P + 72 + j]
+        py = state[P + 84 + j]
+        pz = state[P + 96 + j]
+        qx = state[P + 108 + j]
+        qy = state[P + 120 + j]
+        qz = state[P + 132 + j]
+        state[V + j] = px + gy * uz - gz * uy - wy * pz + wz * py
+        state[V + 12 + j] = py + gz * ux - gx * uz - wz * px + wx * pz
+        state[V + 24 + j] = pz + gx * uy - gy * ux - wx * py + wy * px
+        state[V + 36 + j] = qx + my * uz - mz * uy - wy * qz + wz * qy
+        state[V + 48 + j] = qy + mz * ux - mx * uz - wz * qx + wx * qz
+        state[V + 60 + j] = qz + mx * uy - my * ux - wx * qy + wy * qx
+    # The blocks of w and w_dot, where F is the identity and dt.
+    for i in range(3):
+        for j in range(3):
+            a = P + 12 * i + j
+            state[a] += dt * (state[a + 3] + state[P + 12 * j + i + 3] + dt * state[a + 39])
+    for i in range(3):
+        for j in range(3):
+            state[P + 12 * i + j + 3] += dt * state[P + 12 * (i + 3) + j + 3]
+            state[P + 12 * (j + 3) + i] = state[P + 12 * i + j + 3]
+    # The other blocks: (F P) F^T, first columns w and w_dot, then g and M.
+    for i in range(6):
+        v = V + 12 * i
+        row = P + 72 + 12 * i
+        for j in range(3):
+            state[row + j] = state[v + j] + dt * state[v + j + 3]
+            state[row + j + 3] = state[v + j + 3]
+            state[P + 12 * j + 6 + i] = state[row + j]
+            state[P + 12 * (j + 3) + 6 + i] = state[row + j + 3]
+        ux = state[v]
+        uy = state[v + 1]
+        uz = state[v + 2]
+        px = state[v + 6]
+        py = state[v + 7]
+        pz = state[v + 8]
+        qx = state[v + 9]
+        qy = state[v + 10]
+        qz = state[v + 11]
+        state[row + 6] = px + gy * uz - gz * uy - wy * pz + wz * py
+        state[row + 7] = py + gz * ux - gx * uz - wz * px + wx * pz
+        state[row + 8] = pz + gx * uy - gy * ux - wx * py + wy * px
+        state[row + 9] = qx + my * uz - mz * uy - wy * qz + wz * qy
+        state[row + 10] = qy + mz * ux - mx * uz - wz * qx + wx * qz
+        state[row + 11] = qz + mx * uy - my * ux - wx * qy + wy * qx
     for i in range(3):
         state[P + 13 * i + 39] += params[3] * params[3] * dt
         state[P + 13 * i + 78] += params[4] * params[4] * dt
         state[P + 13 * i + 117] += params[5] * params[5] * dt
-    wx = state[X] * dt
-    wy = state[X + 1] * dt
-    wz = state[X + 2] * dt
     for at in (X + G, X + M):
         x = state[at]
         y = state[at + 1]
@@ -169,70 +231,33 @@ def predict(state: Any, params: Any, dt: float) -> None:
         state[i] += dt * state[i + 3]
 
 
-def times_transition(state: Any, a: int, b: int, dt: float) -> None:
-    """B = (F A)^T for the 12 x 12 matrices at ``a`` and ``b``, F (11) without its zeros and ones."""
-    wx = dt * state[X]
-    wy = dt * state[X + 1]
-    wz = dt * state[X + 2]
-    gx = dt * state[X + G]
-    gy = dt * state[X + G + 1]
-    gz = dt * state[X + G + 2]
-    mx = dt * state[X + M]
-    my = dt * state[X + M + 1]
-    mz = dt * state[X + M + 2]
-    for j in range(12):
-        row = b + 12 * j
-        ux = state[a + j]
-        uy = state[a + 12 + j]
-        uz = state[a + 24 + j]
-        ax = state[a + 36 + j]
-        ay = state[a + 48 + j]
-        az = state[a + 60 + j]
-        px = state[a + 72 + j]
-        py = state[a + 84 + j]
-        pz = state[a + 96 + j]
-        qx = state[a + 108 + j]
-        qy = state[a + 120 + j]
-        qz = state[a + 132 + j]
-        state[row] = ux + dt * ax
-        state[row + 1] = uy + dt * ay
-        state[row + 2] = uz + dt * az
-        state[row + 3] = ax
-        state[row + 4] = ay
-        state[row + 5] = az
-        state[row + 6] = px + gy * uz - gz * uy - wy * pz + wz * py
-        state[row + 7] = py + gz * ux - gx * uz - wz * px + wx * pz
-        state[row + 8] = pz + gx * uy - gy * ux - wx * py + wy * px
-        state[row + 9] = qx + my * uz - mz * uy - wy * qz + wz * qy
-        state[row + 10] = qy + mz * ux - mx * uz - wz * qx + wx * qz
-        state[row + 11] = qz + mx * uy - my * ux - wx * qy + wy * qx
-
-
-def measure(state: Any, k: int, zx: float, zy: float, zz: float, r: float) -> None:
-    """Three scalar updates (13) with the states k, k+1, k+2 of X, each measured with variance r."""
+def measure(state: Any, k: int, z: int, r: float) -> None:
+    """Three scalar updates (13): states k, k+1, k+2 of X, measured as ``state[z:z+3]`` with variance r each."""
     p = P + 12 * k
     s = 1.0 / math.sqrt(state[p + k] + r)
     for j in range(12):
         state[V + j] = s * state[p + j]
-    yx = s * (zx - state[X + k])
+    yx = s * (state[z] - state[X + k])
     f = state[V + k + 1]
     s = 1.0 / math.sqrt(state[p + 13 + k] - f * f + r)
     for j in range(12):
         state[V + 12 + j] = s * (state[p + 12 + j] - f * state[V + j])
-    yy = s * (zy - state[X + k + 1] - f * yx)
+    yy = s * (state[z + 1] - state[X + k + 1] - f * yx)
     f = state[V + k + 2]
     h = state[V + 12 + k + 2]
     s = 1.0 / math.sqrt(state[p + 26 + k] - f * f - h * h + r)
     for j in range(12):
         state[V + 24 + j] = s * (state[p + 24 + j] - f * state[V + j] - h * state[V + 12 + j])
-    yz = s * (zz - state[X + k + 2] - f * yx - h * yy)
+    yz = s * (state[z + 2] - state[X + k + 2] - f * yx - h * yy)
     for i in range(12):
         cx = state[V + i]
         cy = state[V + 12 + i]
         cz = state[V + 24 + i]
         state[X + i] += cx * yx + cy * yy + cz * yz
-        for j in range(12):
-            state[P + 12 * i + j] -= cx * state[V + j] + cy * state[V + 12 + j] + cz * state[V + 24 + j]
+        for j in range(i, 12):
+            less = state[P + 12 * i + j] - (cx * state[V + j] + cy * state[V + 12 + j] + cz * state[V + 24 + j])
+            state[P + 12 * i + j] = less
+            state[P + 12 * j + i] = less
 
 
 def attitude(state: Any) -> None:
