@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,13 +73,23 @@ class Pair:
 
 
 @dataclass(slots=True)
+class Sums:
+    """Centred sums per event and delay, (events, delays)."""
+
+    xx: Array
+    xy: Array
+    yy: Array
+    count: Array
+
+
+@dataclass(slots=True)
 class Fit:
     """Delay (s, positive: the estimate is late), gain, and what is left.
 
     ``distortion`` is the residual RMS over the RMS of the reference's excursion,
     ``shape_s`` the residual RMS over the reference's rate RMS. ``each`` are the delays of
     the single events, ``offsets`` their constants c (deg), ``body`` the misalignment that
-    was taken out (rad). ``at_edge`` marks a minimum at the end of the range of +-250 ms.
+    was taken out (rad), ``table`` the sums of ``pairs`` at the delays ``grid``. ``at_edge`` marks a minimum at the end of the range of +-250 ms.
     """
 
     delay: float
@@ -95,21 +106,14 @@ class Fit:
     offsets: Array = field(default_factory=lambda: np.zeros(0))
     body: Array = field(default_factory=lambda: np.zeros(3))
     pairs: list[Pair] = field(default_factory=list)
+    table: Sums = field(default_factory=lambda: Sums(*(np.zeros((0, 0)) for _ in range(3)), np.zeros(0)))
+    grid: Array = field(default_factory=lambda: np.zeros(0))
+    slow: bool = False
 
     @property
     def events(self) -> int:
         """How many events stand behind it."""
         return len(self.pairs)
-
-
-@dataclass(slots=True)
-class Sums:
-    """Centred sums per event and delay, (events, delays)."""
-
-    xx: Array
-    xy: Array
-    yy: Array
-    count: Array
 
 
 def misalignment(moves: list[Relative], delay: float, slow: bool) -> Array:
@@ -255,14 +259,26 @@ def fit(est: Track, ref: Track, events: list[Event], body: Array | None = None) 
 
 
 def by_axis(est: Track, ref: Track, events: list[Event]) -> dict[str, Fit]:
-    """Fits of all events together (``all``) and of each axis that has some, with the same body misalignment."""
+    """Fits of all events together (``all``) and of each axis that has some, with the same body misalignment.
+
+    An axis shares the sums of the joint fit unless its own minimum lies outside their delays.
+    """
     together = fit(est, ref, events)
     if together is None:
         return {}
-    fits = {"all": together}
+    fits, edge = {"all": together}, round(PARABOLA_S / FINE_S)
     for axis, name in enumerate(AXES):
-        own = [e for e in events if e.axis == axis]
-        found = fit(est, ref, own, together.body) if 0 < len(own) < len(events) else together if own else None
+        own = [k for k, pair in enumerate(together.pairs) if pair.event.axis == axis]
+        if not own:
+            continue
+        table = _rows(together.table, own)
+        low = int(np.argmin(_residual(table)))
+        if together.at_edge or not edge <= low < len(together.grid) - edge:
+            found = fit(est, ref, [e for e in events if e.axis == axis], together.body)
+        else:
+            delay = best_delay(together.grid, _residual(table))
+            found = _with_intervals([together.pairs[k] for k in own], table, together.grid, delay, together.slow)
+            found.body = together.body
         if found is not None:
             fits[name] = found
     return fits
@@ -314,9 +330,10 @@ def _relative(est: Track, ref: Track, event: Event, delay: float) -> Relative | 
 
 
 def _with_intervals(found: list[Pair], table: Sums, grid: Array, delay: float, slow: bool) -> Fit:
-    each = np.array([best_delay(grid, _residual(_only(table, k))) for k in range(len(found))])
+    each = np.array([best_delay(grid, _residual(_rows(table, [k]))) for k in range(len(found))])
     at = sums(found, np.array([delay]), slow)
     out = _describe(found, at, delay, each, slow)
+    out.table, out.grid, out.slow = table, grid, slow
     if len(found) >= 3:
         left_out = [best_delay(grid, _residual(_without(table, k))) for k in range(len(found))]
         numbers = np.array([_gain_and_distortion(_without(at, k)) for k in range(len(found))])
@@ -361,10 +378,9 @@ def _gain_and_distortion(s: Sums) -> tuple[float, float]:
     return xy / max(xx, 1e-30), math.sqrt(float(_residual(s)[0]) / max(xx, 1e-30))
 
 
-def _only(s: Sums, k: int) -> Sums:
-    return Sums(s.xx[k : k + 1], s.xy[k : k + 1], s.yy[k : k + 1], s.count[k : k + 1])
+def _rows(s: Sums, which: Any) -> Sums:
+    return Sums(s.xx[which], s.xy[which], s.yy[which], s.count[which])
 
 
 def _without(s: Sums, k: int) -> Sums:
-    keep = np.arange(len(s.count)) != k
-    return Sums(s.xx[keep], s.xy[keep], s.yy[keep], s.count[keep])
+    return _rows(s, np.arange(len(s.count)) != k)
