@@ -11,7 +11,10 @@ from attlog.formats.base import Field
 from attlog.formats.mavlink_index import Catalogue
 
 STAMP = "_t_us"
-"""Column of a tlog with the receiver's clock (Unix us) at which the packet came in, not the time of the data."""
+"""Column of a tlog with the receiver's clock (Unix us) at which the packet came in, not the time of the data.
+
+It has no checksum: right behind damage it may be damaged itself.
+"""
 
 # numpy type by struct letter of the dialect's ``native_format``
 _TYPES = {

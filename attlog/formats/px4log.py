@@ -85,6 +85,8 @@ def _with_time(
     def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
         if column == TIME:
             return every[np.searchsorted(at, offsets, side="right")]
+        if len(offsets) == len(table):
+            return table[column]
         return table.rows(np.searchsorted(table.offsets, offsets))[column]
 
     return decode
