@@ -62,7 +62,7 @@ def spliced(raw: np.ndarray, begin: int, dice: np.random.Generator) -> tuple[np.
     return _join(raw, begin, dice, 10, lambda: _piece(raw, begin, dice), 0)
 
 
-WOUNDS: list[Wound] = [overwritten, zero_blocks, erased_blocks, inserted, removed]
+WOUNDS: list[Wound] = [overwritten, zero_blocks, erased_blocks, inserted, removed, spliced]
 
 
 def _piece(raw: np.ndarray, begin: int, dice: np.random.Generator) -> np.ndarray:
@@ -99,7 +99,6 @@ def _join(
 def extents(log: Messages, raw: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
     """Start and end byte of every record (n, 2); a record ends at the latest where the next begins."""
     starts = np.sort(np.concatenate([table.offsets for table in log.values()]))
-    lead = 8 if log.format == "tlog" else 0
     found = {}
     for key, table in log.items():
         if log.format == "ulog":
@@ -109,7 +108,7 @@ def extents(log: Messages, raw: np.ndarray) -> dict[tuple[str, int], np.ndarray]
         else:
             after = np.append(starts, len(raw))[np.searchsorted(starts, table.offsets) + 1]
             length = np.minimum(after - table.offsets, _dataflash_length(log, raw, table.offsets))
-        found[key] = np.stack([table.offsets - lead * 0, table.offsets + length], axis=1)
+        found[key] = np.stack([table.offsets, table.offsets + length], axis=1)
     return found
 
 
@@ -197,7 +196,7 @@ def measure(name: str, begin_s: float, wound: Wound, seconds: float, seeds: int,
             total = totals[reader]
             total[0] += intact.total()
             total[1] += (intact & rows).total()
-            total[2] += (rows - everything).total()
+            total[2] += sum(count for row, count in rows.items() if row not in everything)
     return [Salvage(name, wound.__name__, reader, *total, seeds) for reader, total in totals.items()]
 
 
