@@ -88,3 +88,13 @@ def differences(messages: Messages, theirs: dict[str, dict[str, list[Any]]]) -> 
 @pytest.mark.parametrize("path", by_size([p for p in LOGS if "garbage" not in p.name and "4.0_aux" not in p.name]))
 def test_every_value_equals_what_pymavlink_reads(path: Path) -> None:
     assert differences(dataflash.read(path), read_with_pymavlink(path)) == []
+
+
+def test_the_head_of_a_flight_equals_what_pymavlink_reads(samples: Path, tmp_path: Path) -> None:
+    head = tmp_path / "head.bin"
+    head.write_bytes((samples / "copter_steps_stabilize.bin").read_bytes()[:150_001])
+    log = dataflash.read(head)
+    assert len(log["IMU", 0]) > 400
+    assert differences(log, read_with_pymavlink(head)) == []
+    assert [log["MAG", 0].fields[c].unit for c in ("TimeUS", "I", "MagX", "OfsX")] == ["us", None, "mGauss", "mGauss"]
+    assert [log["GPS", 0].fields[c].unit for c in ("Lat", "Alt", "GMS")] == ["deglatitude", "m", "ms"]
