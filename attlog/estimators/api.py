@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from numpy.typing import ArrayLike
 
-from attlog.errors import UsageError
+from attlog.errors import PluginError, UsageError
 from attlog.estimators import loop
 from attlog.estimators.base import Estimate, Estimator
 from attlog.estimators.loop import Sampling
@@ -65,16 +65,29 @@ def select(text: str, *, acc: bool = True, mag: bool = True) -> list[Row]:
     without them, rows that are named stay. A row that comes twice is kept once.
     UsageError as in :func:`parse`.
     """
+    sets = {"default": DEFAULT, "all": names()}
+    lacking = {sensor for sensor, there in (("acc", acc), ("mag", mag)) if not there}
     rows: dict[str, Row] = {}
     for item in _items(text):
-        known = names()
-        sets = {"default": tuple(n for n in DEFAULT if n.partition("@")[0] in known), "all": known}
-        wanted = [parse(one) for one in sets[item]] if item in sets else [parse(item)]
-        for row in wanted:
-            lacking = ({"acc"} if not acc else set()) | ({"mag"} if not mag else set())
+        members = [_member(one) for one in sets[item]] if item in sets else [parse(item)]
+        for row in members:
             if item not in sets or not row.estimator.needs & lacking:
                 rows.setdefault(row.name, row)
     return list(rows.values())
+
+
+def _member(name: str) -> Row:
+    """A row of a set; one that an installed package broke says so when it is run, so that the others do."""
+    try:
+        return parse(name)
+    except PluginError as error:
+        broken = error
+
+    def run(*_: object) -> Estimate:
+        raise broken
+
+    nothing: frozenset[str] = frozenset()
+    return Row(Estimator(name, str(broken), "", "", nothing, nothing, (), {}, run=run))
 
 
 def estimate(

@@ -50,8 +50,7 @@ SENSORS = frozenset({"gyro", "acc", "mag"})
 
 def names() -> tuple[str, ...]:
     """The names of all built-in and installed estimators; imports none of them."""
-    present = tuple(n for n in BUILT_IN if importlib.util.find_spec(f"attlog.estimators.{n}"))
-    return present + tuple(n for n in sorted(_entry_points()) if n not in present)
+    return BUILT_IN + tuple(n for n in sorted(_entry_points()) if n not in BUILT_IN)
 
 
 def get(name: str) -> Estimator:
@@ -61,7 +60,7 @@ def get(name: str) -> Estimator:
     """
     if name.endswith(".py"):
         return from_file(Path(name))
-    if name in BUILT_IN and importlib.util.find_spec(f"attlog.estimators.{name}"):
+    if name in BUILT_IN:
         return from_module(importlib.import_module(f"attlog.estimators.{name}"), name)
     points = _entry_points()
     if name not in points:

@@ -125,6 +125,10 @@ def test_an_installed_package_can_bring_estimators(plugin: Path, monkeypatch: py
     assert get("my_filter").presets == {"slow": {"scale": 0.5}}
     with pytest.raises(PluginError, match="no_such_module"):
         get("gone")
+    rows = {r.name: r for r in select("all")}
+    assert {"gone", "my_filter", "mahony"} <= set(rows)
+    with pytest.raises(PluginError, match="no_such_module"):
+        attlog.estimate(rows["gone"], [0.0, 0.1], np.zeros((2, 3)))
 
 
 @pytest.mark.parametrize(
