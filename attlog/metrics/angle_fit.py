@@ -19,57 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
 from attlog.metrics import interval
+from attlog.metrics.event_pairs import RANGE_S, Pair, Track, compared, is_slower, misalignment, on_axis, relative
 from attlog.metrics.steps import AXES, Event
 
 Array = NDArray[np.float64]
 
-RANGE_S = 0.25
 COARSE_S, FINE_S = 0.010, 0.001
 NEAR_S = 0.012
 WIDE_S = 0.040
 """How far a fit with one event left out may move."""
 PARABOLA_S = 0.006
-LARGEST_TURN_DEG = 120.0
-RIDGE_DEG = 5.0
-MIN_SAMPLES = 4
-
-
-@dataclass(slots=True)
-class Track:
-    """An attitude over time: ``t`` (n,) s, ``q`` (n, 4), ``piece`` (n,) counts stretches that must not be crossed."""
-
-    t: Array
-    q: Array
-    piece: NDArray[np.int64]
-    step: float = field(init=False)
-    """Median time between samples, s."""
-
-    def __post_init__(self) -> None:
-        self.step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else math.inf
-
-
-@dataclass(slots=True)
-class Relative:
-    """One event: rotation vectors (n, 3) in deg of both attitudes, each from its own attitude at mid-step."""
-
-    event: Event
-    t_ref: Array
-    ref: Array
-    t_est: Array
-    est: Array
-
-
-@dataclass(slots=True)
-class Pair:
-    """One event in both attitudes, deg about the event's own axis, each relative to its own attitude at mid-step."""
-
-    event: Event
-    t_ref: Array
-    ref: Array
-    t_est: Array
-    est: Array
 
 
 @dataclass(slots=True)
@@ -89,7 +49,8 @@ class Fit:
     ``distortion`` is the residual RMS over the RMS of the reference's excursion,
     ``shape_s`` the residual RMS over the reference's rate RMS. ``each`` are the delays of
     the single events, ``offsets`` their constants c (deg), ``body`` the misalignment that
-    was taken out (rad), ``table`` the sums of ``pairs`` at the delays ``grid``. ``at_edge`` marks a minimum at the end of the range of +-250 ms.
+    was taken out (rad), ``table`` the sums of ``pairs`` at the delays ``grid``. ``at_edge``
+    marks a minimum at the end of the range of +-250 ms.
     """
 
     delay: float
@@ -114,81 +75,6 @@ class Fit:
     def events(self) -> int:
         """How many events stand behind it."""
         return len(self.pairs)
-
-
-def misalignment(moves: list[Relative], delay: float, slow: bool) -> Array:
-    """The constant body rotation (rotation vector (3,), rad) between estimate and reference, small angles, ridge 5 deg.
-
-    est = k ref + phi x ref + c over all samples of all events; a constant mounting
-    difference shows best in yaw turns. ``slow``: at the row's own times.
-    """
-    if not moves:
-        return np.zeros(3)
-    refs, ests = [], []
-    for m in moves:
-        if slow:
-            ref, est = _at(m.t_est - delay, m.t_ref, m.ref), m.est
-        else:
-            ref, est = m.ref, _at(m.t_ref + delay, m.t_est, m.est)
-        refs.append(ref - np.mean(ref, axis=0))
-        ests.append(est - np.mean(est, axis=0))
-    x, y = np.concatenate(refs), np.concatenate(ests)
-    square = float(np.sum(x * x))
-    y = y - float(np.sum(x * y)) / max(square, 1e-30) * x
-    ridge = float(np.mean(np.sum(y * y, axis=1))) / np.radians(RIDGE_DEG) ** 2
-    normal = (square + max(ridge, 1e-12)) * np.eye(3) - x.T @ x
-    return np.linalg.solve(normal, np.sum(np.cross(x, y), axis=0))
-
-
-def _at(at: Array, t: Array, x: Array) -> Array:
-    return np.column_stack([np.interp(at, t, x[:, k]) for k in range(x.shape[1])])
-
-
-def on_axis(moves: list[Relative], body: Array, est_step: float, ref_step: float) -> list[Pair]:
-    """The rotation of each event about its own axis, ``body`` (rad) taken out of the estimate.
-
-    The faster of the two is smoothed over the sampling interval of the slower one.
-    """
-    back = rotation.conjugate(rotation.from_rotvec(body))
-    found = []
-    for m in moves:
-        near = np.sum(m.ref**2, axis=1) <= LARGEST_TURN_DEG**2
-        stroke = np.flatnonzero(near & (m.t_ref >= m.event.onset) & (m.t_ref <= m.event.t90))
-        if len(stroke) < 2:
-            continue
-        axis = m.ref[stroke[-1]] - m.ref[stroke[0]]
-        length = float(np.linalg.norm(axis))
-        if length < 1e-6:
-            continue
-        axis *= math.copysign(1.0 / length, m.event.delta_deg)
-        t_ref, ref, t_est, est = m.t_ref, m.ref @ axis, m.t_est, rotation.rotate(back, m.est) @ axis
-        if is_slower(est_step, ref_step):
-            t_ref, ref = smoothed(t_ref, ref, round(est_step / ref_step))
-        else:
-            t_est, est = smoothed(t_est, est, round(ref_step / est_step))
-        pair = Pair(m.event, t_ref, ref, t_est, est)
-        if len(compared(pair, 0.0, is_slower(est_step, ref_step))[0]) >= MIN_SAMPLES:
-            found.append(pair)
-    return found
-
-
-def is_slower(est_step: float, ref_step: float) -> bool:
-    """Whether the row is slower than the reference, which is then interpolated to the row's own times."""
-    return est_step > 1.05 * ref_step
-
-
-def smoothed(t: Array, x: Array, count: int) -> tuple[Array, Array]:
-    """Local parabolas over about ``count`` samples, values and times alike (Savitzky & Golay 1964, order 2).
-
-    A plain mean over the interval of a 10 Hz reference would round off the step and read
-    a pure delay of 7.3 ms as 8.1.
-    """
-    half = count // 2
-    if half < 2 or len(t) <= 2 * half + 1:
-        return t, x
-    u = np.arange(-half, half + 1)
-    kernel = np.linalg.pinv(np.vander(u, 3, increasing=True).astype(np.float64))[0]
-    return np.convolve(t, kernel, "valid"), np.convolve(x, kernel, "valid")
 
 
 def sums(found: list[Pair], delays: Array, slow_row: bool) -> Sums:
@@ -284,51 +170,6 @@ def by_axis(est: Track, ref: Track, events: list[Event]) -> dict[str, Fit]:
     return fits
 
 
-def relative(est: Track, ref: Track, events: list[Event], delay: float) -> list[Relative]:
-    """Both attitudes around each event as rotations from their own attitude at mid-step.
-
-    The estimate's own mid-step is ``delay`` (s) later. Events that one of them does not
-    cover without a gap are left out, and samples that turned more than 120 deg.
-    """
-    found = (_relative(est, ref, event, delay) for event in events)
-    return [m for m in found if m is not None]
-
-
-def _relative(est: Track, ref: Track, event: Event, delay: float) -> Relative | None:
-    margin = RANGE_S + 2.0 * max(est.step, ref.step)
-    parts = []
-    for track, reach in ((ref, margin if is_slower(est.step, ref.step) else 0.0), (est, margin)):
-        i, j = np.searchsorted(track.t, [event.begin - reach, event.end + reach])
-        middle = min(int(np.searchsorted(track.t, event.middle)), len(track.t) - 1)
-        same = np.flatnonzero(track.piece[i:j] == track.piece[middle])
-        if len(same) < MIN_SAMPLES:
-            return None
-        part = slice(int(same[0] + i), int(same[-1] + i) + 1)
-        parts += [track.t[part], track.q[part]]
-    t_ref, q_ref, t_est, q_est = parts
-    early, late = min(delay, 0.0), max(delay, 0.0)
-    covered = t_est[0] <= event.onset - 0.1 + early and t_est[-1] >= event.t90 + 0.3 + late
-    if not covered or t_ref[0] > event.onset or t_ref[-1] < event.t90:
-        return None
-    if not (np.isfinite(q_ref).all() and np.isfinite(q_est).all()):
-        return None
-    middle = int(np.argmin(np.abs(t_ref - event.middle)))
-    own_middle = rotation.slerp(t_est, q_est, t_ref[middle] + delay)[0]
-    r_ref = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_ref[middle]), q_ref)))
-    r_est = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(own_middle), q_est)))
-    if is_slower(est.step, ref.step):
-        use = np.sum(r_est**2, axis=1) <= LARGEST_TURN_DEG**2
-        use &= (t_est - late >= t_ref[0]) & (t_est - early <= t_ref[-1])
-        t_est, r_est = t_est[use], r_est[use]
-    else:
-        use = np.sum(r_ref**2, axis=1) <= LARGEST_TURN_DEG**2
-        use &= (t_ref + early >= t_est[0]) & (t_ref + late <= t_est[-1])
-        t_ref, r_ref = t_ref[use], r_ref[use]
-    if use.sum() < MIN_SAMPLES:
-        return None
-    return Relative(event, t_ref, r_ref, t_est, r_est)
-
-
 def _with_intervals(found: list[Pair], table: Sums, grid: Array, delay: float, slow: bool) -> Fit:
     each = np.array([best_delay(grid, _residual(_rows(table, [k]))) for k in range(len(found))])
     at = sums(found, np.array([delay]), slow)
@@ -356,16 +197,6 @@ def _describe(found: list[Pair], at: Sums, delay: float, each: Array, slow: bool
     rate = math.sqrt(squares / seconds) if seconds > 0 else 0.0
     shape = residual / rate if rate > 0 else math.inf
     return Fit(delay, gain, distortion, residual, shape, seconds, each, offsets=np.array(offsets), pairs=found)
-
-
-def compared(pair: Pair, delay: float, slow: bool) -> tuple[Array, Array, Array]:
-    """Times, reference and estimate ``delay`` s later, at the slower one's own samples within the event's window."""
-    own = pair.t_est if slow else pair.t_ref
-    use = (own >= pair.event.begin) & (own <= pair.event.end)
-    t = own[use]
-    if slow:
-        return t, np.interp(t - delay, pair.t_ref, pair.ref), pair.est[use]
-    return t, pair.ref[use], np.interp(t + delay, pair.t_est, pair.est)
 
 
 def _residual(s: Sums) -> Array:

@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from attlog.metrics import angle_fit, steps
-from attlog.metrics.angle_fit import Fit, Track
+from attlog.metrics.angle_fit import Fit
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.event_pairs import Track
 from attlog.metrics.rmse import why_no_errors
 from attlog.metrics.spans import about
 from attlog.reference.model import Row

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from attlog import rotation
-from attlog.metrics.angle_fit import Track
+from attlog.metrics.event_pairs import Track
 
 Array = NDArray[np.float64]
 
