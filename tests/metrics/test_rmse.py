@@ -79,3 +79,10 @@ def test_without_a_reference_there_is_a_code():
     trial = flights.trial([row], SEGMENTS, (T, LEVEL), "onboard")
     row.is_reference = True
     assert rmse.compute(trial, row, "all")["total_rmse_deg"].code == "not_applicable"
+
+
+def test_float32_quaternions_are_not_read_as_error():
+    q = rotation.from_euler(0.3 * np.sin(T), 0.2 * np.cos(T), 0.05 * T)
+    row = flights.row(T, rotation.normalize(q.astype(np.float32)))
+    trial = flights.trial([row], SEGMENTS, (T[::5], q[::5]))
+    assert rmse.compute(trial, row, "all")["total_rmse_deg"].value < 1e-4
