@@ -18,7 +18,7 @@ LEAST_DPS = 3.0
 """An axis that turns less than this (standard deviation) tells nothing about its scale."""
 LEAST_INTERVALS = 30
 SLOPE_RATE_HZ = 20.0
-"""Slower attitudes smear fast motion: low slopes are then no fault of the sensor (LOGS 7)."""
+"""Slower attitudes smear fast motion: low slopes are then no fault of the sensor."""
 LEAST_CORRELATION = 0.8
 
 

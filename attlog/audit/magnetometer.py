@@ -12,7 +12,7 @@ from attlog.flight.model import Array, FlightLog
 from attlog.reference import declination
 
 STRENGTH_UT = (15.0, 90.0)
-"""Outside this no place on earth lies (LOGS 7): 22 to 67 uT with room for an iron vehicle."""
+"""Outside this no place on earth lies: 22 to 67 uT with room for an iron vehicle."""
 
 
 def checks(log: FlightLog) -> list[Check]:

@@ -10,9 +10,9 @@ from attlog.flight.settings import how_to_log
 from attlog.segments.model import Segments
 
 REST_S = 2.0
-"""Shortest rest in which noise is measured (METRICS 1)."""
+"""Shortest rest in which noise is measured (docs/metrics.md)."""
 DRIFT_REST_S, DRIFT_AIR_S = 20.0, 20.0
-"""Shortest record of a drift: four groups of 5 s (METRICS 5)."""
+"""Shortest record of a drift: four groups of 5 s (docs/metrics.md)."""
 SLOW_REFERENCE_HZ = 5.0
 STROKE_DEG, STROKE_YAW_DEG = 5.0, 10.0
 EVENTS = 3

@@ -1,7 +1,7 @@
 """ArduPilot DataFlash logs (binary and text) as a FlightLog, from 3.1 to 4.7.
 
 Records are told apart by their columns: early logs have no version, and branches
-carry any (LOGS 3).
+carry any.
 """
 
 from __future__ import annotations

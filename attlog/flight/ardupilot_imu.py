@@ -1,4 +1,4 @@
-"""Inertial data of ArduPilot logs, best source first (LOGS 3, "Preference order").
+"""Inertial data of ArduPilot logs, best source first (docs/flight.md).
 
 RISI (LOG_REPLAY) > IMT increments >= 100 Hz > GYR/ACC raw >= 400 Hz > IMU. Batches
 (ISBD) are never a continuous input.

@@ -2,7 +2,7 @@
 
 ``TimeUS`` since 3.3; before that ``TimeMS``, except in GPS records, whose TimeMS
 is the time of the GPS week and ``T`` the boot clock. Records without time (EV,
-MODE, MSG of 3.x) get the time of the record before them in the file (LOGS 3).
+MODE, MSG of 3.x) get the time of the record before them in the file.
 """
 
 from __future__ import annotations

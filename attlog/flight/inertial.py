@@ -19,7 +19,7 @@ REPLAY_MIN_SAMPLES = 20
 REPLAY_MIN_HZ = 10.0
 """Below this no attitude can be replayed: rotation between samples is lost."""
 LOW_RATE_HZ = 45.0
-"""Below the 50 Hz of a default log vibration is aliased and lags carry a low-rate mark (LOGS 3)."""
+"""Below the 50 Hz of a default log vibration is aliased and lags carry a low-rate mark."""
 
 
 @dataclass(slots=True)

@@ -3,7 +3,7 @@
 Most messages hold ``time_boot_ms`` or ``time_usec``. The others (SIM_STATE, AHRS2,
 HEARTBEAT) have only the receiver's packet stamp, which the messages with both
 clocks map to the boot clock; radio delay and clock changes of the computer are
-followed by a running median (LOGS 5).
+followed by a running median.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Inertial data of PX4 logs, best source first (LOGS 2, "Preference order").
+"""Inertial data of PX4 logs, best source first (docs/flight.md).
 
 FIFO topics > ``vehicle_imu`` > ``sensor_combined`` > ``vehicle_angular_velocity``
 with ``vehicle_acceleration`` > raw ``sensor_gyro`` with ``sensor_accel``.
@@ -27,6 +27,11 @@ DECIMATED = 1.5
 def stamps(table: Table, column: str = "timestamp") -> Stamps:
     """The stamps (n,) in us as int64."""
     return table[column].astype(np.int64)
+
+
+def sample_stamps(table: Table) -> Stamps | None:
+    """The times of measurement (n,) of a topic in us, None where it has none."""
+    return stamps(table, "timestamp_sample") if "timestamp_sample" in table else None
 
 
 def candidates(reading: Reading, values: dict[str, float], selected: int) -> list[Candidate]:

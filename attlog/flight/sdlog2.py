@@ -2,7 +2,7 @@
 
 All records between two TIME records share that time. IMU, IMU1, IMU2 are sensors in
 the body frame; ATT holds Euler angles in rad and, in later versions, a quaternion
-that some of them left at zero (LOGS 6).
+that some of them left at zero.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ ISOLATED_S = 10.0
 ISOLATED_MIN = 3
 GAP_FACTOR = 5.0
 GAP_S = 0.05
-"""A gap is longer than max(GAP_FACTOR * median interval, GAP_S), METRICS 1."""
+"""A gap is longer than max(GAP_FACTOR * median interval, GAP_S) (docs/metrics.md)."""
 
 
 @dataclass(frozen=True, slots=True)

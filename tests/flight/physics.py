@@ -1,6 +1,6 @@
 """Plain physics on a FlightLog, independent of the code that made it: gravity, turn rates, magnetic field.
 
-Short on purpose: every number here can be checked by hand against LOGS.md or the manifests.
+Short on purpose: every number here can be checked by hand against the manifests.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The contract of a FlightLog on every log in hand: clock, units and frames, proven by physics.
 
 Expectations that we did not compute with this code stand in the manifests of the
-corpus: LOGS tables for real logs, truth of the simulators for the others.
+corpus: measured ones for real logs, the simulators' truth for the others.
 """
 
 from __future__ import annotations
@@ -193,9 +193,9 @@ OTHER_CHOICE = {
     "bin_copter_3.3dev_mag66_cut.BIN": "the compass shows its own offsets and is not used",
 }
 SELDOM_LEVEL = {
-    "bin_plane_3.0.4beta3_nomag.BIN": "onboard attitude drifts away at 6.6 deg/s of gyro bias (LOGS 3)",
-    "bin_rover_2.46beta2.BIN": "onboard attitude drifts away at 14 deg/s of gyro bias (LOGS 3)",
-    "bin_copter_3.3dev_27hz_zeromag_upsidedown.BIN": "onboard attitude still turns over to upside down (LOGS 3)",
+    "bin_plane_3.0.4beta3_nomag.BIN": "onboard attitude drifts away at 6.6 deg/s of gyro bias",
+    "bin_rover_2.46beta2.BIN": "onboard attitude drifts away at 14 deg/s of gyro bias",
+    "bin_copter_3.3dev_27hz_zeromag_upsidedown.BIN": "onboard attitude still turns over to upside down",
     "ulg_px4_1.12_fmuv5_short.ulg": "attitude begins after the rest",
     "made_ulg_4096_zero_block.ulg": "attitude begins after the rest",
     "made_ulg_700B_garbage.ulg": "attitude begins after the rest",
@@ -233,7 +233,7 @@ def test_the_attitude_turns_as_the_gyro_says(row: dict[str, str]) -> None:
     slopes = physics.slopes(log.imus[log.imu], log.attitudes[log.onboard], least_dps=10.0)
     slow = log.attitudes[log.onboard].rate < 30
     for slope in slopes[np.isfinite(slopes)]:
-        # slow attitudes smear fast motion (LOGS 3); instantaneous samples of 2013 alias rotor vibration
+        # slow attitudes smear fast motion; instantaneous samples of 2013 alias rotor vibration
         assert slope == pytest.approx(1.0, abs=0.2 if slow or row["kind"] == "px4log" else 0.07)
 
 
