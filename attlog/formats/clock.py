@@ -21,7 +21,8 @@ def restarts(time_us: NDArray[np.int64]) -> list[int]:
     for k in (np.flatnonzero(np.diff(time_us) < -STEP_US) + 1).tolist():
         before = time_us[max(found[-1] if found else 0, k - _NEIGHBOURS) : k]
         after = time_us[k : k + _NEIGHBOURS]
-        if len(before) and np.median(after) < np.median(before) - STEP_US:
+        # the lower median: one false time among few must not look like a fall
+        if np.median(after) < np.sort(before)[(len(before) - 1) // 2] - STEP_US:
             found.append(k)
     return found
 

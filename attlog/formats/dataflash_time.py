@@ -66,10 +66,16 @@ def drop_false_times(
     far = np.concatenate([[step[0] and not step[1]], step[:-1] & step[1:], [step[-1] and not step[-2]]])
     far[1:-1] &= np.abs(time[2:] - time[:-2]) <= FALSE_TIME_US
     far[[0, -1]] &= np.abs(time[[0, -1]] - time[[1, -2]]) > MAX_TIME_JUMP_S * 1e6  # a hole may stand at the ends
-    far |= (time < 0) | (time > LAST_TIME_US)
-    if not far.any():
+    impossible = (time < 0) | (time > LAST_TIME_US)
+    if not (far.any() or impossible.any()):
         return at, time
     false = np.isin(index.offsets, at[far])
+    # a message that is mostly far has another clock, it is not damaged
+    of_type = np.bincount(index.layout, minlength=len(index.layouts))
+    flagged = np.bincount(index.layout[false], minlength=len(index.layouts))
+    false &= ((flagged < 3) | (flagged < 0.1 * of_type))[index.layout]
+    false |= np.isin(index.offsets, at[impossible])
+    dropped = np.isin(at, index.offsets[false])
     for offset, layout in zip(index.offsets[false].tolist(), index.layout[false].tolist(), strict=True):
         fmt = index.layouts[layout]
         index.damage_bytes += fmt.length
@@ -78,4 +84,4 @@ def drop_false_times(
             index.damage.append(Damage(offset, fmt.length, lost, f"next record at {offset + fmt.length}"))
     index.damage.sort(key=lambda d: d.offset)
     index.offsets, index.layout = index.offsets[~false], index.layout[~false]
-    return at[~far], time[~far]
+    return at[~dropped], time[~dropped]

@@ -71,6 +71,17 @@ def test_a_record_with_a_changed_time_is_left_out(raw: bytes, clean: Index, tmp_
     assert after.boots == before.boots
 
 
+def test_a_message_with_a_clock_of_its_own_is_kept(tmp_path: Path) -> None:
+    time = np.arange(200, dtype=np.uint64) * 20_000 + 10**9
+    other = {"TimeUS": time[::20], "Unix": time[::20] + np.uint64(1_700_000_000_000_000)}
+    dataflash.write(tmp_path / "b.bin", {"IMU": {"TimeUS": time, "I": np.zeros(200, np.uint8)}, "GCS": other})
+    raw = bytearray((tmp_path / "b.bin").read_bytes())
+    for offset in dataflash.read(tmp_path / "b.bin")["GCS", 0].offsets.tolist():
+        raw[offset + 3 : offset + 11] = raw[offset + 11 : offset + 19]
+    log = dataflash.read(written(tmp_path, bytes(raw)))
+    assert (len(log["GCS", 0]), len(log["IMU", 0]), len(log.boots)) == (10, 200, 1)
+
+
 def written(folder: Path, raw: bytes) -> Path:
     path = folder / "flight.bin"
     path.write_bytes(raw)
