@@ -23,7 +23,7 @@ class Metric:
     name: str
     title: str
     unit: str
-    better: Literal["low", "zero", "one"]
+    better: Literal["low", "zero", "one", "high"]
     needs: tuple[str, ...]
     definition: str
 

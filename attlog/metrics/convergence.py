@@ -18,7 +18,7 @@ METRICS: tuple[Metric, ...] = (
         ),
     ),
     Metric(
-        "coverage_pct", "Coverage", "%", "one", ("reference",),
+        "coverage_pct", "Coverage", "%", "high", ("reference",),
         "Share of the time in the air and at rest, after the scoring start, in which this row was compared.",
     ),
     Metric(

@@ -23,18 +23,20 @@ def may_be_best(row: Row) -> bool:
 
 
 def distance(answer: Answer, better: str) -> tuple[float, float, float]:
-    """(low, value, high) of how far an answer is from perfect: from 0, or from 1 for ``better="one"``.
+    """(low, value, high) of how far an answer is from perfect: smaller is better whatever ``better`` says.
 
     ``detail["counts_as_zero_below"]`` is the value that cannot be told from zero;
     ``detail["resolution"]`` widens the interval (the shape of a lag).
     """
     value = answer.value if answer.value is not None else float("nan")
     low, high = answer.ci95 if answer.ci95 is not None else (value, value)
+    if better == "high":
+        value, low, high = -value, -high, -low
     if better == "one":
         value, low, high = value - 1.0, low - 1.0, high - 1.0
     widen = float(answer.detail.get("resolution", 0.0))
     low, high = min(low, value) - widen, max(high, value) + widen
-    if better == "low":
+    if better in ("low", "high"):
         return low, value, high
     near = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
     size = abs(value)

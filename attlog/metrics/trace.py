@@ -15,10 +15,12 @@ class Trace:
     ``figure`` and its ``columns`` (all (n,), degrees, NaN breaks the line):
     ``attitude``: roll pitch heading at the row's own times (the reference is a row
     too); ``difference``: total heading inclination roll pitch at the reference's
-    times; ``rest``: roll pitch heading deviations from the mean of rest ``key``;
+    times; ``rest``: roll pitch heading deviations from the mean of rest number ``key``;
     ``drift``: heading error block means and ``line`` (fit), ``key`` = "rest" or the
-    witness; ``allan``: tau, deviation, low, high; ``bias``: x y z in deg/s; ``step``:
-    est and ref of one aligned event, t from its onset, ``key`` = axis.
+    witness; ``allan``: tau (also ``t``), deviation of the averaged angle, low, high,
+    ``key`` = axis; ``bias``: x y z in deg/s; ``step``: est and ref of one event, t from
+    its onset, ``key`` = "axis@onset"; ``setpoint``: roll and pitch response to a unit
+    step, t from the step.
     """
 
     figure: str

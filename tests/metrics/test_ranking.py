@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from attlog.metrics import best
+from attlog.metrics import best, definitions
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.ranking import leaders
 from tests.metrics import flights
@@ -44,6 +44,12 @@ def test_the_shape_of_a_lag_must_be_separated_too():
 
 def test_gain_is_best_at_one():
     assert leaders({"a": answer(1.2, 1.15, 1.25), "b": answer(0.98, 0.97, 0.99)}, "one") == ["b"]
+
+
+def test_of_coverage_more_is_better():
+    column = {"half": answer(50.0, 49.0, 51.0), "whole": answer(99.0, 98.0, 100.0)}
+    assert leaders(column, "high") == ["whole"]
+    assert definitions()["coverage_pct"].better == "high"
 
 
 def test_a_single_row_is_not_better_than_anybody():
