@@ -163,7 +163,7 @@ def cell(result: Result, row: EstimatorRow, metric: str, answer: Answer | None) 
         return Cell(word, missing=True, reason=answer.reason or "")
     best = not metric.startswith(SHAPE) and row.name in result.best.get(answer.window, {}).get(metric, ())
     small = [interval(answer.ci95, answer.unit)]
-    unranked = row.kind == "replay" and not answer.ranked
+    unranked = row.kind == "replay" and (not answer.ranked or row.status != "ok")
     coverage = answer.detail.get("coverage_pct")
     if isinstance(coverage, (int, float)) and coverage < FULL_COVERAGE:
         small.append(f"of {coverage:.0f} %")

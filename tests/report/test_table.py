@@ -1,0 +1,99 @@
+"""The comparison table: columns, words for what is missing, marks."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from attlog.metrics.answer import CODES, Answer, missing
+from attlog.report.look import looks
+from attlog.report.table import WORDS, main_table, window_tables
+from tests.report.conftest import answer, make_result
+
+
+def cells(result, name):
+    """The cells of one row by metric."""
+    table = main_table(result)
+    found = next(c for row, c in table.rows if row.name == name)
+    return {column.metric: c for column, c in zip(table.columns, found, strict=True)}
+
+
+def test_every_code_has_a_word():
+    assert set(WORDS) == set(CODES)
+
+
+def test_a_column_without_any_value_is_left_out():
+    result = make_result()
+    assert "lag_ms" in cells(result, "gyro")
+    for row in result.estimators:
+        row.metrics["airborne"]["lag_ms"] = missing("no_events", "no steps", "ms", "airborne")
+    assert "lag_ms" not in cells(result, "gyro")
+
+
+def test_what_flew_stands_first_and_other_onboard_attitudes_last():
+    result = make_result()
+    other = dataclasses.replace(result.estimators[0], name="onboard:AHR2", is_reference=False)
+    result.estimators.insert(0, other)
+    names = [row.name for row, _ in main_table(result).rows]
+    assert names[0] == "onboard"
+    assert names[-1] == "onboard:AHR2"
+    assert next(iter(looks(result))) == "onboard"
+
+
+def test_missing_is_a_word_never_a_number():
+    result = make_result()
+    assert cells(result, "gyro")["heading_rmse_deg"].text == "no mag"
+    assert cells(result, "onboard")["inclination_rmse_deg"].text == "reference"
+    assert cells(result, "complementary@fan")["lag_ms"].text == "not judged"
+    assert cells(result, "complementary@fan")["lag_ms"].sort is None
+
+
+def test_best_marks_come_from_the_result_and_not_for_shape():
+    result = make_result()
+    result.best["airborne"]["step_gain"] = ["gyro"]
+    assert cells(result, "gyro")["noise_roll_deg"].best
+    assert not cells(result, "madgwick@marg")["noise_roll_deg"].best
+    assert not cells(result, "gyro")["step_gain"].best
+
+
+@pytest.mark.parametrize("change", [{"status": "diverged"}, {}])
+def test_what_may_not_be_ranked_is_shown_as_such(change):
+    result = make_result()
+    row = result.estimators[1]
+    if change:
+        row.status = "diverged"
+    else:
+        row.metrics["rest"]["noise_roll_deg"] = Answer(
+            0.1, "deg", "rest", ranked=False, reason="does not follow motion"
+        )
+    assert cells(result, row.name)["noise_roll_deg"].unranked
+    assert not cells(result, "vqf")["noise_roll_deg"].unranked
+
+
+def test_low_coverage_is_printed_beside_the_value():
+    result = make_result()
+    poor = answer(2.0, "deg", "airborne")
+    poor.detail["coverage_pct"] = 62.0
+    result.estimators[1].metrics["airborne"]["inclination_rmse_deg"] = poor
+    assert cells(result, "gyro")["inclination_rmse_deg"].small == ("1.9 to 2.1", "of 62 %")
+
+
+def test_drift_in_the_air_has_the_column_of_the_best_witness():
+    result = make_result()
+    result.estimators[2].metrics["airborne"]["drift_air_deg_per_min.truth"] = answer(1.0, "deg/min", "airborne")
+    metrics = [c.metric for c in main_table(result).columns]
+    assert [m for m in metrics if m.startswith("drift_air")] == ["drift_air_deg_per_min.truth"]
+
+
+def test_sorting_goes_by_distance_from_the_best_value():
+    result = make_result()
+    assert cells(result, "gyro")["drift_rest_deg_per_min"].sort == pytest.approx(1.2)
+    assert cells(result, "mahony@xu-0.6")["lag_ms"].sort == pytest.approx(12.0)
+
+
+def test_the_expert_finds_every_metric_of_every_window():
+    result = make_result()
+    tables = window_tables(result)
+    assert set(tables) == {"rest", "airborne", "all"}
+    assert {"total_rmse_deg", "convergence_s", "cost_ns"} == {c.metric for c in tables["all"].columns}
