@@ -70,12 +70,7 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
         command=command,
         config=config.resolved(),
         log=describe(log, phases),
-        problems=log.problems
-        + [
-            Problem("estimator_failed", "error", f"{r.name}: {r.reason}")
-            for r in estimator_rows
-            if r.status == "failed"
-        ],
+        problems=log.problems + _problems(ref, estimator_rows),
         audit=checks,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(ref),
@@ -90,6 +85,14 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
     result.verdicts = verdicts(result)
     result.timing = clock.seconds
     return result
+
+
+def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
+    """What the analysis itself found wrong: a reference that physics contradicts, estimators that failed."""
+    refused = [Problem("reference_contradicted", "warning", f"{ref.fault}.")] if ref.fault else []
+    return refused + [
+        Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"
+    ]
 
 
 def _read(path: str | Path, config: Config) -> FlightLog:
@@ -158,35 +161,40 @@ def run_rows(log: FlightLog, config: Config) -> list[Row]:
     """The aligned attitudes of the configured estimators only; the first failure is raised."""
     phases = segments.build(log)
     ref = reference.choose(log, phases, reference_options(config))
-    return [
-        _replayed(log, phases, ref, imu, spec, suffix)[0]
-        for imu, suffix in _imus(log, config)
-        for spec in _specs(config, log)
-    ]
+    rows = []
+    for imu, suffix in _imus(log, config):
+        for spec in _specs(config, log).values():
+            if isinstance(spec, PluginError):
+                raise spec
+            rows.append(_replayed(log, phases, ref, imu, spec, suffix, config)[0])
+    return rows
 
 
 def _replays(
     log: FlightLog, phases: Segments, ref: Reference, config: Config
 ) -> Iterator[tuple[Row | None, EstimatorRow]]:
     """Each configured estimator as a row; one that fails is a table row with status ``failed``."""
+    specs = _specs(config, log)
     for imu, suffix in _imus(log, config):
-        for item in config.estimators:
+        for name, spec in specs.items():
             try:
-                specs = _specs(config, log, [item])
-            except PluginError as error:
-                yield None, _failed(Path(item).stem + suffix, error)
-                continue
-            for spec in specs:
-                try:
-                    yield _replayed(log, phases, ref, imu, spec, suffix)
-                except AttlogError as error:
-                    yield None, _failed(spec.name + suffix, error)
+                if isinstance(spec, PluginError):
+                    raise spec
+                yield _replayed(log, phases, ref, imu, spec, suffix, config)
+            except AttlogError as error:
+                yield None, _failed(name + suffix, error)
 
 
-def _specs(config: Config, log: FlightLog, items: list[str] | None = None) -> list[estimators.Row]:
-    chosen = (r for item in items or config.estimators for r in estimators.select(item, mag=log.mag is not None))
-    rows = {r.name: r for r in chosen}
-    return list(rows.values())
+def _specs(config: Config, log: FlightLog) -> dict[str, estimators.Row | PluginError]:
+    """Name -> row to run, each once; a plug-in that cannot be loaded is its error. UsageError for unknown names."""
+    found: dict[str, estimators.Row | PluginError] = {}
+    for item in config.estimators:
+        try:
+            for row in estimators.select(item, mag=log.mag is not None):
+                found.setdefault(row.name, row)
+        except PluginError as error:
+            found.setdefault(Path(item).stem, error)
+    return found
 
 
 def _imus(log: FlightLog, config: Config) -> list[tuple[Imu, str]]:
@@ -204,6 +212,7 @@ def _replayed(
     imu: Imu,
     spec: estimators.Row,
     suffix: str,
+    config: Config,
 ) -> tuple[Row, EstimatorRow]:
     """Run one estimator over one IMU and align what comes out."""
     mag = None if log.mag is None else log.mags[log.mag]
@@ -213,12 +222,13 @@ def _replayed(
     if uses_mag and "declination" in resolved and resolved["declination"][1] == "default":
         declination = ref.declination_deg or 0.0
         resolved["declination"] = (declination, "log" if ref.declination_deg is not None else "default")
+    t = imu.gyro.t_best if config.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
         spec,
-        imu.gyro.t,
+        t,
         imu.gyro.x,
         imu.acc.x,
-        estimators.place(imu.gyro.t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
+        estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
         sampling=imu.gyro.sampling,
         dt=imu.dt,
         declination=declination,
