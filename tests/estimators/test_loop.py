@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -274,3 +275,23 @@ def test_a_cleared_jit_gives_the_same_attitude(monkeypatch: pytest.MonkeyPatch) 
         with monkeypatch.context() as patch:
             patch.setenv("ATTLOG_NO_JIT", "1")
             assert np.abs(run(name, x).q - compiled.q).max() < 1e-12, name
+
+
+@pytest.mark.parametrize("name", ["px4/px4_yaw.ulg", "ardupilot/copter_yaw_turns.bin"])
+def test_flights_thinned_to_2_hz_keep_their_heading(corpus: Path, name: str) -> None:
+    """Simulated yaw turns with known truth: heading RMSE within 10 % of the whole magnetometer's."""
+    log = attlog.read(corpus / "sitl" / name)
+    assert log.imu is not None
+    assert log.mag is not None
+    assert log.truth is not None
+    imu, mag = log.imus[log.imu], log.mags[log.mag].field
+    t, truth = imu.gyro.t, rotation.slerp(log.truth.t, log.truth.q, imu.gyro.t)
+    thinned = np.flatnonzero(np.diff(np.floor(mag.t / 0.5), prepend=-1) > 0)
+    rmse = []
+    for rows in (np.arange(len(mag.t)), thinned):
+        field = place(t, mag.t[rows], mag.x[rows])
+        e = attlog.estimate("mahony@xu-0.6", t, imu.gyro.x, imu.acc.x, field, sampling=imu.gyro.sampling, dt=imu.dt)
+        error = rotation.error(e.q, truth[np.searchsorted(t, e.t)])
+        heading = rotation.heading_angle(error[np.isfinite(error).all(axis=1) & (e.t > 10)])
+        rmse.append(float(np.std(heading)))
+    assert rmse[1] < 1.1 * rmse[0]
