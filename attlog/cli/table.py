@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from attlog.metrics.answer import Answer
 from attlog.result import EstimatorRow, Result
+from attlog.verdicts import WITNESSES
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,8 +40,8 @@ def comparison_table(result: Result, window: str) -> Table:
 def _cell(result: Result, row: EstimatorRow, metric: str, window: str) -> str:
     answers = row.metrics.get(window, {})
     name = metric
-    if metric not in answers:  # drift in the air has one answer per witness: show the first that has a value
-        family = [m for m in answers if m.startswith(metric + ".")]
+    if metric not in answers:  # drift in the air has one answer per witness: the most believed that has a value
+        family = [f"{metric}.{w}" for w in WITNESSES if f"{metric}.{w}" in answers]
         name = next((m for m in family if answers[m].value is not None), family[0] if family else metric)
     answer = answers.get(name)
     if answer is None:
