@@ -24,6 +24,7 @@ STATISTICS = {"rmse": "root mean square", "median": "median", "p95": "95th perce
 GROUP_S = 5.0
 """Errors of filters wander over seconds: shorter groups would count one swing twice."""
 MAX_GROUPS = 20
+SHORTEST_S, MIN_SAMPLES = 4.0, 8
 
 _EVIDENCE = """Interval: t over consecutive groups of about 5 s (at least 4), so that neighbouring samples do not count
     as independent evidence."""
@@ -49,7 +50,7 @@ METRICS: tuple[Metric, ...] = tuple(
 
 def groups_of(n: int, duration: float) -> list[slice]:
     """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of about 5 s; none below 4 s."""
-    if duration < 4.0 or n < 8:
+    if duration < SHORTEST_S or n < MIN_SAMPLES:
         return []
     return interval.equal_groups(n, int(np.clip(duration // GROUP_S, 4, MAX_GROUPS)))
 
@@ -86,8 +87,9 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         code, reason = absent or ("no_reference", "this row has no errors against the reference")
         return {m.name: missing(code, reason, "deg", window) for m in METRICS}
     good = errors.scored & trial.segments.mask(errors.t, window) & np.isfinite(errors.total)
-    if not good.any():
-        reason = f"no scored sample in window {window}: comparisons start at {trial.reference.scoring_start:.1f} s"
+    if good.sum() < MIN_SAMPLES:
+        start = trial.reference.scoring_start
+        reason = f"{good.sum()} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
     duration = seconds(errors.t, stretches(errors.t, good, errors.piece))
     groups = groups_of(int(good.sum()), duration)
@@ -101,7 +103,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
             if name == "max":
                 reason = "an extreme of this record has no interval"
             elif ci95 is None:
-                reason = f"{duration:.1f} s are too short for an interval; 4 s are needed"
+                reason = f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
             elif angle != "inclination" and offset_note:
                 reason = offset_note
             answers[f"{angle}_{name}_deg"] = Answer(

@@ -41,6 +41,14 @@ def test_the_window_and_the_scoring_start_decide_what_counts():
     assert answers(error, window="1:10")["inclination_rmse_deg"].code == "not_covered"
 
 
+def test_a_handful_of_samples_is_no_evidence():
+    assert answers(1.0, window="20:20.5")["total_rmse_deg"].code == "not_covered"
+    short = answers(1.0, window="20:22")["total_rmse_deg"]
+    assert short.value == pytest.approx(1.0)
+    assert short.ci95 is None
+    assert not short.ranked
+
+
 def test_slow_errors_have_wider_intervals_than_fast_ones():
     rng = np.random.default_rng(0)
     fast = answers(rng.standard_normal(len(T)))["inclination_rmse_deg"]
