@@ -60,36 +60,41 @@ def believable(t_us: Stamps) -> Kept:
         duplicates += int((~keep).sum())
         index = index[keep]
         if (np.diff(t[index]) <= 0).any():
-            rising = index[longest_rising(t[index])]
-            lost = np.setdiff1d(index, rising, assume_unique=True)
-            again = int(np.isin(t[lost], t[rising]).sum())
+            chain = longest_rising(t[index])
+            lost = np.delete(index, chain)
+            index = index[chain]
+            # equal to a kept one: the same record twice
+            near = index[np.minimum(np.searchsorted(t[index], t[lost]), len(index) - 1)]
+            again = int((t[near] == t[lost]).sum())
             duplicates += again
             backward += len(lost) - again
-            index = rising
     index, isolated = without_isolated(t, index)
     return Kept(index, duplicates, backward, false + isolated)
 
 
 def longest_rising(t: Stamps) -> NDArray[np.int64]:
     """Indices of the longest strictly rising subsequence (patience sorting, n log n)."""
-    tails: list[int] = []
+    tails: list[int] = []  # smallest last value of a rising subsequence of each length
     at: list[int] = []
-    before = np.full(len(t), -1, np.int64)
+    before: list[int] = []
+    highest = -1
     for i, value in enumerate(t.tolist()):
-        k = bisect_left(tails, value)
-        if k:
-            before[i] = at[k - 1]
-        if k == len(tails):
+        if value > highest or not tails:  # nearly always: the next value continues the longest one
+            before.append(at[-1] if at else -1)
             tails.append(value)
             at.append(i)
-        else:
-            tails[k] = value
-            at[k] = i
+            highest = value
+            continue
+        k = bisect_left(tails, value)
+        before.append(at[k - 1] if k else -1)
+        tails[k] = value
+        at[k] = i
+        highest = tails[-1]
     chain = np.empty(len(at), np.int64)
     i = at[-1]
     for k in range(len(at) - 1, -1, -1):
         chain[k] = i
-        i = int(before[i])
+        i = before[i]
     return chain
 
 
