@@ -6,11 +6,18 @@ import numpy as np
 
 from attlog.metrics.trace import Trace
 from attlog.report.figure import Figure, said, series
+from attlog.report.marks import alarming, messages
 from attlog.report.pack import BUDGET, Store
 from attlog.result import Result
 
 ANGLE_STEP = 0.01
 """Degrees per stored step of whole-flight figures; a screen shows a tenth at best."""
+
+MARKS = {
+    "reset": "Dotted red: jump of the onboard attitude.",
+    "impact": "Red: impact and what followed.",
+    "gap": "Grey between two lines: gap in the log.",
+}
 
 
 def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:
@@ -19,10 +26,8 @@ def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: R
     figures = [strip]
     if by.get("attitude"):
         drawn, ratio = series(by["attitude"], ("roll", "pitch", "heading"), names, store, BUDGET, ANGLE_STEP)
-        caption = (
-            "Drag across a figure to zoom: all figures with flight time follow. Double-click to go back. "
-            "Dotted red: jumps of the onboard attitude. Dark band: gap in the log. " + said(ratio)
-        )
+        caption = "Drag across a figure to zoom: all figures with flight time follow. Double-click to go back. "
+        caption += " ".join([*legend(result), said(ratio)])
         data = {"series": drawn, "cut": heading_cut(by["attitude"])}
         figures.append(Figure("attitude", "attitude", "Attitude", caption, 470, data))
     if by.get("difference"):
@@ -37,6 +42,15 @@ def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: R
         title = f"Difference from {'onboard' if reference == 'none' else reference}"
         figures.append(Figure("difference", "difference", title, caption, 560, {"series": drawn}))
     return figures
+
+
+def legend(result: Result) -> list[str]:
+    """What the marks on the time axis mean, for those that this flight has."""
+    kinds = {s.kind for s in result.segments}
+    found = [text for kind, text in MARKS.items() if kind in kinds]
+    if any(alarming(level, text) for _, level, text in messages(result)):
+        found.append("Dashed red: failsafe or critical message.")
+    return found
 
 
 def heading_cut(traces: list[Trace]) -> float:

@@ -1,0 +1,71 @@
+"""The file itself: what it embeds, how it is written."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import html
+import json
+import re
+import tomllib
+
+import pytest
+
+from attlog.errors import OutputError
+from attlog.report import write_report
+from attlog.report.bundle import bundle
+from attlog.report.page import render
+from attlog.report.top import lead_and_tail
+from tests.report.conftest import make_result
+
+
+def test_the_page_holds_the_same_json_as_the_result():
+    result = make_result()
+    block = re.search(r'id="result">([^<]+)<', render(result, bundle())).group(1)
+    assert json.loads(gzip.decompress(base64.b64decode(block))) == json.loads(result.to_json())
+
+
+def test_the_same_result_gives_the_same_page():
+    result = make_result()
+    assert render(result, bundle()) == render(result, bundle())
+
+
+def test_the_configuration_can_be_copied_into_a_file():
+    text = re.search(r'<pre id="config"[^>]*>(.*?)</pre>', render(make_result(), bundle()), re.S).group(1)
+    config = tomllib.loads(html.unescape(text))
+    assert config["reference"] == "auto"
+    assert "imu" not in config
+
+
+def test_a_place_that_cannot_be_written_is_an_output_error_and_leaves_the_old_report(tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_report(make_result(), tmp_path / "file" / "report.html")
+    assert (tmp_path / "file").read_text() == "not a folder"
+
+
+def test_every_definition_parameter_segment_and_alignment_step_is_in_the_page():
+    result = make_result()
+    text = html.unescape(render(result, bundle()))
+    for definition in result.definitions.values():
+        assert definition["text"] in text
+    for segment in result.segments:
+        assert segment.why in text
+    for step in result.reference.alignment:
+        assert step.text in text
+    for value in (result.log["sha256"], result.command, "2a3dc4b7", "gain of the correction", "AHRS_TRIM_X"):
+        assert value in text
+
+
+@pytest.mark.parametrize(
+    ("sentence", "lead"),
+    [
+        ("vqf is quietest: within 0.003° at rest. More.", "vqf is quietest: within 0.003° at rest."),
+        ("mahony@xu-0.6 is latest: +12 ms; more.", "mahony@xu-0.6 is latest: +12 ms;"),
+        ("Cannot be judged: no rest.", "Cannot be judged:"),
+        ("No filter can be ranked: a (diverged).", "No filter can be ranked:"),
+        ("Nothing", "Nothing"),
+    ],
+)
+def test_the_first_words_of_a_verdict_are_bold(sentence, lead):
+    assert lead_and_tail(sentence)[0] == lead
