@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from attlog.errors import UsageError
 from attlog.estimators import cache, expand, generate, loop
 from attlog.estimators.base import Estimate, Estimator
+from attlog.estimators.start import initial_state
 
 WIDTH = {"float64": 16, "float32": 32}
 """Lanes that one kernel carries: a few vector registers' worth, more gains nothing."""
@@ -126,9 +127,7 @@ def _run(
     outs, kept = [], []
     for number, (a, b) in enumerate(pairwise(bounds)):
         given = q0 if number == 0 else None
-        states = [
-            loop.initial_state(estimator, samples, a, b, p, v, given) for p, v in zip(packed, values, strict=True)
-        ]
+        states = [initial_state(estimator, samples, a, b, p, v, given) for p, v in zip(packed, values, strict=True)]
         work = np.zeros((estimator.state_size + len(packed[0]) + 3, width), dtype)
         for lane in range(width):
             # Lanes beyond the last parameter set repeat it, so that no lane computes with zeros.

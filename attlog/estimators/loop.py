@@ -30,14 +30,13 @@ from attlog import rotation
 from attlog.errors import PluginError, UsageError
 from attlog.estimators import cache, generate
 from attlog.estimators.base import Array, Estimate, Estimator, plugin_errors
+from attlog.estimators.start import initial_state, to_true_north
 from attlog.estimators.vectors import GRAVITY, turn_vector_back
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
 Sampling = Literal["interval", "instant"]
 
 GAP_MEDIANS, GAP_LEAST_S, BRIDGE_S = 5.0, 0.05, 0.5
-INIT_S = 0.5
-QUIET_RAD_S = 0.15
 HOLD_PERIODS = 1.5
 MISSING, NEW, HELD = 0, 1, 2
 
@@ -180,7 +179,7 @@ def collect(
     aux = {name: out[:, part].copy() for name, part in estimator.slices.items()}
     return Estimate(
         t=samples.t[rows],
-        q=_to_true_north(np.ascontiguousarray(out[:, :4]), values),
+        q=to_true_north(np.ascontiguousarray(out[:, :4]), values),
         bias=aux.pop("bias", None),
         aux=aux,
         run=samples.run[rows],
@@ -227,43 +226,6 @@ def _try_plainly(estimator: Estimator, twin: Any) -> None:
     state = initial_state(estimator, still, 0, 2, params, values, None)
     out = np.empty((2, estimator.outputs))
     twin(state, params, still.dt, still.parts, still.gyr, still.acc, still.mag, still.use, 1, out)
-
-
-def initial_state(
-    estimator: Estimator,
-    samples: Samples,
-    a: int,
-    b: int,
-    params: Array,
-    values: Mapping[str, float | str],
-    q0: ArrayLike | None,
-) -> Array:
-    """The state (float64) with which the run of samples a to b starts; ``q0`` is the user's."""
-    acc, mag = _start_vectors(samples, a, b, str(values.get("init", "average")))
-    attitude = start_attitude(acc, mag, _declination(values)) if q0 is None else _q0(q0, values)
-    with plugin_errors(estimator):
-        state = np.array(estimator.start(params, acc, mag, attitude.copy()), np.float64)
-    if state.shape != (estimator.state_size,):
-        raise PluginError(
-            f"{estimator.origin}: start returns an array of shape {state.shape}, STATE says ({estimator.state_size},)"
-        )
-    state[:4] = rotation.normalize(state[:4])
-    return state
-
-
-def start_attitude(acc: Array, mag: Array, declination: float = 0.0) -> Array:
-    """Attitude (4,) that a specific force and a field at rest show: tilt and magnetic heading.
-
-    Without accelerometer level, without magnetometer *true* heading 0 (``declination``
-    in rad is what the loop adds to the heading later).
-    """
-    v = -acc
-    roll = np.arctan2(v[1], v[2]) if v.any() else 0.0
-    pitch = np.arctan2(-v[0], np.hypot(v[1], v[2])) if v.any() else 0.0
-    level = rotation.from_euler(roll, pitch, 0.0)
-    h = rotation.rotate(level, mag)
-    heading = np.arctan2(-h[1], h[0]) if h[:2].any() else -declination
-    return rotation.turn_about_down(level, heading)
 
 
 def place(t_imu: ArrayLike, t_mag: ArrayLike, field: ArrayLike) -> Array:
@@ -388,43 +350,6 @@ def _mag_use(t: Array, mag: Array, run_number: NDArray[np.int64], hold: bool) ->
     return np.where(new, NEW, np.where(fresh, HELD, MISSING)).astype(np.int64)
 
 
-def _start_vectors(samples: Samples, a: int, b: int, init: str) -> tuple[Array, Array]:
-    """Accelerometer and magnetometer at the start of the run a to b; zero vectors where there is none."""
-    end = a + int(np.searchsorted(samples.t[a:b], samples.t[a] + INIT_S, side="right"))
-    acc, mag, gyr = samples.acc[a:end], samples.mag[a:end], samples.gyr[a:end]
-    quiet = bool(np.sqrt(np.sum(np.mean(gyr, axis=0) ** 2)) < QUIET_RAD_S and np.abs(gyr).max() < 10 * QUIET_RAD_S)
-    pick = _mean_good if init == "average" and quiet else _first_good
-    return pick(acc), pick(mag)
-
-
-def _mean_good(x: Array) -> Array:
-    good = x[x.any(axis=1)]
-    return good.mean(axis=0) if len(good) else np.zeros(3)
-
-
-def _first_good(x: Array) -> Array:
-    good = np.flatnonzero(x.any(axis=1))
-    return x[good[0]].copy() if len(good) else np.zeros(3)
-
-
-def _declination(values: Mapping[str, float | str]) -> float:
-    return float(np.deg2rad(float(values.get("declination", 0.0))))
-
-
-def _q0(q0: ArrayLike, values: Mapping[str, float | str]) -> Array:
-    """The user's start attitude (true north) as the filter sees it (magnetic north)."""
-    q = np.asarray(q0, np.float64)
-    if q.shape != (4,) or not np.isfinite(q).all() or not q.any():
-        raise UsageError("q0 must be a quaternion of four numbers (scalar first), not all zero")
-    return rotation.turn_about_down(rotation.normalize(q), -_declination(values))
-
-
-def _to_true_north(q: Array, values: Mapping[str, float | str]) -> Array:
-    """Attitudes relative to true north: magnetic ones turned by the declination."""
-    angle = _declination(values)
-    return rotation.turn_about_down(q, angle) if angle else q
-
-
 def _whole_run(estimator: Estimator, s: Samples, values: Mapping[str, float | str], q0: ArrayLike | None) -> Estimate:
     """A whole-run estimator on each run of samples, put together."""
     bounds = np.append(s.begin, len(s.t)).tolist()
@@ -436,7 +361,7 @@ def _whole_run(estimator: Estimator, s: Samples, values: Mapping[str, float | st
             pieces.append(estimator.run(s.t[a:b], s.gyr[a:b], s.acc[a:b], mag, {}, dict(values)))
         spent += time.perf_counter() - clock
     q = np.concatenate([p.q for p in pieces]) if pieces else np.empty((0, 4))
-    q = _to_true_north(q, values)
+    q = to_true_north(q, values)
     if q0 is not None and len(q) and not s.mag.any():
         want = rotation.error(np.asarray(q0, np.float64), q[0])
         q = rotation.turn_about_down(q, rotation.heading_angle(want))

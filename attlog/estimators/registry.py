@@ -24,7 +24,7 @@ from types import ModuleType
 from typing import Any
 
 from attlog.errors import AttlogError, PluginError, UsageError
-from attlog.estimators.base import DECLINATION, INIT, Estimator, Parameter, broken, suggestion
+from attlog.estimators.base import COMMON, DECLINATION, INIT, Estimator, Parameter, broken, suggestion
 
 BUILT_IN = (
     "gyro",
@@ -108,9 +108,10 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
         raise PluginError(f"{where}: PARAMETERS must hold attlog.estimators.Parameter objects")
     if next(iter(state.items())) != ("q", 4):
         raise PluginError(f'{where}: STATE must begin with "q": 4')
-    taken = {p.name for p in own}
-    wanted = [INIT] * (run is None) + [DECLINATION] * ("mag" in uses)
-    common = tuple(p for p in wanted if p.name not in taken)
+    reserved = {p.name for p in own} & {p.name for p in COMMON}
+    if reserved:
+        raise PluginError(f"{where}: {', '.join(sorted(reserved))} belongs to the shared loop; take another name")
+    common = [INIT] * (run is None) + [DECLINATION] * ("mag" in uses)
     estimator = Estimator(
         name=name,
         title=title.strip(),
@@ -118,7 +119,7 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
         source=str(getattr(module, "SOURCE", "")),
         needs=needs,
         uses=uses,
-        parameters=own + common,
+        parameters=(*own, *common),
         presets=presets,
         state_size=sum(state.values()),
         slices=_slices(state, where),
