@@ -223,9 +223,7 @@ def main() -> None:
     for spec in specs:
         estimate(spec, *(x[:50] for x in (cases[0].t, cases[0].gyr, cases[0].acc, cases[0].acc)))
     table = scores(cases, specs, [p for p in given.peers.split(",") if p])
-    print(
-        f"{'group':16}{'row':28}{'n':>4}{'total':>8}{'heading':>9}{'incl.':>8}{'ns':>9}   mean RMSE [deg], ns per update"
-    )
+    print(f"{'group':16}{'row':28}{'n':>4}{'total':>8}{'heading':>9}{'incl.':>8}{'ns':>9}   RMSE in deg")
     for group in dict.fromkeys(c.group for c in cases):
         for (row, where), values in table.items():
             if where == group:
