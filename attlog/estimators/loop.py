@@ -121,7 +121,7 @@ def prepare(
         trusted = np.isfinite(own) & (own > 0) & (step < 1.5 * own) & ~first
         step = np.where(trusted, own, step)
     step = np.where(first, 0.0, step)
-    angle = np.sqrt(np.sum(rate * rate, axis=1)) * step
+    angle = np.sqrt(np.einsum("ij,ij->i", rate, rate)) * step
     parts = np.where(first, 0, np.maximum(np.ceil(angle), 1)).astype(np.int64)
     for name, count in (("gap_bridged", int(bridged.sum())), ("restart", int(restart.sum()))):
         if count:
@@ -279,9 +279,9 @@ def _good_times(
     t: Array, gyr: Array, acc: Array, mag: Array, own: Array | None, skipped: dict[str, int]
 ) -> tuple[Array, Array, Array, Array, Array | None]:
     """Only samples with finite, rising time and a possible rate."""
-    finite = np.isfinite(t) & np.isfinite(gyr).all(axis=1)
+    finite = np.isfinite(t) & _whole(np.isfinite(gyr))
     with np.errstate(invalid="ignore"):
-        possible = (np.abs(gyr) <= GYRO_LIMIT_RAD_S).all(axis=1)
+        possible = _whole(np.abs(gyr) <= GYRO_LIMIT_RAD_S)
     keep = np.flatnonzero(finite & possible)
     rising = keep[_longest_rising(t[keep])]
     lost = {
@@ -290,7 +290,14 @@ def _good_times(
         "time_not_rising": len(keep) - len(rising),
     }
     skipped.update({name: count for name, count in lost.items() if count})
+    if len(rising) == len(t):
+        return t.copy(), gyr, acc, mag, own
     return t[rising], gyr[rising], acc[rising], mag[rising], None if own is None else own[rising]
+
+
+def _whole(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows (n,) of a mask (n, 3) that hold in all three columns; many times faster than ``all(axis=1)``."""
+    return mask[:, 0] & mask[:, 1] & mask[:, 2]
 
 
 def _longest_rising(t: Array) -> NDArray[np.int64]:
@@ -320,11 +327,12 @@ def _longest_rising(t: Array) -> NDArray[np.int64]:
 def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing: bool) -> Array:
     """Vectors with zeros where there is none; counts why. An all-NaN sensor or NaN row of the
     magnetometer means "no sample" and is no fault."""
-    finite = np.isfinite(x).all(axis=1)
+    finite = _whole(np.isfinite(x))
     with np.errstate(invalid="ignore"):
-        possible = (np.abs(x) <= limit).all(axis=1)
-        empty = ~x.any(axis=1)
-    absent = np.isnan(x).all(axis=1) if absent_is_missing or np.isnan(x).all() else np.zeros(len(x), bool)
+        possible = _whole(np.abs(x) <= limit)
+        empty = _whole(x == 0.0)
+    nan = _whole(np.isnan(x))
+    absent = nan if absent_is_missing or nan.all() else np.zeros(len(x), bool)
     for name, mask in (
         ("nan", ~finite & ~absent),
         ("saturated", finite & ~possible),
@@ -337,7 +345,7 @@ def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing:
 
 def _mag_use(t: Array, mag: Array, run_number: NDArray[np.int64], hold: bool) -> NDArray[np.int64]:
     """NEW at magnetometer samples, HELD up to 1.5 nominal periods after one of the same run, else MISSING."""
-    new = mag.any(axis=1)
+    new = ~_whole(mag == 0.0)
     use = np.where(new, NEW, MISSING)
     at = np.flatnonzero(new)
     if not hold or len(at) < 2:
