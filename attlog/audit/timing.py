@@ -16,7 +16,7 @@ FULL_HZ = 95.0
 def checks(log: FlightLog) -> list[Check]:
     """The checks that need no attitude."""
     if not log.imus:
-        return [Check("rate", "bad", "There is no gyro and accelerometer data in this log.", 0.0, "Hz", ">= 10 Hz")]
+        return [Check("rate", "bad", "There is no usable gyro and accelerometer data.", 0.0, "Hz", ">= 10 Hz")]
     imu = log.imus[log.imu or 0]
     t = imu.gyro.t
     if len(t) < 3:

@@ -100,7 +100,13 @@ def choose_unit(
     wants; ``how_to_log`` is the sentence on the setting that would log enough.
     """
     if not units:
-        reading.problem("no_imu", "error", f"This log holds no gyro and accelerometer data. {how_to_log}")
+        refused = any(p.code in ("values_out_of_range", "false_times") for p in reading.problems)
+        text = (
+            "No record of the gyro and accelerometer in this log can be used."
+            if refused
+            else f"This log holds no gyro and accelerometer data. {how_to_log}"
+        )
+        reading.problem("no_imu", "error", text)
         return None
     if asked is not None:
         named = [k for k, u in enumerate(units) if u.index == asked]

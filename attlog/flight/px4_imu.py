@@ -190,7 +190,8 @@ def filtered(reading: Reading, values: dict[str, float], selected: int) -> list[
     gyro_cut, acc_cut = values.get("IMU_GYRO_CUTOFF", 0.0), values.get("IMU_ACCEL_CUTOFF", 0.0)
     found = Candidate(
         selected, 3, t, columns(gyro_table, "xyz"), onto(t, t_acc, columns(acc_table, "xyz")),
-        "vehicle_angular_velocity", "instant", filtered=f"low-pass {gyro_cut:.0f} Hz and notches",
+        "vehicle_angular_velocity", "instant",
+        filtered=f"low-pass {gyro_cut:.0f} Hz and notches" if gyro_cut > 0 else "for control, cutoff unknown",
         gyro_delay=low_pass_delay(gyro_cut), acc_delay=low_pass_delay(acc_cut), acc_source="vehicle_acceleration",
         note="filtered for control: later and smoother than the sensor",
     )  # fmt: skip

@@ -17,6 +17,8 @@ from attlog.formats.base import Messages, Table
 RELEASE_TYPES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 ARMED = 2
 """``vehicle_status.arming_state`` of an armed vehicle, the same in all versions."""
+YEAR_2000_US, YEAR_2100_US = 946_684_800_000_000, 4_102_444_800_000_000
+"""Unix times outside are no dates of a flight."""
 
 
 def firmware(messages: Messages) -> Firmware:
@@ -172,7 +174,7 @@ def utc_offset(receivers: list[Gnss]) -> float | None:
     for one in receivers:
         if one.utc_us is None:
             continue
-        good = (one.utc_us > 946_684_800_000_000) & (one.fix >= 2)  # after the year 2000
+        good = (one.utc_us > YEAR_2000_US) & (one.utc_us < YEAR_2100_US) & (one.fix >= 2)
         if good.any():
             return float(np.median(one.utc_us[good] * 1e-6 - one.t[good]))
     return None

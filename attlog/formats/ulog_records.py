@@ -20,6 +20,10 @@ SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 SYNC_HEADER = b"\x08\x00S"
 LARGEST_UNKNOWN = 10_000
 """Payload bytes that a record of a type we do not know may have before it counts as garbage."""
+LONGEST_NAME = 255
+"""Characters of a topic's name; file systems and keys end there too."""
+LONGEST_BINARY_TEXT = 1024
+"""Bytes of a message that may hold anything; longer ones must be ASCII to be told from garbage."""
 
 _KEY = re.compile(rb"[\w/]+(?:\[\d{1,5}\])? [^\x00-\x20\x7f]+")
 _FORMAT_START = re.compile(rb"[\w/-]+:[\w/]+(?:\[\d{1,5}\])? [\w\[\]]+")
@@ -82,7 +86,13 @@ def _is_info(payload: bytes) -> bool:
 
 def _is_parameter(payload: bytes) -> bool:
     named = payload.startswith((b"int32_t ", b"float "), 1)
-    return named and 8 < payload[0] < 64 and len(payload) == payload[0] + 5
+    return named and 6 < payload[0] < 64 and len(payload) == payload[0] + 5
+
+
+def _is_text(payload: bytes, head: int) -> bool:
+    if len(payload) < head or not 0x30 <= payload[0] <= 0x37:
+        return False
+    return len(payload) <= LONGEST_BINARY_TEXT or payload.isascii()
 
 
 _CHECKS = {
@@ -92,10 +102,10 @@ _CHECKS = {
     ord("F"): lambda p: _FORMAT_START.match(p) is not None,
     ord("P"): _is_parameter,
     ord("Q"): lambda p: len(p) > 5 and p[0] <= 15 and _is_parameter(p[1:]),
-    ord("A"): lambda p: len(p) > 3 and _TOPIC.fullmatch(p, 3) is not None,
+    ord("A"): lambda p: 3 < len(p) <= 3 + LONGEST_NAME and _TOPIC.fullmatch(p, 3) is not None,
     ord("R"): lambda p: len(p) == 2,
-    ord("L"): lambda p: 9 <= len(p) <= 1024 and 0x30 <= p[0] <= 0x37,
-    ord("C"): lambda p: 11 <= len(p) <= 1024 and 0x30 <= p[0] <= 0x37,
+    ord("L"): lambda p: _is_text(p, 9),
+    ord("C"): lambda p: _is_text(p, 11),
     ord("S"): lambda p: p == SYNC,
     ord("O"): lambda p: len(p) == 2,
 }

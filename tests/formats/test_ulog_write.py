@@ -13,6 +13,7 @@ from pyulog import ULog
 
 from attlog.errors import UsageError
 from attlog.formats import ParamChange, Text, ulog
+from attlog.limits import MAX_TEXT_LENGTH
 
 NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,12}", fullmatch=True)
 KINDS = ["<i1", "<u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f4", "<f8"]
@@ -101,3 +102,16 @@ def test_what_ulog_cannot_hold_is_refused(columns: dict[str, np.ndarray], words:
     with pytest.raises(UsageError, match=words):
         ulog.write(tmp_path / "bad.ulg", {("topic", 0): columns})
     assert not (tmp_path / "bad.ulg").exists()
+
+
+def test_long_texts_and_short_names_are_no_damage(tmp_path: Path) -> None:
+    """A message of 60 000 characters and parameters of one letter: rare, and still a log as pyulog reads it."""
+    path = tmp_path / "odd.ulg"
+    topics = {("topic", 0): {"timestamp": np.arange(50, dtype=np.uint64), "x": np.arange(50.0)}}
+    params = [ParamChange(name, 1.5) for name in ("A", "B2", "C3", "LONG_NAME_OF_16_")]
+    ulog.write(path, topics, params, [Text("A" * 60_000, 4, 20), Text("b", 4, 21)])
+    mine, theirs = ulog.read(path), ULog(str(path))
+    assert mine.damage == []
+    assert {p.name: p.value for p in mine.params} == theirs.initial_parameters
+    assert [x.text for x in mine.texts] == [m.message[:MAX_TEXT_LENGTH] for m in theirs.logged_messages]
+    assert np.array_equal(mine["topic", 0]["x"], theirs.get_dataset("topic").data["x"])

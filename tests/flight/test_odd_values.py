@@ -1,0 +1,75 @@
+"""Values that real logs hold now and then and that mean nothing: impossible dates, sensors without one good record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from attlog.flight import px4
+from attlog.flight.mavlink_time import unix_minus_boot
+from attlog.flight.model import FlightLog
+from tests.flight.fake import gravity, level, messages, micros
+
+N = 400
+
+
+def combined() -> dict[str, Any]:
+    return {
+        "timestamp": micros(N, 200.0),
+        "gyro_rad": np.zeros((N, 3), np.float32),
+        "gyro_integral_dt": np.full(N, 5000, np.uint32),
+        "accelerometer_m_s2": gravity(N),
+    }
+
+
+def receiver(utc_us: int) -> dict[str, Any]:
+    n = 10
+    names = ("eph", "epv", "s_variance_m_s", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
+    return {
+        "timestamp": micros(n, 5.0),
+        "latitude_deg": np.full(n, 47.0),
+        "longitude_deg": np.full(n, 8.0),
+        "altitude_msl_m": np.full(n, 400.0),
+        "fix_type": np.full(n, 3, np.uint8),
+        "time_utc_usec": np.full(n, utc_us, np.uint64),
+    } | {name: np.ones(n, np.float32) for name in names}
+
+
+def read(tables: dict[tuple[str, int], Any]) -> FlightLog:
+    with np.errstate(invalid="ignore"):
+        return px4.read(messages("ulog", tables, info={"sys_name": "PX4"}))
+
+
+def test_a_receiver_that_tells_an_impossible_date_tells_none() -> None:
+    for utc_us, known in ((1_700_000_000_000_000, True), (2**62, False), (2**63 + 5, False), (1000, False)):
+        log = read({("sensor_combined", 0): combined(), ("sensor_gps", 0): receiver(utc_us)})
+        assert (log.utc_offset is not None) is known
+        assert log.gnss[0].lat[0] == 47.0
+
+
+def test_an_autopilot_that_tells_an_impossible_date_tells_none() -> None:
+    for unix_us, known in ((1_700_000_000_000_000, True), (2**62, False)):
+        clock = {"time_unix_usec": np.full(5, unix_us, np.uint64), "time_boot_ms": np.arange(1, 6, dtype=np.uint32)}
+        found = unix_minus_boot(messages("tlog", {("SYSTEM_TIME", 257): clock}), 257)
+        assert (found is not None) is known
+
+
+def test_a_sensor_without_one_good_record_is_not_called_unlogged() -> None:
+    dead = combined() | {"gyro_rad": np.full((N, 3), np.nan, np.float32)}
+    for tables, says in (
+        ({("sensor_combined", 0): dead}, "can be used"),
+        ({("vehicle_attitude", 0): {"timestamp": micros(N, 50.0), "q": level(N)}}, "SDLOG"),
+    ):
+        log = read(tables)
+        assert log.imu is None
+        assert [says in p.text for p in log.problems if p.code == "no_imu"] == [True]
+
+
+def test_a_filter_whose_cutoff_is_unknown_is_not_called_0_hz() -> None:
+    table = {"timestamp": micros(N, 100.0), "timestamp_sample": micros(N, 100.0)}
+    log = read({
+        ("vehicle_angular_velocity", 0): table | {"xyz": np.zeros((N, 3), np.float32)},
+        ("vehicle_acceleration", 0): table | {"xyz": gravity(N)},
+    })  # fmt: skip
+    assert "0 Hz" not in log.imus[0].filtered
