@@ -67,6 +67,8 @@ def _load(path: Path, text: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} cannot be loaded")
     module = importlib.util.module_from_spec(spec)
+    # numba imports the module of cached machine code by its name; unknown, every start compiles again.
+    sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
 
