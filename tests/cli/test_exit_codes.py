@@ -33,7 +33,16 @@ def test_standard_input_is_refused_with_the_reason(attlog, command):
     expect(attlog(command, "-"), 2, "memory-mapped")
 
 
-@pytest.mark.parametrize("content", [b"", b"\0" * 5000, b"hello world\n" * 400, os.urandom(7), b"ULogEnc" + b"x" * 500])
+STRANGE = {
+    "empty": b"",
+    "zeros": b"\0" * 5000,
+    "text": b"hello world\n" * 400,
+    "seven_bytes": b"\xa3\x95\x80\xfe\xfd\x01\x02",
+    "encrypted": b"ULogEnc" + b"x" * 500,
+}
+
+
+@pytest.mark.parametrize("content", STRANGE.values(), ids=STRANGE.keys())
 @pytest.mark.parametrize("command", ["analyze", "info", "extract"])
 def test_what_is_no_log_is_65(attlog, tmp_path, command, content):
     path = tmp_path / "strange.bin"
