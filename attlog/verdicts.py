@@ -114,6 +114,8 @@ def why_not(result: Result, verdict: Verdict) -> str:
 
 def times(ratio: float) -> str:
     """A factor as people say it."""
+    if ratio >= 1000:
+        return "over 1000 times as much"
     return f"{ratio:.0f} times as much" if ratio >= 9.5 else f"{ratio:.1f} times as much"
 
 
@@ -147,7 +149,7 @@ def quiet(result: Result) -> Verdict:
         return verdict
     floor = result.reference.floor_deg if result.reference else 0.0
     leaders = [j for j in ranked if j.value <= 1.5 * ranked[0].value + floor]
-    worst, hold = ranked[-1], quantity(leaders[-1].value, "deg")
+    worst, hold = ranked[-1], quantity(leaders[-1].value, "deg").lstrip("<")
     seconds = duration(max(j.answer.seconds for j in ranked))
     over = f" over {seconds} of rest" if max(j.answer.seconds for j in ranked) > 0 else ""
     if len(ranked) == 1:

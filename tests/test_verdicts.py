@@ -237,3 +237,10 @@ def test_without_any_drift_both_reasons_are_given():
     assert verdict("drifting", [row("a", metrics)]).sentence == (
         "Cannot be judged: at rest, no rest; in the air, 8 s in the air."
     )
+
+
+def test_a_filter_without_any_noise_makes_no_absurd_factor():
+    found = verdict("quiet", [row("a", noise(1e-16)), row("b", noise(0.003))])
+    assert found.sentence == (
+        "a is quietest: roll and pitch within 0.001° over 36 s of rest. b is noisiest: 0.003°, over 1000 times as much."
+    )

@@ -18,6 +18,8 @@ REPLAY_MIN_SAMPLES = 20
 """Fewer samples are no flight."""
 REPLAY_MIN_HZ = 10.0
 """Below this no attitude can be replayed: rotation between samples is lost."""
+MEASURED_SHARE = 0.01
+"""A unit with fewer records that are not zero was never read (a simulator or driver that fills it with zeros)."""
 LOW_RATE_HZ = 45.0
 """Below the 50 Hz of a default log vibration is aliased and lags carry a low-rate mark."""
 
@@ -74,6 +76,11 @@ def admit(reading: Reading, candidate: Candidate) -> Candidate | None:
     good = finite_within(candidate.gyro, GYRO_LIMIT_RAD_S) & finite_within(candidate.acc, ACC_LIMIT_M_S2)
     index = own.keep(candidate.t_us, candidate.source, good)
     candidate.problems += own.problems
+    measured = (candidate.gyro[index] != 0).any(axis=1) | (candidate.acc[index] != 0).any(axis=1)
+    if len(index) and np.mean(measured) < MEASURED_SHARE:
+        text = f"{candidate.source}: its gyro and accelerometer values are zero; this unit is not used."
+        reading.problem("imu_all_zero", "warning", text)
+        return None
     if len(index):
         return candidate.rows(index)
     reading.problems += own.problems
@@ -100,7 +107,7 @@ def choose_unit(
     wants; ``how_to_log`` is the sentence on the setting that would log enough.
     """
     if not units:
-        refused = any(p.code in ("values_out_of_range", "false_times") for p in reading.problems)
+        refused = any(p.code in ("values_out_of_range", "false_times", "imu_all_zero") for p in reading.problems)
         text = (
             "No record of the gyro and accelerometer in this log can be used."
             if refused

@@ -176,14 +176,18 @@ def _line(t: Array, e: Array) -> float:
     return float(u @ (e - np.mean(e))) / float(u @ u)
 
 
+def too_short(found: Drift, witness: str) -> str:
+    """Why a record gives no drift: its time, or the pieces it is broken into."""
+    what = "of usable rest" if witness == "rest" else f"of flight comparable with {witness}"
+    if found.seconds < SHORTEST_S - 0.5:
+        return f"{found.seconds:.0f} s {what}; {SHORTEST_S:.0f} s are needed"
+    return f"{found.seconds:.0f} s {what} in pieces too short for {MIN_GROUPS} slopes"
+
+
 def answer(found: Drift, window: str, witness: str) -> Answer:
     """The Answer of a drift: too short, not measurable, disagreeing, or a value with its interval."""
     if found.value is None or found.ci95 is None:
-        reason = (
-            f"{found.seconds:.0f} s in {len(found.slopes)} usable groups against {witness}; "
-            f"{SHORTEST_S:.0f} s in at least {MIN_GROUPS} groups are needed"
-        )
-        return missing("record_too_short", reason, "deg/min", window)
+        return missing("record_too_short", too_short(found, witness), "deg/min", window)
     half = 0.5 * (found.ci95[1] - found.ci95[0])
     reason = None
     if half > NOT_MEASURABLE:

@@ -126,8 +126,12 @@ def why_no_events(trial: Trial, row: Row, window: str) -> tuple[str, str] | None
             f"the reference comes at {rate:.1f} Hz; {MIN_REFERENCE_HZ:.0f} Hz are needed for steps",
         )
     if not steps.in_window(trial, scored_events(trial, row), window):
-        sizes = "roll or pitch by 5 deg or yaw by 10 deg within 1 s, from rest of 0.3 s"
-        return "no_events", f"no quick movement in window {window} after the scoring start ({sizes})"
+        where = {"all": "in this log", "airborne": "in flight"}.get(window, f"in {window}")
+        if window == "airborne" and not trial.segments.spans("airborne"):
+            return "no_events", "the vehicle was never airborne (as far as the log tells)"
+        sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
+        start = f"from {trial.reference.scoring_start:.0f} s on"
+        return "no_events", f"no quick movement {where} {start}; turns of {sizes} within 1 s are needed"
     return None
 
 

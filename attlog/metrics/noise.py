@@ -192,7 +192,9 @@ def _answer(
     trial: Trial, row: Row, window: str, axis: str, noise: Noise, duration: float, shared: dict[str, object]
 ) -> Answer:
     sigma, (low, high), reason = noise.sigma, noise.ci95, None
-    if sigma < 0.5 * row.step_deg:
+    if row.kind == "replay" and coarse_input(trial, rest_spans(trial, row, window))[AXES.index(axis)]:
+        reason = "the logged gyro shows no noise at rest: its step is coarser than that"
+    elif sigma < 0.5 * row.step_deg:
         reason = f"below half the step of the logged values ({row.step_deg:.3g} deg)"
     elif row.step_deg > 0:
         correction = row.step_deg**2 / 12.0
@@ -220,6 +222,20 @@ def input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
                     weight = sum(len(r) - 2 for r in residuals)
                     sigma = np.sqrt(sum(np.sum(r**2, axis=0) for r in residuals) / weight) * factor
                     trial.cache[key][f"input_{name}"] = [float(s) for s in sigma]
+    return trial.cache[key]
+
+
+def coarse_input(trial: Trial, spans: list[Span]) -> list[bool]:
+    """Per body axis, whether the replayed gyro's noise in the windows is below half the step of its logged values."""
+    key = f"noise:coarse:{spans}"
+    if key not in trial.cache:
+        sigma = input_noise(trial, spans).get("input_gyro_dps")
+        trial.cache[key] = [False] * 3
+        if sigma is not None and trial.log.imu is not None:
+            gyro = trial.log.imus[trial.log.imu].gyro
+            x = np.degrees(np.concatenate([gyro.x[p] for span in spans for p in within(gyro.t, span)]))
+            steps = [np.diff(np.unique(x[np.isfinite(x[:, k]), k])).min(initial=math.inf) for k in range(3)]
+            trial.cache[key] = [s < 0.5 * step for s, step in zip(sigma, steps, strict=True)]
     return trial.cache[key]
 
 

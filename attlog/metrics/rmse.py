@@ -124,10 +124,8 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
 def why_no_errors(trial: Trial, row: Row, window: str) -> tuple[str, str] | None:
     """Code and reason where a row cannot be compared with the reference, else None."""
     if trial.reference.kind == "none" or len(trial.reference.t) == 0:
-        return (
-            "no_reference",
-            "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)",
-        )
+        nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
+        return "no_reference", trial.reference.fault or nothing
     if row.is_reference:
         return "not_applicable", "this row is the reference itself"
     if row.errors is None or len(row.errors.t) == 0:

@@ -73,3 +73,9 @@ def test_a_filter_whose_cutoff_is_unknown_is_not_called_0_hz() -> None:
         ("vehicle_acceleration", 0): table | {"xyz": gravity(N)},
     })  # fmt: skip
     assert "0 Hz" not in log.imus[0].filtered
+
+
+def test_a_unit_that_is_all_zero_is_none() -> None:
+    log = read({("sensor_combined", 0): combined() | {"accelerometer_m_s2": np.zeros((N, 3), np.float32)}})
+    assert log.imu is None
+    assert [p.code for p in log.problems] == ["imu_all_zero", "no_imu", "no_mag"]

@@ -172,3 +172,21 @@ def test_lag_does_not_change_with_heading():
     one = lag.compute(*step_trial(sampled(t, q, 200.0, DELAY), sampled(t, q, 25.0)), "all")["lag_ms"]
     two = lag.compute(*step_trial(sampled(t, turned, 200.0, DELAY), sampled(t, turned, 25.0)), "all")["lag_ms"]
     assert one.value == pytest.approx(two.value, abs=1e-6)
+
+
+def test_no_movement_is_said_in_a_pilots_words():
+    t = np.arange(0.0, 40.0, 0.02)
+    still = sampled(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), 25.0)
+    trial, row = step_trial(still, still)
+    told = lag.compute(trial, row, "airborne")["lag_ms"].reason
+    assert told.startswith("no quick movement in flight from 0 s on; turns of 5 deg")
+    del trial.segments.segments[1]
+    told = lag.compute(trial, row, "airborne")["lag_ms"].reason
+    assert told == "the vehicle was never airborne (as far as the log tells)"
+
+
+def test_a_refused_reference_is_not_called_missing():
+    t, q = motion("steps", 20.0)
+    trial, row = step_trial(sampled(t, q, 200.0), sampled(t, q, 25.0))
+    trial.reference.kind, trial.reference.fault = "none", "ATT never changes while the gyro turns"
+    assert lag.compute(trial, row, "all")["lag_ms"].reason == trial.reference.fault

@@ -164,3 +164,19 @@ def test_a_filter_that_never_moved_is_ranked_by_a_probe_and_only_if_it_can_be_re
     rows[0].estimator = "unknown-file"
     trial.cache.clear()
     assert not noise.compute(trial, rows[0], "rest")["noise_roll_deg"].ranked
+
+
+def test_noise_below_the_step_of_the_logged_gyro_is_not_ranked():
+    """Telemetry in mrad/s: a gyro that shows one value at rest makes the filter that only integrates it perfect."""
+    t, q = still(0.01)
+    row = flights.row(t, q)
+    trial = flights.trial([row], REST, reference=(t, q))
+    ranked = {}
+    for sigma in (2e-4, 2e-3):  # rad/s, logged in steps of 1e-3
+        gyro = np.round(np.random.default_rng(0).normal(0.0, sigma, (len(t), 3)), 3)
+        still_acc = np.tile([0.0, 0.0, -9.81], (len(t), 1))
+        trial.log.imus = [Imu(0, Stream(t, gyro, "rad/s", "FRD", "RAW_IMU"), Stream(t, still_acc, "m/s^2", "FRD", "x"))]
+        trial.log.imu = 0
+        trial.cache.clear()
+        ranked[sigma] = "step is coarser" not in (noise.compute(trial, row, "rest")["noise_roll_deg"].reason or "")
+    assert ranked == {2e-4: False, 2e-3: True}
