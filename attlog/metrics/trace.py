@@ -13,8 +13,8 @@ class Trace:
     """Arrays of one row for one figure; never in the JSON.
 
     ``figure`` and its ``columns`` (all (n,), degrees, NaN breaks the line):
-    ``attitude``: roll pitch heading at the row's own times (the reference is a row
-    too); ``difference``: total heading inclination roll pitch at the reference's
+    ``attitude``: roll pitch heading at the row's own times (the reference is drawn
+    too, as ``truth`` where it is no row); ``difference``: total heading inclination roll pitch at the reference's
     times; ``rest``: roll pitch heading deviations from the mean of rest number ``key``;
     ``drift``: heading error block means and ``line`` (fit), ``key`` = "rest" or the
     witness; ``allan``: tau (also ``t``), deviation of the averaged angle, low, high,

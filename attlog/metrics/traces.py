@@ -19,11 +19,15 @@ Array = NDArray[np.float64]
 
 
 def traces(trial: Trial, rows: Iterable[Row]) -> list[Trace]:
-    """All traces of all rows, figure by figure within a row; see :class:`Trace` for their columns."""
-    found: list[Trace] = []
+    """All traces of all rows, figure by figure within a row; see :class:`Trace` for their columns.
+
+    A reference that is no row (truth) comes first, with its attitude alone.
+    """
+    reference = trial.reference
+    found = attitude(reference.kind, reference.t, reference.q, reference.run) if reference.kind == "truth" else []
     for row in rows:
         found += [
-            *attitude(trial, row),
+            *attitude(row.name, row.t, row.q, row.run),
             *difference(row),
             *rest(trial, row),
             *drifts(trial, row),
@@ -35,12 +39,12 @@ def traces(trial: Trial, rows: Iterable[Row]) -> list[Trace]:
     return found
 
 
-def attitude(trial: Trial, row: Row) -> list[Trace]:
-    """Roll, pitch, heading at the row's own times; NaN at the first sample after a restart breaks the line."""
-    if len(row.t) == 0:
+def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64]) -> list[Trace]:
+    """Roll, pitch, heading of attitudes (n, 4) at their own times; NaN after a gap or restart breaks the line."""
+    if len(t) == 0:
         return []
-    euler = np.degrees(rotation.to_euler(row.q))
-    return [Trace("attitude", row.name, row.t, _named(_broken(euler, row.run), ("roll", "pitch", "heading")))]
+    euler = np.degrees(rotation.to_euler(q))
+    return [Trace("attitude", name, t, _named(_broken(euler, run), ("roll", "pitch", "heading")))]
 
 
 def difference(row: Row) -> list[Trace]:

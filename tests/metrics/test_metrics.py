@@ -8,6 +8,7 @@ import pytest
 
 from attlog import metrics, rotation
 from attlog.flight.model import Imu, Stream
+from attlog.metrics import steps
 from attlog.metrics.answer import CODES
 from attlog.result import plain
 from attlog.segments.model import WINDOWS, Segment
@@ -143,7 +144,11 @@ def test_traces_have_the_columns_that_the_figures_draw(trial):
             assert set(trace.columns) == columns[trace.figure]
         assert all(len(c) == len(trace.t) for c in trace.columns.values())
     assert {t.figure for t in found} >= columns.keys()
+    assert [t.row for t in found if t.figure == "attitude"] == ["truth", "quick", "slow"]
     step = next(t for t in found if t.figure == "step")
+    axis, _, onset = step.key.partition("@")
+    assert axis in ("roll", "pitch", "yaw")
+    assert any(abs(float(onset) - event.onset) < 0.01 for event in steps.of_trial(trial))
     assert step.columns["ref"][-1] > step.columns["ref"][0]
     np.testing.assert_allclose(step.columns["est"], step.columns["ref"], atol=0.5)
 
