@@ -103,6 +103,8 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
 
 
 def _against(trial: Trial, row: Row, name: str, window: str) -> Answer:
+    if name in trial.reference.refused:
+        return missing("no_reference", trial.reference.refused[name], "deg/min", window)
     if name not in trial.witnesses and name != trial.reference.kind:
         return missing(*ABSENT[name], "deg/min", window)
     if name == row.name or (row.is_reference and name == trial.reference.kind):

@@ -47,13 +47,16 @@ def choose(log: FlightLog, segments: Segments, options: Options | None = None) -
     reference = _build(log, imu, segments, options, kind, name, attitude, why)
     if not reference.fault or options.reference != "auto":
         return reference
+    refused: dict[str, str] = {kind: reference.fault}
     _, flew, onboard, _ = _pick(log, "auto", truth=False)
     if kind == "truth" and onboard is not None:
         second = _build(log, imu, segments, options, "onboard", flew, onboard, f"truth refused: {reference.fault}")
         if not second.fault:
+            second.refused = refused
             return second
+        refused["onboard"] = second.fault
     nothing = _without(log, imu, segments, options, reference.fault)
-    nothing.fault = reference.fault
+    nothing.fault, nothing.refused = reference.fault, refused
     return nothing
 
 
@@ -182,7 +185,9 @@ def _resampling(reference: Reference) -> AlignmentStep:
 def _reset_text(sentences: list[str]) -> str:
     if not sentences:
         return "no reset of this attitude found"
-    return f"{len(sentences)} resets, cut out: {'; '.join(sentences[:3])}{' ...' if len(sentences) > 3 else ''}"
+    different = list(dict.fromkeys(sentences))
+    count = f"{len(sentences)} reset{'s' if len(sentences) > 1 else ''}"
+    return f"{count}, cut out: {'; '.join(different[:3])}{' ...' if len(different) > 3 else ''}"
 
 
 def _north(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[AlignmentStep]:
@@ -221,7 +226,9 @@ def _frozen(reference: Reference, imu: Imu | None) -> str:
     """A sentence if the reference never moves while the gyro turns faster than an offset explains, else nothing."""
     if imu is None or not len(imu.gyro.x):
         return ""
-    good = imu.gyro.x[np.isfinite(imu.gyro.x).all(axis=1)]
+    t = imu.gyro.t_best
+    known = np.isfinite(imu.gyro.x).all(axis=1) & (t >= reference.t[0]) & (t <= reference.t[-1])
+    good = imu.gyro.x[known]
     spread = np.std(good, axis=0) if len(good) else np.zeros(3)
     turning = float(np.degrees(np.sqrt(np.sum(spread**2))))
     if turning < FROZEN_DPS or np.ptp(reference.q, axis=0).max() > 1e-9:

@@ -39,7 +39,8 @@ class Reference:
     ``end`` outside ``unscored`` (the first seconds after a restart of the filters).
     ``name`` is the attitude's name in the log where the reference is an onboard one.
     ``trim`` (3,) rad is what has to be taken out of attitudes of the IMU before they
-    are compared, None for nothing. ``fault`` says why agreement with it means nothing.
+    are compared, None for nothing. ``fault`` says why agreement with it means nothing;
+    ``refused`` holds that sentence for each attitude (truth, onboard) that was not taken.
     """
 
     kind: Literal["truth", "smoother", "onboard", "none"]
@@ -63,6 +64,7 @@ class Reference:
     trim: Array | None = None
     clock: Literal["sample", "publication"] = "sample"
     fault: str = ""
+    refused: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)

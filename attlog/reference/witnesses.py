@@ -24,11 +24,12 @@ LEAST = 10
 def witnesses(log: FlightLog, segments: Segments, reference: Reference, rows: list[Row]) -> dict[str, Witness]:
     """Headings by name: onboard, truth, mag, gnss_yaw, course, as far as the log has them.
 
-    Degrees on the log's clock; pieces end at gaps and at resets of the witness.
+    Degrees on the log's clock; pieces end at gaps and at resets of the witness. An
+    attitude that was refused as reference is no witness either.
     """
     found: dict[str, Witness] = {}
     for name, attitude in (("onboard", log.attitudes.get(log.onboard or "")), ("truth", log.truth)):
-        if attitude is None:
+        if attitude is None or name in reference.refused:
             continue
         t, q, piece = _attitude(log, segments, reference, name, attitude)
         if len(t) >= LEAST:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from attlog import rotation
+from attlog import metrics, rotation
 from attlog.metrics import drift, drift_air, drift_rest, wander
 from attlog.metrics.base import Witness
 from attlog.segments.model import Segment
@@ -148,6 +148,18 @@ def test_the_witness_is_not_measured_against_itself():
     assert drift_air.compute(trial, row, "airborne")["drift_air_deg_per_min.onboard"].code == "not_applicable"
 
 
+def test_a_refused_attitude_is_no_witness_and_every_comparison_says_why():
+    t, still = turning(0.0)
+    row = flights.row(t, still)
+    trial = flights.trial([row], REST)
+    trial.reference.fault = "ATT disagrees with gravity at rest by 30 deg"
+    trial.reference.refused = {"onboard": trial.reference.fault}
+    answers = metrics.compute(trial, row, ["all"])["all"]
+    for name in ("drift_air_deg_per_min.onboard", "lag_ms", "inclination_rmse_deg", "recovery_s"):
+        assert answers[name].code == "no_reference"
+        assert answers[name].reason == trial.reference.fault
+
+
 def test_wander_is_what_the_mean_drift_leaves():
     t, _ = turning(0.0)
     swing = np.radians(0.2) * np.sin(2 * np.pi * t / 12.0)
@@ -155,3 +167,12 @@ def test_wander_is_what_the_mean_drift_leaves():
     answer = wander.compute(flights.trial([row], REST), row, "rest")["wander_deg"]
     assert answer.value == pytest.approx(0.2 / np.sqrt(2), rel=0.1)
     assert answer.ci95[0] < answer.value < answer.ci95[1]
+
+
+def test_too_short_records_say_the_time_that_is_missing():
+    t = np.arange(0.0, 12.0, 0.1)
+    short = drift.slope(drift.block_means(t, 0.01 * t, np.zeros(len(t), np.int64)))
+    assert drift.answer(short, "rest", "rest").reason == "12 s of usable rest; 20 s are needed"
+    t = np.arange(0.0, 30.0, 0.1)
+    broken = drift.slope(drift.block_means(t, 0.01 * t, np.floor(t / 2).astype(np.int64)))
+    assert "30 s of flight comparable with onboard in pieces too short" in drift.answer(broken, "all", "onboard").reason

@@ -7,8 +7,8 @@ import pytest
 
 from attlog import rotation, segments
 from attlog.errors import UsageError
-from attlog.flight.model import TimeLine
-from attlog.reference import Options, Reference, choose
+from attlog.flight.model import Attitude, TimeLine
+from attlog.reference import Options, Reference, choose, witnesses
 from attlog.segments.model import Segment, Segments
 
 from .flights import SECONDS, attitude_at, flight, sampled
@@ -89,6 +89,7 @@ def test_an_attitude_that_gravity_contradicts_is_refused_unless_asked_for():
     refused = chosen(log)
     assert refused.kind == "none"
     assert "disagrees with gravity at rest by 30 deg" in refused.fault
+    assert refused.refused == {"onboard": refused.fault}
     kept = chosen(log, reference="onboard")
     assert kept.kind == "onboard"
     assert kept.fault == refused.fault
@@ -100,6 +101,8 @@ def test_a_truth_that_gravity_contradicts_gives_way_to_the_onboard_attitude():
     reference = chosen(log)
     assert reference.source == "ATT"
     assert "truth refused: SIM disagrees with gravity" in reference.steps[0].text
+    assert list(reference.refused) == ["truth"]
+    assert list(witnesses(log, segments.build(log), reference, [])) == ["onboard"]
 
 
 def test_a_truth_that_never_moves_while_the_gyro_turns_is_none():
@@ -193,3 +196,19 @@ def test_choosing_without_segments_or_options_works():
     log.armed = TimeLine(np.zeros(1), [True], "vehicle_status")
     assert choose(log, Segments()).kind == "onboard"
     np.testing.assert_allclose(np.abs(np.sum(choose(log, Segments()).q * attitude_at(log.attitudes["ATT"].t), 1)), 1.0)
+
+
+def test_an_attitude_that_covers_only_a_rest_is_not_called_frozen():
+    log = flight()
+    attitude = log.attitudes["ATT"]
+    log.attitudes["ATT"] = Attitude(attitude.t[:5], np.tile(attitude.q[0], (5, 1)), "ATT")
+    log.imus[0].gyro.x[log.imus[0].gyro.t <= attitude.t[4]] = 0.0
+    assert chosen(log).kind == "onboard"
+
+
+def test_equal_reasons_of_resets_are_given_once():
+    log = flight()
+    log.attitudes["ATT"].resets = np.array([100, 200, 300])
+    text = step(chosen(log), "resets").text
+    assert text.startswith("3 resets, cut out: ")
+    assert ";" not in text
