@@ -25,6 +25,8 @@ SETTLE_S = 5.0
 """Rest counts from this long after the row's own start (METRICS 2.6)."""
 SHORTEST_S = 2.0
 MIN_SAMPLES = 8
+STEP_SAMPLES = 20_000
+"""Gyro samples of the whole log that are enough to see the step of its values."""
 AXES = ("roll", "pitch", "heading")
 
 _TEXT = paragraph(
@@ -33,7 +35,7 @@ _TEXT = paragraph(
     standard deviation (n - 2), pooled over windows. Interval: chi-square with 0.7 n - 2 windows degrees of freedom,
     n being the samples divided by 1 + 2 sum rho^2 of their autocorrelation; from 4 windows on a t interval on the
     logarithm of the window variances. Ranked only for rows that follow motion, and only above half the step of the
-    logged values."""
+    logged values and above what the steps of the logged gyro can hide."""
 )
 _TEXT_P2P = paragraph(
     """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
@@ -192,8 +194,9 @@ def _answer(
     trial: Trial, row: Row, window: str, axis: str, noise: Noise, duration: float, shared: dict[str, object]
 ) -> Answer:
     sigma, (low, high), reason = noise.sigma, noise.ci95, None
-    if row.kind == "replay" and coarse_input(trial, rest_spans(trial, row, window))[AXES.index(axis)]:
-        reason = "the logged gyro shows no noise at rest: its step is coarser than that"
+    hidden = hidden_deg(trial)[AXES.index(axis)] if row.kind == "replay" else 0.0
+    if sigma < hidden:
+        reason = f"below the noise of {hidden:.2g} deg that the steps of the logged gyro can hide"
     elif sigma < 0.5 * row.step_deg:
         reason = f"below half the step of the logged values ({row.step_deg:.3g} deg)"
     elif row.step_deg > 0:
@@ -203,7 +206,8 @@ def _answer(
     answer = Answer(
         sigma, "deg", window, max(1, round(noise.n)), duration, (low, high), noise.method, reason=reason,
         ranked=reason is None,
-        detail=shared | {"effective_samples": noise.n, "step_deg": row.step_deg, "floor_deg": row.step_deg / 2.0},
+        detail=shared
+        | {"effective_samples": noise.n, "step_deg": row.step_deg, "floor_deg": max(row.step_deg / 2.0, hidden)},
     )  # fmt: skip
     return follow.unrank_frozen(trial, row, axis, answer)
 
@@ -225,18 +229,23 @@ def input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
     return trial.cache[key]
 
 
-def coarse_input(trial: Trial, spans: list[Span]) -> list[bool]:
-    """Per body axis, whether the replayed gyro's noise in the windows is below half the step of its logged values."""
-    key = f"noise:coarse:{spans}"
-    if key not in trial.cache:
-        sigma = input_noise(trial, spans).get("input_gyro_dps")
-        trial.cache[key] = [False] * 3
-        if sigma is not None and trial.log.imu is not None:
-            gyro = trial.log.imus[trial.log.imu].gyro
-            x = np.degrees(np.concatenate([gyro.x[p] for span in spans for p in within(gyro.t, span)]))
-            steps = [np.diff(np.unique(x[np.isfinite(x[:, k]), k])).min(initial=math.inf) for k in range(3)]
-            trial.cache[key] = [s < 0.5 * step for s, step in zip(sigma, steps, strict=True)]
-    return trial.cache[key]
+def hidden_deg(trial: Trial) -> list[float]:
+    """The angle noise in deg per body axis that the steps of the replayed gyro's logged values can hide.
+
+    White rate noise of half a step q may not show at all. Integrated every dt it walks at
+    random, and a random walk of length T keeps 1/15 of its last variance about its own
+    straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
+    logs, 0.005 deg at 10 Hz and 1 mrad/s.
+    """
+    if "noise:hidden" not in trial.cache:
+        trial.cache["noise:hidden"] = [0.0] * 3
+        gyro = None if trial.log.imu is None else trial.log.imus[trial.log.imu].gyro
+        if gyro is not None and len(gyro.t) > 1:
+            some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
+            steps = [np.diff(np.unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
+            share = 0.5 * math.sqrt(float(np.median(np.diff(gyro.t))) * WINDOW_S / 15.0)
+            trial.cache["noise:hidden"] = [share * float(step) for step in steps]
+    return trial.cache["noise:hidden"]
 
 
 def why_no_rest(trial: Trial, row: Row, window: str, spans: list[Span]) -> tuple[str, str]:
