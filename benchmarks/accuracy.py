@@ -26,7 +26,7 @@ import attlog
 from attlog import rotation
 from attlog.errors import AttlogError
 from attlog.estimators import estimate, place, select
-from attlog.estimators.loop import Sampling
+from attlog.estimators.samples import Sampling
 
 Array = NDArray[np.float64]
 FLIP = np.array([1.0, -1.0, -1.0])

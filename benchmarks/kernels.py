@@ -17,6 +17,7 @@ import numpy as np
 
 from attlog import rotation
 from attlog.estimators import get, lanes, loop, names
+from attlog.estimators.samples import Samples, prepare
 
 SAMPLES = 20_000
 RATE = 250.0
@@ -44,14 +45,14 @@ def best_ns(work: Callable[[], object], updates: int, repeat: int = REPEAT) -> f
     return 1e9 * min(times) / updates
 
 
-def scalar_ns(name: str, samples: loop.Samples) -> float:
+def scalar_ns(name: str, samples: Samples) -> float:
     """One filter's own cost, preparation left out."""
     e = get(name)
     values = {k: v for k, (v, _) in e.resolve().items()}
     return min(loop.run(e, samples, values).ns_per_update for _ in range(REPEAT if e.step else 2))
 
 
-def lanes_ns(name: str, samples: loop.Samples, dtype: str) -> float:
+def lanes_ns(name: str, samples: Samples, dtype: str) -> float:
     """Cost per update and lane of a full kernel width."""
     e = get(name)
     packed = e.pack({k: v for k, (v, _) in e.resolve().items()})
@@ -76,7 +77,7 @@ def ahrs_ns(t: np.ndarray, gyr: np.ndarray, acc: np.ndarray, mag: np.ndarray) ->
 
 def main() -> None:
     x = data()
-    samples = loop.prepare(*x)
+    samples = prepare(*x)
     print(f"{'filter':20}{'ns per update':>14}")
     cost = {name: scalar_ns(name, samples) for name in names()}
     for name, ns in cost.items():

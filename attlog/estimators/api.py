@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from attlog.errors import PluginError, UsageError
 from attlog.estimators import loop
 from attlog.estimators.base import Estimate, Estimator
-from attlog.estimators.loop import Sampling
 from attlog.estimators.registry import get, names
+from attlog.estimators.samples import Sampling, prepare
 
 DEFAULT = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick", "ekf12", "vqf")
 """What ``default`` stands for: the bare gyro, the papers' rivals, and one modern filter to measure against."""
@@ -128,7 +128,7 @@ def estimate(
     if declination is not None and any(p.name == "declination" for p in estimator.parameters):
         given["declination"] = declination
     values = {k: v for k, (v, _) in estimator.resolve(row.preset, given).items()}
-    samples = loop.prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
+    samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
     return loop.run(estimator, samples, values, q0, int(every))
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from attlog import rotation
 from attlog.estimators.api import estimate
 from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.loop import HOLD_PERIODS
+from attlog.estimators.samples import HOLD_PERIODS
 from attlog.estimators.uniform import typical_size
 from attlog.estimators.vectors import GRAVITY
 

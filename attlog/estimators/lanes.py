@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from attlog.errors import UsageError
 from attlog.estimators import cache, expand, generate, loop
 from attlog.estimators.base import Estimate, Estimator
+from attlog.estimators.samples import Samples, Sampling, prepare
 from attlog.estimators.start import initial_state
 
 WIDTH = {"float64": 16, "float32": 32}
@@ -75,7 +76,7 @@ def estimate_lanes(
     mag: ArrayLike | None = None,
     *,
     preset: str | None = None,
-    sampling: loop.Sampling = "interval",
+    sampling: Sampling = "interval",
     q0: ArrayLike | None = None,
     dt: ArrayLike | None = None,
     every: int = 1,
@@ -88,7 +89,7 @@ def estimate_lanes(
     if dtype not in WIDTH:
         raise UsageError(f"dtype={dtype} is not known; give float64 or float32")
     resolved = [{k: v for k, (v, _) in estimator.resolve(preset, p).items()} for p in params]
-    samples = loop.prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
+    samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
     results: list[Estimate | None] = [None] * len(resolved)
     for members in _alike(estimator, resolved):
         values = [resolved[i] for i in members]
@@ -110,7 +111,7 @@ def _alike(estimator: Estimator, resolved: list[dict[str, float | str]]) -> list
 def _run(
     estimator: Estimator,
     values: list[dict[str, float | str]],
-    samples: loop.Samples,
+    samples: Samples,
     q0: ArrayLike | None,
     every: int,
     dtype: str,

@@ -13,7 +13,7 @@ from attlog.errors import PluginError, UsageError
 from attlog.estimators.base import Array, Estimator, plugin_errors
 
 if TYPE_CHECKING:
-    from attlog.estimators.loop import Samples
+    from attlog.estimators.samples import Samples
 
 INIT_S = 0.5
 QUIET_RAD_S = 0.15

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.estimators import Estimate, Estimator, Parameter, Row, get, loop
+from attlog.estimators import Estimate, Estimator, Parameter, Row, get, samples
 from attlog.estimators.vectors import down, field_error, gravity_error, turn
 from attlog.testing import CheckFailed, Outcome, bad_input, behaviour, check_estimator, checks
 from attlog.testing.subject import Subject
@@ -216,7 +216,7 @@ LOOPS: list[tuple[str, Any, Callable[[Subject], None]]] = [
 def test_a_loop_without_its_rule_fails(
     monkeypatch: pytest.MonkeyPatch, name: str, value: Any, test: Callable[[Subject], None]
 ) -> None:
-    monkeypatch.setattr(loop, name, value)
+    monkeypatch.setattr(samples, name, value)
     with pytest.raises(CheckFailed), np.errstate(all="ignore"):
         test(Subject.of("mahony"))
 
