@@ -18,13 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Damage
+from attlog.formats.mapping import gather
 from attlog.limits import MAX_DAMAGE, MAX_FORMATS
 
 FMT_TYPE = 128
 FMT_LENGTH = 89
 HEADER_LENGTH = 3
+STAMP_LENGTH = 8
+_NARROW = (1 << 31) - (1 << 16)  # bytes up to which the end of a record fits in int32
 _HEADER = 0x95A3  # a3 95 read as little-endian u16
 _CHUNK = 1 << 17  # bytes scanned at once, keeps the temporaries in cache
+
+Offsets = NDArray[np.int32] | NDArray[np.int64]
 
 LETTER_DTYPES: dict[str, np.dtype[Any]] = {
     letter: np.dtype(name)
@@ -34,6 +39,7 @@ LETTER_DTYPES: dict[str, np.dtype[Any]] = {
         "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
     }.items()
 }  # fmt: skip
+_LETTER_SIZES = {letter: dtype.itemsize for letter, dtype in LETTER_DTYPES.items()}
 LETTER_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 
 
@@ -51,13 +57,13 @@ class Format:
     @property
     def readable(self) -> bool:
         """True when the letters are known and their sizes add up to the declared length."""
-        if not self.letters or any(letter not in LETTER_DTYPES for letter in self.letters):
+        if not self.letters or not LETTER_DTYPES.keys() >= set(self.letters):
             return False
         return self.place(len(self.letters)) == self.length
 
     def place(self, k: int) -> int:
         """Where the k-th column begins in the record (bytes)."""
-        return HEADER_LENGTH + sum(LETTER_DTYPES[letter].itemsize for letter in self.letters[:k])
+        return HEADER_LENGTH + sum(map(_LETTER_SIZES.__getitem__, self.letters[:k]))
 
     def same_layout(self, other: Format) -> bool:
         """True when both describe the same bytes by the same names."""
@@ -74,26 +80,41 @@ class Index:
     """Offsets of all records in file order, the layout of each, and what is damaged.
 
     ``layout[i]`` is the position in ``layouts`` of the format of the record at
-    ``offsets[i]``.
+    ``offsets[i]``, ``stamps[i]`` the first 8 bytes of its payload, where most formats
+    keep their time; whoever reads the times takes them out to free their memory.
+    Offsets are int32 in files below 2 GB, else int64.
     """
 
     layouts: list[Format]
-    offsets: NDArray[np.int64]
+    offsets: Offsets
     layout: NDArray[np.int16]
+    stamps: NDArray[np.int64]
     damage: list[Damage] = field(default_factory=list)
     damage_bytes: int = 0
 
 
-def _headers(data: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Every offset at which ``a3 95 type`` stands, real header or not."""
-    found = []
+def _headers(data: NDArray[np.uint8]) -> tuple[Offsets, NDArray[np.uint8], NDArray[np.int64]]:
+    """Every offset at which ``a3 95 type`` stands, real header or not, the type, and the 8 bytes behind it.
+
+    All three come from one block of the file while it is in the processor's cache.
+    """
+    width = np.int32 if len(data) < _NARROW else np.int64
+    found, types, stamps = [np.zeros(0, width)], [np.zeros(0, np.uint8)], [np.zeros(0, np.int64)]
     last = len(data) - HEADER_LENGTH + 1
     for start in range(0, last, _CHUNK):
         stop = min(start + _CHUNK, last)
-        mark = data[start:stop] == 0xA3
-        mark &= data[start + 1 : stop + 1] == 0x95
-        found.append(np.flatnonzero(mark) + start)
-    return np.concatenate(found) if found else np.zeros(0, np.int64)
+        block = data[start : stop + HEADER_LENGTH + STAMP_LENGTH]
+        mark = block[: stop - start] == 0xA3
+        mark &= block[1 : stop - start + 1] == 0x95
+        at = mark.nonzero()[0]
+        found.append(np.add(at, start, dtype=width, casting="same_kind"))
+        at += HEADER_LENGTH - 1
+        types.append(block.take(at))
+        if len(block) < stop - start + HEADER_LENGTH + STAMP_LENGTH:
+            block = np.append(block, np.zeros(STAMP_LENGTH, np.uint8))
+        at += 1
+        stamps.append(gather(block, at, np.dtype("<i8")))
+    return np.concatenate(found), np.concatenate(types), np.concatenate(stamps)
 
 
 def _printable(raw: bytes) -> str | None:
@@ -116,10 +137,10 @@ def parse_format(raw: bytes, offset: int) -> Format | None:
     return Format(raw[3], raw[4], name, letters, names, offset)
 
 
-def _formats(data: NDArray[np.uint8], headers: NDArray[np.int64]) -> list[Format]:
+def _formats(data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8]) -> list[Format]:
     """The formats in file order, repetitions left out."""
     size = len(data)
-    at = headers[data[headers + 2] == FMT_TYPE]
+    at = headers[types == FMT_TYPE]
     at = at[at + FMT_LENGTH <= size]
     first = data[at + 5]
     at = at[(first >= 0x30) & (first <= 0x7A)][: MAX_FORMATS * 16]  # a name begins with a letter or digit
@@ -138,7 +159,7 @@ def _formats(data: NDArray[np.uint8], headers: NDArray[np.int64]) -> list[Format
     return layouts
 
 
-def _layout_of(types: NDArray[np.uint8], headers: NDArray[np.int64], layouts: list[Format]) -> NDArray[np.int16]:
+def _layout_of(types: NDArray[np.uint8], headers: Offsets, layouts: list[Format]) -> NDArray[np.int16]:
     """The layout of each header: the last definition of its type before it, else the first; -1 without one."""
     table = np.full(256, -1, np.int16)
     per_type: dict[int, list[int]] = {}
@@ -164,22 +185,25 @@ def index_records(data: NDArray[np.uint8]) -> Index:
     whether its bytes or the following ones were overwritten.
     """
     size = len(data)
-    headers = _headers(data)
-    layouts = _formats(data, headers)
-    layout = _layout_of(data[headers + 2], headers, layouts)
+    start, types, stamps = _headers(data)
+    layouts = _formats(data, start, types)
+    layout = _layout_of(types, start, layouts)
     known = layout >= 0
-    start, layout = headers[known], layout[known]
-    end = start + np.array([f.length for f in layouts], np.int64)[layout]
+    if not known.all():
+        start, layout, stamps = start[known], layout[known], stamps[known]
+    end = start + np.array([f.length for f in layouts], start.dtype)[layout]
     followed = np.zeros(len(start), np.bool_)
-    followed[:-1] = end[:-1] == start[1:]
-    loose = np.flatnonzero(~followed)
-    followed[loose] = _is_header(data, end[loose])
-    kept, holes = _walk(start, end, followed, size)
+    np.equal(end[:-1], start[1:], out=followed[:-1])
+    breaks = np.flatnonzero(~followed)
+    followed[breaks] = _is_header(data, end[breaks])
+    kept, holes = _walk(start, end, breaks, followed, size)
     damage, lost = _describe(data, holes, layouts)
-    return Index(layouts, start[kept], layout[kept], damage, lost)
+    if not kept.all():
+        start, layout, stamps = start[kept], layout[kept], stamps[kept]
+    return Index(layouts, start, layout, stamps, damage, lost)
 
 
-def _is_header(data: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _is_header(data: NDArray[np.uint8], at: Offsets) -> NDArray[np.bool_]:
     """True where a header stands at the offset, also one cut by the end of the file, or the file ends there."""
     size = len(data)
     result = at == size
@@ -191,21 +215,21 @@ def _is_header(data: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.boo
 
 
 def _walk(
-    start: NDArray[np.int64], end: NDArray[np.int64], followed: NDArray[np.bool_], size: int
+    start: Offsets, end: Offsets, breaks: NDArray[np.int64], followed: NDArray[np.bool_], size: int
 ) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:
     """Which candidates are records, and the holes (from, to) between them.
 
-    Long runs of records that follow each other directly are taken at once; the
-    loop only steps from break to break.
+    ``breaks`` are the candidates that do not end where the next one begins, ``followed``
+    tells those that end at a header. Long runs of records that follow each other
+    directly are taken at once; the loop only steps from break to break.
     """
     n = len(start)
     kept = np.zeros(n, np.bool_)
     holes: list[tuple[int, int]] = []
     if n == 0:
         return kept, [(0, size)] if size else []
-    breaks = np.append(np.flatnonzero(end[:-1] != start[1:]), n - 1).tolist()
-    confirmed = np.flatnonzero(followed)
-    i = int(confirmed[0]) if len(confirmed) else n
+    ends_of_runs = breaks.tolist()
+    i = _next_true(followed, 0)
     hole = 0
     while True:
         stop = int(start[i]) if i < n else size
@@ -213,11 +237,11 @@ def _walk(
             holes.append((hole, stop))
         if i >= n:
             break
-        last = breaks[bisect_left(breaks, i)]
+        last = ends_of_runs[bisect_left(ends_of_runs, i)]
         if followed[last]:
             kept[i : last + 1] = True
             hole = int(end[last])
-            following = int(np.searchsorted(start, hole))
+            following = int(start.searchsorted(end[last]))
             if following < n and start[following] == hole:
                 i = following
                 continue
@@ -225,9 +249,15 @@ def _walk(
             kept[i:last] = True
             hole = int(start[last])
             following = last + 1
-        k = int(np.searchsorted(confirmed, following))
-        i = int(confirmed[k]) if k < len(confirmed) else n
+        i = _next_true(followed, following)
     return kept, holes
+
+
+def _next_true(mask: NDArray[np.bool_], first: int) -> int:
+    """The first index from ``first`` on where the mask is true, else its length."""
+    rest = mask[first:]
+    k = int(rest.argmax()) if len(rest) else 0
+    return first + k if len(rest) and rest[k] else len(mask)
 
 
 def _describe(data: NDArray[np.uint8], holes: list[tuple[int, int]], layouts: list[Format]) -> tuple[list[Damage], int]:

@@ -55,12 +55,12 @@ def build_tables(
     """
     units = units or {}
     order = np.argsort(index.layout, kind="stable")
-    bounds = np.searchsorted(index.layout[order], np.arange(len(index.layouts) + 1))
+    bounds = np.searchsorted(index.layout, np.arange(len(index.layouts) + 1, dtype=np.int16), sorter=order)
     parts: dict[tuple[str, int], list[Table]] = {}
     for k, fmt in enumerate(index.layouts):
-        offsets = index.offsets[order[bounds[k] : bounds[k + 1]]]
-        if len(offsets) == 0 or not fmt.readable:
+        if bounds[k] == bounds[k + 1] or not fmt.readable:
             continue
+        offsets = index.offsets[order[bounds[k] : bounds[k + 1]]].astype(np.int64, copy=False)
         ids, texts = units.get(k, ("", ()))
         fields, record = fields_of(fmt, texts)
         whole = Table(fmt.name, 0, fields, offsets, _decoder(data, record))
@@ -79,8 +79,9 @@ def build_tables(
 
 def _distinct(number: NDArray[np.integer[Any]]) -> list[int]:
     """The different values, ascending; bytes are counted instead of sorted."""
-    if number.dtype == np.uint8:
-        return np.flatnonzero(np.bincount(number, minlength=256)).tolist()
+    if number.dtype.itemsize == 1:
+        present = np.bincount(number.view(np.uint8), minlength=256).nonzero()[0]
+        return sorted(present.astype(np.uint8).view(number.dtype).tolist())
     return np.unique(number).tolist()
 
 

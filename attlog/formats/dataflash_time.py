@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Damage
-from attlog.formats.dataflash_index import Format, Index
+from attlog.formats.dataflash_index import HEADER_LENGTH, Format, Index, Offsets
 from attlog.formats.mapping import gather
 from attlog.limits import MAX_DAMAGE, MAX_TIME_JUMP_S
 
@@ -27,55 +27,50 @@ def time_column(fmt: Format) -> tuple[str, int] | None:
     return (column, 1000) if letters.get(column) in ("I", "i") else None
 
 
-def timeline(data: NDArray[np.uint8], index: Index) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Offset and boot time (us) of every record that carries its time, in file order."""
+def timeline(data: NDArray[np.uint8], index: Index) -> tuple[Offsets, NDArray[np.int64]]:
+    """Offset and boot time (us) of every record that carries its time, in file order; uses up ``index.stamps``."""
+    stamps, index.stamps = index.stamps, np.zeros(0, np.int64)
     columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
-    at = []
-    time = []
-    for dtype, factor in ((np.dtype("<i8"), 1), (np.dtype("<u4"), 1000)):
-        place = np.array(
-            [
-                fmt.place(fmt.columns.index(column[0])) if column and column[1] == factor else 0
-                for fmt, column in zip(index.layouts, columns, strict=True)
-            ],
-            np.uint8,
-        )
-        if place.any():
-            places = place[index.layout]
-            timed = np.flatnonzero(places)
-            at.append(index.offsets[timed])
-            time.append(gather(data, at[-1] + places[timed], dtype).astype(np.int64) * factor)
-    if not at:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    if len(at) == 1:
-        return at[0], time[0]
-    order = np.argsort(np.concatenate(at), kind="stable")
-    return np.concatenate(at)[order], np.concatenate(time)[order]
+    timed = np.array([column is not None for column in columns])[index.layout].nonzero()[0]
+    at, time = index.offsets[timed], stamps[timed]
+    elsewhere = {}
+    for k, (fmt, column) in enumerate(zip(index.layouts, columns, strict=True)):
+        if column is not None:
+            place, factor = fmt.place(fmt.columns.index(column[0])), column[1]
+            if (place, factor) != (HEADER_LENGTH, 1):
+                elsewhere[k] = place, factor
+    if elsewhere:
+        kinds = index.layout[timed]
+        for k, (place, factor) in elsewhere.items():
+            mine = (kinds == k).nonzero()[0]
+            dtype = np.dtype("<i8" if factor == 1 else "<u4")
+            time[mine] = gather(data, at[mine] + np.int64(place), dtype).astype(np.int64) * factor
+    return at, time
 
 
 def drop_false_times(
-    index: Index, at: NDArray[np.int64], time: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    index: Index, at: Offsets, time: NDArray[np.int64]
+) -> tuple[Offsets, NDArray[np.int64]]:
     """The timeline without single records whose time is far from both neighbours; they leave the index as damage.
 
     DataFlash has no checksum, so this is the one sign of a record whose bytes were changed.
     """
     if len(time) < 3:
         return at, time
-    step = np.abs(np.diff(time)) > FALSE_TIME_US
-    far = np.concatenate([[step[0] and not step[1]], step[:-1] & step[1:], [step[-1] and not step[-2]]])
-    far[1:-1] &= np.abs(time[2:] - time[:-2]) <= FALSE_TIME_US
-    far[[0, -1]] &= np.abs(time[[0, -1]] - time[[1, -2]]) > MAX_TIME_JUMP_S * 1e6  # a hole may stand at the ends
-    impossible = (time < 0) | (time > LAST_TIME_US)
-    if not (far.any() or impossible.any()):
+    far = _far(time)
+    impossible = (time.view(np.uint64) > LAST_TIME_US).nonzero()[0]  # a negative time is a very large one
+    if not (len(far) or len(impossible)):
         return at, time
-    false = np.isin(index.offsets, at[far])
+    records = index.offsets.searchsorted(at[far])
     # a message that is mostly far has another clock, it is not damaged
+    kinds = index.layout[records]
     of_type = np.bincount(index.layout, minlength=len(index.layouts))
-    flagged = np.bincount(index.layout[false], minlength=len(index.layouts))
-    false &= ((flagged < 3) | (flagged < 0.1 * of_type))[index.layout]
-    false |= np.isin(index.offsets, at[impossible])
-    dropped = np.isin(at, index.offsets[false])
+    flagged = np.bincount(kinds, minlength=len(index.layouts))
+    false = np.zeros(len(index.offsets), np.bool_)
+    false[records[((flagged < 3) | (flagged < 0.1 * of_type))[kinds]]] = True
+    false[index.offsets.searchsorted(at[impossible])] = True
+    kept = np.ones(len(at), np.bool_)
+    kept[at.searchsorted(index.offsets[false])] = False
     for offset, layout in zip(index.offsets[false].tolist(), index.layout[false].tolist(), strict=True):
         fmt = index.layouts[layout]
         index.damage_bytes += fmt.length
@@ -84,4 +79,20 @@ def drop_false_times(
             index.damage.append(Damage(offset, fmt.length, lost, f"next record at {offset + fmt.length}"))
     index.damage.sort(key=lambda d: d.offset)
     index.offsets, index.layout = index.offsets[~false], index.layout[~false]
-    return at[~dropped], time[~dropped]
+    return at[kept], time[kept]
+
+
+def _far(time: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The single records (their indices) that are far from both neighbours, while those agree."""
+    change = np.diff(time)
+    np.abs(change, out=change)
+    steps = (change > FALSE_TIME_US).nonzero()[0]
+    if len(steps) == 0:
+        return steps
+    far = steps[1:][np.diff(steps) == 1]  # a step to the record and another one away from it
+    far = far[np.abs(time[far + 1] - time[far - 1]) <= FALSE_TIME_US]
+    # beside the first or last record a hole may stand, so only more than a hole counts
+    lone = change > MAX_TIME_JUMP_S * 1e6
+    first = [0] if lone[0] and change[1] <= FALSE_TIME_US else []
+    last = [len(time) - 1] if lone[-1] and change[-2] <= FALSE_TIME_US else []
+    return np.concatenate([first, far, last]).astype(np.int64)

@@ -18,9 +18,9 @@ _PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
 
 def units_of(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tuple[str | None, ...]]]:
     """For each layout that FMTU describes: its unit ids, and the unit text of every column."""
-    small = {"FMTU", "UNIT", "MULT"}
-    chosen = np.isin(index.layout, [k for k, f in enumerate(index.layouts) if f.name in small])
-    some = Index(index.layouts, index.offsets[chosen], index.layout[chosen])
+    describes = np.array([f.name in ("FMTU", "UNIT", "MULT") for f in index.layouts])
+    chosen = describes[index.layout].nonzero()[0]
+    some = Index(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64))
     tables = build_tables(data, some, by_instance=False)
     described = tables.get(("FMTU", 0))
     if described is None or not {"FmtType", "UnitIds", "MultIds"} <= described.fields.keys():

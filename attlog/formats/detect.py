@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 
 from attlog.formats.ulog_records import MAGIC
 
 SYNC = b"\xa3\x95"
 _FMT_LENGTH = 89
-_LETTERS = frozenset(b"abBhHiIfdngNZcCeELMqQ\x00 ")
+_LETTERS = b"abBhHiIfdngNZcCeELMqQ\0 "
+_PRINTABLE = bytes([0, *range(32, 127)])
 _TEXT_FORMAT = re.compile(rb"(?:^|[\r\n])\s*FMT, *\d+, *\d+, *\w+")
 PACKET_START = (0xFE, 0xFD)
 DAMAGED_START = 2048
@@ -31,25 +33,23 @@ def format_of(head: bytes) -> str | None:
     return None
 
 
-def _formats(head: bytes) -> list[tuple[str, str, str]]:
+def _formats(head: bytes) -> Iterator[tuple[str, str, str]]:
     """Name, letters and columns of the FMT records in binary DataFlash framing."""
-    found = []
     at = head.find(SYNC + b"\x80")
     while at >= 0 and at + _FMT_LENGTH <= len(head):
         name, letters, columns = struct.unpack_from("4s16s64s", head, at + 5)
-        if all(c in _LETTERS for c in letters) and all(c == 0 or 32 <= c < 127 for c in name + columns):
+        if not letters.translate(None, _LETTERS) and not (name + columns).translate(None, _PRINTABLE):
             texts = [t.rstrip(b"\0 ").decode("ascii") for t in (name, letters, columns)]
             if texts[0]:
-                found.append((texts[0], texts[1], texts[2]))
+                yield texts[0], texts[1], texts[2]
         at = head.find(SYNC + b"\x80", at + 3)
-    return found
 
 
 def _is_dataflash(head: bytes) -> bool:
     """A format definition, or (the start is lost) many record marks at the start."""
     if head[:2] == SYNC and len(head) < _FMT_LENGTH:
         return True
-    if _formats(head):
+    if any(True for _ in _formats(head)):
         return True
     return head.count(SYNC) >= max(5, len(head) // 400)
 

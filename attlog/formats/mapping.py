@@ -35,6 +35,8 @@ def gather(data: NDArray[np.uint8], at: NDArray[np.int64], dtype: np.dtype[Any])
     """
     if len(at) == 0:
         return np.zeros((0, *dtype.shape), dtype.base)
+    if dtype.itemsize == 1:
+        return data.take(at).view(dtype.base).reshape(len(at), *dtype.shape)
     bytewise = np.ndarray((len(data) - dtype.itemsize + 1,), f"V{dtype.itemsize}", buffer=data, strides=(1,))
     raw = bytewise[at]
     return raw.view(dtype.base).reshape(len(at), *dtype.shape)
@@ -43,8 +45,8 @@ def gather(data: NDArray[np.uint8], at: NDArray[np.int64], dtype: np.dtype[Any])
 class Records:
     """Decodes the columns of one table from a single copy of its records, which is made when the first is asked for.
 
-    ``fetch(offsets)`` gives the records as structured array. Memory: the records
-    once, and once more every column in use.
+    ``fetch(offsets)`` gives the records as structured array. Columns are views of
+    it, so that a table in use takes the memory of its records once.
     """
 
     def __init__(self, fetch: Callable[[NDArray[np.int64]], NDArray[Any]]) -> None:
@@ -53,11 +55,11 @@ class Records:
         self._records: NDArray[Any] = np.zeros(0)
 
     def __call__(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
-        """One column at some records, contiguous; text without what stands behind its first NUL."""
+        """One column at some records; text without what stands behind its first NUL."""
         if self._offsets is not offsets:
             self._records, self._offsets = self._fetch(offsets), offsets
-        values = np.ascontiguousarray(self._records[column])
-        return cut_at_nul(values) if values.dtype.kind == "S" else values
+        values = self._records[column]
+        return cut_at_nul(np.ascontiguousarray(values)) if values.dtype.kind == "S" else values
 
 
 def cut_at_nul(text: NDArray[np.bytes_]) -> NDArray[np.bytes_]:
