@@ -24,6 +24,20 @@ WITNESSES = ("truth", "smoother", "onboard", "gnss_yaw", "mag", "course")
 NAMED = 3
 """So many rows are named in a sentence; more are counted."""
 
+SMALLEST_DEG = 0.0005
+"""Noise below this is shown as "below 0.001 deg": no differences and no factors are told from it."""
+
+LARGEST_FACTOR = 100.0
+
+ADVICE = {
+    "no_events": "Fly some brisk steps in roll, pitch and yaw.",
+    "too_few_events": "Fly some more brisk steps in roll, pitch and yaw.",
+}
+"""What a pilot can do about a code whose reason does not say it."""
+
+LOGGED_BEFORE_ARMING = {"ArduPilot": "LOG_DISARMED", "PX4": "SDLOG_MODE"}
+"""The parameter that makes an autopilot log before it is armed."""
+
 
 @dataclass(slots=True)
 class Judged:
@@ -81,42 +95,74 @@ def unranked(judged: list[Judged]) -> list[tuple[str, str]]:
     ]
 
 
-def cannot(without: list[tuple[str, str, str]], nothing: str) -> str:
-    """The sentence for a question that no row answers: the commonest reason."""
-    return f"Cannot be judged: {commonest(without) or nothing}."
+def cannot(result: Result, without: list[tuple[str, str, str]], nothing: str) -> str:
+    """The sentence for a question that no row answers: the commonest reason and what a pilot can do."""
+    code, reason = commonest(without)
+    advice = f" {ADVICE[code]}" if code in ADVICE else ""
+    return f"Cannot be judged: {reason or nothing}{switch(result, code)}.{advice}"
 
 
-def commonest(without: list[tuple[str, str, str]]) -> str:
-    """The reason that most rows give, rows to which the question does not apply only if there are no others."""
-    reasons = Counter(reason for _, code, reason in without if reason and code != "not_applicable")
-    reasons = reasons or Counter(reason for _, _, reason in without if reason)
+def switch(result: Result, code: str) -> str:
+    """In brackets, the parameter by which this autopilot logs its rest before arming; empty for other codes."""
+    name = str((result.log.get("firmware") or {}).get("name") or "")
+    found = next((p for maker, p in LOGGED_BEFORE_ARMING.items() if name.startswith(maker)), "")
+    return f" (parameter {found})" if found and code in ("no_rest", "rest_too_short") else ""
+
+
+def commonest(without: list[tuple[str, str, str]]) -> tuple[str, str]:
+    """Code and reason that most rows give, rows to which the question does not apply only if there are no others."""
+    reasons = Counter((code, reason) for _, code, reason in without if reason and code != "not_applicable")
+    reasons = reasons or Counter((code, reason) for _, code, reason in without if reason)
     if not reasons:
-        return ""
-    reason = reasons.most_common(1)[0][0].rstrip(".")
-    return reason[0].lower() + reason[1:] if reason[:2].istitle() else reason
+        return "", ""
+    code, reason = reasons.most_common(1)[0][0]
+    reason = reason.rstrip(".")
+    return code, reason[0].lower() + reason[1:] if reason[:2].istitle() else reason
 
 
-def why_not(result: Result, verdict: Verdict) -> str:
-    """Who is not judged and why in few words, rows with the same reason together."""
+def why_not(result: Result, judged: list[Judged], without: list[tuple[str, str, str]]) -> str:
+    """Who is not judged and why in few words, filters with the same reason together."""
     groups: dict[str, list[str]] = {}
-    rows = {r.name: r for r in result.estimators if r.kind == "replay"}
-    for name, reason in verdict.not_judged:
-        if name in rows:
-            row = rows[name]
-            bent = any(
-                a.code == "bent" for m in row.metrics.values() for a in (m.get(verdict.metric),) if a is not None
-            )
-            short = "does not follow the movement" if bent else reason.partition(":")[0].partition(";")[0]
-            groups.setdefault(row.status.replace("_", " ") if row.status != "ok" else short, []).append(name)
+    codes = {name: code for name, code, _ in without} | {j.row.name: "unranked" for j in judged if not j.ranked}
+    for row in result.estimators:
+        if row.kind == "replay" and row.name in codes:
+            reason = next((j.answer.reason for j in judged if j.row is row), None) or ""
+            short = SHORT.get(codes[row.name]) or reason.partition(":")[0].partition(";")[0] or "not ranked"
+            groups.setdefault(SHORT.get(row.status, short), []).append(row.name)
     several = {why: why.replace("does not", "do not") if len(names) > 1 else why for why, names in groups.items()}
-    return ", ".join(f"{listed(names)} ({several[why]})" for why, names in groups.items())
+    return ", ".join(f"{counted(names)} ({several[why]})" for why, names in groups.items())
 
 
-def times(ratio: float) -> str:
-    """A factor as people say it."""
-    if ratio >= 1000:
-        return "over 1000 times as much"
-    return f"{ratio:.0f} times as much" if ratio >= 9.5 else f"{ratio:.1f} times as much"
+SHORT = {
+    "bent": "wrong angle in the movement",
+    "lag_at_edge": "wrong angle in the movement",
+    "too_few_events": "too few steps",
+    "not_covered": "not comparable",
+    "diverged": "diverged",
+    "not_converged": "did not settle",
+    "failed": "failed",
+}
+"""Codes and states in a few words."""
+
+
+def counted(names: list[str]) -> str:
+    """Up to NAMED filters by name, more as a count."""
+    return listed(names) if len(names) <= NAMED else f"{len(names)} filters"
+
+
+def times(value: float, least: float) -> str:
+    """By which factor the largest noise exceeds the least, as people say it; empty where the least is not resolved."""
+    if least < SMALLEST_DEG:
+        return ""
+    ratio = value / least
+    if ratio > LARGEST_FACTOR:
+        return f", over {LARGEST_FACTOR:.0f} times as much"
+    return f", {ratio:.0f} times as much" if ratio >= 9.5 else f", {ratio:.1f} times as much"
+
+
+def held(value: float) -> str:
+    """To within what: ``to within 0.012°``, ``to less than 0.001°``."""
+    return f"to within {quantity(value, 'deg')}" if value >= SMALLEST_DEG else "to less than 0.001°"
 
 
 def quiet(result: Result) -> Verdict:
@@ -142,28 +188,29 @@ def quiet(result: Result) -> Verdict:
     ranked = sorted((j for j in judged if j.ranked), key=lambda j: j.value)
     if not ranked:
         verdict.sentence = (
-            f"No filter can be ranked: {why_not(result, verdict)}." + onboard_part(judged, "deg")
+            f"No filter can be ranked: {why_not(result, judged, without)}." + onboard_part(judged, "deg")
             if any(j.row.kind == "replay" for j in judged)
-            else cannot(without, "the log holds no stretch with the vehicle at rest and the motors off")
+            else cannot(result, without, "the log holds no stretch with the vehicle at rest and the motors off")
         )
         return verdict
     floor = result.reference.floor_deg if result.reference else 0.0
-    leaders = [j for j in ranked if j.value <= 1.5 * ranked[0].value + floor]
-    worst, hold = ranked[-1], quantity(leaders[-1].value, "deg").lstrip("<")
-    seconds = duration(max(j.answer.seconds for j in ranked))
-    over = f" over {seconds} of rest" if max(j.answer.seconds for j in ranked) > 0 else ""
+    leaders = [j for j in ranked if j.value <= 1.5 * ranked[0].value + max(floor, SMALLEST_DEG)]
+    worst, hold = ranked[-1], held(leaders[-1].value)
+    seconds = max(j.answer.seconds for j in ranked)
+    over = f" over {duration(seconds)} of rest" if seconds > 0 else ""
     if len(ranked) == 1:
-        says = f"{worst.row.name} holds roll and pitch to within {hold}{over}; no other filter can be ranked."
+        says = f"{worst.row.name} holds roll and pitch {hold}{over}; no other filter can be ranked."
     elif len(leaders) == len(ranked):
         who = "Both" if len(ranked) == 2 else f"All {len(ranked)}"
-        says = f"{who} filters hold roll and pitch to within {hold}{over}, too close to rank."
+        says = f"{who} filters hold roll and pitch {hold}{over}, too close to rank."
     elif len(leaders) == 1:
-        says = f"{leaders[0].row.name} is quietest: roll and pitch within {hold}{over}."
+        says = f"{leaders[0].row.name} is quietest: it holds roll and pitch {hold}{over}."
     else:
-        says = f"{some(leaders, len(ranked))} hold roll and pitch to within {hold}{over}, too close to rank."
+        says = f"{some(leaders, len(ranked))} hold roll and pitch {hold}{over}, too close to rank."
     if worst not in leaders:
-        factor = f", {times(worst.value / ranked[0].value)}" if ranked[0].value > 0 else ""
-        says += f" {worst.row.name} is noisiest: {quantity(worst.value, 'deg')}{factor}."
+        louder = any(j.row.kind == "replay" and j.value > worst.value for j in judged)
+        noisiest = f"noisiest of the {len(ranked)} ranked" if louder else "noisiest"
+        says += f" {worst.row.name} is {noisiest}: {quantity(worst.value, 'deg')}{times(worst.value, ranked[0].value)}."
     verdict.sentence = upper(says) + onboard_part(judged, "deg")
     return verdict
 
@@ -185,9 +232,11 @@ def late(result: Result) -> Verdict:
     bent = [name for name, code, _ in without if code == "bent" and name in replayed]
     if not ranked:
         verdict.sentence = (
-            f"No filter can be judged: {why_not(result, verdict)}." + onboard_part(judged, "ms")
+            f"No filter's delay can be judged: {why_not(result, judged, without)}."
+            + (" Compare their tilt errors instead." if bent else "")
+            + onboard_part(judged, "ms")
             if bent or any(j.row.kind == "replay" for j in judged)
-            else cannot(without, "the flight holds too few quick movements (3 per axis are needed)")
+            else cannot(result, without, "the flight holds too few quick movements (3 per axis are needed)")
         )
         return verdict
     rate = (result.log.get("imu") or {}).get("rate_hz") or 0.0
@@ -196,9 +245,12 @@ def late(result: Result) -> Verdict:
     against = against_whom(result)
     steps = max(j.answer.n for j in ranked)
     if not slow:
-        says = "No filter that can be judged is measurably late" if bent else "No filter is measurably late"
-        says += f" against {against} over {steps} steps"
-        says += f"; within ±{half:.3g} ms, half an IMU sample, counts as zero." if half else "."
+        names = [j.row.name for j in ranked]
+        says = (
+            "No filter is" if not bent else f"Of {counted(names)} none is" if len(names) > 1 else f"{names[0]} is not"
+        )
+        says += f" measurably late against {against} over {steps} steps"
+        says += f"; less than {half:.2g} ms, half an IMU sample, counts as zero." if half else "."
     else:
         worst = slow[-1]
         says = f"{worst.row.name} is latest: {quantity(worst.value, 'ms')}{worst.interval} against {against}"
@@ -209,17 +261,15 @@ def late(result: Result) -> Verdict:
         elif len(ranked) > 1:
             says += f" Least: {ranked[0].row.name}, {quantity(ranked[0].value, 'ms')}{ranked[0].interval}."
     if bent:
-        says += f" {upper(bent_part(bent, len(replayed)))}."
-    verdict.sentence = upper(says) + onboard_part(judged, "ms")
+        says += f" {bent_part(bent, len(replayed))}."
+    verdict.sentence = says + onboard_part(judged, "ms")
     return verdict
 
 
 def bent_part(bent: list[str], of: int) -> str:
-    """How many rows do not follow the movement, so that a fitted delay means nothing."""
-    tail = "the movement closely enough to fit a delay"
-    if len(bent) == of:
-        return f"none of {of} follows {tail}" if of > 1 else f"{bent[0]} does not follow {tail}"
-    return f"{len(bent)} of {of} do not follow {tail}" if len(bent) > 1 else f"{bent[0]} does not follow {tail}"
+    """How many rows go through the movement at a wrong angle, and what that means for their delay."""
+    who = f"{len(bent)} of {of}" if len(bent) > 1 else bent[0]
+    return f"{who} {'show' if len(bent) > 1 else 'shows'} a wrong angle in the movement, which no delay describes"
 
 
 def drifting(result: Result) -> Verdict:
@@ -227,6 +277,11 @@ def drifting(result: Result) -> Verdict:
     rest, rest_without = split([(row, find(row, "drift_rest_deg_per_min", REST)) for row in result.estimators])
     witness, air, air_without = air_drift(result)
     shown = rest if any(j.ranked for j in rest) or not air else air
+    others = [
+        (name, f"{where}: {reason}")
+        for where, part in (("at rest", rest_without), ("in the air", air_without))
+        for name, _, reason in part
+    ]
     verdict = Verdict(
         "drifting",
         "How fast does the heading drift?",
@@ -234,22 +289,35 @@ def drifting(result: Result) -> Verdict:
         "drift_rest_deg_per_min" if shown is rest else f"drift_air_deg_per_min.{witness}",
         shown[0].answer.window if shown else "rest",
         [(j.row.name, j.value, "deg/min") for j in sorted(shown, key=lambda j: abs(j.value)) if j.shown],
-        [(name, reason) for name, _, reason in (rest_without if shown is rest else air_without)] + unranked(shown),
+        others + unranked(shown),
     )
     parts = [drift_part(rest, "At rest"), drift_part(air, f"In the air against {witness_name(witness)}")]
     said = [p for p in parts if p]
+    replayed = [j for j in shown if j.row.kind == "replay"]
     if said:
         verdict.sentence = " ".join(said)
-    elif any(j.row.kind == "replay" for j in shown):
-        verdict.sentence = f"No drift can be ranked: {why_not(result, verdict)}."
+    elif replayed:
+        where = "At rest" if shown is rest else f"In the air against {witness_name(witness)}"
+        verdict.sentence = f"{where}, {wander_part(replayed, where)}." + onboard_drift(shown)
     elif rest_without and air_without:
-        at_rest, in_air = commonest(rest_without), commonest(air_without)
-        verdict.sentence = f"Cannot be judged: at rest, {at_rest}; in the air, {in_air}."
+        (code, at_rest), (_, in_air) = commonest(rest_without), commonest(air_without)
+        verdict.sentence = f"Cannot be judged. At rest: {at_rest}{switch(result, code)}. In the air: {in_air}."
     else:
-        verdict.sentence = cannot(
-            rest_without + air_without, "neither a rest nor a flight is long enough to tell a drift from wander"
-        )
+        nothing = "neither a rest nor a flight is long enough to tell a drift from wander"
+        verdict.sentence = cannot(result, rest_without + air_without, nothing)
     return verdict
+
+
+def wander_part(replayed: list[Judged], where: str) -> str:
+    """Why no filter's drift can be told, and what would help."""
+    lost = [j.row.name for j in replayed if j.row.status != "ok"]
+    halves = [0.5 * (j.answer.ci95[1] - j.answer.ci95[0]) for j in replayed if j.answer.ci95 and j.row.status == "ok"]
+    if not halves:
+        return f"no filter's drift can be ranked: {counted(lost)} diverged or did not settle"
+    surest = quantity(min(halves), "deg/min", signed=False)
+    says = f"no filter's drift can be told from its wander: the surest is known to ±{surest}"
+    says += f"; a longer {'rest' if where == 'At rest' else 'flight'} would narrow it"
+    return says + (f". {counted(lost)} diverged or did not settle" if lost else "")
 
 
 def best_witness(result: Result) -> str:
@@ -287,13 +355,19 @@ def drift_part(judged: list[Judged], where: str) -> str:
             says += f"; {some(still, len(ranked))} {'shows' if len(still) == 1 else 'show'} none that differs from zero"
         elif len(ranked) > 1:
             says += f"; least: {drifts[0].row.name}, {quantity(drifts[0].value, 'deg/min')}{drifts[0].interval}"
-    others = [j for j in judged if j.row.kind == "replay" and not j.ranked]
-    if others:
-        says += f"; {some(others, len(ranked) + len(others))} cannot be ranked"
+    unsure = [j.row.name for j in judged if j.row.kind == "replay" and j.row.status == "ok" and not j.ranked]
+    lost = [j.row.name for j in judged if j.row.kind == "replay" and j.row.status != "ok"]
+    if unsure:
+        says += f"; {counted(unsure)} wander{'s' if len(unsure) == 1 else ''} too much to tell a drift"
+    if lost:
+        says += f"; {counted(lost)} diverged or did not settle"
+    return says + "." + onboard_drift(judged)
+
+
+def onboard_drift(judged: list[Judged]) -> str:
+    """How the heading that flew drifted, with its interval, as a short last sentence."""
     onboard = [j for j in judged if j.row.name == "onboard"]
-    if onboard:
-        says += f"; onboard {quantity(onboard[0].value, 'deg/min')}"
-    return says + "."
+    return f" Onboard: {quantity(onboard[0].value, 'deg/min')}{onboard[0].interval}." if onboard else ""
 
 
 def onboard_part(judged: list[Judged], unit: str) -> str:

@@ -75,7 +75,7 @@ def test_several_leaders_are_too_close_to_rank_and_the_noisiest_is_named_with_it
 def test_one_leader_is_quietest():
     rows = [row("vqf", noise(0.003)), row("mahony", noise(0.006)), row("madgwick", noise(0.044))]
     assert verdict("quiet", rows).sentence == (
-        "vqf is quietest: roll and pitch within 0.003° over 36 s of rest. "
+        "vqf is quietest: it holds roll and pitch to within 0.003° over 36 s of rest. "
         "madgwick is noisiest: 0.044°, 15 times as much."
     )
 
@@ -148,7 +148,7 @@ def test_the_latest_is_named_with_interval_reference_and_count():
 def test_less_than_half_a_sample_is_no_lag():
     assert verdict("late", [row("a", lag(4, 0.5)), row("b", lag(2))], rate=100.0).sentence == (
         "No filter is measurably late against onboard (agreement, not truth) over 28 steps; "
-        "within ±5 ms, half an IMU sample, counts as zero."
+        "less than 5 ms, half an IMU sample, counts as zero."
     )
 
 
@@ -159,8 +159,8 @@ def test_an_interval_across_zero_is_no_lag():
 def test_a_bent_filter_is_not_judged_and_never_early():
     bent = {"airborne": {"lag_ms": missing("bent", "follows 51 % of the movement", "ms", "airborne")}}
     found = verdict("late", [row("a", lag(1)), row("fan", bent), row("onboard", lag(0), is_reference=True)])
-    assert found.sentence.startswith("No filter that can be judged is measurably late")
-    assert "fan does not follow the movement closely enough to fit a delay." in found.sentence
+    assert found.sentence.startswith("a is not measurably late against onboard")
+    assert "fan shows a wrong angle in the movement, which no delay describes." in found.sentence
     assert ("fan", "follows 51 % of the movement") in found.not_judged
     assert "fan" not in [name for name, _, _ in found.bars]
 
@@ -168,7 +168,7 @@ def test_a_bent_filter_is_not_judged_and_never_early():
 def test_all_bent():
     bent = {"airborne": {"lag_ms": missing("bent", "follows 51 % of the movement", "ms", "airborne")}}
     assert verdict("late", [row("a", bent), row("b", bent)]).sentence == (
-        "No filter can be judged: a and b (do not follow the movement)."
+        "No filter's delay can be judged: a and b (wrong angle in the movement). Compare their tilt errors instead."
     )
 
 
@@ -177,7 +177,7 @@ def test_too_few_steps_are_said_with_the_count():
         "airborne": {"lag_ms": missing("too_few_events", "2 quick movements; at least 3 are needed", "ms", "airborne")}
     }
     assert verdict("late", [row("a", few), row("b", few)]).sentence == (
-        "Cannot be judged: 2 quick movements; at least 3 are needed."
+        "Cannot be judged: 2 quick movements; at least 3 are needed. Fly some more brisk steps in roll, pitch and yaw."
     )
 
 
@@ -186,8 +186,8 @@ def test_drift_names_the_worst_and_never_says_no_drift():
     rows.append(row("onboard", drift(-5.7), is_reference=True))
     found = verdict("drifting", rows)
     assert found.sentence == (
-        "At rest, gyro drifts most: −1.2°/min (−1.3 to −1.1); a and b show none that differs from zero; "
-        "onboard −5.7°/min. "
+        "At rest, gyro drifts most: −1.2°/min (−1.3 to −1.1); a and b show none that differs from zero. "
+        "Onboard: −5.7°/min (−5.8 to −5.6). "
         "In the air against onboard (agreement, not truth), gyro drifts most: −4.8°/min (−4.9 to −4.7); "
         "a and b show none that differs from zero."
     )
@@ -210,7 +210,10 @@ def test_truth_is_believed_before_onboard():
 def test_a_drift_that_cannot_be_measured_is_not_ranked():
     wide = drift(0.5, half=40, ranked=False, reason="not measurable: the interval is +-40 deg/min")
     found = verdict("drifting", [row("a", wide)])
-    assert found.sentence == "No drift can be ranked: a (not measurable)."
+    assert found.sentence == (
+        "At rest, no filter's drift can be told from its wander: the surest is known to ±40.0°/min; "
+        "a longer rest would narrow it."
+    )
 
 
 def test_nothing_at_all_still_gives_three_sentences():
@@ -235,12 +238,50 @@ def test_without_any_drift_both_reasons_are_given():
         },
     }
     assert verdict("drifting", [row("a", metrics)]).sentence == (
-        "Cannot be judged: at rest, no rest; in the air, 8 s in the air."
+        "Cannot be judged. At rest: no rest. In the air: 8 s in the air."
     )
 
 
-def test_a_filter_without_any_noise_makes_no_absurd_factor():
-    found = verdict("quiet", [row("a", noise(1e-16)), row("b", noise(0.003))])
+@pytest.mark.parametrize("least", [0.0, 1e-16])
+def test_no_factor_is_told_from_noise_below_what_is_shown(least):
+    found = verdict("quiet", [row("a", noise(least)), row("b", noise(0.003))])
     assert found.sentence == (
-        "a is quietest: roll and pitch within 0.001° over 36 s of rest. b is noisiest: 0.003°, over 1000 times as much."
+        "a is quietest: it holds roll and pitch to less than 0.001° over 36 s of rest. b is noisiest: 0.003°."
     )
+
+
+def test_large_factors_are_capped():
+    found = verdict("quiet", [row("a", noise(0.001)), row("b", noise(0.25))])
+    assert found.sentence.endswith("b is noisiest: 0.25°, over 100 times as much.")
+
+
+def test_the_noisiest_of_the_ranked_is_not_called_the_noisiest_of_all():
+    rows = [row("a", noise(0.001)), row("b", noise(0.05)), row("lost", noise(0.08), status="not_converged")]
+    assert "b is noisiest of the 2 ranked: 0.050°" in verdict("quiet", rows).sentence
+
+
+@pytest.mark.parametrize(
+    ("firmware", "said"),
+    [("ArduPilot Copter", " (parameter LOG_DISARMED)"), ("PX4", " (parameter SDLOG_MODE)"), ("", "")],
+)
+def test_a_log_without_rest_names_the_parameter_that_gives_it_one(firmware, said):
+    absent = {"noise_roll_deg": missing("no_rest", "the log holds no rest", "deg", "rest")}
+    found = result([row("a", {"rest": absent})])
+    found.log["firmware"] = {"name": firmware}
+    assert verdicts(found)[0].sentence == f"Cannot be judged: the log holds no rest{said}."
+
+
+def test_filters_that_wander_and_filters_that_are_lost_are_told_apart():
+    wide = drift(air=3.0, half=40, ranked=False, reason="not measurable")
+    rows = [row("gyro", drift(air=6.0)), row("a", wide), row("b", wide), row("c", wide), row("d", wide)]
+    rows += [row("lost", wide, status="diverged"), row("onboard", drift(air=-1.2, half=6))]
+    assert verdict("drifting", rows).sentence == (
+        "In the air against onboard (agreement, not truth), gyro drifts +6.0°/min (+5.9 to +6.1); "
+        "4 filters wander too much to tell a drift; lost diverged or did not settle. "
+        "Onboard: −1.2°/min (−7.2 to +4.8)."
+    )
+
+
+def test_the_part_that_is_not_answered_is_explained():
+    air = drift(air=6.0) | {"rest": {"drift_rest_deg_per_min": missing("no_rest", "no rest", "deg/min", "rest")}}
+    assert verdict("drifting", [row("gyro", air)]).not_judged == [("gyro", "at rest: no rest")]

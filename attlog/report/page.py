@@ -15,7 +15,7 @@ from attlog.report.look import looks
 from attlog.report.marks import alarming, level_name, messages, time_marks
 from attlog.report.pack import Store, packed
 from attlog.report.table import axis_table, main_table, window_tables
-from attlog.report.text import clean, cleaned, plain_value, shown
+from attlog.report.text import clean, cleaned, plain_value, shown, typeset
 from attlog.report.top import card, firmware, problems, subtitle
 from attlog.result import Result
 
@@ -78,6 +78,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         "quantity": quantity,
         "number": number,
         "value": plain_value,
+        "typeset": typeset,
     }
     document = json.dumps(result.to_dict(), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return environment.get_template("page.html").render(

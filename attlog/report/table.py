@@ -22,7 +22,7 @@ COLUMNS = (
     ("lag_ms", "Step delay", AIR),
     ("step_gain", "Step gain", AIR),
     ("drift_rest_deg_per_min", "Drift at rest", REST),
-    (DRIFT_AIR, "Drift in the air", AIR),
+    (DRIFT_AIR, "Air drift by", AIR),
     ("inclination_rmse_deg", "Tilt error RMS", AIR),
     ("heading_rmse_deg", "Heading error RMS", AIR),
     ("convergence_s", "Settles after", ALL),
@@ -62,6 +62,9 @@ SHAPE = ("step_gain", "distortion")
 
 FULL_COVERAGE = 95.0
 
+BY = {"gnss_yaw": "GNSS yaw", "mag": "mag", "course": "GNSS course"} | {w: w for w in ("truth", "smoother", "onboard")}
+"""A heading witness in a table heading."""
+
 
 @dataclass(slots=True)
 class Cell:
@@ -93,11 +96,16 @@ class Table:
     columns: list[Column] = field(default_factory=list)
     rows: list[tuple[EstimatorRow, list[Cell]]] = field(default_factory=list)
 
+    @property
+    def partial(self) -> bool:
+        """Whether a cell says that only part of the time could be compared."""
+        return any(small.startswith("of ") for _, cells in self.rows for c in cells for small in c.small)
+
 
 def main_table(result: Result) -> Table:
     """The comparison of all rows: every column of COLUMNS in which at least one row has a value."""
     witness = best_witness(result)
-    columns = [(f"{m}.{witness}", f"{t}, by {witness}", w) if m == DRIFT_AIR else (m, t, w) for m, t, w in COLUMNS]
+    columns = [(f"{m}.{witness}", f"{t} {BY[witness]}", w) if m == DRIFT_AIR else (m, t, w) for m, t, w in COLUMNS]
     return filled(result, columns)
 
 
@@ -157,9 +165,8 @@ def cell(result: Result, row: EstimatorRow, metric: str, answer: Answer | None) 
     if answer is None:
         return Cell("failed" if row.status == "failed" else "n/a", missing=True, reason=row.reason)
     if answer.value is None or not math.isfinite(answer.value):
-        word = (
-            "reference" if row.is_reference and answer.code == "not_applicable" else WORDS.get(answer.code or "", "n/a")
-        )
+        itself = row.is_reference and answer.code == "not_applicable" and not metric.startswith("cost")
+        word = "reference" if itself else WORDS.get(answer.code or "", "n/a")
         return Cell(word, missing=True, reason=answer.reason or "")
     best = not metric.startswith(SHAPE) and row.name in result.best.get(answer.window, {}).get(metric, ())
     small = [interval(answer.ci95, answer.unit)]

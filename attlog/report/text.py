@@ -33,6 +33,24 @@ def cleaned(value: Any) -> Any:
     return [cleaned(v) for v in value] if isinstance(value, Iterable) else value
 
 
+UNITS_IN_TEXT = (
+    (re.compile(r" deg/(min|s|h)\b"), r"°/\1"),
+    (re.compile(r" deg\b"), "°"),
+    (re.compile(r"\+-(?=\d)"), "±"),
+    (re.compile(r"(?<=\d) m/s\^2"), " m/s²"),
+    (re.compile(r"(?<=\d) uT\b"), " µT"),
+    (re.compile(r"(?<![\w.])-(?=\d+(\.\d+)?( |°|,|$))"), "\u2212"),
+)
+
+
+def typeset(text: str) -> str:
+    """A sentence of another room with its units and signs written as on the rest of the page: ``±6.0°/min``."""
+    text = clean(text)
+    for found, written in UNITS_IN_TEXT:
+        text = found.sub(written, text)
+    return text
+
+
 def plain_value(value: Any, unit: str = "") -> str:
     """A value of unknown type as text."""
     if value is None:

@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any
 
-from attlog.numbers import duration, listed, number, quantity
+from attlog.numbers import MINUS, duration, listed, number, quantity
 from attlog.report.look import Look
 from attlog.result import Problem, Result, Verdict
 
@@ -59,43 +59,61 @@ def firmware(result: Result) -> str:
 
 
 def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
-    """A verdict as the template shows it: bars relative to the largest, reasons gathered."""
+    """A verdict as the template shows it: bars from a common zero, reasons gathered."""
     lead, tail = lead_and_tail(verdict.sentence)
     bars = [b for b in verdict.bars if b[0] in look and math.isfinite(b[1])]
-    largest = max((abs(v) for _, v, _ in bars), default=0.0)
-    largest = max(largest, FULL_BAR_MS) if verdict.question == "late" else largest
     kept = bars
     if len(bars) > BARS:
         kept = [*bars[: BARS - 2], *[b for b in bars[BARS - 2 : -1] if b[0] == "onboard"], bars[-1]]
     unranked = {name for name, _ in verdict.not_judged}
-    reasons: dict[str, list[str]] = {}
-    for name, reason in verdict.not_judged:
-        reasons.setdefault(reason, []).append(name)
+    low, high = span([v for _, v, _ in kept], FULL_BAR_MS if verdict.question == "late" else 0.0)
     captions = {
-        "quiet": "Noise of the worse of roll and pitch, 1σ",
-        "late": "Delay against the reference",
+        "quiet": "Noise (1σ) of roll or pitch, whichever is worse",
+        "late": f"Delay against the reference, + late, {MINUS} early",
         "drifting": "Drift at rest" if "rest" in verdict.metric else "Drift in the air",
     }
+    pale = "; pale: shown, not ranked" if any(name in unranked for name, _, _ in kept) else ""
     return {
         "id": verdict.question,
         "title": verdict.title,
         "lead": lead,
         "tail": tail,
-        "caption": captions.get(verdict.question, "") if kept else "",
+        "caption": captions.get(verdict.question, "") + pale if kept else "",
         "bars": [
             {
                 "name": name,
                 "pale": name in unranked,
                 "slot": look[name].slot,
-                "width": round(100 * abs(value) / largest, 1) if largest > 0 else 0,
+                "x": round(100 * (min(value, 0.0) - low) / (high - low), 1),
+                "width": round(100 * abs(value) / (high - low), 1),
                 "text": quantity(value, unit),
             }
             for name, value, unit in kept
         ],
+        "zero": round(-100 * low / (high - low), 1),
         "left_out": len(bars) - len(kept),
-        "reasons": [(listed(names), reason) for reason, names in reasons.items()],
+        "reasons": reasons(verdict, look),
         "figures": SECTIONS.get(verdict.question, "flight"),
     }
+
+
+def span(values: list[float], least: float) -> tuple[float, float]:
+    """Ends of the scale of a card's bars: zero and all values, ``least`` wide or wider."""
+    low, high = min([0.0, *values]), max([0.0, *values])
+    return low, max(high, low + least) if high > low or least else 1.0
+
+
+def reasons(verdict: Verdict, look: dict[str, Look]) -> list[tuple[str, str]]:
+    """Who is not judged, and why: rows with the same reason together, what needs no reason left out."""
+    gathered: dict[str, list[str]] = {}
+    for name, reason in verdict.not_judged:
+        if not reason.endswith("itself"):
+            gathered.setdefault(reason, []).append(name)
+    filters = {name for name, k in look.items() if not k.onboard}
+    return [
+        ("All filters" if len(names) > 1 and filters <= set(names) else listed(names), reason)
+        for reason, names in gathered.items()
+    ]
 
 
 def lead_and_tail(sentence: str) -> tuple[str, str]:
