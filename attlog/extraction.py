@@ -22,22 +22,12 @@ from numpy.typing import NDArray
 from attlog import formats, rotation
 from attlog.errors import OutputError, UsageError
 from attlog.flight.model import FlightLog
+from attlog.flight.record_time import clock_of
 from attlog.output import write_atomic
 from attlog.summary import sha256
 
 if TYPE_CHECKING:
     import pandas
-
-TIME_FIELDS = {  # field -> seconds per count, in order of preference
-    "timestamp": 1e-6,
-    "TimeUS": 1e-6,
-    "TimeMS": 1e-3,
-    "time_usec": 1e-6,
-    "time_boot_ms": 1e-3,
-    "StartTime": 1e-6,
-    "_t_us": 1e-6,
-}
-
 
 @dataclass(slots=True)
 class Extract:
@@ -63,9 +53,10 @@ class Extract:
         return pandas.DataFrame(self.columns)
 
 
-def messages(log: FlightLog, names: Iterable[str]) -> Iterator[Extract]:
+def messages(log: FlightLog, names: Iterable[str], system: int | None = None) -> Iterator[Extract]:
     """The named messages as the log holds them (all instances), scaled as the format prints them.
 
+    Without names all of them. ``system`` is the MAVLink vehicle that ``log`` was read for.
     UsageError names what the log has where a name is unknown.
     """
     opened = formats.open(log.path).boot(log.boot)
@@ -74,13 +65,14 @@ def messages(log: FlightLog, names: Iterable[str]) -> Iterator[Extract]:
     unknown = [n for n in wanted if n not in known]
     if unknown:
         raise UsageError(f"{log.path}: no message {', '.join(unknown)}; it has {', '.join(sorted(known))}")
+    clock = clock_of(opened, system)
     for name in wanted:
         for instance in opened.instances(name):
             table = opened[name, instance]
             columns: dict[str, NDArray[Any]] = {}
-            clock = next((f for f in TIME_FIELDS if f in table), None)
-            if clock is not None and table[clock].ndim == 1:
-                columns["time_s"] = _since_start(table[clock], TIME_FIELDS[clock], log, clock)
+            stamps = clock(table)
+            if stamps is not None:
+                columns["time_s"] = (stamps - log.t0_us) / 1e6
             for column, spec in table.fields.items():
                 columns.update(_flat(column, table.value(column) if spec.scale != 1.0 else table[column]))
             units = {c: spec.unit for c, spec in table.fields.items() if spec.unit}
@@ -209,18 +201,6 @@ def _units(columns: Iterable[str]) -> dict[str, str]:
     """The unit that a column name ends in, as people write it."""
     endings = {"_rad_s": "rad/s", "_m_s2": "m/s^2", "_m_s": "m/s", "_ut": "uT", "_deg": "deg", "_m": "m", "_s": "s"}
     return {c: unit for c in columns for unit in [next((u for e, u in endings.items() if c.endswith(e)), "")] if unit}
-
-
-def _since_start(stamps: NDArray[Any], seconds: float, log: FlightLog, clock: str) -> NDArray[np.float64]:
-    """Seconds since t = 0; integer arithmetic first, so that large clocks lose nothing."""
-    if clock == "_t_us" and log.utc_offset is not None:
-        zero = round(log.utc_offset * 1e6)
-    elif clock == "_t_us":
-        zero = int(stamps[0]) if len(stamps) else 0
-    else:
-        zero = log.t0_us
-    per_us = round(seconds * 1e6)
-    return (stamps.astype(np.int64) * per_us - zero) / 1e6
 
 
 def _flat(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -55,7 +55,7 @@ def command(
         if streams:
             tables += extraction.streams(flight)
     else:
-        tables = list(extraction.streams(flight) if streams else extraction.messages(flight, messages or []))
+        tables = list(extraction.streams(flight) if streams else extraction.messages(flight, messages or [], system))
     tables = [table.between(start, end) for table in tables]
     if not tables:
         raise LogUnusable(f"{log}: nothing to extract")

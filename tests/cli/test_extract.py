@@ -90,3 +90,20 @@ def test_several_tables_need_a_folder(attlog, samples, tmp_path):
     done = attlog("extract", samples / "copter_steps_stabilize.bin", "ATT", "IMU", "-o", tmp_path / "x.csv")
     assert done.code == 2
     assert "folder" in done.err
+
+
+@pytest.mark.parametrize(
+    ("log", "message"),
+    [
+        ("logs/bin_copter_3.2.1_quad_cut.BIN", "GPS"),  # TimeMS is the time of the week there
+        ("logs/tlog_mav1_copter_3.2dev.tlog", "GPS_RAW_INT"),  # time_usec is Unix time there
+        ("logs/px4log_01_07_59_cut.px4log", "GPS"),  # no time field at all
+    ],
+)
+def test_every_message_is_on_the_clock_of_the_flight(corpus, log, message):
+    import attlog
+    from attlog import extraction
+
+    flight = attlog.read(corpus / log)
+    (table,) = extraction.messages(flight, [message])
+    assert -30 < table.columns["time_s"][0] < table.columns["time_s"][-1] < flight.seconds + 30

@@ -1,0 +1,30 @@
+"""The autopilot's clock of any record of a log, whatever the format calls its time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from attlog.flight.timing import Stamps
+from attlog.formats.base import Messages, Table
+
+
+def clock_of(messages: Messages, system: int | None = None) -> Callable[[Table], Stamps | None]:
+    """A function from a table to the boot times (n,) of its records in us, None where they have none.
+
+    ``system`` is the MAVLink vehicle whose boot clock counts; packets of others get
+    the times at which they were received, on the same clock.
+    """
+    if messages.format in ("dataflash", "dataflash_text"):
+        from attlog.flight.ardupilot_time import Clock
+
+        dataflash = Clock(messages)
+        return dataflash.of if dataflash.known else lambda table: None
+    if messages.format in ("tlog", "mavlink"):
+        from attlog.flight.mavlink import of_system
+        from attlog.flight.mavlink_time import PacketClock
+
+        _, instance = of_system(messages, messages.path, system)
+        packets = PacketClock(messages, instance)
+        return lambda table: packets.of(table) if table.instance == instance else packets.by_packet(table)
+    column = "timestamp" if messages.format == "ulog" else "_t_us"
+    return lambda table: table[column].astype("int64") if column in table else None
