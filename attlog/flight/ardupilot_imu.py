@@ -19,6 +19,8 @@ from attlog.formats.base import Messages, ParamChange, Table
 
 INCREMENTS_HZ = 100.0
 RAW_HZ = 400.0
+HIGHEST_CUTOFF_HZ = 10_000.0
+"""No filter of an autopilot reaches further; other values are damage."""
 GYRO, ACC = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
 
 
@@ -93,7 +95,7 @@ def cutoffs(params: list[ParamChange], t_us: int) -> tuple[float, float]:
     values = {"INS_GYRO_FILTER": 0.0, "INS_ACCEL_FILTER": 0.0}
     seen: set[str] = set()
     for change in params:
-        if change.is_default or change.name not in values:
+        if change.is_default or change.name not in values or not 0 <= change.value <= HIGHEST_CUTOFF_HZ:
             continue
         if change.name not in seen or change.t_us is None or change.t_us <= t_us:
             values[change.name] = float(change.value)

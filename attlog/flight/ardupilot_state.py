@@ -16,7 +16,8 @@ from attlog.flight.utc import gps_time_us
 from attlog.formats.base import Messages, Table
 
 BANNER = re.compile(
-    r"(?:APM:|Ardu|APM)(Copter|Plane|Rover|rover2?|Sub|Tracker|Blimp)\s+[Vv]?(\d[\w.\-]*)(?:\s*\(([0-9a-fA-F]+)\))?"
+    r"(?:APM:|Ardu|APM|Antenna|\b)(Copter|Plane|Rover|rover2?|Sub|Tracker|Blimp)\s+"
+    r"[Vv]?(\d[\w.\-]*)(?:\s*\(([0-9a-fA-F]+)\))?"
 )
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
 FRAMES = {

@@ -48,7 +48,7 @@ def parameter(log: FlightLog) -> tuple[str, float] | None:
     """Name and value in deg of the autopilot's declination parameter; None where there is none or it is 0 (not set)."""
     for name, to_deg in PARAMETERS:
         value = log.param(name)
-        if isinstance(value, int | float) and math.isfinite(value) and abs(value * to_deg) > NOT_SET_DEG:
+        if isinstance(value, int | float) and NOT_SET_DEG < abs(value * to_deg) <= 180.0:
             return name, float(value) * to_deg
     return None
 

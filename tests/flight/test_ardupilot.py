@@ -285,3 +285,22 @@ def test_mode_names_agree_with_pymavlink(family: str, theirs: dict[int, str]) ->
     common = {n: (letters(ours[n]), letters(theirs[n])) for n in ours.keys() & theirs.keys()}
     assert len(common) > 8
     assert {n: pair for n, pair in common.items() if pair[0] != pair[1]} == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "firmware", "vehicle"),
+    [
+        ("AntennaTracker V4.5.0 (abcdef12)", "ArduPilot Tracker 4.5.0", "tracker"),
+        ("Blimp V4.6.0-dev (abcdef12)", "ArduPilot Blimp 4.6.0-dev", "blimp"),
+        ("APM:Copter V3.5.4 (284349c3)", "ArduPilot Copter 3.5.4", "multirotor"),
+    ],
+)
+def test_every_firmware_says_who_it_is(text: str, firmware: str, vehicle: str) -> None:
+    log = read({("IMU", 0): imu()}, texts=(Text(text, 6, 9_000_000),))
+    assert (str(log.firmware), log.vehicle) == (firmware, vehicle)
+
+
+@pytest.mark.parametrize("value", [-1e30, 1e30, math.nan, math.inf])
+def test_an_impossible_cutoff_is_unknown(value: float) -> None:
+    unit = read({("IMU", 0): imu()}, [ParamChange("INS_GYRO_FILTER", value, 1)]).imus[0]
+    assert (unit.filtered, unit.gyro.delay) == ("unknown", 0.0)

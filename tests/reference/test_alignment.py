@@ -71,6 +71,11 @@ def test_a_parameter_of_zero_is_not_believed():
     assert "unknown, so headings are magnetic" in text_of(reference, "declination")
 
 
+@pytest.mark.parametrize("value", [1e20, math.nan, -4.0])
+def test_a_parameter_that_is_no_angle_is_not_believed(value):
+    assert "no declination parameter" in text_of(chosen(ardupilot(flight(), COMPASS_DEC=value)), "declination")
+
+
 def test_the_model_goes_before_the_parameter_both_are_told_and_the_user_decides():
     log = ardupilot(flight(), COMPASS_DEC=math.radians(1.5))
     log.gnss, log.utc_offset = [receiver()], MID_2024
