@@ -254,9 +254,9 @@ def why_no_rest(trial: Trial, row: Row, window: str, spans: list[Span]) -> tuple
         return "no_rest", "the vehicle never stood with its motors turning"
     if not trial.segments.spans("rest"):
         return "no_rest", "the vehicle never stood still with motors off for 2 s; record 10 s before arming"
+    if window == "rest.long" and not trial.segments.spans(window):
+        return "no_rest", "no rest of this log is long enough to count as long; record 10 s before arming"
     if not spans:
-        return (
-            "no_rest",
-            f"no rest in window {window} later than {SETTLE_S:.0f} s after this row's start ({row.start:.1f} s)",
-        )
+        where = f" in {window} s" if ":" in window else ""
+        return "no_rest", f"there is no rest{where} later than {SETTLE_S:.0f} s after the filter's start"
     return "rest_too_short", f"no rest of {SHORTEST_S:.0f} s holds {MIN_SAMPLES} samples of this row without a gap"

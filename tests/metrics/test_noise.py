@@ -119,6 +119,17 @@ def test_no_rest_is_a_code_and_a_sentence():
     assert "10 s" in answer.reason
 
 
+def test_why_there_is_no_rest_is_said_without_names_of_windows():
+    row = flights.row(*still(0.01))
+    early = flights.trial([row], [Segment("run", 0, 60), Segment("rest.short", 0, 4)])
+    told = [noise.compute(early, row, window)["noise_roll_deg"].reason for window in ("rest", "rest.long", "2:9")]
+    assert told == [
+        "there is no rest later than 5 s after the filter's start",
+        "no rest of this log is long enough to count as long; record 10 s before arming",
+        "there is no rest in 2:9 s later than 5 s after the filter's start",
+    ]
+
+
 def test_the_step_of_logged_values_is_taken_out_and_noise_below_it_is_not_ranked():
     t, q = still(0.02)
     euler = np.radians(np.round(np.degrees(rotation.to_euler(q)) / 0.05) * 0.05)
