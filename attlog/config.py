@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from attlog import estimators
 from attlog.errors import LogUnreadable, UsageError
 
 
@@ -43,7 +44,7 @@ class Config(BaseModel):
     @field_validator("estimators", mode="before")
     @classmethod
     def _split(cls, value: Any) -> Any:
-        return split_specs(value) if isinstance(value, str) else value
+        return estimators.items(value) if isinstance(value, str) else value
 
     @field_validator("reference")
     @classmethod
@@ -85,18 +86,6 @@ class Config(BaseModel):
         import tomli_w
 
         return tomli_w.dumps(self.resolved())
-
-
-def split_specs(text: str) -> list[str]:
-    """``"a,b:k=1,l=2,c"`` as row specifications: a comma before ``k=v`` belongs to the one before it."""
-    specs: list[str] = []
-    for part in (p.strip() for p in text.split(",")):
-        continues = specs and ":" in specs[-1] and "=" in part and ":" not in part and "@" not in part
-        if continues:
-            specs[-1] += "," + part
-        elif part:
-            specs.append(part)
-    return specs
 
 
 def _explain(error: ValidationError, known: list[str]) -> list[str]:

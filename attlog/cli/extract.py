@@ -49,9 +49,9 @@ def command(
 
     flight = read(log, boot=boot, system=system)
     if estimates:
-        from attlog.config import split_specs
+        from attlog.estimators import items
 
-        tables = list(extraction.estimates(flight, split_specs(estimates)))
+        tables = list(extraction.estimates(flight, items(estimates)))
         if streams:
             tables += extraction.streams(flight)
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from attlog.estimators.api import DEFAULT, Row, estimate, parse, select
+from attlog.estimators.api import DEFAULT, Row, estimate, items, parse, select
 from attlog.estimators.base import Estimate, Estimator, Parameter
 from attlog.estimators.registry import get, names
 from attlog.estimators.samples import place
@@ -15,6 +15,7 @@ __all__ = [
     "Row",
     "estimate",
     "get",
+    "items",
     "names",
     "parse",
     "place",

@@ -68,7 +68,7 @@ def select(text: str, *, acc: bool = True, mag: bool = True) -> list[Row]:
     sets = {"default": DEFAULT, "all": names()}
     lacking = {sensor for sensor, there in (("acc", acc), ("mag", mag)) if not there}
     rows: dict[str, Row] = {}
-    for item in _items(text):
+    for item in items(text):
         members = [_member(one) for one in sets[item]] if item in sets else [parse(item)]
         for row in members:
             if item not in sets or not row.estimator.needs & lacking:
@@ -139,14 +139,14 @@ def _split(text: str) -> tuple[str, list[str]]:
     return text[:begin] + head, [p for p in tail.split(",") if p.strip()]
 
 
-def _items(text: str) -> list[str]:
-    """The rows of a list; a bare ``k=v`` belongs to the row before it."""
-    items: list[str] = []
+def items(text: str) -> list[str]:
+    """The rows of a list as text; a bare ``k=v`` belongs to the row before it. UsageError if there is none."""
+    found: list[str] = []
     for piece in (p.strip() for p in text.split(",")):
-        if items and "=" in piece and ":" not in piece.partition("=")[0]:
-            items[-1] += "," + piece
+        if found and "=" in piece and ":" not in piece.partition("=")[0]:
+            found[-1] += "," + piece
         elif piece:
-            items.append(piece)
-    if not items:
+            found.append(piece)
+    if not found:
         raise UsageError("no estimator named; give default, all or NAME[@PRESET][:k=v,...]")
-    return items
+    return found
