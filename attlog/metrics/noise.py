@@ -195,7 +195,9 @@ def _answer(
 ) -> Answer:
     sigma, (low, high), reason = noise.sigma, noise.ci95, None
     hidden = hidden_deg(trial)[AXES.index(axis)] if row.kind == "replay" else 0.0
-    if sigma < hidden:
+    if math.isinf(hidden):
+        reason, hidden = "the logged gyro never changes about this axis, so its noise is not known", 0.0
+    elif sigma < hidden:
         reason = f"below the noise of {hidden:.2g} deg that the steps of the logged gyro can hide"
     elif sigma < 0.5 * row.step_deg:
         reason = f"below half the step of the logged values ({row.step_deg:.3g} deg)"
@@ -235,7 +237,7 @@ def hidden_deg(trial: Trial) -> list[float]:
     White rate noise of half a step q may not show at all. Integrated every dt it walks at
     random, and a random walk of length T keeps 1/15 of its last variance about its own
     straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
-    logs, 0.005 deg at 10 Hz and 1 mrad/s.
+    logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
     """
     if "noise:hidden" not in trial.cache:
         trial.cache["noise:hidden"] = [0.0] * 3

@@ -205,3 +205,15 @@ def test_the_noise_that_steps_hide_is_that_of_half_a_step_of_rate_noise():
     rate = np.degrees(0.5e-3) * np.random.default_rng(2).standard_normal((50, 1000))
     residual = noise.detrended(row.t[:50], 0.1 * np.cumsum(rate, axis=0))
     assert noise.hidden_deg(trial)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
+
+
+def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
+    t, q = still(0.01)
+    row = flights.row(t, q)
+    trial = flights.trial([row], REST, reference=(t, q))
+    frozen, level = np.zeros((len(t), 3)), np.tile([0.0, 0.0, -9.81], (len(t), 1))
+    trial.log.imus = [Imu(0, Stream(t, frozen, "rad/s", "FRD", "x"), Stream(t, level, "m/s^2", "FRD", "x"))]
+    trial.log.imu = 0
+    answer = noise.compute(trial, row, "rest")["noise_roll_deg"]
+    assert (answer.ranked, "never changes" in answer.reason) == (False, True)
+    assert np.isfinite(answer.detail["floor_deg"])
