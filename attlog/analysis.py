@@ -96,16 +96,13 @@ def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
 
 
 def _read(path: str | Path, config: Config) -> FlightLog:
-    """The flight with the configured sensors; ``--mag none`` hides the magnetometers."""
-    imu, mag = (n if isinstance(n, int) else None for n in (config.imu, config.mag))
-    log = read(path, imu=imu, mag=mag, boot=config.boot, system=config.system)
-    for what, asked, units in (("imu", imu, log.imus), ("mag", mag, log.mags)):
+    """The flight with the configured sensors. UsageError for a sensor that the log does not hold."""
+    imu = config.imu if isinstance(config.imu, int) else None
+    log = read(path, imu=imu, mag=config.mag, boot=config.boot, system=config.system, params=config.params)
+    for what, asked, units in (("imu", imu, log.imus), ("mag", config.mag, log.mags)):
         present = [unit.index for unit in units]
-        if asked is not None and present and asked not in present:
+        if isinstance(asked, int) and present and asked not in present:
             raise UsageError(f"{path}: there is no {what} {asked}; the log holds {', '.join(map(str, present))}")
-    if config.mag == "none":
-        log.mag = None
-        log.choices["mag"] = "none, as asked for"
     return log
 
 

@@ -23,7 +23,8 @@ class Config(BaseModel):
     ``estimators``: row specifications (``default``, ``all``, ``NAME[@PRESET][:k=v,...]``,
     ``FILE.py``). ``imu``, ``mag``: instance to replay, None for the choice of the log,
     ``"all"`` / ``"none"``. ``window``: the window that table and verdicts show beside the
-    standard ones. Times are seconds on the log's clock (0 = first IMU sample).
+    standard ones. ``params``: a parameter file for what the log does not tell. Times are
+    seconds on the log's clock (0 = first IMU sample).
     """
 
     model_config = ConfigDict(extra="forbid", validate_assignment=True)
@@ -40,6 +41,7 @@ class Config(BaseModel):
     input_delay: float | Literal["auto", "off"] = "auto"
     boot: int | None = Field(default=None, ge=0)
     system: int | None = Field(default=None, ge=0, le=255)
+    params: str | None = None
 
     @field_validator("estimators", mode="before")
     @classmethod

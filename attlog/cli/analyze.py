@@ -61,6 +61,9 @@ def command(
     input_delay: Annotated[
         str | None, typer.Option(metavar="MS|off", help="Known delay of the logged IMU. [default: from the log]")
     ] = None,
+    params: Annotated[
+        str | None, typer.Option(metavar="F.param", help="Parameters for what the log does not tell.")
+    ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="F.toml", help="Options from a file; options given here win.")
     ] = None,
@@ -99,6 +102,7 @@ def command(
         "trim": _on_off(trim),
         "boot": boot,
         "system": system,
+        "params": params,
         "input_delay": None if input_delay is None else number_or(input_delay, ("auto", "off"), "--input-delay"),
     }
     settings = _settings(config, {k: v for k, v in options.items() if v is not None})

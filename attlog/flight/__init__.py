@@ -8,6 +8,7 @@ import numpy as np
 
 from attlog import formats
 from attlog.errors import LogUnusable, UsageError
+from attlog.flight import parameter_file
 from attlog.flight.model import FlightLog, Problem
 from attlog.formats.base import Messages
 
@@ -33,12 +34,14 @@ def read(
     mag: int | str | None = None,
     boot: int | None = None,
     system: int | None = None,
+    params: str | Path | None = None,
 ) -> FlightLog:
     """The flight in a log file.
 
     ``imu`` and ``mag`` name an instance instead of the one that flew (``mag="none"``:
     no magnetometer), ``boot`` one of several power-ups in a file, ``system`` one of
-    several vehicles in a tlog. NotALog or LogUnusable if the file holds no flight,
+    several vehicles in a tlog, ``params`` a ground station's parameter file for what the
+    log does not tell. NotALog or LogUnusable if the file holds no flight,
     LogUnreadable if it cannot be opened. A log without usable IMU is returned with
     ``imu`` None and the reason among ``problems``.
     """
@@ -52,6 +55,8 @@ def read(
     if not 0 <= chosen < boots:
         raise UsageError(f"{messages.path}: there is no boot {boot}; the log holds boots 0 to {boots - 1}")
     part = messages.boot(chosen) if boots > 1 else messages
+    if params is not None:
+        parameter_file.add_missing(part, Path(params))
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
         log = read_messages(part, imu, mag, system)
