@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from attlog.flight.model import FlightLog
 from attlog.reference.model import Reference, Row, Witness
 from attlog.segments.model import Segments
 
-__all__ = ["Metric", "Trial", "Witness"]
+__all__ = ["Metric", "Trial", "Witness", "paragraph"]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,16 @@ class Trial:
     rows: list[Row]
     witnesses: dict[str, Witness] = field(default_factory=dict)
     cache: dict[str, Any] = field(default_factory=dict)
-    """For values that several rows share (events, for one); keyed by the metric file's name."""
+    """What :meth:`once` has computed."""
+
+    def once(self, key: str, compute: Callable[[], T]) -> T:
+        """What ``compute`` returns, computed at the first call only: for what rows, windows or metrics share.
+
+        ``key`` begins with the name of the metric's file and names all that the value depends on.
+        """
+        if key not in self.cache:
+            self.cache[key] = compute()
+        return self.cache[key]
 
 
 def paragraph(text: str) -> str:

@@ -75,8 +75,12 @@ def heading_error(row: Row, witness: Witness) -> tuple[Array, NDArray[np.int64]]
 
 def error_blocks(trial: Trial, row: Row, name: str, window: str) -> drift.Blocks | None:
     """1 s means of the heading error against a witness, airborne and scored; None where the witness is absent."""
-    reference, witness = trial.reference, trial.witnesses.get(name)
     spans = intersect(trial.segments.spans("airborne"), trial.segments.spans(window))
+    return trial.once(f"drift_air:{row.name}:{name}:{spans}", lambda: _error_blocks(trial, row, name, spans))
+
+
+def _error_blocks(trial: Trial, row: Row, name: str, spans: list[tuple[float, float]]) -> drift.Blocks | None:
+    reference, witness = trial.reference, trial.witnesses.get(name)
     if name == reference.kind and row.errors is not None:
         errors = row.errors
         keep = inside(errors.t, spans) & errors.scored

@@ -31,10 +31,7 @@ METRICS: tuple[Metric, ...] = (
 
 def rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blocks:
     """1 s means of the row's heading in deg during one rest, relative to its mean there."""
-    key = f"drift_rest:{row.name}:{span}"
-    if key not in trial.cache:
-        trial.cache[key] = _rest_blocks(trial, row, span)
-    return trial.cache[key]
+    return trial.once(f"drift_rest:{row.name}:{span}", lambda: _rest_blocks(trial, row, span))
 
 
 def _rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blocks:

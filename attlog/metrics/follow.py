@@ -62,6 +62,10 @@ def verdict(trial: Trial, row: Row, axis: str) -> Verdict:
     One gain of 0.8 to 1.2 is enough: acceleration bends real filters in steps (gain
     0.75), the probe then shows that they are not frozen.
     """
+    return trial.once(f"follow:{row.name}:{axis}", lambda: _verdict(trial, row, axis))
+
+
+def _verdict(trial: Trial, row: Row, axis: str) -> Verdict:
     found: list[str] = []
     for gain, how in _gains(trial, row, ("roll", "pitch", "heading").index(axis)):
         if LOW <= gain <= HIGH:
@@ -79,11 +83,9 @@ def _gains(trial: Trial, row: Row, axis: int) -> Iterator[tuple[float, str]]:
     step = lag.fits(trial, row, "all").get(steps.AXES[axis])
     if step is not None and step.events >= lag.MIN_EVENTS:
         yield step.gain, f"in {step.events} steps"
-    key = f"follow:{row.name}"
-    if key not in trial.cache:
-        trial.cache[key] = _regression(row)
-    if np.isfinite(trial.cache[key][axis]):
-        yield float(trial.cache[key][axis]), "by regression on the reference's rate"
+    regression = trial.once(f"follow:{row.name}:regression", lambda: _regression(row))
+    if np.isfinite(regression[axis]):
+        yield float(regression[axis]), "by regression on the reference's rate"
     probed = probe.gains(trial, row)
     if probed is not None:
         yield float(probed[axis]), "in a probe at rest"

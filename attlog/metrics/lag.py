@@ -64,14 +64,14 @@ METRICS: tuple[Metric, ...] = tuple(
 def fits(trial: Trial, row: Row, window: str) -> dict[str, Fit]:
     """The fits of a row over the events of a window: per axis and ``all``; shared by everything that looks at steps."""
     events = steps.in_window(trial, scored_events(trial, row), window)
-    cache = trial.cache.setdefault(f"lag:{row.name}", {})
-    key = tuple(e.onset for e in events)
-    if key not in cache:
-        ref = trial.reference
-        cache[key] = (
-            angle_fit.by_axis(Track(row.t, row.q, row.run), Track(ref.t, ref.q, ref.piece), events) if events else {}
-        )
-    return cache[key]
+    if not events:
+        return {}
+    r = trial.reference
+    reference = trial.once("lag:reference", lambda: Track(r.t, r.q, r.piece))
+    return trial.once(
+        f"lag:{row.name}:{[(e.axis, e.onset) for e in events]}",
+        lambda: angle_fit.by_axis(Track(row.t, row.q, row.run), reference, events),
+    )
 
 
 def scored_events(trial: Trial, row: Row) -> list[steps.Event]:

@@ -180,14 +180,15 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
 
 def measured(trial: Trial, row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
     """The windows of a row within spans of rest, and its noise about roll, pitch, the vertical and body z."""
-    key = f"noise:{row.name}:{spans}"
-    if key not in trial.cache:
-        windows = [w for span in spans for p in within(row.t, span, row.run) for w in cut(row.t, p)]
-        windows = [w for w in windows if np.isfinite(row.q[w]).all()]
-        residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
-        found = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
-        trial.cache[key] = windows, [n for n in found if n is not None]
-    return trial.cache[key]
+    return trial.once(f"noise:{row.name}:{spans}", lambda: _measured(row, spans))
+
+
+def _measured(row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
+    windows = [w for span in spans for p in within(row.t, span, row.run) for w in cut(row.t, p)]
+    windows = [w for w in windows if np.isfinite(row.q[w]).all()]
+    residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
+    found = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
+    return windows, [n for n in found if n is not None]
 
 
 def _answer(
@@ -216,19 +217,22 @@ def _answer(
 
 def input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
     """The same statistic of the replayed gyro (deg/s) and accelerometer (m/s^2) in the same windows, per body axis."""
-    key = f"noise:input:{spans}"
-    if key not in trial.cache:
-        trial.cache[key] = {}
-        if trial.log.imu is not None:
-            imu = trial.log.imus[trial.log.imu]
-            for name, stream, factor in (("gyro_dps", imu.gyro, np.degrees(1.0)), ("acc_m_s2", imu.acc, 1.0)):
-                windows = [w for span in spans for p in within(stream.t, span) for w in cut(stream.t, p)]
-                residuals = [detrended(stream.t[w], stream.x[w]) for w in windows if np.isfinite(stream.x[w]).all()]
-                if residuals:
-                    weight = sum(len(r) - 2 for r in residuals)
-                    sigma = np.sqrt(sum(np.sum(r**2, axis=0) for r in residuals) / weight) * factor
-                    trial.cache[key][f"input_{name}"] = [float(s) for s in sigma]
-    return trial.cache[key]
+    return trial.once(f"noise:input:{spans}", lambda: _input_noise(trial, spans))
+
+
+def _input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
+    found: dict[str, list[float]] = {}
+    if trial.log.imu is None:
+        return found
+    imu = trial.log.imus[trial.log.imu]
+    for name, stream, factor in (("gyro_dps", imu.gyro, np.degrees(1.0)), ("acc_m_s2", imu.acc, 1.0)):
+        windows = [w for span in spans for p in within(stream.t, span) for w in cut(stream.t, p)]
+        residuals = [detrended(stream.t[w], stream.x[w]) for w in windows if np.isfinite(stream.x[w]).all()]
+        if residuals:
+            weight = sum(len(r) - 2 for r in residuals)
+            sigma = np.sqrt(sum(np.sum(r**2, axis=0) for r in residuals) / weight) * factor
+            found[f"input_{name}"] = [float(s) for s in sigma]
+    return found
 
 
 def hidden_deg(trial: Trial) -> list[float]:
@@ -239,15 +243,17 @@ def hidden_deg(trial: Trial) -> list[float]:
     straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
     logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
     """
-    if "noise:hidden" not in trial.cache:
-        trial.cache["noise:hidden"] = [0.0] * 3
-        gyro = None if trial.log.imu is None else trial.log.imus[trial.log.imu].gyro
-        if gyro is not None and len(gyro.t) > 1:
-            some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
-            steps = [np.diff(np.unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
-            share = 0.5 * math.sqrt(float(np.median(np.diff(gyro.t))) * WINDOW_S / 15.0)
-            trial.cache["noise:hidden"] = [share * float(step) for step in steps]
-    return trial.cache["noise:hidden"]
+    return trial.once("noise:hidden", lambda: _hidden_deg(trial))
+
+
+def _hidden_deg(trial: Trial) -> list[float]:
+    gyro = None if trial.log.imu is None else trial.log.imus[trial.log.imu].gyro
+    if gyro is None or len(gyro.t) < 2:
+        return [0.0] * 3
+    some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
+    steps = [np.diff(np.unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
+    share = 0.5 * math.sqrt(float(np.median(np.diff(gyro.t))) * WINDOW_S / 15.0)
+    return [share * float(step) for step in steps]
 
 
 def why_no_rest(trial: Trial, row: Row, window: str, spans: list[Span]) -> tuple[str, str]:

@@ -34,10 +34,7 @@ def gains(trial: Trial, row: Row) -> Array | None:
 
     Real filters show 1.00, accelerometer-only ones 0.2 to 0.7, a frozen one 0.
     """
-    key = f"probe:{row.name}"
-    if key not in trial.cache:
-        trial.cache[key] = _gains(trial, row)
-    return trial.cache[key]
+    return trial.once(f"probe:{row.name}", lambda: _gains(trial, row))
 
 
 def _gains(trial: Trial, row: Row) -> Array | None:

@@ -74,18 +74,20 @@ def time_back(t: Array, error: Array, disturbance: Span) -> float | None:
 
 def disturbances(trial: Trial) -> dict[str, Span]:
     """The largest disturbance of accelerometer and of magnetometer in scored flight, where there is one."""
-    if "recovery" not in trial.cache:
-        log, found = trial.log, {}
-        if log.imu is not None:
-            acc = log.imus[log.imu].acc
-            found["acc"] = _in_flight(trial, acc.t, acc.x, earth.gravity(45.0))
-        if log.mag is not None:
-            field = log.mags[log.mag].field
-            sizes = np.sqrt(np.sum(field.x**2, axis=1))
-            usual = float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
-            found["mag"] = _in_flight(trial, field.t_best, field.x, usual)
-        trial.cache["recovery"] = {k: v for k, v in found.items() if v is not None}
-    return trial.cache["recovery"]
+    return trial.once("recovery", lambda: _disturbances(trial))
+
+
+def _disturbances(trial: Trial) -> dict[str, Span]:
+    log, found = trial.log, {}
+    if log.imu is not None:
+        acc = log.imus[log.imu].acc
+        found["acc"] = _in_flight(trial, acc.t, acc.x, earth.gravity(45.0))
+    if log.mag is not None:
+        field = log.mags[log.mag].field
+        sizes = np.sqrt(np.sum(field.x**2, axis=1))
+        usual = float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
+        found["mag"] = _in_flight(trial, field.t_best, field.x, usual)
+    return {k: v for k, v in found.items() if v is not None}
 
 
 def _in_flight(trial: Trial, t: Array, x: Array, usual: float) -> Span | None:

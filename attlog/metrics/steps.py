@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.metrics.base import Trial
+from attlog.reference.model import Reference
 
 Array = NDArray[np.float64]
 
@@ -57,11 +58,12 @@ def find(t: Array, q: Array, piece: NDArray[np.int64]) -> list[Event]:
 
 def of_trial(trial: Trial) -> list[Event]:
     """The events of the reference that every row is judged by: after the scoring start, before the end."""
-    if "steps" not in trial.cache:
-        r = trial.reference
-        found = find(r.t, r.q, r.piece) if len(r.t) else []
-        trial.cache["steps"] = [e for e in found if e.begin >= r.scoring_start and e.end <= r.end]
-    return trial.cache["steps"]
+    return trial.once("steps", lambda: _scored(trial.reference))
+
+
+def _scored(reference: Reference) -> list[Event]:
+    found = find(reference.t, reference.q, reference.piece) if len(reference.t) else []
+    return [e for e in found if e.begin >= reference.scoring_start and e.end <= reference.end]
 
 
 def in_window(trial: Trial, events: list[Event], window: str) -> list[Event]:
