@@ -118,7 +118,8 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     if length < SHORTEST_S:
         reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
         return {m.name: missing("rest_too_short", reason, m.unit, window) for m in METRICS}
-    d = deviation(angles(row, piece)[:, 2], length / (len(t) - 1))
+    step = length / (len(t) - 1)
+    d = trial.once(f"allan:{row.name}:{piece}", lambda: deviation(angles(row, piece)[:, 2], step))
     found = {"allan_arw_deg_per_sqrt_h": _walk(d, length, window), "allan_bias_deg_per_h": _floor(d, length, window)}
     return {name: follow.unrank_frozen(trial, row, "heading", answer) for name, answer in found.items()}
 

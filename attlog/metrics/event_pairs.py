@@ -32,9 +32,20 @@ class Track:
     piece: NDArray[np.int64]
     step: float = field(init=False)
     """Median time between samples, s."""
+    moves: dict[tuple[Event, float], Move | None] = field(init=False, default_factory=dict)
+    """What :func:`own_move` found, for the rows that are compared with this attitude."""
 
     def __post_init__(self) -> None:
         self.step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else math.inf
+
+
+@dataclass(slots=True)
+class Move:
+    """A stretch of an attitude around an event: rotation vectors (n, 3) in deg from its sample nearest mid-step."""
+
+    t: Array
+    turn: Array
+    middle: float
 
 
 @dataclass(slots=True)
@@ -144,28 +155,48 @@ def relative(est: Track, ref: Track, events: list[Event], delay: float) -> list[
     return [m for m in found if m is not None]
 
 
+def own_move(track: Track, event: Event, reach: float) -> Move | None:
+    """The attitude from ``reach`` s before to after an event's window, from its own mid-step; None if not covered."""
+    if (event, reach) not in track.moves:
+        track.moves[event, reach] = _own_move(track, event, reach)
+    return track.moves[event, reach]
+
+
+def _own_move(track: Track, event: Event, reach: float) -> Move | None:
+    part = stretch(track, event, reach)
+    if part is None or track.t[part][0] > event.onset or track.t[part][-1] < event.t90:
+        return None
+    t, q = track.t[part], track.q[part]
+    if not np.isfinite(q).all():
+        return None
+    middle = int(np.argmin(np.abs(t - event.middle)))
+    return Move(t, _turned(q[middle], q), float(t[middle]))
+
+
+def stretch(track: Track, event: Event, reach: float) -> slice | None:
+    """The samples around an event that belong to the piece of its mid-step; None for fewer than 4."""
+    i, j = np.searchsorted(track.t, [event.begin - reach, event.end + reach])
+    middle = min(int(np.searchsorted(track.t, event.middle)), len(track.t) - 1)
+    same = np.flatnonzero(track.piece[i:j] == track.piece[middle])
+    return None if len(same) < MIN_SAMPLES else slice(int(same[0] + i), int(same[-1] + i) + 1)
+
+
+def _turned(start: Array, q: Array) -> Array:
+    return np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(start), q)))
+
+
 def _relative(est: Track, ref: Track, event: Event, delay: float) -> Relative | None:
     margin = RANGE_S + 2.0 * max(est.step, ref.step)
-    parts = []
-    for track, reach in ((ref, margin if is_slower(est.step, ref.step) else 0.0), (est, margin)):
-        i, j = np.searchsorted(track.t, [event.begin - reach, event.end + reach])
-        middle = min(int(np.searchsorted(track.t, event.middle)), len(track.t) - 1)
-        same = np.flatnonzero(track.piece[i:j] == track.piece[middle])
-        if len(same) < MIN_SAMPLES:
-            return None
-        part = slice(int(same[0] + i), int(same[-1] + i) + 1)
-        parts += [track.t[part], track.q[part]]
-    t_ref, q_ref, t_est, q_est = parts
+    own = own_move(ref, event, margin if is_slower(est.step, ref.step) else 0.0)
+    part = stretch(est, event, margin)
+    if own is None or part is None:
+        return None
+    t_ref, r_ref, t_est, q_est = own.t, own.turn, est.t[part], est.q[part]
     early, late = min(delay, 0.0), max(delay, 0.0)
     covered = t_est[0] <= event.onset - 0.1 + early and t_est[-1] >= event.t90 + 0.3 + late
-    if not covered or t_ref[0] > event.onset or t_ref[-1] < event.t90:
+    if not covered or not np.isfinite(q_est).all():
         return None
-    if not (np.isfinite(q_ref).all() and np.isfinite(q_est).all()):
-        return None
-    middle = int(np.argmin(np.abs(t_ref - event.middle)))
-    own_middle = rotation.slerp(t_est, q_est, t_ref[middle] + delay)[0]
-    r_ref = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_ref[middle]), q_ref)))
-    r_est = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(own_middle), q_est)))
+    r_est = _turned(rotation.slerp(t_est, q_est, own.middle + delay)[0], q_est)
     if is_slower(est.step, ref.step):
         use = np.sum(r_est**2, axis=1) <= LARGEST_TURN_DEG**2
         use &= (t_est - late >= t_ref[0]) & (t_est - early <= t_ref[-1])

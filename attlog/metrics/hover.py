@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
-from attlog.metrics.spans import about, seconds, within
+from attlog.metrics.spans import Span, about, seconds, within
 from attlog.reference.model import Row
 from attlog.segments.spans import intersect
 
@@ -46,17 +47,18 @@ def band_power(x: Array, step: float) -> float:
     return float(np.sum(power[(frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])]))
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without hover by definition."""
-    if not about(window, "all", "airborne", "hover"):
-        return {}
-    name = "hover_jitter_deg"
-    spans = intersect(trial.segments.spans("hover"), trial.segments.spans(window))
-    spans = intersect(spans, [(row.start + 5.0, math.inf)])
-    if not spans:
-        return {name: missing("not_covered", f"no hover in window {window}", "deg", window)}
-    pieces = [p for span in spans for p in within(row.t, span, row.run) if np.isfinite(row.q[p]).all()]
+@dataclass(frozen=True, slots=True)
+class Powers:
+    """Powers (deg^2) of half overlapping windows of hover, the time they stand for, and the share within 5 deg."""
+
+    powers: list[float]
+    seconds: float
+    near_pct: float
+
+
+def _powers(row: Row, spans: list[Span]) -> Powers:
     powers, near, total = [], 0, 0
+    pieces = [p for span in spans for p in within(row.t, span, row.run) if np.isfinite(row.q[p]).all()]
     for piece in pieces:
         t = row.t[piece]
         step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
@@ -70,6 +72,20 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         for begin in range(0, len(t) - size + 1, size // 2):
             part = away[begin : begin + size]
             powers.append(band_power(part[:, 0], step) + band_power(part[:, 1], step))
+    return Powers(powers, seconds(row.t, pieces), 100.0 * near / max(total, 1))
+
+
+def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without hover by definition."""
+    if not about(window, "all", "airborne", "hover"):
+        return {}
+    name = "hover_jitter_deg"
+    spans = intersect(trial.segments.spans("hover"), trial.segments.spans(window))
+    spans = intersect(spans, [(row.start + 5.0, math.inf)])
+    if not spans:
+        return {name: missing("not_covered", f"no hover in window {window}", "deg", window)}
+    found = trial.once(f"hover:{row.name}:{spans}", lambda: _powers(row, spans))
+    powers = found.powers
     if not powers:
         reason = f"no hover of {WINDOW_S:.0f} s without a gap at {MIN_RATE_HZ:.0f} Hz or more"
         return {name: missing("record_too_short", reason, "deg", window)}
@@ -77,7 +93,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     ci95 = interval.of_sigma_log(sigma, powers[::2])
     reason = "one window of hover gives no interval" if ci95 is None else None
     answer = Answer(
-        sigma, "deg", window, len(powers[::2]), seconds(row.t, pieces), ci95, f"{len(powers)} windows of 4 s",
-        reason=reason, ranked=reason is None, detail={"within_5_deg_pct": 100.0 * near / total},
+        sigma, "deg", window, len(powers[::2]), found.seconds, ci95, f"{len(powers)} windows of 4 s",
+        reason=reason, ranked=reason is None, detail={"within_5_deg_pct": found.near_pct},
     )  # fmt: skip
     return {name: follow.unrank_frozen(trial, row, "roll", answer)}

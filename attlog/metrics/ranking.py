@@ -54,7 +54,7 @@ def leaders(answers: Mapping[str, Answer], better: str) -> list[str]:
     if len(ranked) < MIN_ROWS:
         return []
     found = {name: distance(a, better) for name, a in ranked.items()}
-    first = min(found, key=lambda name: found[name][1])
+    first = min(found, key=lambda name: found[name][1:])
     _, best, best_high = found[first]
 
     def ties(name: str) -> bool:
