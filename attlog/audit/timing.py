@@ -20,7 +20,7 @@ def checks(log: FlightLog) -> list[Check]:
     imu = log.imus[log.imu or 0]
     t = imu.gyro.t
     if len(t) < 3:
-        return [Check("rate", "bad", f"{imu.gyro.source}: {len(t)} samples only.", 0.0, "Hz", ">= 10 Hz")]
+        return [Check("rate", "bad", f"{imu.gyro.source}: too short, {len(t)} of 3 samples.", 0.0, "Hz", ">= 10 Hz")]
     dt = np.diff(t)
     breaks = gaps(t) - 1
     steady = np.delete(dt, breaks)

@@ -41,7 +41,9 @@ def command(
 
         typer.echo(json.dumps(report, ensure_ascii=False, indent=1, allow_nan=False))
     elif not quiet:
-        _show(report, console(), verbose)
+        from attlog.report.text import cleaned
+
+        _show(cleaned(report), console(), verbose)
     if verify and not report["verify"]["agrees"]:
         raise typer.Exit(1)
 
@@ -87,15 +89,8 @@ def _show(report: dict[str, Any], out: Console, verbose: int) -> None:
     if problems:
         out.print("[bold]Problems[/]")
         for p in problems:
-            where = (
-                f" at {p['t']:.1f} s"
-                if p["t"] is not None
-                else f" at byte {p['offset']}"
-                if p["offset"] is not None
-                else ""
-            )
-            times = f" ({p['count']} times)" if p["count"] > 1 else ""
-            out.print(f"  {p['severity']}: {escape(p['text'])}{where}{times}")
+            since = "" if p["t"] is None else f" (from {p['t']:.1f} s on)"
+            out.print(f"  {p['severity']}: {escape(p['text'])}{since}")
     if verbose:
         table = Table(
             "message", "instance", "records", "fields", box=None, pad_edge=False, title="Messages", title_justify="left"

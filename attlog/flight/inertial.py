@@ -136,12 +136,12 @@ def choose_unit(
             )
             wanted, reason = fast[0], "the only one logged fast enough"
     unit = units[wanted]
-    reading.choices["imu"] = sentence(reason)
     if len(unit.t_us) < REPLAY_MIN_SAMPLES:
         reading.problem(
             "imu_too_short",
             "error",
-            f"{unit.source} holds {len(unit.t_us)} samples; a replay needs at least {REPLAY_MIN_SAMPLES}. {how_to_log}",
+            f"{unit.source} is too short: {len(unit.t_us)} of the {REPLAY_MIN_SAMPLES} samples that a replay needs. "
+            f"{how_to_log}",
         )
         return None
     if unit.rate < REPLAY_MIN_HZ:
@@ -159,6 +159,7 @@ def choose_unit(
             f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and lags below "
             f"{1000 / unit.rate:.0f} ms cannot be told. {how_to_log}",
         )
+    reading.choices["imu"] = sentence(reason)
     return wanted
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
+
+from attlog.formats import ulog
 
 
 @pytest.mark.parametrize(
@@ -36,3 +39,17 @@ def test_verify_agrees_with_the_official_reader(attlog, samples, log):
     done = attlog("info", samples / log, "--verify")
     assert done.code == 0, done.out + done.err
     assert "Agrees with" in done.out
+
+
+def test_a_strangers_log_cannot_write_to_the_terminal(attlog, tmp_path):
+    """Escape sequences in the firmware's name are shown as marks; a damaged place is told once."""
+    path = tmp_path / "evil.ulg"
+    stamps = (1_000_000 + 5000 * np.arange(400)).astype("<u8")
+    q = np.tile(np.array([1, 0, 0, 0], "<f4"), (400, 1))
+    ulog.write(path, {("vehicle_attitude", 0): {"timestamp": stamps, "q": q}}, info={"sys_name": "PX4\x1b]0;owned\x07"})
+    path.write_bytes(path.read_bytes()[:-5])
+    done = attlog("info", path, "--no-color")
+    assert done.code == 0
+    assert "owned" in done.out
+    assert "\x1b" not in done.out
+    assert done.out.count("at byte") == 1
