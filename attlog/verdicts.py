@@ -21,6 +21,9 @@ AIR = ("airborne", "all", "armed")
 WITNESSES = ("truth", "smoother", "onboard", "gnss_yaw", "mag", "course")
 """The order in which a heading witness in the air is believed."""
 
+SITUATIONS = ("at rest", "in the air")
+"""Where the heading may drift; reasons of the third question start with it."""
+
 NAMED = 3
 """So many rows are named in a sentence; more are counted."""
 
@@ -278,8 +281,8 @@ def drifting(result: Result) -> Verdict:
     witness, air, air_without = air_drift(result)
     shown = rest if any(j.ranked for j in rest) or not air else air
     others = [
-        (name, f"{where}: {reason}")
-        for where, part in (("at rest", rest_without), ("in the air", air_without))
+        (name, f"{where}, {reason}")
+        for where, part in zip(SITUATIONS, (rest_without, air_without), strict=True)
         for name, _, reason in part
     ]
     verdict = Verdict(
@@ -291,7 +294,8 @@ def drifting(result: Result) -> Verdict:
         [(j.row.name, j.value, "deg/min") for j in sorted(shown, key=lambda j: abs(j.value)) if j.shown],
         others + unranked(shown),
     )
-    parts = [drift_part(rest, "At rest"), drift_part(air, f"In the air against {witness_name(witness)}")]
+    both = any(j.ranked for j in rest) and any(j.ranked for j in air)
+    parts = [drift_part(rest, "At rest", both), drift_part(air, f"In the air against {witness_name(witness)}", both)]
     said = [p for p in parts if p]
     replayed = [j for j in shown if j.row.kind == "replay"]
     if said:
@@ -337,8 +341,8 @@ def air_drift(result: Result) -> tuple[str, list[Judged], list[tuple[str, str, s
     return witness, judged, without
 
 
-def drift_part(judged: list[Judged], where: str) -> str:
-    """One sentence on drift in one situation; empty where nothing may be ranked."""
+def drift_part(judged: list[Judged], where: str, brief: bool) -> str:
+    """One sentence on drift in one situation, ``brief`` on what cannot be told; empty where nothing may be ranked."""
     ranked = sorted((j for j in judged if j.ranked), key=lambda j: abs(j.value))
     if not ranked:
         return ""
@@ -357,9 +361,11 @@ def drift_part(judged: list[Judged], where: str) -> str:
             says += f"; least: {drifts[0].row.name}, {quantity(drifts[0].value, 'deg/min')}{drifts[0].interval}"
     unsure = [j.row.name for j in judged if j.row.kind == "replay" and j.row.status == "ok" and not j.ranked]
     lost = [j.row.name for j in judged if j.row.kind == "replay" and j.row.status != "ok"]
-    if unsure:
+    if brief and unsure + lost:
+        says += f"; {counted(unsure + lost)} cannot be judged"
+    elif unsure:
         says += f"; {counted(unsure)} wander{'s' if len(unsure) == 1 else ''} too much to tell a drift"
-    if lost:
+    if lost and not brief:
         says += f"; {counted(lost)} diverged or did not settle"
     return says + "." + onboard_drift(judged)
 

@@ -284,4 +284,4 @@ def test_filters_that_wander_and_filters_that_are_lost_are_told_apart():
 
 def test_the_part_that_is_not_answered_is_explained():
     air = drift(air=6.0) | {"rest": {"drift_rest_deg_per_min": missing("no_rest", "no rest", "deg/min", "rest")}}
-    assert verdict("drifting", [row("gyro", air)]).not_judged == [("gyro", "at rest: no rest")]
+    assert verdict("drifting", [row("gyro", air)]).not_judged == [("gyro", "at rest, no rest")]

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 EXIT_ORDER = (130, 70, 73, 2, 66, 65, 75, 1)
 """With several logs, the first of these that occurred is the exit code."""
 
+WIDTH = 100
+"""Columns over which the three sentences are laid out; longer lines are hard to read."""
+
 
 def command(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Flight logs: .ulg, .bin, .log, .tlog.")],
@@ -183,15 +186,23 @@ def _on_off(text: str | None) -> bool | None:
 
 def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbose: int) -> None:
     from rich.markup import escape
+    from rich.table import Table
 
-    from attlog.cli.table import comparison_table
+    from attlog.cli.table import LEGEND, comparison_table
     from attlog.report import bundle_notice
 
     out = console(stderr=on_stderr)
     out.print(f"[bold]{escape(result.log['name'])}[/]")
+    sentences = Table.grid(padding=(0, 2, 0, 0))
     for verdict in result.verdicts:
-        out.print(f"  [bold]{escape(verdict.title)}[/] {escape(verdict.sentence)}")
-    out.print(comparison_table(result, settings.window or "all"))
+        sentences.add_row(f"  [bold]{verdict.question}[/]", escape(verdict.sentence))
+    out.print(sentences, width=min(out.width, WIDTH))
+    table = comparison_table(result, settings.window or "all")
+    if len(table.columns) > 1:
+        out.print()
+        out.print(table)
+        out.print(f"[dim]{LEGEND}[/]")
+    out.print()
     for problem in result.problems:
         if verbose or problem.severity in ("warning", "error"):
             out.print(f"  {problem.severity}: {escape(problem.text)}")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from attlog.metrics.trace import Trace
-from attlog.report.figure import Figure, number, said, series
+from attlog.numbers import quantity
+from attlog.report.figure import Figure, number, reach, said, series
 from attlog.report.pack import BUDGET, Store
 from attlog.report.table import ALL
 from attlog.result import Result
@@ -16,7 +17,17 @@ def more(by: dict[str, list[Trace]], names: list[str], store: Store, result: Res
     if by.get("bias"):
         drawn, ratio = series(by["bias"], ("x", "y", "z"), names, store, BUDGET // 2, 1e-4)
         caption = "Subtracted from the logged gyro. Filters without a bias state are not drawn. " + said(ratio)
-        figures.append(Figure("bias", "bias", "Gyro bias that the filters found", caption, 430, {"series": drawn}))
+        figures.append(
+            Figure(
+                "bias",
+                "bias",
+                "Gyro bias that the filters found",
+                caption,
+                430,
+                {"series": drawn},
+                words=reach(by["bias"], "deg/s"),
+            )
+        )
     points = []
     for row in result.estimators:
         cost, error = find(row, "cost_ns", ALL), find(row, "inclination_rmse_deg", AIR)
@@ -28,5 +39,8 @@ def more(by: dict[str, list[Trace]], names: list[str], store: Store, result: Res
             "Left is cheap, down is close to the reference. "
             "Cost: nanoseconds per IMU sample on the machine that made this report."
         )
-        figures.append(Figure("cost", "cost", "Cost against tilt error", caption, 330, {"points": points}, wide=False))
+        words = "; ".join(f"{names[p['r']]} {p['x']:.0f} ns, {quantity(p['y'], 'deg')}" for p in points)
+        figures.append(
+            Figure("cost", "cost", "Cost against tilt error", caption, 330, {"points": points}, wide=False, words=words)
+        )
     return figures

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.metrics.trace import Trace
-from attlog.report.figure import Figure, dot, dot_height, series
+from attlog.report.figure import Figure, dot, dot_height, reach, series, told
 from attlog.report.pack import BUDGET, Store
 from attlog.result import Result
 
@@ -31,6 +31,13 @@ SYMBOLS = {
 }
 """How a drift is drawn by where it was found; the script has the same list."""
 
+NAMED = {
+    "against mag": "against the magnetometer",
+    "against gnss_yaw": "against the GNSS heading",
+    "against course": "against the GNSS course",
+}
+"""A witness in words where its name is none."""
+
 
 def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:
     """Heading drift against every witness, and all drifts with their intervals."""
@@ -42,8 +49,10 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
         drawn, _ = series([centred(t) for t in same], ("heading", "line"), names, store, BUDGET // 4, 0.001)
         title = "Heading " + WITNESS.get(key, f"minus {key}")
         caption = "One-second means with the fitted line, each minus its own mean; anything but flat is drift."
+        caption = caption if i == 0 else ""
+        words = reach(same)
         data = {"series": drawn, "range": [min(float(t.t[0]) for t in same), max(float(t.t[-1]) for t in same)]}
-        figures.append(Figure(f"drift{i}", "drift", title, caption, 330, data, wide=False))
+        figures.append(Figure(f"drift{i}", "drift", title, caption, 330, data, wide=False, words=words))
     dots = []
     for row in result.estimators:
         for window in row.metrics.values():
@@ -55,11 +64,18 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
                         dots.append(entry)
     if dots:
         symbols = dict.fromkeys(d["where"] for d in dots)
-        caption = ", ".join(f"{SYMBOLS.get(where, '○')} {where}" for where in symbols)
+        caption = ", ".join(f"{SYMBOLS.get(where, '○')} {NAMED.get(where, where)}" for where in symbols)
         caption += ". An interval across zero: no drift that differs from zero."
         figures.append(
             Figure(
-                "drifts", "drifts", "Drift with 95 % interval", caption, dot_height(dots), {"rows": dots}, wide=False
+                "drifts",
+                "drifts",
+                "Drift with 95 % interval",
+                caption,
+                dot_height(dots),
+                {"rows": dots},
+                wide=False,
+                words=told(dots, names, "deg/min"),
             )
         )
     return figures

@@ -10,12 +10,16 @@ import numpy as np
 
 from attlog.metrics.answer import Answer
 from attlog.metrics.trace import Trace
+from attlog.numbers import interval, quantity
 from attlog.report.pack import Store, reduce
 
 
 @dataclass(slots=True)
 class Figure:
-    """A place in the page: ``kind`` names the drawing function of the script, ``data`` is what it draws."""
+    """A place in the page: ``kind`` names the drawing function of the script, ``data`` is what it draws.
+
+    ``words`` says for those who do not see it what it shows.
+    """
 
     id: str
     kind: str
@@ -24,6 +28,7 @@ class Figure:
     height: int
     data: dict[str, Any] = field(default_factory=dict)
     wide: bool = True
+    words: str = ""
 
 
 def series(
@@ -53,6 +58,28 @@ def said(ratio: float) -> str:
     if ratio <= 1.0:
         return "Every sample is stored."
     return f"Stored: smallest and largest value of each stretch, 1 in {ratio:.1f} samples; no peak is lost."
+
+
+def reach(traces: list[Trace], unit: str = "deg") -> str:
+    """What lines show in words: of each row and column the smallest and the largest value."""
+    rows: dict[str, list[str]] = {}
+    for trace in traces:
+        for column, y in trace.columns.items():
+            good = np.asarray(y, np.float64)[np.isfinite(y)]
+            if len(good):
+                ends = f"{quantity(float(good.min()), unit, False)} to {quantity(float(good.max()), unit, False)}"
+                rows.setdefault(trace.row, []).append(f"{column} {ends}")
+    return "; ".join(f"{row}: {', '.join(parts)}" for row, parts in rows.items())
+
+
+def told(dots: list[dict[str, Any]], names: list[str], unit: str) -> str:
+    """What dots show in words: of each the row, where it was found, the value and its interval."""
+    parts = []
+    for d in dots:
+        bounds = f" ({interval(d['ci'], unit)})" if d["ci"] else ""
+        value = "not judged" if d["v"] is None else quantity(d["v"], unit) + bounds
+        parts.append(f"{names[d['r']]}{' ' + d['where'] if 'where' in d else ''}: {value}")
+    return "; ".join(parts)
 
 
 def dot(r: int, found: Answer) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.metrics.trace import Trace
-from attlog.report.figure import Figure, said, series
+from attlog.report.figure import Figure, number, reach, said, series
 from attlog.report.marks import alarming, messages
 from attlog.report.pack import BUDGET, Store
 from attlog.result import Result
@@ -29,7 +29,7 @@ def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: R
         caption = "Drag across a figure to zoom: all figures with flight time follow. Double-click to go back. "
         caption += " ".join([*legend(result), said(ratio)])
         data = {"series": drawn, "cut": heading_cut(by["attitude"])}
-        figures.append(Figure("attitude", "attitude", "Attitude", caption, 470, data))
+        figures.append(Figure("attitude", "attitude", "Attitude", caption, 470, data, words=reach(by["attitude"])))
     if by.get("difference"):
         columns = ("inclination", "roll", "pitch", "heading")
         drawn, ratio = series(by["difference"], columns, names, store, BUDGET, ANGLE_STEP)
@@ -39,9 +39,20 @@ def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: R
             "smoother": "Zero is the smoother. ",
         }.get(reference, "Zero is agreement with onboard, not truth. ")
         caption += "Tilt is the angle between the two down directions. " + said(ratio)
+        start = scored_from(result)
+        if start > float(min(t.t[0] for t in by["difference"])):
+            caption += f" Scored from {start:.0f} s on; larger differences before may leave the figure."
         title = f"Difference from {'onboard' if reference == 'none' else reference}"
-        figures.append(Figure("difference", "difference", title, caption, 560, {"series": drawn}))
+        words = reach(by["difference"])
+        data = {"series": drawn, "scored": start}
+        figures.append(Figure("difference", "difference", title, caption, 560, data, words=words))
     return figures
+
+
+def scored_from(result: Result) -> float:
+    """Seconds from which rows are compared: before it filters and onboard settle."""
+    steps = result.reference.alignment if result.reference else []
+    return next((float(s.value) for s in steps if s.name == "scoring_start" and number(s.value)), 0.0)
 
 
 def legend(result: Result) -> list[str]:

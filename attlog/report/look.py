@@ -12,7 +12,7 @@ COLOURS = 8
 DASHES = ("solid", "dash", "dot", "dashdot")
 """Line of filters 1 to 8, 9 to 16, 17 to 24, and so on."""
 
-ONBOARD_DASHES = ("solid", "dot", "dashdot", "dash")
+ONBOARD_DASHES = ("solid", "dot", "dashdot", "dash", "longdash", "longdashdot")
 
 MANY = 9
 """From so many replayed rows on only FEW of them are shown at first."""
@@ -48,7 +48,7 @@ def looks(result: Result) -> dict[str, Look]:
     lost = {r.name for r in rows if r.status in ("diverged", "failed")}
     references = {r.name for r in rows if r.is_reference} or set(others[:1])
     out = {
-        name: Look(name, 0, ONBOARD_DASHES[i % 4], i < 2 or name in references, True, name in lost)
+        name: Look(name, 0, ONBOARD_DASHES[i % len(ONBOARD_DASHES)], i < 2 or name in references, True, name in lost)
         for i, name in enumerate(others)
     }
     for i, name in enumerate(replays):

@@ -9,7 +9,7 @@ import numpy as np
 
 from attlog.metrics.trace import Trace
 from attlog.numbers import duration
-from attlog.report.figure import Figure, listed, said, series
+from attlog.report.figure import Figure, listed, reach, said, series
 from attlog.report.pack import BUDGET, Array, Store
 
 BINS = 61
@@ -20,14 +20,16 @@ def rest(by: dict[str, list[Trace]], names: list[str], store: Store) -> list[Fig
     figures = []
     if by.get("rest"):
         longest = max(by["rest"], key=lambda t: float(t.t[-1] - t.t[0]))
-        same = [t for t in by["rest"] if t.key == longest.key]
+        same = [levelled(t) for t in by["rest"] if t.key == longest.key]
         span = [float(longest.t[0]), float(longest.t[-1])]
         drawn, ratio = series(same, ("roll", "pitch", "heading"), names, store, BUDGET, 1e-5)
         caption = (
-            f"{duration(span[1] - span[0])} from {span[0]:.0f} s on, motors off. Each line minus its own mean. "
-            + said(ratio)
+            f"{duration(span[1] - span[0])} from {span[0]:.0f} s on, motors off. Each line minus its straight line; "
+            "a filter that still bends far more than the others leaves the figure. " + said(ratio)
         )
-        figures.append(Figure("rest", "rest", "Rest, close up", caption, 430, {"series": drawn, "range": span}))
+        figures.append(
+            Figure("rest", "rest", "Rest, close up", caption, 430, {"series": drawn, "range": span}, words=reach(same))
+        )
         spread = histogram(same, names)
         if spread:
             caption = "Roll and pitch together, after a straight line is taken out of every 5 s."
@@ -43,6 +45,17 @@ def rest(by: dict[str, list[Trace]], names: list[str], store: Store) -> list[Fig
             Figure("allan", "allan", "Allan deviation of the angle", caption, 330, {"curves": curves}, wide=False)
         )
     return figures
+
+
+def levelled(trace: Trace) -> Trace:
+    """A rest trace minus the straight line through each of its angles: noise and wander without drift."""
+    columns = {}
+    for name, column in trace.columns.items():
+        y = np.asarray(column, np.float64)
+        good = np.isfinite(y)
+        u = trace.t - trace.t[0]
+        columns[name] = y - np.polynomial.Polynomial.fit(u[good], y[good], 1)(u) if good.sum() > 2 else y
+    return Trace(trace.figure, trace.row, trace.t, columns, trace.key)
 
 
 def histogram(traces: list[Trace], names: list[str]) -> dict[str, Any]:

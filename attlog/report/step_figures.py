@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from attlog.metrics.trace import Trace
-from attlog.report.figure import Figure, dot, dot_height, number, series
+from attlog.report.figure import Figure, dot, dot_height, number, series, told
 from attlog.report.pack import BUDGET, Store
 from attlog.result import Result
 from attlog.verdicts import AIR, find
@@ -37,11 +37,14 @@ def steps(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
         )
         rate = float((result.log.get("imu") or {}).get("rate_hz") or 0.0)
         data = {"rows": dots, "half": 500.0 / rate if rate > 0 else 0.0}
-        figures.append(Figure("lag", "lag", "Delay", caption, dot_height(dots), data, wide=False))
+        figures.append(
+            Figure("lag", "lag", "Delay", caption, dot_height(dots), data, wide=False, words=told(dots, names, "ms"))
+        )
     if by.get("setpoint"):
         columns = tuple(dict.fromkeys(c for t in by["setpoint"] for c in t.columns))
         drawn, _ = series(by["setpoint"], columns, names, store, BUDGET // 10, 1e-4)
         caption = "How the vehicle followed its set-point: a property of vehicle and controller, not of a filter."
+        caption += " Solid: roll, dashed: pitch." if {"roll", "pitch"} <= set(columns) else ""
         figures.append(
             Figure("setpoint", "setpoint", "Response to the set-point", caption, 330, {"series": drawn}, wide=False)
         )

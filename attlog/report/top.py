@@ -9,6 +9,7 @@ from typing import Any
 from attlog.numbers import MINUS, duration, listed, number, quantity
 from attlog.report.look import Look
 from attlog.result import Problem, Result, Verdict
+from attlog.verdicts import SITUATIONS
 
 BARS = 7
 """Rows in a verdict card; the table has them all."""
@@ -65,7 +66,7 @@ def card(verdict: Verdict, look: dict[str, Look]) -> dict[str, Any]:
     kept = bars
     if len(bars) > BARS:
         kept = [*bars[: BARS - 2], *[b for b in bars[BARS - 2 : -1] if b[0] == "onboard"], bars[-1]]
-    unranked = {name for name, _ in verdict.not_judged}
+    unranked = {name for name, reason in verdict.not_judged if not reason.startswith(SITUATIONS)}
     low, high = span([v for _, v, _ in kept], FULL_BAR_MS if verdict.question == "late" else 0.0)
     captions = {
         "quiet": "Noise (1σ) of roll or pitch, whichever is worse",

@@ -28,7 +28,7 @@ const draws = {
       });
     });
     L.xaxis = axis('', { range: range.slice(), showticklabels: false, zeroline: false });
-    L.yaxis = axis('', { range: [-0.5, 2.5], tickvals: [0, 1, 2], ticktext: ['said', 'armed', 'mode'], fixedrange: true, zeroline: false, showgrid: false });
+    L.yaxis = axis('', { range: [-0.5, 2.5], tickvals: [0, 1, 2], ticktext: [narrow(id) ? 'texts' : 'messages', 'armed', 'mode'], fixedrange: true, zeroline: false, showgrid: false });
     L.margin.t = 18; L.margin.b = 6;
     alarms(L, range);
     return { traces, layout: L };
@@ -45,7 +45,7 @@ const draws = {
     return p;
   },
   difference(id, f, range) {
-    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]], { range, phases: 'named' });
+    const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]], { range, phases: 'named', from: f.scored });
     alarms(p.layout, range);
     return p;
   },
@@ -53,7 +53,7 @@ const draws = {
     return panels(id, f, ['x', 'y', 'z'].map((k) => [k, k + ', °/s', { least: 0.02 }]), { range, phases: 'plain', trace: { hovertemplate: '%{y:.3f} °/s' } });
   },
   rest(id, f) {
-    const p = panels(id, f, [['roll', 'roll, °', { least: 0.002 }], ['pitch', 'pitch, °', { least: 0.002 }], ['heading', 'heading, °', { least: 0.002 }]], { range: f.range, trace: { hovertemplate: '%{y:.4f}°', opacity: 0.85 } });
+    const p = panels(id, f, [['roll', 'roll, °', { least: 0.002 }], ['pitch', 'pitch, °', { least: 0.002 }], ['heading', 'heading, °', { least: 0.002 }]], { range: f.range, calm: true, trace: { hovertemplate: '%{y:.4f}°', opacity: 0.85 } });
     for (const t of p.traces) t.line.width = 1.1;
     return p;
   },
@@ -75,7 +75,7 @@ const draws = {
     return { traces, layout: L };
   },
   step(id, f) {
-    const events = choices[event], single = events.length === 1, L = layout(id), traces = [], lines = new Map(), reference = [[], []];
+    const events = choices[event], single = events.length === 1, L = layout(id), traces = [], lines = new Map(), reference = [[], []], around = [-0.3, 1.2];
     const add = (r, key) => { const k = r + key; if (!lines.has(k)) lines.set(k, { r, key, x: [], y: [] }); return lines.get(k); };
     for (const e of events) {
       let best = null;
@@ -84,18 +84,24 @@ const draws = {
         const zero = onset(t, ref), top = ref.reduce((m, v, i) => (t[i] > 0 && t[i] < 1 && Math.abs(v - zero) > Math.abs(m) ? v - zero : m), 0), scale = single || !top ? 1 : 100 / top;
         if (!best || t.length < best[0].length) best = [t, ref.map((v) => v - zero), scale];
         const a = add(s.r, 'est'), d = add(s.r, 'off');
-        for (let i = 0; i < t.length; i++) { a.x.push(t[i] * 1e3); a.y.push((est[i] - zero) * scale); d.x.push(t[i] * 1e3); d.y.push((est[i] - ref[i]) * scale); }
+        for (let i = 0; i < t.length; i++) if (single || (t[i] >= around[0] && t[i] <= around[1])) { a.x.push(t[i] * 1e3); a.y.push((est[i] - zero) * scale); d.x.push(t[i] * 1e3); d.y.push((est[i] - ref[i]) * scale); }
         for (const l of [a, d]) { l.x.push(null); l.y.push(null); }
       }
-      for (let i = 0; i < best[0].length; i++) { reference[0].push(best[0][i] * 1e3); reference[1].push(best[1][i] * best[2]); }
+      for (let i = 0; i < best[0].length; i++) if (single || (best[0][i] >= around[0] && best[0][i] <= around[1])) { reference[0].push(best[0][i] * 1e3); reference[1].push(best[1][i] * best[2]); }
       reference[0].push(null); reference[1].push(null);
     }
     const unit = single ? '°' : ' %', hover = single ? {} : { hoverinfo: 'skip', hovertemplate: undefined, opacity: 0.55 }, thin = single ? 1.8 : 1;
     for (const l of lines.values()) traces.push(trace(l.r, l.x, l.y, Object.assign({ yaxis: l.key === 'est' ? 'y' : 'y2', line: line(l.r, thin), hovertemplate: '%{y:.2f}' + unit }, hover)));
     traces.push(Object.assign({ type: 'scatter', mode: single && reference[0].length < 90 ? 'lines+markers' : 'lines', x: reference[0], y: reference[1], meta: null, name: 'reference', line: { color: css('--e0'), width: single ? 2.2 : 1.2 }, marker: { size: 5, color: css('--e0') }, hovertemplate: '%{y:.2f}' + unit }, hover));
-    L.xaxis = axis('time from the start of the movement, ms', Object.assign({ anchor: 'y2', hoverformat: '.0f' }, single ? {} : { range: [-300, 1200] }));
+    L.xaxis = axis('time from the start of the movement, ms', Object.assign({ anchor: 'y2', hoverformat: '.0f' }, single ? {} : { range: around.map((v) => v * 1e3) }));
     L.yaxis = axis(single ? safe(events[0].axis) + ' change, °' : safe(events[0].axis) + ', % of movement', { domain: [0.42, 1] });
     L.yaxis2 = axis(single ? 'minus reference, °' : 'minus reference, %', { domain: [0, 0.34], nticks: 5 });
+    if (!single) {
+      const shown = reference[1].filter((v) => v !== null && Number.isFinite(v));
+      L.yaxis.range = [Math.max(Math.min(...shown), -100) - 30, Math.min(Math.max(...shown), 200) + 30];
+      const [low, high] = fitted(traces, 'y2', 10, true);
+      L.yaxis2.range = [Math.max(low, -60), Math.min(high, 60)];
+    }
     return { traces, layout: L };
   },
   lag(id, f) {
@@ -120,7 +126,7 @@ const draws = {
   setpoint(id, f) {
     const L = layout(id), traces = [];
     for (const s of f.series) for (const key of Object.keys(s.y)) {
-      traces.push(trace(s.r, Array.from(times(s.t), (v) => v * 1e3), Array.from(values(s.y[key])), { name: safe(key) + ' ' + safe(s.k), hovertemplate: '%{y:.2f}', line: Object.assign(line(s.r), { dash: { roll: 'solid', pitch: 'dash', yaw: 'dot' }[s.k] || D.rows[s.r].dash }) }));
+      traces.push(trace(s.r, Array.from(times(s.t), (v) => v * 1e3), Array.from(values(s.y[key])), { name: safe(key), hovertemplate: '%{y:.2f}', line: Object.assign(line(s.r), { dash: { roll: 'solid', pitch: 'dash', yaw: 'dot' }[key] || D.rows[s.r].dash }) }));
     }
     L.xaxis = axis('time after the command, ms');
     L.yaxis = axis('share of the command');
