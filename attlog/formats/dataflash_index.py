@@ -188,14 +188,11 @@ def index_records(data: NDArray[np.uint8]) -> Index:
     start, types, stamps = _headers(data)
     layouts = _formats(data, start, types)
     layout = _layout_of(types, start, layouts)
-    known = layout >= 0
-    if not known.all():
-        start, layout, stamps = start[known], layout[known], stamps[known]
-    end = start + np.array([f.length for f in layouts], start.dtype)[layout]
+    end = start + np.array([*(f.length for f in layouts), 0], start.dtype)[layout]  # 0: no format
     followed = np.zeros(len(start), np.bool_)
     np.equal(end[:-1], start[1:], out=followed[:-1])
     breaks = np.flatnonzero(~followed)
-    followed[breaks] = _is_header(data, end[breaks])
+    followed[breaks] = _is_header(data, end[breaks]) & (layout[breaks] >= 0)
     kept, holes = _walk(start, end, breaks, followed, size)
     damage, lost = _describe(data, holes, layouts)
     if not kept.all():

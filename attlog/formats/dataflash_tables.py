@@ -69,7 +69,7 @@ def build_tables(
             parts.setdefault((fmt.name, 0), []).append(whole)
             continue
         place = fmt.place(fmt.columns.index(column))
-        number = gather(data, offsets + place, fields[column].dtype)
+        number = gather(data[place:], offsets, fields[column].dtype)
         for instance in _distinct(number):
             part = Table(fmt.name, instance, fields, offsets[number == instance], _decoder(data, record))
             parts.setdefault((fmt.name, instance), []).append(part)
@@ -146,11 +146,10 @@ class MixedTable(Table):
 
 def unreadable(index: Index) -> list[Damage]:
     """What is lost to formats whose letters do not give their length."""
-    counts = np.bincount(index.layout, minlength=len(index.layouts))
     return [
-        Damage(fmt.offset, int(count) * fmt.length,
+        Damage(fmt.offset, count * fmt.length,
                f"{count} {fmt.name} records: the format {fmt.letters!r} does not have {fmt.length} bytes",
                "framing goes on by the declared length")
-        for fmt, count in zip(index.layouts, counts.tolist(), strict=True)
-        if count and not fmt.readable
+        for k, fmt in enumerate(index.layouts)
+        if not fmt.readable and (count := np.count_nonzero(index.layout == k))
     ]  # fmt: skip

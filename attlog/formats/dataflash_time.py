@@ -62,13 +62,14 @@ def drop_false_times(
     if not (len(far) or len(impossible)):
         return at, time
     records = index.offsets.searchsorted(at[far])
-    # a message that is mostly far has another clock, it is not damaged
     kinds = index.layout[records]
-    of_type = np.bincount(index.layout, minlength=len(index.layouts))
-    flagged = np.bincount(kinds, minlength=len(index.layouts))
     false = np.zeros(len(index.offsets), np.bool_)
-    false[records[((flagged < 3) | (flagged < 0.1 * of_type))[kinds]]] = True
     false[index.offsets.searchsorted(at[impossible])] = True
+    for kind in set(kinds.tolist()):
+        flagged = records[kinds == kind]
+        # a message that is mostly far has another clock, it is not damaged
+        if len(flagged) < 3 or len(flagged) < 0.1 * np.count_nonzero(index.layout == kind):
+            false[flagged] = True
     kept = np.ones(len(at), np.bool_)
     kept[at.searchsorted(index.offsets[false])] = False
     for offset, layout in zip(index.offsets[false].tolist(), index.layout[false].tolist(), strict=True):

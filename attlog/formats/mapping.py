@@ -31,6 +31,8 @@ def map_bytes(path: str | Path) -> NDArray[np.uint8]:
 def gather(data: NDArray[np.uint8], at: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
     """One value of ``dtype`` (also a sub-array) from each byte offset, (n,) or (n, k). Alignment does not matter.
 
+    Values that lie k bytes behind each offset come from ``data[k:]``, which needs no further offsets.
+
     Offsets must leave room for the value; the callers' indexes ensure that.
     """
     if len(at) == 0:

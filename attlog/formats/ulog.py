@@ -22,7 +22,7 @@ from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
 from attlog.formats.mapping import gather, map_bytes
 from attlog.formats.ulog_doubt import doubtful
 from attlog.formats.ulog_framing import ANCHOR_RECORDS, DATA, KINDS, Framing
-from attlog.formats.ulog_index import HEADER, Bytes, Identifiers, Offsets, Sizes, chain
+from attlog.formats.ulog_index import HEADER, Bytes, Identifiers, Offsets, Runs, Sizes, chain
 from attlog.formats.ulog_layout import Layout, Members, layout_of, parse_format
 from attlog.formats.ulog_records import (
     FILE_HEADER,
@@ -49,8 +49,6 @@ from attlog.limits import (
 __all__ = ["read", "write"]
 
 ENCRYPTED = b"ULogEnc"
-GROUP = 1 << 17
-"""Records that are sorted into their topics at a time; bounds the memory of the sort."""
 LONG_UNKNOWN = 300
 """Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""
 
@@ -89,7 +87,7 @@ class _Reader:
         self.wounded = False
         self.boots: list[int] = []
         self.unknown: dict[int, list[int]] = {}
-        self.runs: list[tuple[Offsets, Identifiers]] = []
+        self.runs: Runs = []
         self.pending = 0
         self.appended: list[int] = []
         self._start_log(0)
@@ -135,7 +133,7 @@ class _Reader:
         return position
 
     def _keep(self, starts: Offsets, ids: Identifiers) -> None:
-        if self.pending >= GROUP:  # before and not after: the last record can still be given up
+        if self.pending >= self.chain.group:  # before and not after: the last record can still be given up
             self._group()
         self.runs.append((starts, ids))
         self.pending += len(starts)
@@ -152,18 +150,26 @@ class _Reader:
             return None
         kind, end = self.raw[position + 2], self.framing.end(position)
         payload = bytes(self.raw[position + 3 : end])
-        strict = kind != DATA and self.framing.is_strict(position, payload)
-        if not strict and (end == position + 3 or kind == 0 or (not KINDS[kind] and len(payload) > LARGEST_UNKNOWN)):
+        if kind == DATA or not self.framing.is_strict(position, payload):
+            return self._loose_record(position, end, stop, payload)
+        if not self.framing.leads_on(end, stop, 1):
             return None
-        if (kind == DATA and len(payload) < 2) or not self.framing.leads_on(end, stop, 1 if strict else 2):
+        self._take(kind, payload, position)
+        return end
+
+    def _loose_record(self, position: int, end: int, stop: int, payload: bytes) -> int | None:
+        """Take in a record that could be chance: data of an unknown id, or not quite what its type demands."""
+        kind = self.raw[position + 2]
+        if kind == 0 or not payload or (not KINDS[kind] and len(payload) > LARGEST_UNKNOWN):
             return None
-        may_hide_records = not strict and (kind != DATA or len(payload) > LONG_UNKNOWN)
+        if (kind == DATA and len(payload) < 2) or not self.framing.leads_on(end, stop, 2):
+            return None
+        may_hide_records = kind != DATA or len(payload) > LONG_UNKNOWN
         if may_hide_records and self.framing.anchor(position + 1, end) < end:
             return None
         if kind == DATA:
-            identifier = self.framing.identifier(position)
-            self.unknown.setdefault(identifier, []).append(position)
-        elif strict or kind in b"IMFPQALC":
+            self.unknown.setdefault(self.framing.identifier(position), []).append(position)
+        elif kind in b"IMFPQALC":
             self._take(kind, payload, position)
         return end
 
@@ -248,7 +254,7 @@ class _Reader:
             layout = layout_of(name, self.formats)
             if layout is None or layout.time_at is None or min(sizes) - 2 not in (layout.size, layout.full_size):
                 continue
-            times = gather(self.data, starts + HEADER + layout.time_at, np.dtype("<u8")).astype(np.float64)
+            times = gather(self.data[HEADER + layout.time_at :], starts, np.dtype("<u8")).astype(np.float64)
             if (np.diff(times) >= 0).all() and times[-1] - times[0] < MAX_TIME_JUMP_S * 1e6:
                 fitting.append((name, layout))
         return fitting[0] if len(fitting) == 1 else None
@@ -276,6 +282,8 @@ class _Reader:
     def _take(self, kind: int, payload: bytes, position: int) -> None:
         try:
             match chr(kind):
+                case "P" | "Q":
+                    self._take_parameter(kind, payload, position)
                 case "F":
                     self._take_format(payload)
                 case "A":
@@ -285,8 +293,6 @@ class _Reader:
                     self.info[name] = info_value(key_type, raw)
                 case "M":
                     self._take_parts(payload)
-                case "P" | "Q":
-                    self._take_parameter(kind, payload, position)
                 case "L" | "C":
                     self._take_text(kind, payload, position)
                 case "O":
@@ -371,10 +377,8 @@ class _Reader:
         """Sort the collected starts into their topics, file order within each."""
         if not self.runs:
             return
-        starts = np.concatenate([starts for starts, _ in self.runs])
-        ids = np.concatenate([ids for _, ids in self.runs])
-        self.runs, self.pending = [], 0
-        for identifier, part in self.chain.by_id(starts, ids):
+        runs, self.runs, self.pending = self.runs, [], 0
+        for identifier, part in self.chain.by_id(runs):
             name, multi, layout = self.by_id[identifier]
             self._add((name, multi), layout, part)
 

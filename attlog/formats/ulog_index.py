@@ -21,6 +21,8 @@ from attlog.formats.compiled import compile_once, numba_is_loaded
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
 Identifiers = NDArray[np.uint16]
+Runs = list[tuple[Offsets, Identifiers]]
+"""Starts and ids of data records that follow each other, in file order."""
 
 BLOCK = 1 << 20
 WORTH_COMPILED = 32 << 20
@@ -45,12 +47,17 @@ class Sizes:
 
 
 class Chain(Protocol):
-    """Finds data records; ``forget`` must be called when the sizes change."""
+    """Finds data records; ``forget`` must be called when the sizes change.
+
+    ``group`` is how many records should be sorted by id together: it bounds the memory that sorting takes.
+    """
+
+    group: int
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
         """Starts and ids of an unbroken run of data records from ``position`` on, all ending at or before ``stop``."""
 
-    def by_id(self, starts: Offsets, ids: Identifiers) -> list[tuple[int, Offsets]]:
+    def by_id(self, runs: Runs) -> list[tuple[int, Offsets]]:
         """Each id and its records' starts, in the given order within."""
 
     def forget(self) -> None:
@@ -59,6 +66,8 @@ class Chain(Protocol):
 
 class NumpyChain:
     """Runs of data records by whole-block comparison."""
+
+    group = 1 << 17
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data = data
@@ -81,8 +90,10 @@ class NumpyChain:
             last = first + int(self._ends[first:last].searchsorted(stop, side="right"))
         return self._starts[first:last], self._ids[first:last]
 
-    def by_id(self, starts: Offsets, ids: Identifiers) -> list[tuple[int, Offsets]]:
+    def by_id(self, runs: Runs) -> list[tuple[int, Offsets]]:
         """Each id and its records' starts, by a radix sort."""
+        starts = np.concatenate([starts for starts, _ in runs])
+        ids = np.concatenate([ids for _, ids in runs])
         order = ids.argsort(kind="stable")
         starts, ids = starts.take(order), ids.take(order)
         begins = (ids[1:] != ids[:-1]).nonzero()[0] + 1
@@ -114,30 +125,53 @@ class NumpyChain:
 class NumbaChain:
     """Runs of data records by a compiled walk."""
 
+    group = 1 << 22
+
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data = data
         self._sizes = sizes
-        self._walk, self._scatter = compiled_walk(), compiled_scatter()
-        self._starts = np.empty(BLOCK // 8, np.int64)
-        self._ids = np.empty(BLOCK // 8, np.uint16)
+        self._walk, self._count, self._scatter = compiled_walk(), compiled_count(), compiled_scatter()
+        self._new_buffers()
 
     def forget(self) -> None:
         """Nothing is kept between calls."""
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
         """Starts and ids of the run, at most one block of them; synchronisation marks in between are passed over."""
-        sizes = self._sizes
-        n = self._walk(self._data, position, stop, sizes.smallest, sizes.spread, self._starts, self._ids)
-        return self._starts[:n].copy(), self._ids[:n].copy()
+        sizes, starts, ids = self._sizes, self._starts, self._ids
+        n = self._walk(self._data, position, stop, sizes.smallest, sizes.spread, starts, ids)
+        if n < len(starts) // 2:
+            return starts[:n].copy(), ids[:n].copy()
+        self._new_buffers()
+        return starts[:n], ids[:n]
 
-    def by_id(self, starts: Offsets, ids: Identifiers) -> list[tuple[int, Offsets]]:
+    def _new_buffers(self) -> None:
+        """Room for the next run; a long run keeps its buffers, only short ones are copied out of them."""
+        self._starts = np.empty(BLOCK // 8, np.int64)
+        self._ids = np.empty(BLOCK // 8, np.uint16)
+
+    def by_id(self, runs: Runs) -> list[tuple[int, Offsets]]:
         """Each id and its records' starts, by counting."""
-        counts = np.bincount(ids)
+        counts = np.zeros(65536, np.int64)
+        for _, ids in runs:
+            self._count(ids, counts)
         ends = counts.cumsum()
-        places, sorted_starts = ends - counts, np.empty_like(starts)
-        self._scatter(starts, ids, places, sorted_starts)
-        present = counts.nonzero()[0]
-        return [(i, sorted_starts[ends[i] - counts[i] : ends[i]]) for i in present.tolist()]
+        places, sorted_starts = ends - counts, np.empty(ends[-1], np.int64)
+        for starts, ids in runs:
+            self._scatter(starts, ids, places, sorted_starts)
+        return [(i, sorted_starts[ends[i] - counts[i] : ends[i]]) for i in counts.nonzero()[0].tolist()]
+
+
+@cache
+def compiled_count() -> Any:
+    """Adds how often each id stands in a run."""
+    from numba import types
+
+    def count(ids, counts):  # type: ignore[no-untyped-def]
+        for i in range(len(ids)):
+            counts[ids[i]] += 1
+
+    return compile_once(types.void(types.Array(types.uint16, 1, "C"), types.Array(types.int64, 1, "C")), count)
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -32,8 +33,9 @@ class Topic:
 
     def table(self, data: Bytes, name: str, multi: int) -> Table:
         """The topic's table; fields are those that all its layouts share."""
-        offsets = np.concatenate(self.offsets)
-        if len(self.offsets) > 1 and (offsets[1:] < offsets[:-1]).any():
+        parts, self.offsets = self.offsets, []
+        offsets = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if any(after[0] < before[-1] for before, after in pairwise(parts)):
             offsets.sort()
         first, *others = self.layouts
         fields = {n: f for n, f in first.fields.items() if all(o.fields.get(n) == f for o in others)}
@@ -53,7 +55,7 @@ class _Decoder:
         if self._of is not offsets:
             cuts = np.searchsorted(offsets, self._begins[1:])
             parts = zip(self._records, np.split(offsets, cuts), strict=True)
-            self._gathered = [gather(self._data, part + HEADER, record) for record, part in parts]
+            self._gathered = [gather(self._data[HEADER:], part, record) for record, part in parts]
             self._of = offsets
         if len(self._gathered) == 1:
             return self._gathered[0][column]
