@@ -128,6 +128,21 @@ def test_fifo_samples_are_spread_over_time_calibrated_and_turned_into_the_body()
     np.testing.assert_allclose(imu.acc.x[50], [0, 0, -9.09], atol=1e-5)
 
 
+def test_the_board_rotation_is_not_applied_to_what_px4_has_turned_already() -> None:
+    """``sensor_combined``, ``vehicle_imu``, ``vehicle_magnetometer`` are in the body frame: turning them is twice."""
+    turned = {"SENS_BOARD_ROT": 4, "SENS_BOARD_X_OFF": 5.0, "CAL_GYRO0_ID": 11, "CAL_GYRO0_XOFF": 0.1}
+    field = {"timestamp": micros(200, 40), "timestamp_sample": micros(200, 40),
+             "magnetometer_ga": np.tile(np.array([0.2, 0.1, 0.4], np.float32), (200, 1))}  # fmt: skip
+    imus = {"sensor_combined": combined(), "vehicle_imu": increments(N, RATE, 11)}
+    for name, columns in imus.items():
+        tables = {(name, 0): columns, ("vehicle_magnetometer", 0): field}
+        plain, told = read(tables), read(tables, turned)
+        assert told.imus[told.imu].gyro.source.startswith(name)
+        np.testing.assert_allclose(told.imus[told.imu].gyro.x[5], RATE_XYZ, rtol=1e-5)
+        np.testing.assert_array_equal(told.imus[told.imu].acc.x, plain.imus[plain.imu].acc.x)
+        np.testing.assert_allclose(told.mags[told.mag].field.x[5], np.array([0.2, 0.1, 0.4]) * 1e-4, rtol=1e-5)
+
+
 def test_a_gyro_fifo_alone_takes_the_acceleration_of_the_voted_unit() -> None:
     tables = {("sensor_gyro_fifo", 0): fifo(300, 8, 125.0, (1000, 200, 300), 11), ("sensor_combined", 0): combined()}
     log = read(tables)

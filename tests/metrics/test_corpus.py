@@ -1,12 +1,13 @@
 """Simulated flights with truth: what is known of them must come out."""
 
-import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from attlog import estimators, metrics, read, reference, segments
 from attlog.metrics import drift_rest, lag, steps
+from tests.reference.test_corpus import MAG_FAULTS, ROWS
 
 pytestmark = pytest.mark.slow
 
@@ -44,16 +45,16 @@ def test_the_commanded_movements_are_found(corpus, name, roll, pitch, yaw):
     assert np.abs(np.array(found) - [roll, pitch, yaw]).max() <= 1
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["px4/px4_steps.ulg", "px4/px4_yaw.ulg", "px4/px4_aggressive.ulg", "px4/px4_plane.ulg", "px4/px4_wind.ulg",
-     "ardupilot/copter_steps_stabilize.bin", "ardupilot/copter_yaw_turns.bin", "ardupilot/copter_aggressive.bin"],
-)  # fmt: skip
-def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, name):
-    trial = trial_of(corpus / "sitl" / name)
+@pytest.mark.parametrize("row", [r for r in ROWS if Path(r["file"]).name not in MAG_FAULTS], ids=lambda r: r["file"])
+def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, row):
+    """Within 2 ms; in telemetry, whose truth has no clock of its own, within 3 ms."""
+    trial = trial_of(corpus / "sitl" / row["file"])
     answer = lag.compute(trial, row_of(trial, "onboard"), "all")["lag_ms"]
-    assert answer.value is not None, answer.reason
-    assert abs(answer.value) < 2.0
+    if answer.value is None:
+        assert answer.code == "no_events"
+        assert row["att_lag_ms"] == ""
+    else:
+        assert abs(answer.value) < (3.0 if row["file"].endswith(".tlog") else 2.0)
 
 
 @pytest.mark.parametrize("name", ["px4/px4_steps.ulg", "ardupilot/copter_steps_stabilize.bin"])
@@ -66,28 +67,9 @@ def test_integrated_gyro_is_not_late_once_the_input_delay_is_known(corpus, name)
 
 @pytest.mark.parametrize("name", ["px4/px4_hover.ulg", "px4/px4_static.ulg", "ardupilot/copter_static_hop.bin"])
 def test_integrated_gyro_drifts_at_rest_by_its_offset(corpus, name):
-    with open(corpus / "sitl" / "MANIFEST.csv", newline="", encoding="utf-8") as file:
-        known = {r["file"]: r for r in csv.DictReader(file) if r["source"] == "onboard"}[name]
+    known = next(r for r in ROWS if r["file"] == name)
     trial = trial_of(corpus / "sitl" / name)
     row = row_of(trial, "gyro")
     first = drift_rest.records(trial, row, "rest")[0]
     bias_z = float(known["checks.gyro_bias_dps"].split()[2])
     assert first.value / 60.0 == pytest.approx(bias_z, abs=0.1)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "px4/px4_steps.ulg",
-        "px4/px4_yaw.ulg",
-        "ardupilot/copter_steps_stabilize.bin",
-        "ardupilot/copter_wind_guided.bin",
-    ],
-)
-def test_the_onboard_error_is_that_of_the_manifest(corpus, name):
-    with open(corpus / "sitl" / "MANIFEST.csv", newline="", encoding="utf-8") as file:
-        known = {r["file"]: r for r in csv.DictReader(file) if r["source"] == "onboard"}[name]
-    trial = trial_of(corpus / "sitl" / name, clock="publication")
-    answers = metrics.compute(trial, row_of(trial, "onboard"), ["all"])["all"]
-    assert answers["inclination_rmse_deg"].value == pytest.approx(float(known["rms_tilt"]), abs=0.1)
-    assert answers["heading_rmse_deg"].value == pytest.approx(float(known["rms_heading"]), abs=0.1)

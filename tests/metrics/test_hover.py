@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.metrics import hover
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+T = np.arange(0.0, 80.0, 0.01)
+SEGMENTS = [Segment("run", 0, 80), Segment("airborne", 10, 80), Segment("hover", 20, 70)]
+
+
+def jitter(roll_deg, segments=SEGMENTS, t=T):
+    row = flights.row(t, rotation.from_euler(np.radians(roll_deg) + 0 * t, 0 * t, 0.7))
+    turning = rotation.from_euler(0.3 * np.sin(t), 0.2 * np.sin(1.3 * t), 0.7)
+    return hover.compute(flights.trial([row], segments, (t[::4], turning[::4])), row, "hover")["hover_jitter_deg"]
+
+
+@pytest.mark.parametrize(("hz", "share"), [(0.1, 0.0), (1.0, 1.0), (4.0, 1.0), (12.0, 0.0)])
+def test_jitter_is_the_standard_deviation_between_half_and_5_hz(hz, share):
+    answer = jitter(0.5 * np.sin(2 * np.pi * hz * T))
+    assert answer.value == pytest.approx(0.5 / np.sqrt(2) * share, abs=0.03)  # a Hann window leaks a little
+    assert answer.seconds == pytest.approx(50.0, abs=0.1)
+
+
+def test_hover_that_stays_level_is_100_percent_good_and_one_that_does_not_is_0():
+    """A share with the wrong sense would call the worst flight the best."""
+    assert jitter(0.5 * np.sin(T)).detail["within_5_deg_pct"] == 100.0
+    assert jitter(20.0 * np.sign(np.sin(T))).detail["within_5_deg_pct"] == 0.0
+
+
+def test_hover_is_needed_for_4_seconds_and_at_10_hz():
+    assert jitter(0.0, SEGMENTS[:2]).code == "not_covered"
+    assert jitter(0.0, [*SEGMENTS[:2], Segment("hover", 20, 23)]).code == "record_too_short"
+    assert jitter(0.0, t=T[::20]).code == "record_too_short"

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.flight.model import Imu, Stream
+from attlog.metrics import recovery
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+T = np.arange(0.0, 100.0, 0.02)
+SEGMENTS = [Segment("run", 0, 100), Segment("airborne", 10, 100)]
+
+
+def recovered(tilt_deg, force=1.0, vibration=0.0):
+    """The answer of a row with this tilt error, in a flight with ``force`` g from 50 to 52 s."""
+    level = rotation.from_euler(0 * T, 0 * T, 0.7)
+    row = flights.row(T, rotation.from_euler(np.radians(tilt_deg) + 0 * T, 0 * T, 0.7))
+    trial = flights.trial([row], SEGMENTS, (T[::2], level[::2]), scoring_start=15.0)
+    size = np.where((T >= 50) & (T < 52), force, 1.0) + vibration * np.sin(2 * np.pi * 20.0 * T)
+    acc = Stream(T, -9.81 * size[:, None] * [0.0, 0.0, 1.0], "m/s^2", "FRD", "imu")
+    trial.log.imus, trial.log.imu = [Imu(0, Stream(T, np.zeros((len(T), 3)), "rad/s", "FRD", "imu"), acc)], 0
+    return recovery.compute(trial, row, "all")["recovery_s"]
+
+
+def test_recovery_lasts_until_the_error_is_within_2_deg_of_what_it_was():
+    """12 deg at 52 s, falling by 1 deg/s onto 1 deg: back at 3 deg after 9 s."""
+    error = np.where(T < 50, 1.0, np.where(T < 52, 12.0, np.maximum(12.0 - (T - 52.0), 1.0)))
+    answer = recovered(error, force=1.8)
+    assert answer.value == pytest.approx(9.0, abs=0.15)
+    assert answer.detail["from_s"] == pytest.approx(50.0, abs=0.1)
+    assert not answer.ranked
+
+
+def test_a_row_that_never_left_recovers_at_once():
+    assert recovered(1.0, force=1.8).value == 0.0
+
+
+def test_a_row_that_stays_away_has_not_recovered():
+    assert recovered(np.where(T < 50, 1.0, 12.0), force=1.8).code == "not_converged"
+
+
+@pytest.mark.parametrize("disturbed", [{"force": 1.2}, {"force": 1.0, "vibration": 0.6}])
+def test_a_small_manoeuvre_and_vibration_are_no_disturbance(disturbed):
+    assert recovered(1.0, **disturbed).code == "no_events"
