@@ -118,3 +118,19 @@ def test_an_old_report_survives_a_failure(attlog, samples, tmp_path):
     old.write_text("old")
     assert attlog("analyze", samples / LOGS[0], "-o", tmp_path, "--estimators", "nope").code == 2
     assert old.read_text() == "old"
+
+
+def test_every_imu_is_replayed_when_asked_for(attlog, corpus, tmp_path):
+    log = corpus / "sitl/ardupilot/copter_hover_rest.bin"
+    done = attlog("analyze", log, "--imu", "all", "--estimators", "gyro", "-o", tmp_path, "--json", "-")
+    assert done.code == 0, done.err
+    names = {r["name"] for r in json.loads(done.out)["estimators"] if r["kind"] == "replay"}
+    assert names == {"gyro/imu0", "gyro/imu1"}
+
+
+def test_without_a_magnetometer_filters_that_need_one_are_left_out(attlog, samples, tmp_path):
+    done = attlog("analyze", samples / LOGS[0], "--mag", "none", "-o", tmp_path, "--json", "-")
+    assert done.code == 0, done.err
+    rows = {r["name"]: r for r in json.loads(done.out)["estimators"]}
+    assert "ekf12" not in rows
+    assert rows["vqf"]["uses_mag"] is False
