@@ -22,10 +22,11 @@ and [M]x), pitch without its sign, ``M_bx sin(phi)`` in the heading and a plain 
 The field enters as a unit vector, so its unit does not matter. There is no gyro bias among
 the states: a bias tilts g and M until the measurements balance it.
 
-How it computes. H picks states and R is diagonal, so the update of a sensor is three scalar
-updates and needs no inverse; their columns ``c_i = P h_i / sqrt(S_i)`` are found first and
-``P -= sum c_i c_i^T`` is one pass over its upper triangle. Of F P F^T only the rows of g
-and M are products; the blocks of w and w_dot are sums, their counterparts copies.
+How it computes. H picks three neighbouring states per sensor and R is diagonal, so the three
+sensors are used one after the other: S is a block of P plus r I, its inverse a closed form,
+K = P_k^T S^-1 twelve rows of three, and P -= K P_k one pass over P in vector registers. Of
+F P F^T only the rows of g and M are products; the blocks of w and w_dot are sums, their
+counterparts copies.
 """
 
 from __future__ import annotations
@@ -49,12 +50,11 @@ STATE = {
     "gravity": 3,
     "field": 3,
     "_covariance": 144,
-    "_work": 144,
-    "_z": 9,
+    "_work": 72,
     "_since_field": 1,
 }
-X, W, G, M, P, V, Z, SINCE = 4, 0, 6, 9, 16, 160, 304, 313
-"""Where things stand: X, P, V (work), Z in the state; W, G, M within X and within each row of P."""
+X, W, G, M, P, V, SINCE = 4, 0, 6, 9, 16, 160, 232
+"""Where things stand: X, P, V (work) in the state; W, G, M within X and within each row of P."""
 
 PARAMETERS = (
     Parameter(
@@ -117,7 +117,7 @@ PRESETS: dict[str, dict[str, float | str]] = {"fan": {}}
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """The state: g and M as the start attitude shows them, rates unknown."""
-    state = np.zeros(314)
+    state = np.zeros(233)
     state[0:4] = q0
     dx, dy, dz = down(state)
     state[X + G : X + M] = GRAVITY * np.array([dx, dy, dz])
@@ -137,19 +137,13 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> No
     predict(state, params, dt)
     state[SINCE] += dt
     norm = math.sqrt(mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2])
-    inv = 1.0 / norm if norm > 0.0 else 0.0
-    for i in range(3):
-        state[Z + i] = gyr[i]
-        state[Z + 3 + i] = -acc[i]
-        state[Z + 6 + i] = mag[i] * inv
     has_acc = acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0
-    # One loop around one copy of the update: three copies are slower, they do not fit the instruction cache.
-    for sensor in range(3):
-        seconds = state[SINCE] if sensor == 2 else dt
-        usable = sensor == 0 or (has_acc if sensor == 1 else norm > 0.0)
-        if usable:
-            k = 3 * sensor + (3 if sensor > 0 else 0)
-            measure(state, k, Z + 3 * sensor, params[sensor] * params[sensor] / seconds)
+    measure(state, W, gyr[0], gyr[1], gyr[2], params[0] * params[0] / dt)
+    if has_acc:
+        measure(state, G, -acc[0], -acc[1], -acc[2], params[1] * params[1] / dt)
+    if norm > 0.0:
+        inv = 1.0 / norm
+        measure(state, M, mag[0] * inv, mag[1] * inv, mag[2] * inv, params[2] * params[2] / state[SINCE])
     if norm > 0.0:
         state[SINCE] = 0.0
     attitude(state)
@@ -204,18 +198,32 @@ def predict(state: Any, params: Any, dt: float) -> None:
         ux = state[v]
         uy = state[v + 1]
         uz = state[v + 2]
-        px = state[v + 6]
-        py = state[v + 7]
-        pz = state[v + 8]
         qx = state[v + 9]
         qy = state[v + 10]
         qz = state[v + 11]
-        state[row + 6] = px + gy * uz - gz * uy - wy * pz + wz * py
-        state[row + 7] = py + gz * ux - gx * uz - wz * px + wx * pz
-        state[row + 8] = pz + gx * uy - gy * ux - wx * py + wy * px
         state[row + 9] = qx + my * uz - mz * uy - wy * qz + wz * qy
         state[row + 10] = qy + mz * ux - mx * uz - wz * qx + wx * qz
         state[row + 11] = qz + mx * uy - my * ux - wx * qy + wy * qx
+    for i in range(3):
+        v = V + 12 * i
+        row = P + 72 + 12 * i
+        ux = state[v]
+        uy = state[v + 1]
+        uz = state[v + 2]
+        px = state[v + 6]
+        py = state[v + 7]
+        pz = state[v + 8]
+        state[row + 6] = px + gy * uz - gz * uy - wy * pz + wz * py
+        state[row + 7] = py + gz * ux - gx * uz - wz * px + wx * pz
+        state[row + 8] = pz + gx * uy - gy * ux - wx * py + wy * px
+        for j in range(9, 12):
+            state[P + 12 * j + 6 + i] = state[row + j]
+    # The updates leave both halves equal up to rounding, which must not pile up.
+    for i in range(0, 12, 3):
+        a = P + 13 * i
+        state[a + 12] = state[a + 1]
+        state[a + 24] = state[a + 2]
+        state[a + 25] = state[a + 14]
     for i in range(3):
         state[P + 13 * i + 39] += params[3] * params[3] * dt
         state[P + 13 * i + 78] += params[4] * params[4] * dt
@@ -231,33 +239,70 @@ def predict(state: Any, params: Any, dt: float) -> None:
         state[i] += dt * state[i + 3]
 
 
-def measure(state: Any, k: int, z: int, r: float) -> None:
-    """Three scalar updates (13): states k, k+1, k+2 of X, measured as ``state[z:z+3]`` with variance r each."""
-    p = P + 12 * k
-    s = 1.0 / math.sqrt(state[p + k] + r)
+def measure(state: Any, k: int, x: float, y: float, z: float, r: float) -> None:
+    """The update (13) for states k, k+1, k+2 of X, measured as x, y, z with variance r each.
+
+    Called with k as a literal: only then the compiler sees that no store meets a later load.
+    """
+    p = P + 13 * k
+    a = state[p] + r
+    b = state[p + 1]
+    c = state[p + 2]
+    d = state[p + 13] + r
+    e = state[p + 14]
+    f = state[p + 26] + r
+    # The inverse of S: cofactors by determinant.
+    xx = d * f - e * e
+    xy = c * e - b * f
+    xz = b * e - c * d
+    s = 1.0 / (a * xx + b * xy + c * xz)
+    xx *= s
+    xy *= s
+    xz *= s
+    yy = s * (a * f - c * c)
+    yz = s * (b * c - a * e)
+    zz = s * (a * d - b * b)
+    ex = x - state[X + k]
+    ey = y - state[X + k + 1]
+    ez = z - state[X + k + 2]
     for j in range(12):
-        state[V + j] = s * state[p + j]
-    yx = s * (state[z] - state[X + k])
-    f = state[V + k + 1]
-    s = 1.0 / math.sqrt(state[p + 13 + k] - f * f + r)
+        ux = state[P + 12 * k + j]
+        uy = state[P + 12 * k + 12 + j]
+        uz = state[P + 12 * k + 24 + j]
+        kx = xx * ux + xy * uy + xz * uz
+        ky = xy * ux + yy * uy + yz * uz
+        kz = xz * ux + yz * uy + zz * uz
+        state[V + j] = ux
+        state[V + 12 + j] = uy
+        state[V + 24 + j] = uz
+        state[V + 36 + j] = kx
+        state[V + 48 + j] = ky
+        state[V + 60 + j] = kz
+        state[X + j] += kx * ex + ky * ey + kz * ez
+    reduce_rows(state, 0)
+    reduce_rows(state, 3)
+    reduce_rows(state, 6)
+    reduce_rows(state, 9)
+
+
+def reduce_rows(state: Any, i: int) -> None:
+    """P -= K P_k for rows i, i+1, i+2; P_k and K^T stand in V."""
+    ax = state[V + i + 36]
+    ay = state[V + i + 48]
+    az = state[V + i + 60]
+    bx = state[V + i + 37]
+    by = state[V + i + 49]
+    bz = state[V + i + 61]
+    cx = state[V + i + 38]
+    cy = state[V + i + 50]
+    cz = state[V + i + 62]
     for j in range(12):
-        state[V + 12 + j] = s * (state[p + 12 + j] - f * state[V + j])
-    yy = s * (state[z + 1] - state[X + k + 1] - f * yx)
-    f = state[V + k + 2]
-    h = state[V + 12 + k + 2]
-    s = 1.0 / math.sqrt(state[p + 26 + k] - f * f - h * h + r)
-    for j in range(12):
-        state[V + 24 + j] = s * (state[p + 24 + j] - f * state[V + j] - h * state[V + 12 + j])
-    yz = s * (state[z + 2] - state[X + k + 2] - f * yx - h * yy)
-    for i in range(12):
-        cx = state[V + i]
-        cy = state[V + 12 + i]
-        cz = state[V + 24 + i]
-        state[X + i] += cx * yx + cy * yy + cz * yz
-        for j in range(i, 12):
-            less = state[P + 12 * i + j] - (cx * state[V + j] + cy * state[V + 12 + j] + cz * state[V + 24 + j])
-            state[P + 12 * i + j] = less
-            state[P + 12 * j + i] = less
+        ux = state[V + j]
+        uy = state[V + 12 + j]
+        uz = state[V + 24 + j]
+        state[P + 12 * i + j] -= ax * ux + ay * uy + az * uz
+        state[P + 12 * i + j + 12] -= bx * ux + by * uy + bz * uz
+        state[P + 12 * i + j + 24] -= cx * ux + cy * uy + cz * uz
 
 
 def attitude(state: Any) -> None:

@@ -77,7 +77,7 @@ def test_the_printed_jacobian_is_the_numerical_one() -> None:
 
 def test_the_sparse_prediction_is_the_dense_one() -> None:
     random = np.random.default_rng(5)
-    state = np.zeros(314)
+    state = np.zeros(233)
     x = random.standard_normal(12)
     root = random.standard_normal((12, 12))
     state[4:16], state[16:160] = x, (root @ root.T).ravel()
