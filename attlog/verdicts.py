@@ -101,7 +101,8 @@ def unranked(judged: list[Judged]) -> list[tuple[str, str]]:
 def cannot(result: Result, without: list[tuple[str, str, str]], nothing: str) -> str:
     """The sentence for a question that no row answers: the commonest reason and what a pilot can do."""
     code, reason = commonest(without)
-    advice = f" {ADVICE[code]}" if code in ADVICE else ""
+    flew = (result.log.get("seconds") or {}).get("airborne", 1.0) > 0
+    advice = f" {ADVICE[code]}" if code in ADVICE and flew else ""
     return f"Cannot be judged: {reason or nothing}{switch(result, code)}.{advice}"
 
 
@@ -325,12 +326,14 @@ def wander_part(replayed: list[Judged], where: str) -> str:
 
 
 def best_witness(result: Result) -> str:
-    """The first heading witness of WITNESSES by which any row's drift in the air has a value; ``onboard`` if none."""
+    """The first heading witness of WITNESSES by which a filter's drift in the air is ranked, else has a value."""
+    best, most = "onboard", 0
     for witness in WITNESSES:
-        answers = [find(row, f"drift_air_deg_per_min.{witness}", AIR) for row in result.estimators]
-        if any(a is not None and a.value is not None for a in answers):
-            return witness
-    return "onboard"
+        judged, _ = split([(row, find(row, f"drift_air_deg_per_min.{witness}", AIR)) for row in result.estimators])
+        says = max((1 + (j.row.kind == "replay") + j.ranked for j in judged), default=0)
+        if says > most:
+            best, most = witness, says
+    return best
 
 
 def air_drift(result: Result) -> tuple[str, list[Judged], list[tuple[str, str, str]]]:

@@ -285,3 +285,18 @@ def test_filters_that_wander_and_filters_that_are_lost_are_told_apart():
 def test_the_part_that_is_not_answered_is_explained():
     air = drift(air=6.0) | {"rest": {"drift_rest_deg_per_min": missing("no_rest", "no rest", "deg/min", "rest")}}
     assert verdict("drifting", [row("gyro", air)]).not_judged == [("gyro", "at rest, no rest")]
+
+
+def test_a_witness_that_judges_filters_is_preferred_to_one_that_judges_only_onboard_rows():
+    by_onboard = missing("record_too_short", "too short", "deg/min", "airborne")
+    filters = drift(air=4.0, witness="mag")
+    filters["airborne"]["drift_air_deg_per_min.onboard"] = by_onboard
+    rows = [row("gyro", filters), row("onboard:AHR2", drift(air=0.4))]
+    assert verdict("drifting", rows).sentence.startswith("In the air against the magnetometer, gyro drifts +4.0°/min")
+
+
+def test_a_vehicle_that_never_flew_is_not_told_to_fly_steps():
+    absent = missing("no_events", "the vehicle was never airborne", "ms", "airborne")
+    found = result([row("a", {"airborne": {"lag_ms": absent}})])
+    found.log["seconds"] = {"airborne": 0}
+    assert verdicts(found)[1].sentence == "Cannot be judged: the vehicle was never airborne."

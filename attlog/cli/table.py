@@ -8,20 +8,22 @@ from attlog.metrics.answer import Answer
 from attlog.numbers import SIGNED, number
 from attlog.report.table import WORDS
 from attlog.result import EstimatorRow, Result
-from attlog.verdicts import WITNESSES
+from attlog.verdicts import AIR, REST, best_witness, find
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-COLUMNS = (  # metrics (the largest value counts), heading, window used when the shown window is "all"
-    (("noise_roll_deg", "noise_pitch_deg"), "tilt\nnoise °", "rest"),
-    (("noise_heading_deg",), "heading\nnoise °", "rest"),
-    (("lag_ms",), "step\nlag ms", "all"),
-    (("drift_rest_deg_per_min",), "rest\ndrift °/min", "rest"),
-    (("drift_air_deg_per_min",), "air\ndrift °/min", "airborne"),
-    (("inclination_rmse_deg",), "tilt\nRMS error °", "all"),
-    (("heading_rmse_deg",), "heading\nRMS error °", "all"),
+COLUMNS = (  # metrics (the larger value counts), heading, where it is looked for when the shown window is "all"
+    (("noise_roll_deg", "noise_pitch_deg"), "tilt\nnoise °", REST),
+    (("noise_heading_deg",), "heading\nnoise °", REST),
+    (("lag_ms",), "step\nlag ms", AIR),
+    (("drift_rest_deg_per_min",), "rest\ndrift °/min", REST),
+    (("drift_air_deg_per_min",), "air\ndrift °/min", AIR),
+    (("inclination_rmse_deg",), "tilt\nRMS error °", AIR),
+    (("heading_rmse_deg",), "heading\nRMS error °", AIR),
 )
+
+LEGEND = "* best (several: too close to rank)   ~ shown, not ranked   ± half of the 95 % interval"
 
 
 def comparison_table(result: Result, window: str) -> Table:
@@ -35,7 +37,10 @@ def comparison_table(result: Result, window: str) -> Table:
     table.add_column("\nfilter", no_wrap=True)
     columns = []
     for metrics, heading, home in COLUMNS:
-        cells = [_cell(result, row, metrics, home if window == "all" else window) for row in result.estimators]
+        if metrics[0].startswith("drift_air"):
+            metrics = (f"{metrics[0]}.{best_witness(result)}",)
+        windows = home if window == "all" else (window,)
+        cells = [_cell(result, row, metrics, windows) for row in result.estimators]
         if any(has_value for _, has_value in cells):
             table.add_column(heading, justify="right", no_wrap=True)
             columns.append([text for text, _ in cells])
@@ -44,33 +49,20 @@ def comparison_table(result: Result, window: str) -> Table:
     return table
 
 
-LEGEND = "* best (several: too close to rank)   ~ shown, not ranked   ± half of the 95 % interval"
-
-
-def _cell(result: Result, row: EstimatorRow, metrics: tuple[str, ...], window: str) -> tuple[str, bool]:
+def _cell(result: Result, row: EstimatorRow, metrics: tuple[str, ...], windows: tuple[str, ...]) -> tuple[str, bool]:
     """What a cell says, and whether it is a value."""
-    found = [(name, answer) for name, answer in (_answer(row, m, window) for m in metrics) if answer is not None]
+    found = {m: a for m, a in ((m, find(row, m, windows)) for m in metrics) if a is not None}
+    values = {m: a for m, a in found.items() if a.value is not None}
     if not found:
         return ("[red]failed[/]" if row.status == "failed" else "[dim]n/a[/]"), False
-    values = [(name, answer) for name, answer in found if answer.value is not None]
     if not values:
-        answer = found[0][1]
+        answer = next(iter(found.values()))
         itself = row.is_reference and answer.code == "not_applicable"
         return f"[dim]{'reference' if itself else WORDS[answer.code or 'not_applicable']}[/]", False
-    answer = max((a for _, a in values), key=lambda a: abs(a.value or 0.0))
-    best = all(row.name in result.best.get(window, {}).get(n, []) for n, _ in values)
-    unranked = row.kind == "replay" and (row.status != "ok" or not all(a.ranked for _, a in values))
+    answer = max(values.values(), key=lambda a: abs(a.value or 0.0))
+    best = all(row.name in result.best.get(a.window, {}).get(m, []) for m, a in values.items())
+    unranked = row.kind == "replay" and (row.status != "ok" or not all(a.ranked for a in values.values()))
     return _number(answer) + ("*" if best else "~" if unranked else " "), True
-
-
-def _answer(row: EstimatorRow, metric: str, window: str) -> tuple[str, Answer | None]:
-    """The answer of a metric; drift in the air has one per witness: the most believed that has a value."""
-    answers = row.metrics.get(window, {})
-    if metric in answers:
-        return metric, answers[metric]
-    family = [f"{metric}.{w}" for w in WITNESSES if f"{metric}.{w}" in answers]
-    name = next((m for m in family if answers[m].value is not None), family[0] if family else metric)
-    return name, answers.get(name)
 
 
 def _number(answer: Answer) -> str:
