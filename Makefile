@@ -8,7 +8,7 @@ CORES := $(shell $(PYTHON) -c "import os; print(len(os.sched_getaffinity(0)) if 
 .PHONY: demo test test-all lint benchmarks clean
 
 demo: $(VENV)/installed
-	$(BIN)/attlog analyze sample_logs/px4_steps.ulg -o reports
+	$(BIN)/attlog analyze sample_logs/copter_yaw_turns.bin -o reports
 
 test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n $(CORES) -m "not slow"

@@ -36,7 +36,7 @@ const draws = {
   attitude(id, f, range) {
     const map = cutter(f.cut), ticks = [];
     for (let v = Math.ceil(f.cut / 90) * 90; v < f.cut + 360; v += 90) ticks.push(v);
-    const text = ticks.map((v) => { const h = ((v % 360) + 360) % 360; return (COMPASS[h] || '') + ' ' + h; });
+    const text = ticks.map((v) => { const h = ((v % 360) + 360) % 360; return narrow(id) ? COMPASS[h] || h : (COMPASS[h] || '') + ' ' + h; });
     const p = panels(id, f, [['roll', 'roll, °', { least: 4, wraps: true }], ['pitch', 'pitch, °', { least: 4 }], ['heading', 'heading, °', { least: 10, wraps: true, map }]], { range, phases: 'named' });
     const [low, high] = p.layout.yaxis3.range;
     if (high - low > 150) Object.assign(p.layout.yaxis3, { tickvals: ticks, ticktext: text });
@@ -133,11 +133,12 @@ const draws = {
     return { traces, layout: L };
   },
   cost(id, f) {
-    const L = layout(id, { hovermode: 'closest' }), x = f.points.map((p) => p.x), top = Math.max(...f.points.map((p) => p.y), 1e-6) * 1.1;
+    const L = layout(id, { hovermode: 'closest' }), x = f.points.map((p) => p.x), y = f.points.map((p) => p.y), least = Math.min(...y), most = Math.max(...y, 1e-6);
+    const log = least > 0 && most / least > 8, bottom = log ? Math.log10(least) - 0.2 : 0, top = log ? Math.log10(most) + 0.2 : most * 1.1;
     const low = Math.log10(Math.min(...x)), high = Math.log10(Math.max(...x)), pad = Math.max(0.25, (high - low) * 0.12);
-    const across = (width(id) - 80) / (high - low + 2 * pad), up = (L.height - 62) / top, taken = [];
+    const across = (width(id) - 80) / (high - low + 2 * pad), up = (v) => ((log ? Math.log10(v) : v) - bottom) / (top - bottom) * (L.height - 62), taken = [];
     const traces = f.points.map((p) => {
-      const text = short(name(p.r), 22), left = (Math.log10(p.x) - low + pad) * across, height = p.y * up, w = text.length * 6.6;
+      const text = short(name(p.r), 22), left = (Math.log10(p.x) - low + pad) * across, height = up(p.y), w = text.length * 6.6;
       const boxes = { 'middle right': [left + 8, height - 8, w], 'middle left': [left - 8 - w, height - 8, w], 'top center': [left - w / 2, height + 8, w], 'bottom center': [left - w / 2, height - 24, w] };
       const free = (b) => b[0] > -10 && b[0] + w < width(id) - 80 && taken.every((o) => b[0] > o[0] + o[2] || o[0] > b[0] + w || Math.abs(b[1] - o[1]) > 15);
       const where = Object.keys(boxes).find((k) => free(boxes[k])) || 'middle right';
@@ -148,7 +149,7 @@ const draws = {
       };
     });
     L.xaxis = axis('cost, ns per sample', Object.assign({ type: 'log' }, decades(x, 8), { range: [low - pad, high + pad] }));
-    L.yaxis = axis('tilt error, ° RMS', { range: [0, top] });
+    L.yaxis = axis('tilt error, ° RMS', Object.assign(log ? { type: 'log' } : {}, log ? decades(y, 6) : {}, { range: [bottom, top] }));
     return { traces, layout: L };
   },
 };
