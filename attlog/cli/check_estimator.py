@@ -23,7 +23,7 @@ def command(name: Name, no_color: NoColor = False) -> None:
 
     def show(outcome: Outcome) -> None:
         mark = "[green]pass[/]" if outcome.passed else "[red]FAIL[/]"
-        out.print(f"{mark}  {outcome.name.replace('_', ' ')}", soft_wrap=True)
+        out.print(f"{mark}  {outcome.name.replace('_', ' ').replace('[', ' in ').replace(']', '')}", soft_wrap=True)
         if not outcome.passed:
             out.print(f"      {outcome.message}", style="dim", markup=False, soft_wrap=True)
 

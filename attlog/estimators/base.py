@@ -163,7 +163,7 @@ class Estimate:
     ``t`` (n,) s, ``q`` (n, 4), ``bias`` (n, 3) rad/s or None, ``aux`` named (n, k)
     arrays, ``run`` (n,) int counts restarts after gaps, ``skipped`` counts input that
     was not used by reason (``nan``, ``time_not_rising``, ``saturated``, ``zero_vector``,
-    ``gap_bridged``, ``restart``), ``ns_per_update`` is the measured cost.
+    ``gap_bridged``, ``restart``, ``bias_beyond_clip``), ``ns_per_update`` is the measured cost.
     """
 
     t: Array
