@@ -24,7 +24,7 @@ from attlog.formats.dataflash_tables import build_tables, unreadable
 from attlog.formats.dataflash_time import drop_false_times, timeline
 from attlog.formats.dataflash_units import units_of
 from attlog.formats.dataflash_write import write
-from attlog.formats.mapping import gather, map_bytes, text_of
+from attlog.formats.mapping import Offsets, gather, map_bytes, text_of
 from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
 __all__ = ["read", "write"]
@@ -69,7 +69,7 @@ def _plain(value: Any) -> Any:
     return text_of(value) if isinstance(value, bytes) else value.item()
 
 
-def _boots(data: NDArray[np.uint8], index: Index, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Boot]:
+def _boots(data: NDArray[np.uint8], index: Index, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:
     """The power-ups in the file: a boot starts where the clock falls for good or a new block of formats begins."""
     starts = {0}
     for k in restarts(time):
@@ -89,14 +89,14 @@ def _boots(data: NDArray[np.uint8], index: Index, at: NDArray[np.int64], time: N
     return [Boot(a, b) for a, b in pairwise([*joined, len(data)])]
 
 
-def _times_of(table: Table, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[int | None]:
+def _times_of(table: Table, at: Offsets, time: NDArray[np.int64]) -> list[int | None]:
     """The time of each record, from its own stamp or else from the record before it."""
     if "TimeUS" in table and table.fields["TimeUS"].dtype.kind in "iu":
         return table["TimeUS"].tolist()
     return times_before(table.offsets, at, time)
 
 
-def _params(messages: Messages, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:
+def _params(messages: Messages, at: Offsets, time: NDArray[np.int64]) -> list[ParamChange]:
     """PARM records; the default, where it is logged, stands before the value as its own entry."""
     table = messages.first("PARM")
     if table is None or not {"Name", "Value"} <= table.fields.keys():
@@ -114,7 +114,7 @@ def _params(messages: Messages, at: NDArray[np.int64], time: NDArray[np.int64]) 
     return result
 
 
-def _texts(messages: Messages, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Text]:
+def _texts(messages: Messages, at: Offsets, time: NDArray[np.int64]) -> list[Text]:
     """MSG records: banner and events."""
     table = messages.first("MSG")
     if table is None or "Message" not in table:

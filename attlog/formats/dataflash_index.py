@@ -18,18 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Damage
-from attlog.formats.mapping import gather
+from attlog.formats.mapping import Offsets, gather, offset_type
 from attlog.limits import MAX_DAMAGE, MAX_FORMATS
 
 FMT_TYPE = 128
 FMT_LENGTH = 89
 HEADER_LENGTH = 3
 STAMP_LENGTH = 8
-_NARROW = (1 << 31) - (1 << 16)  # bytes up to which the end of a record fits in int32
 _HEADER = 0x95A3  # a3 95 read as little-endian u16
 _CHUNK = 1 << 17  # bytes scanned at once, keeps the temporaries in cache
-
-Offsets = NDArray[np.int32] | NDArray[np.int64]
 
 LETTER_DTYPES: dict[str, np.dtype[Any]] = {
     letter: np.dtype(name)
@@ -82,7 +79,6 @@ class Index:
     ``layout[i]`` is the position in ``layouts`` of the format of the record at
     ``offsets[i]``, ``stamps[i]`` the first 8 bytes of its payload, where most formats
     keep their time; whoever reads the times takes them out to free their memory.
-    Offsets are int32 in files below 2 GB, else int64.
     """
 
     layouts: list[Format]
@@ -98,7 +94,7 @@ def _headers(data: NDArray[np.uint8]) -> tuple[Offsets, NDArray[np.uint8], NDArr
 
     All three come from one block of the file while it is in the processor's cache.
     """
-    width = np.int32 if len(data) < _NARROW else np.int64
+    width = offset_type(len(data))
     found, types, stamps = [np.zeros(0, width)], [np.zeros(0, np.uint8)], [np.zeros(0, np.int64)]
     last = len(data) - HEADER_LENGTH + 1
     for start in range(0, last, _CHUNK):

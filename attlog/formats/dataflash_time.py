@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Damage
-from attlog.formats.dataflash_index import HEADER_LENGTH, Format, Index, Offsets
-from attlog.formats.mapping import gather
+from attlog.formats.dataflash_index import HEADER_LENGTH, Format, Index
+from attlog.formats.mapping import Offsets, gather
 from attlog.limits import MAX_DAMAGE, MAX_TIME_JUMP_S
 
 FALSE_TIME_US = 5_000_000
@@ -48,9 +48,7 @@ def timeline(data: NDArray[np.uint8], index: Index) -> tuple[Offsets, NDArray[np
     return at, time
 
 
-def drop_false_times(
-    index: Index, at: Offsets, time: NDArray[np.int64]
-) -> tuple[Offsets, NDArray[np.int64]]:
+def drop_false_times(index: Index, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:
     """The timeline without single records whose time is far from both neighbours; they leave the index as damage.
 
     DataFlash has no checksum, so this is the one sign of a record whose bytes were changed.

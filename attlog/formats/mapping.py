@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnreadable, LogUnusable
 
+Offsets = NDArray[np.int32] | NDArray[np.int64]
+"""Places in a file, see :func:`offset_type`."""
+
 
 def map_bytes(path: str | Path) -> NDArray[np.uint8]:
     """The content of a file as uint8 array (n,), memory-mapped, never copied.
@@ -28,7 +31,12 @@ def map_bytes(path: str | Path) -> NDArray[np.uint8]:
     return np.frombuffer(mapped, np.uint8)
 
 
-def gather(data: NDArray[np.uint8], at: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
+def offset_type(size: int) -> type[np.int32] | type[np.int64]:
+    """The narrowest integer for places in a file of ``size`` bytes and the ends of records that begin there."""
+    return np.int32 if size < (1 << 31) - (1 << 16) else np.int64
+
+
+def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArray[Any]:
     """One value of ``dtype`` (also a sub-array) from each byte offset, (n,) or (n, k). Alignment does not matter.
 
     Values that lie k bytes behind each offset come from ``data[k:]``, which needs no further offsets.

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.compiled import compile_once, numba_is_loaded
+from attlog.formats.mapping import Offsets, offset_type
 
 WORTH_COMPILED = 16 << 20
 """Below this many bytes loading compiled code costs more than it saves."""
@@ -29,24 +30,22 @@ def pays(data: NDArray[np.uint8]) -> bool:
 
 def compiled_packets(
     data: NDArray[np.uint8], seeds: NDArray[np.int16], sizes: NDArray[np.int16]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32]]:
+) -> tuple[Offsets, Offsets, NDArray[np.int32]]:
     """Marker offsets, end offsets and message ids of all packets of known messages, in file order.
 
     ``seeds`` (CRC extra, -1 unknown) and ``sizes`` (payload bytes) by message id. A
     packet inside an accepted one is payload.
     """
-    walk, tables = _walk(), _tables()
+    walk, tables, width = _walk(), _tables(), offset_type(len(data))
+    starts, ends, ids = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int32)
     blocks = []
-    position = 0
-    while True:
-        starts, ends, ids = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int32)
+    position, n = 0, _BLOCK
+    while n == _BLOCK:
         n = walk(data, position, seeds, sizes, tables, starts, ends, ids)
-        blocks.append((starts[:n], ends[:n], ids[:n]))
-        if n < _BLOCK:
-            break
-        position = int(ends[-1])
-    starts, ends, ids = (np.concatenate(columns) for columns in zip(*blocks, strict=True))
-    return starts, ends, ids
+        blocks.append((starts[:n].astype(width), ends[:n].astype(width), ids[:n].copy()))
+        position = int(ends[n - 1])
+    found_starts, found_ends, found_ids = (np.concatenate(columns) for columns in zip(*blocks, strict=True))
+    return found_starts, found_ends, found_ids
 
 
 def _tables() -> NDArray[np.uint16]:

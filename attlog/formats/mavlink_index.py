@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Damage
-from attlog.formats.mapping import gather
+from attlog.formats.mapping import Offsets, gather, offset_type
 from attlog.formats.mavlink_compiled import compiled_packets, pays
 from attlog.limits import MAX_DAMAGE
 
@@ -38,9 +38,9 @@ class Packets:
     ``stamped`` tells a tlog (each packet behind its receiver time) from a raw capture.
     """
 
-    offsets: NDArray[np.int64]
+    offsets: Offsets
     ids: NDArray[np.int32]
-    senders: NDArray[np.int32]  # system * 256 + component
+    senders: NDArray[np.uint16]  # system * 256 + component
     stamped: bool
     unknown: Counter[int] = field(default_factory=Counter)
     damage: list[Damage] = field(default_factory=list)
@@ -173,7 +173,7 @@ def _checked(data: NDArray[np.uint8], headers: _Headers, catalogue: Catalogue) -
     return good
 
 
-def _without_embedded(start: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _without_embedded(start: Offsets, end: Offsets) -> NDArray[np.bool_]:
     """True for packets that do not begin inside an accepted one (a tunnelled packet is payload)."""
     keep = np.ones(len(start), np.bool_)
     reach = np.maximum.accumulate(end) if len(end) else end
@@ -188,18 +188,19 @@ def _without_embedded(start: NDArray[np.int64], end: NDArray[np.int64]) -> NDArr
     return keep
 
 
-def _packets(
-    data: NDArray[np.uint8], catalogue: Catalogue
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32]]:
+def _packets(data: NDArray[np.uint8], catalogue: Catalogue) -> tuple[Offsets, Offsets, NDArray[np.int32]]:
     """Begin, end and message id of the packets with a right checksum, in file order."""
-    found = []
+    width = offset_type(len(data))
+    blocks = []
     for first in range(0, max(len(data), 1), _CHUNK):
+        found = []
         for headers in (_headers_v1(data, catalogue, first), _headers_v2(data, catalogue, first)):
             found.append(headers.chosen(_checked(data, headers, catalogue)))
-    start = np.concatenate([h.at for h in found])
-    order = np.argsort(start, kind="stable")
-    start, end = start[order], np.concatenate([h.end for h in found])[order]
-    ids = np.concatenate([h.ids for h in found])[order]
+        start = np.concatenate([h.at for h in found])
+        order = np.argsort(start, kind="stable")
+        end, ids = (np.concatenate(columns)[order] for columns in ([h.end for h in found], [h.ids for h in found]))
+        blocks.append((start[order].astype(width), end.astype(width), ids))
+    start, end, ids = (np.concatenate(columns) for columns in zip(*blocks, strict=True))
     kept = _without_embedded(start, end)
     if not kept.all():
         start, end, ids = start[kept], end[kept], ids[kept]
@@ -224,22 +225,23 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
         stamped = len(start) > 0 and int(start[0]) >= STAMP_LENGTH
     if stamped and start[0] < STAMP_LENGTH:  # a file that begins inside a receiver time
         start, end, ids = start[1:], end[1:], ids[1:]
-    place = np.where(data[start] == V2, 5, 3)
-    senders = data[start + place].astype(np.int32) << 8 | data[start + place + 1]
+    place = np.where(data.take(start) == V2, np.uint8(5), np.uint8(3))
+    senders = gather(data, start + place, np.dtype(">u2")).astype(np.uint16)
     packets = Packets(start, ids, senders, bool(stamped))
     _account(data, packets, end, catalogue)
     return packets
 
 
-def _account(data: NDArray[np.uint8], packets: Packets, end: NDArray[np.int64], catalogue: Catalogue) -> None:
+def _account(data: NDArray[np.uint8], packets: Packets, end: Offsets, catalogue: Catalogue) -> None:
     """Fills in what lies between the packets: unknown messages, wrong checksums or other damage."""
     size = len(data)
     stamp = STAMP_LENGTH if packets.stamped else 0
-    begins = np.concatenate([[0], end])
-    # less than a receiver time between two packets is what damage left of one
-    whole = packets.offsets - stamp >= begins[:-1]
-    stops = np.append(np.where(whole, packets.offsets - stamp, packets.offsets), size)
-    holes = np.flatnonzero(stops != begins)
+    # where each packet should begin, and where it does; in front of the first and behind the last one too
+    begins = np.concatenate([np.zeros(1, end.dtype), end])
+    stops = np.append(packets.offsets - stamp, end.dtype.type(size))
+    torn = (stops[:-1] < begins[:-1]).nonzero()[0]
+    stops[torn] += stamp  # less than a receiver time between two packets is what damage left of one
+    holes = (stops != begins).nonzero()[0]
     wrong: dict[int, list[tuple[int, int]]] = {}
     for begin, stop in zip(begins[holes].tolist(), stops[holes].tolist(), strict=True):
         chain = _chain(data, begin, stop, stamp)

@@ -74,16 +74,32 @@ def read(path: str | Path, system: int | None = None) -> Messages:
 
 def _tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], Table]:
     """The tables by message name and sender, in the order in which their first packets stand in the file."""
-    keys = packets.ids.astype(np.int64) << 16 | packets.senders
+    numbers, number = _ranked(packets.ids)
+    senders, sender = _ranked(packets.senders)
+    kinds = len(numbers) * len(senders)
+    keys = number.astype(np.min_scalar_type(kinds))  # 16 bits sort in linear time
+    keys *= keys.dtype.type(len(senders))
+    keys += sender
     order = np.argsort(keys, kind="stable")
-    values, first = np.unique(keys[order], return_index=True)
+    counts = np.bincount(keys, minlength=kinds)
+    ends = counts.cumsum()
     tables: dict[tuple[str, int], Table] = {}
-    for key, offsets in zip(values.tolist(), np.split(packets.offsets[order], first[1:]), strict=True):
-        name, fields, record = layout(key >> 16)
+    for k in counts.nonzero()[0].tolist():
+        offsets = packets.offsets[order[ends[k] - counts[k] : ends[k]]].astype(np.int64, copy=False)
+        instance = int(senders[k % len(senders)])
+        name, fields, record = layout(int(numbers[k // len(senders)]))
         if packets.stamped:
             fields = {STAMP: Field(STAMP, np.dtype(np.int64), "us"), **fields}
-        tables[name, key & 0xFFFF] = Table(name, key & 0xFFFF, fields, offsets, _decoder(data, record))
+        tables[name, instance] = Table(name, instance, fields, offsets, _decoder(data, record))
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+
+
+def _ranked(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+    """The different values, ascending, and the place among them of each value."""
+    present = np.bincount(values).nonzero()[0]
+    place = np.zeros(int(present[-1]) + 1, np.uint16)
+    place[present] = np.arange(len(present))
+    return present, place[values]
 
 
 def _decoder(data: NDArray[np.uint8], record: np.dtype[Any]) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
@@ -100,20 +116,20 @@ def _decoder(data: NDArray[np.uint8], record: np.dtype[Any]) -> Callable[[str, N
 def payloads(data: NDArray[np.uint8], offsets: NDArray[np.int64], record: np.dtype[Any]) -> NDArray[Any]:
     """The payloads of packets at some offsets as records; bytes that the sender left out are zero."""
     size = record.itemsize
-    begin = offsets + np.where(data[offsets] == V2, 10, 6)
-    length = data[offsets + 1].astype(np.int64)
-    fits = begin + size <= len(data)
-    raw = np.zeros((len(offsets), size), np.uint8)
+    begin = offsets + np.where(data.take(offsets) == V2, np.uint8(10), np.uint8(6))
+    length = data[1:].take(offsets)
+    fits = begin <= len(data) - size
     if fits.all():
         raw = gather(data, begin, np.dtype((np.uint8, (size,))))
-    else:
+    else:  # the last packets of a file may be shorter than the message is now
+        raw = np.zeros((len(offsets), size), np.uint8)
         raw[fits] = gather(data, begin[fits], np.dtype((np.uint8, (size,))))
-        for k in np.flatnonzero(~fits).tolist():
-            rest = data[begin[k] : begin[k] + length[k]]
-            raw[k, : len(rest)] = rest[:size]
+        for k in (~fits).nonzero()[0].tolist():
+            rest = data[begin[k] : begin[k] + min(int(length[k]), size)]
+            raw[k, : len(rest)] = rest
     if length.min(initial=size) < size:
         shortest = int(length.min())
-        raw[:, shortest:] *= np.arange(shortest, size) < length[:, np.newaxis]
+        raw[:, shortest:] *= np.arange(shortest, size, dtype=np.uint8) < length[:, np.newaxis]
     return raw.view(record).reshape(len(offsets))
 
 
