@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.base import Metric, Trial, about, paragraph
 from attlog.metrics.noise import rest_spans, why_no_rest
-from attlog.metrics.spans import about, within
+from attlog.metrics.stretches import within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -111,7 +111,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         return {}
     piece = longest_rest(trial, row, window)
     if piece is None:
-        absent = why_no_rest(trial, row, window, rest_spans(trial, row, window))
+        absent = why_no_rest(trial, window, rest_spans(trial, row, window))
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     t = row.t[piece]
     length = float(t[-1] - t[0])

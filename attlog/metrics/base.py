@@ -10,7 +10,7 @@ from attlog.flight.model import FlightLog
 from attlog.reference.model import Reference, Row, Witness
 from attlog.segments.model import Segments
 
-__all__ = ["Metric", "Trial", "Witness", "paragraph"]
+__all__ = ["Metric", "Trial", "Witness", "about", "paragraph"]
 
 T = TypeVar("T")
 
@@ -51,6 +51,11 @@ class Trial:
         if key not in self.cache:
             self.cache[key] = compute()
         return self.cache[key]
+
+
+def about(window: str, *names: str) -> bool:
+    """Whether a metric that belongs to the named windows says something about this one (``T0:T1`` always)."""
+    return ":" in window or window in names
 
 
 def paragraph(text: str) -> str:

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
-from attlog.metrics.noise import cut, rest_spans, why_no_rest
-from attlog.metrics.spans import about, seconds, within
+from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.noise import rest_spans, why_no_rest, windows_in
+from attlog.metrics.stretches import seconds
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -46,10 +46,10 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         return {name: missing("not_applicable", reason, unit, window)}
     gyro = trial.log.imus[trial.log.imu].gyro
     spans = rest_spans(trial, row, window)
-    windows = [w for s in spans for p in within(gyro.t, s) for w in cut(gyro.t, p) if np.isfinite(gyro.x[w]).all()]
+    windows = windows_in(gyro.t, gyro.x, spans)
     errors = window_errors(gyro.t, gyro.x, row, windows)
     if len(errors) == 0:
-        return {name: missing(*why_no_rest(trial, row, window, spans), unit, window)}
+        return {name: missing(*why_no_rest(trial, window, spans), unit, window)}
     lengths = np.sqrt(np.sum(errors**2, axis=1))
     reason = None if len(errors) > 1 else "one window of rest gives no interval"
     return {

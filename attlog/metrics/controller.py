@@ -15,8 +15,8 @@ from attlog import rotation
 from attlog.flight.model import Attitude
 from attlog.metrics import interval, rmse
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
-from attlog.metrics.spans import about, within
+from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.stretches import within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]

@@ -32,7 +32,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row over the whole log; nothing for other windows."""
     if window != "all":
         return {}
-    absent = why_no_errors(trial, row, window)
+    absent = why_no_errors(trial, row)
     if absent is not None or row.errors is None:
         absent = absent or ("no_reference", "this row was not compared")
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import drift
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, Witness, paragraph
+from attlog.metrics.base import Metric, Trial, Witness, about, paragraph
 from attlog.metrics.drift_rest import bias_beside
-from attlog.metrics.spans import about
 from attlog.reference.model import Row
+from attlog.segments import runs
 from attlog.segments.spans import inside, intersect
 
 Array = NDArray[np.float64]
@@ -84,19 +84,17 @@ def _error_blocks(trial: Trial, row: Row, name: str, spans: list[tuple[float, fl
     if name == reference.kind and row.errors is not None:
         errors = row.errors
         keep = inside(errors.t, spans) & errors.scored
-        return drift.block_means(errors.t[keep], errors.heading[keep], split(errors.t, errors.piece, keep)[keep])
+        return drift.block_means(errors.t[keep], errors.heading[keep], split(errors.piece, keep)[keep])
     if witness is None:
         return None
     e, piece = heading_error(row, witness)
     keep = inside(witness.t, spans) & (witness.t >= reference.scoring_start) & (witness.t <= reference.end)
-    return drift.block_means(witness.t[keep], e[keep], split(witness.t, piece, keep)[keep])
+    return drift.block_means(witness.t[keep], e[keep], split(piece, keep)[keep])
 
 
-def split(t: Array, piece: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
+def split(piece: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Pieces (n,) that also end where time was left out between samples that are kept."""
-    left_out = np.concatenate([[0], np.cumsum(~keep)])[: len(t)]
-    changes = (np.diff(piece, prepend=piece[:1]) != 0) | (np.diff(left_out, prepend=0) != 0)
-    return np.cumsum(changes)
+    return runs.numbered(piece, np.concatenate([[0], np.cumsum(~keep)])[: len(keep)])
 
 
 def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from attlog import earth, rotation
 from attlog.metrics import drift, follow
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.base import Metric, Trial, about, paragraph
 from attlog.metrics.noise import rest_spans, why_no_rest
-from attlog.metrics.spans import about, within
+from attlog.metrics.stretches import within
 from attlog.reference import clock
 from attlog.reference.model import Row
 from attlog.segments import resets
@@ -71,7 +71,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         return {}
     found = records(trial, row, window)
     if not found:
-        code, reason = why_no_rest(trial, row, window, rest_spans(trial, row, window))
+        code, reason = why_no_rest(trial, window, rest_spans(trial, row, window))
         return {"drift_rest_deg_per_min": missing(code, reason, "deg/min", window)}
     answer = drift.answer(drift.together(found), window, "rest")
     answer.detail |= bias_beside(row, answer.value, rest_spans(trial, row, window)) | heading_change(trial, row, window)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
-from attlog.metrics.spans import Span, about, seconds, within
+from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.stretches import seconds, within
 from attlog.reference.model import Row
-from attlog.segments.spans import intersect
+from attlog.segments.spans import Span, intersect
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,9 @@ import numpy as np
 from attlog.metrics import angle_fit, steps
 from attlog.metrics.angle_fit import Fit
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.base import Metric, Trial, about, paragraph
 from attlog.metrics.event_pairs import Track
 from attlog.metrics.rmse import why_no_errors
-from attlog.metrics.spans import about
 from attlog.reference.model import Row
 
 AXES = (*steps.AXES, "all")
@@ -107,7 +106,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
     if not about(window, "all", "airborne"):
         return {}
-    absent = why_no_errors(trial, row, window) or why_no_events(trial, row, window)
+    absent = why_no_errors(trial, row) or why_no_events(trial, row, window)
     if absent is not None:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     found = fits(trial, row, window)

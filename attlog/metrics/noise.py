@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
-from attlog.metrics.spans import Span, about, seconds, within
+from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.stretches import seconds, within
 from attlog.reference.model import Row
-from attlog.segments.spans import intersect
+from attlog.segments.spans import Span, intersect
 
 Array = NDArray[np.float64]
 
@@ -75,6 +75,12 @@ def cut(t: Array, piece: slice) -> list[slice]:
     return [w for w in found if w.stop - w.start >= MIN_SAMPLES]
 
 
+def windows_in(t: Array, x: Array, spans: list[Span], run: NDArray[np.int64] | None = None) -> list[slice]:
+    """Windows of a signal ``x`` (n, k) at ``t`` (n,) s within spans of time: none with a gap or a value that is NaN."""
+    windows = [w for span in spans for piece in within(t, span, run) for w in cut(t, piece)]
+    return [w for w in windows if np.isfinite(x[w]).all()]
+
+
 def detrended(t: Array, x: Array) -> Array:
     """``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
     u = t - np.mean(t)
@@ -124,11 +130,6 @@ def pooled(residuals: list[Array]) -> Noise | None:
     )
 
 
-def windowed_std(t: Array, x: Array, windows: list[slice]) -> Noise | None:
-    """The windowed, detrended standard deviation of a signal (n,) with its interval."""
-    return pooled([detrended(t[w], x[w]) for w in windows])
-
-
 def deviations(q: Array) -> Array:
     """Small rotations (n, 4) in deg away from the mean attitude: about body x, y, z and about the vertical."""
     centre = rotation.mean(q)
@@ -153,7 +154,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     spans = rest_spans(trial, row, window)
     windows, noises = measured(trial, row, spans)
     if not windows:
-        code, reason = why_no_rest(trial, row, window, spans)
+        code, reason = why_no_rest(trial, window, spans)
         return {m.name: missing(code, reason, "deg", window) for m in METRICS}
     roll, pitch, heading, yaw = noises
     shared = {"windows": len(windows), "body_z_deg": yaw.sigma, **input_noise(trial, spans)}
@@ -184,8 +185,7 @@ def measured(trial: Trial, row: Row, spans: list[Span]) -> tuple[list[slice], li
 
 
 def _measured(row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
-    windows = [w for span in spans for p in within(row.t, span, row.run) for w in cut(row.t, p)]
-    windows = [w for w in windows if np.isfinite(row.q[w]).all()]
+    windows = windows_in(row.t, row.q, spans, row.run)
     residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
     found = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
     return windows, [n for n in found if n is not None]
@@ -226,8 +226,7 @@ def _input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
         return found
     imu = trial.log.imus[trial.log.imu]
     for name, stream, factor in (("gyro_dps", imu.gyro, np.degrees(1.0)), ("acc_m_s2", imu.acc, 1.0)):
-        windows = [w for span in spans for p in within(stream.t, span) for w in cut(stream.t, p)]
-        residuals = [detrended(stream.t[w], stream.x[w]) for w in windows if np.isfinite(stream.x[w]).all()]
+        residuals = [detrended(stream.t[w], stream.x[w]) for w in windows_in(stream.t, stream.x, spans)]
         if residuals:
             weight = sum(len(r) - 2 for r in residuals)
             sigma = np.sqrt(sum(np.sum(r**2, axis=0) for r in residuals) / weight) * factor
@@ -256,7 +255,7 @@ def _hidden_deg(trial: Trial) -> list[float]:
     return [share * float(step) for step in steps]
 
 
-def why_no_rest(trial: Trial, row: Row, window: str, spans: list[Span]) -> tuple[str, str]:
+def why_no_rest(trial: Trial, window: str, spans: list[Span]) -> tuple[str, str]:
     """Code and reason where a row has no usable rest."""
     if window == "idle":
         return "no_rest", "the vehicle never stood with its motors turning"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog import estimators, rotation
 from attlog.errors import AttlogError
 from attlog.metrics.base import Trial
-from attlog.metrics.spans import within
+from attlog.metrics.stretches import within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
 from attlog.metrics.rmse import why_no_errors
 from attlog.reference.model import Row
+from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
-Span = tuple[float, float]
 
 OFF_SHARE = 0.3
 SHORTEST_S = 0.5
@@ -100,7 +100,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row over the whole log; nothing for other windows."""
     if window != "all":
         return {}
-    absent = why_no_errors(trial, row, window)
+    absent = why_no_errors(trial, row)
     if absent is not None or row.errors is None:
         return {"recovery_s": missing(*(absent or ("no_reference", "this row was not compared")), "s", window)}
     found = disturbances(trial)

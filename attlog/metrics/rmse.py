@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, paragraph
-from attlog.metrics.spans import seconds, stretches
+from attlog.metrics.stretches import seconds, unbroken
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def statistic(angle: Array, name: str, groups: list[slice]) -> tuple[float, inte
 def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window."""
     errors = row.errors
-    absent = why_no_errors(trial, row, window)
+    absent = why_no_errors(trial, row)
     if absent is not None or errors is None:
         code, reason = absent or ("no_reference", "this row has no errors against the reference")
         return {m.name: missing(code, reason, "deg", window) for m in METRICS}
@@ -91,7 +91,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         start = trial.reference.scoring_start
         reason = f"{good.sum()} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
-    duration = seconds(errors.t, stretches(errors.t, good, errors.piece))
+    duration = seconds(errors.t, unbroken(errors.t, good, errors.piece))
     groups = groups_of(int(good.sum()), duration)
     offset_note = heading_is_offset_free(trial, row)
     answers = {}
@@ -121,7 +121,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     return answers
 
 
-def why_no_errors(trial: Trial, row: Row, window: str) -> tuple[str, str] | None:
+def why_no_errors(trial: Trial, row: Row) -> tuple[str, str] | None:
     """Code and reason where a row cannot be compared with the reference, else None."""
     if trial.reference.kind == "none" or len(trial.reference.t) == 0:
         nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"

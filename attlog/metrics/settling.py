@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from attlog.metrics import interval, lag
 from attlog.metrics.angle_fit import Fit
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.base import Metric, Trial, about, paragraph
 from attlog.metrics.rmse import why_no_errors
-from attlog.metrics.spans import about
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -61,7 +60,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
     if not about(window, "all", "airborne"):
         return {}
-    absent = why_no_errors(trial, row, window) or lag.why_no_events(trial, row, window)
+    absent = why_no_errors(trial, row) or lag.why_no_events(trial, row, window)
     found = lag.fits(trial, row, window).get("all") if absent is None else None
     overshoot, settling, unsettled = (np.zeros(0), np.zeros(0), 0) if found is None else of_events(found)
     if absent is None and len(overshoot) < lag.MIN_EVENTS:

@@ -11,7 +11,7 @@ from attlog import rotation
 from attlog.metrics import allan, controller, drift, drift_air, drift_rest, lag, steps
 from attlog.metrics.base import Trial
 from attlog.metrics.noise import deviations, rest_spans
-from attlog.metrics.spans import within
+from attlog.metrics.stretches import within
 from attlog.metrics.trace import Trace
 from attlog.reference.model import Row
 

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from attlog.metrics import drift, follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.base import Metric, Trial, about, paragraph
 from attlog.metrics.drift_air import error_blocks
 from attlog.metrics.drift_rest import rest_blocks
 from attlog.metrics.noise import rest_spans
 from attlog.metrics.rmse import root_mean_square, why_no_errors
-from attlog.metrics.spans import about
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -54,7 +53,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     if not about(window, "all", "rest", "rest.long", "airborne"):
         return {}
     if window == "airborne":
-        absent = why_no_errors(trial, row, window)
+        absent = why_no_errors(trial, row)
         if absent is not None:
             return {"wander_deg": missing(*absent, "deg", window)}
         flown = error_blocks(trial, row, trial.reference.kind, window)

@@ -105,7 +105,7 @@ def _build(
     jumped = np.zeros(len(attitude.t), np.int64)
     jumped[found] = 1
     piece = run + np.cumsum(jumped)[kept]
-    reference = Reference(kind, attitude.source, t, q, run, _consecutive(piece), name=name, clock=which)
+    reference = Reference(kind, attitude.source, t, q, run, runs.numbered(piece), name=name, clock=which)
     reference.rate = runs.rate(t)
     reference.trim, trim_step = trim.step(log, attitude, options.trim)
     reference.floor_deg, reference.step_deg, floor_step = floor.step(t, q, attitude.step_deg, imu)
@@ -151,12 +151,7 @@ def _imu_times(imu: Imu | None, otherwise: Array) -> Array:
 def _runs(t: Array, segments: Segments) -> NDArray[np.int64]:
     """The stretch number of each time (n,): a gap of the attitude or of the replayed IMU begins a new one."""
     starts = np.array([s.t0 for s in segments.of("run")][1:])
-    return _consecutive(runs.pieces(t) + np.searchsorted(starts, t, side="right"))
-
-
-def _consecutive(number: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Stretch numbers from 0 without jumps."""
-    return np.concatenate([[0], np.cumsum(np.diff(number) != 0)]).astype(np.int64) if len(number) else number
+    return runs.numbered(runs.pieces(t), np.searchsorted(starts, t, side="right"))
 
 
 def _score(reference: Reference, t: Array, segments: Segments, options: Options) -> list[AlignmentStep]:

@@ -57,7 +57,7 @@ def errors(t: Array, q: Array, run: Index, reference: Reference) -> Errors:
     a slow reference is never drawn out to a fast row's times. Times at which either
     would have to be guessed across a gap, restart or reset are left out.
     """
-    own = runs.pieces(t) + np.concatenate([[0], np.cumsum(np.diff(run) != 0)]).astype(np.int64) if len(t) else run
+    own = runs.numbered(runs.pieces(t), run)
     if runs.rate(t) > SAME_RATE * reference.rate:
         at, q_ref = reference.t, reference.q
         q_est, mine = interpolate(t, q, own, at)
@@ -68,8 +68,8 @@ def errors(t: Array, q: Array, run: Index, reference: Reference) -> Errors:
         where = np.clip(np.searchsorted(reference.t, at, side="right") - 1, 0, max(len(reference.t) - 1, 0))
     good = np.isfinite(q_est).all(axis=1) & np.isfinite(q_ref).all(axis=1)
     at, q_est, q_ref, mine, where = at[good], q_est[good], q_ref[good], mine[good], where[good]
-    return measured(at, q_est, q_ref, _renumber(mine, reference.run[where]), _renumber(mine, reference.piece[where]),
-                    scoring.scored(reference, at))  # fmt: skip
+    run, piece = runs.numbered(mine, reference.run[where]), runs.numbered(mine, reference.piece[where])
+    return measured(at, q_est, q_ref, run, piece, scoring.scored(reference, at))
 
 
 def measured(t: Array, q_est: Array, q_ref: Array, run: Index, piece: Index, scored: NDArray[np.bool_]) -> Errors:
@@ -80,11 +80,3 @@ def measured(t: Array, q_est: Array, q_ref: Array, run: Index, piece: Index, sco
         measures = (rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e))
         angles[:, a : a + CHUNK] = np.degrees(measures)
     return Errors(t, *angles, run, piece, scored, q_est, q_ref)
-
-
-def _renumber(a: Index, b: Index) -> Index:
-    """Stretch numbers (n,) from 0 that rise wherever one of the two changes."""
-    if len(a) == 0:
-        return np.zeros(0, np.int64)
-    changed = (np.diff(a) != 0) | (np.diff(b) != 0)
-    return np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)

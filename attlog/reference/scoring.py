@@ -67,9 +67,9 @@ def coverage_pct(errors: Errors, reference: Reference, segments: Segments) -> fl
 def diverged_at(errors: Errors) -> float | None:
     """The time from which the scored tilt error stays above 30 deg for 2 s; None if it never does."""
     bad = errors.scored & (errors.inclination > DIVERGED_DEG)
-    for first, last in _stretches(bad, errors.run):
-        if errors.t[last] - errors.t[first] >= DIVERGED_S:
-            return float(errors.t[first])
+    for part in runs.stretches(bad, errors.run):
+        if np.ptp(errors.t[part]) >= DIVERGED_S:
+            return float(errors.t[part.start])
     return None
 
 
@@ -87,19 +87,8 @@ def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | N
     if with_heading:
         heading = np.abs(errors.heading)
         good &= heading <= np.median(heading[later]) + CONVERGED_HEADING_DEG
-    for first, last in _stretches(good, np.zeros(len(good), np.int64)):
-        if errors.t[last] - errors.t[first] >= CONVERGED_S:
-            took = max(0.0, float(errors.t[first]) - start) if first > 0 else 0.0
+    for part in runs.stretches(good, np.zeros(len(good), np.int64)):
+        if np.ptp(errors.t[part]) >= CONVERGED_S:
+            took = max(0.0, float(errors.t[part.start]) - start) if part.start > 0 else 0.0
             return took if took <= CONVERGED_LIMIT_S else None
     return None
-
-
-def _stretches(mask: NDArray[np.bool_], run: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """First and last index of each stretch of neighbours that are all true and of one run."""
-    i = np.flatnonzero(mask)
-    if len(i) == 0:
-        return []
-    apart = np.flatnonzero((np.diff(i) > 1) | (np.diff(run[i]) != 0)) + 1
-    first = np.concatenate([[0], apart])
-    last = np.append(apart, len(i)) - 1
-    return [(int(i[a]), int(i[b])) for a, b in zip(first, last, strict=True)]

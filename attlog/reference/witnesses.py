@@ -52,7 +52,7 @@ def _attitude(
     jumped[
         resets.known(log, log.onboard or "", segments)[0] if name == "onboard" else resets.find(attitude, imu)[0]
     ] = 1
-    return t, q, _split(runs.pieces(t), np.cumsum(jumped)[kept])
+    return t, q, runs.numbered(runs.pieces(t), np.cumsum(jumped)[kept])
 
 
 def _magnetic(log: FlightLog, reference: Reference, rows: list[Row]) -> Witness | None:
@@ -127,9 +127,3 @@ def _moving(gnss: Gnss) -> tuple[Array, Array]:
     t, velocity = runs.rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned[:, :2])
     fast = np.hypot(velocity[:, 0], velocity[:, 1]) > COURSE_SPEED_M_S
     return t[fast], velocity[fast]
-
-
-def _split(a: Index, b: Index) -> Index:
-    """Stretch numbers from 0 that rise wherever one of the two changes."""
-    changed = (np.diff(a) != 0) | (np.diff(b) != 0)
-    return np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)

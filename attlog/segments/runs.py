@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +40,23 @@ def pieces(t: Array, limit: float | None = None) -> NDArray[np.int64]:
     dt = np.diff(t)
     broken = ~((dt >= 0) & (dt <= (gap_limit(t) if limit is None else limit)))
     return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
+
+
+def numbered(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Stretch numbers (n,) from 0 that rise by one wherever one of the given numbers (n,) changes."""
+    if len(numbers[0]) == 0:
+        return np.zeros(0, np.int64)
+    changed = np.any([np.diff(n) != 0 for n in numbers], axis=0)
+    return np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)
+
+
+def stretches(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:
+    """Index ranges of neighbouring samples that are all inside and bear the same stretch number (n,)."""
+    if len(inside) == 0:
+        return []
+    edges = np.flatnonzero((inside[1:] != inside[:-1]) | (np.diff(number) != 0)) + 1
+    bounds = [0, *edges.tolist(), len(inside)]
+    return [slice(a, b) for a, b in pairwise(bounds) if inside[a]]
 
 
 def rising(t: Array, x: Array) -> tuple[Array, Array]:

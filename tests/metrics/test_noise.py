@@ -31,7 +31,10 @@ def coverage(seconds, time_constant, runs, step=0.02, seed=3):
     truth = expected_sigma(rng, min(seconds, noise.WINDOW_S), step, time_constant)
     t = np.arange(round(seconds / step) + 1) * step
     windows = noise.cut(t, slice(0, len(t)))
-    found = [noise.windowed_std(t, process(rng, len(t), step, time_constant), windows) for _ in range(runs)]
+    found = []
+    for _ in range(runs):
+        x = process(rng, len(t), step, time_constant)
+        found.append(noise.pooled([noise.detrended(t[w], x[w]) for w in windows]))
     return np.mean([f.ci95[0] <= truth <= f.ci95[1] for f in found]), truth, np.mean([f.sigma for f in found])
 
 

@@ -2,23 +2,23 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from attlog.metrics import drift, spans
+from attlog.metrics import drift, stretches
 
 
 def test_stretches_end_at_gaps_and_restarts():
     t = np.concatenate([np.arange(0.0, 5.0, 0.01), np.arange(6.0, 9.0, 0.01)])
     run = (t > 7.5).astype(np.int64)
-    found = spans.within(t, (1.0, 8.5), run)
+    found = stretches.within(t, (1.0, 8.5), run)
     assert [(round(t[s.start], 2), round(t[s.stop - 1], 2)) for s in found] == [(1.0, 4.99), (6.0, 7.5), (7.51, 8.5)]
-    assert spans.within(t, (5.2, 5.8)) == []
-    assert spans.within(np.zeros(0), (0.0, 1.0)) == []
+    assert stretches.within(t, (5.2, 5.8)) == []
+    assert stretches.within(np.zeros(0), (0.0, 1.0)) == []
 
 
 @given(st.lists(st.tuples(st.floats(0.005, 0.2), st.booleans()), min_size=1, max_size=200))
 def test_stretches_cover_what_is_inside_once_and_nothing_else(samples):
     t = np.cumsum([s for s, _ in samples])
     inside = np.array([b for _, b in samples])
-    found = spans.stretches(t, inside)
+    found = stretches.unbroken(t, inside)
     index = np.concatenate([np.arange(s.start, s.stop) for s in found]) if found else np.zeros(0, int)
     np.testing.assert_array_equal(index, np.flatnonzero(inside))
 
