@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 WINDOW_S = 2.0
 BEFORE_S, RESPONSE_S = 0.3, 1.0
 REGULARISED = 0.05
+"""METRICS 4, "Controller"."""
 MIN_RATE_HZ = 8.0
 MIN_WINDOWS = 8
 MOVING_DEG = 1.0

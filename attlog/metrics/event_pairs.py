@@ -19,7 +19,9 @@ Array = NDArray[np.float64]
 RANGE_S = 0.25
 """A delay is looked for up to this far on both sides."""
 LARGEST_TURN_DEG = 120.0
+"""Beyond, the rotation vector from mid-step may take the other way round."""
 RIDGE_DEG = 5.0
+"""A misalignment larger than this is not believed without much evidence."""
 MIN_SAMPLES = 4
 
 

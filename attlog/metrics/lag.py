@@ -20,6 +20,7 @@ MIN_REFERENCE_HZ = 5.0
 GAIN = (0.95, 1.05)
 MAX_DISTORTION = 0.05
 MAX_RESIDUAL_DEG = 0.5
+"""METRICS 4, "When a lag may be judged": other shapes give a delay that depends on the movement, not on the filter."""
 
 _LAG = paragraph(
     """How late the row follows quick movements{axis}, positive = late. Each event (a stroke of at least 5 deg, yaw 10

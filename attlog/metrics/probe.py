@@ -13,10 +13,10 @@ from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
 
-RATE_DPS = 20.0
-PULSE_S = 1.0
-SETTLE_S = 1.0
-LONGEST_S = 8.0
+RATE_DPS, PULSE_S = 20.0, 1.0
+"""METRICS 3."""
+SETTLE_S, LONGEST_S = 1.0, 8.0
+"""The filter runs so long on the rest before the pulse, at least and at most."""
 
 
 def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:

@@ -16,8 +16,10 @@ SHORT_S = 30.0
 """Where the record is shorter than this, a third of it is left out instead of 15 s (METRICS 2.6)."""
 
 DIVERGED_DEG, DIVERGED_S = 30.0, 2.0
+"""METRICS 2.7."""
 CONVERGED_S, CONVERGED_TILT_DEG, CONVERGED_HEADING_DEG = 5.0, 2.0, 5.0
 CONVERGED_LIMIT_S = 60.0
+"""METRICS 2.6."""
 
 
 def settling(seconds: float) -> float:

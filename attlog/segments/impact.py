@@ -22,6 +22,7 @@ TUMBLE_DPS = 200.0
 TILT_DEG = 90.0
 END_S, LOST_S = 10.0, 3.0
 LYING_DEG, LYING_DPS, LYING_S = 60.0, 10.0, 3.0
+"""Thresholds proposed, not measured: the logs in hand hold few crashes (METRICS 1)."""
 FIXED_WING = ("plane", "fixed", "wing", "vtol")
 CRASH = re.compile(r"\bcrash(ed)?\b(?!.{0,2}(check|dump|log|catcher))", re.IGNORECASE)
 
