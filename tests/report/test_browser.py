@@ -53,6 +53,7 @@ def test_zoom_in_one_figure_moves_all_with_flight_time_and_double_click_returns(
     assert page.range("difference") == pytest.approx(whole)
 
 
+@pytest.mark.slow
 def test_zoom_shows_more_samples_than_the_overview(visit, report):
     page = visit(report)
     count = """() => {
@@ -137,6 +138,7 @@ def test_print_holds_every_figure_and_cuts_none(visit, report, tmp_path):
     assert page.complaints == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_violation(visit, report, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
@@ -156,6 +158,7 @@ def test_dark_follows_the_button_in_page_and_figures(visit, report):
     assert page.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(18, 22, 28)"
 
 
+@pytest.mark.slow
 def test_movements_can_be_stepped_through(visit, report):
     page = visit(report)
     assert page.page.locator("#event option").count() == 2 + 6

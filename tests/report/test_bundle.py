@@ -138,13 +138,16 @@ def test_a_missing_bundle_falls_back_to_the_full_one_and_says_so(tmp_path):
     assert len(full.styles) == 2
 
 
-@pytest.mark.parametrize("content", [b"", b"not gzip", gzip.compress(b"x" * 1000, mtime=0)[:20]], ids=["empty", "text", "cut"])
+@pytest.mark.parametrize(
+    "content", [b"", b"not gzip", gzip.compress(b"x" * 1000, mtime=0)[:20]], ids=["empty", "text", "cut"]
+)
 def test_a_damaged_bundle_falls_back_too(tmp_path, content):
     (tmp_path / SMALL).write_bytes(content)
     (tmp_path / "stamp").write_text(f"{PIN['package']} {PIN['version']} x\n")
     assert not bundle(tmp_path).small
 
 
+@pytest.mark.slow
 def test_the_full_bundle_draws_under_its_policy(visit, tmp_path):
     path = tmp_path / "full.html"
     path.write_text(render(make_result(), bundle(tmp_path)), encoding="utf-8")
@@ -184,6 +187,7 @@ class QuietHandler(http.server.SimpleHTTPRequestHandler):
         """Nothing."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changed", [False, True])
 def test_on_a_server_a_shared_bundle_runs_only_unchanged(visit, tmp_path, server, changed):
     write_report(make_result(), tmp_path / "a.html", plotly="shared")

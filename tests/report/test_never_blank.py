@@ -129,6 +129,7 @@ def test_a_poor_log_gives_a_whole_page(visit, tmp_path, make):
         assert len(card.inner_text()) > 20
 
 
+@pytest.mark.slow
 def test_of_twenty_filters_a_few_are_shown_and_all_are_one_click_away(visit, tmp_path):
     path = tmp_path / "many.html"
     write_report(twenty(), path)
@@ -140,6 +141,7 @@ def test_of_twenty_filters_a_few_are_shown_and_all_are_one_click_away(visit, tmp
     assert page.page.evaluate("document.documentElement.scrollWidth") <= 1280
 
 
+@pytest.mark.slow
 def test_a_single_peak_of_six_hours_is_drawn(visit, tmp_path):
     path = tmp_path / "long.html"
     write_report(six_hours(), path)

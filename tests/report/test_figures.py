@@ -1,0 +1,91 @@
+"""Figures: one colour per row, words for those who do not see them, close-ups that show what they are for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog.metrics.trace import Trace
+from attlog.report import write_report
+from attlog.report.figure import reach, told
+from attlog.report.figures import sections
+from attlog.report.look import looks
+from attlog.report.marks import time_marks
+from attlog.report.pack import Store
+from attlog.report.rest_figures import levelled
+from tests.report.conftest import make_result
+
+
+def figures(result):
+    """All figures of a result by id."""
+    return {f.id: f for part in sections(result, looks(result), Store()).values() for f in part}
+
+
+def test_a_row_has_one_colour_and_dash_in_every_figure(visit, report):
+    page = visit(report).page
+    found = page.evaluate(
+        """() => [...document.querySelectorAll('.plot')].flatMap((p) => p.data
+            .filter((t) => t.meta !== undefined && t.meta !== null && (t.mode === 'lines') && t.line)
+            .map((t) => [p.id, t.meta, t.line.color]))"""
+    )
+    colours = {row: {c for _, r, c in found if r == row} for _, row, _ in found}
+    assert len(colours) >= 6
+    assert all(len(c) == 1 for c in colours.values()), colours
+    assert len({c for cs in colours.values() for c in cs}) == len(colours)
+
+
+def test_figures_with_numbers_say_them_in_words(visit, report):
+    names = [row.name for row in make_result().estimators if row.kind == "replay"]
+    for figure in ("attitude", "difference", "rest", "lag", "drifts", "cost"):
+        assert any(name in figures(make_result())[figure].words for name in names), figure
+    page = visit(report).page
+    for plot in page.query_selector_all(".plot[aria-describedby]"):
+        assert len(page.locator(f"#{plot.get_attribute('aria-describedby')}").inner_text()) > 10
+
+
+def test_lines_in_words_are_their_smallest_and_largest_value():
+    trace = Trace("attitude", "vqf", np.arange(3.0), {"roll": np.array([-2.0, np.nan, 31.04])})
+    assert reach([trace]) == "vqf: roll −2.0° to 31.0°"
+
+
+def test_dots_in_words_are_value_and_interval():
+    dots = [{"r": 0, "v": 9.3, "ci": [7.0, 11.0], "ok": True}, {"r": 1, "v": None, "ci": None, "ok": False}]
+    assert told(dots, ["ekf", "fan"], "ms") == "ekf: +9 ms (+7 to +11); fan: not judged"
+
+
+def test_the_close_up_at_rest_shows_noise_without_drift():
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 20.0, 0.01)
+    noise = rng.normal(0.0, 0.01, len(t))
+    flat = levelled(Trace("rest", "gyro", t, {"roll": 3.0 * t + noise}, "")).columns["roll"]
+    assert np.std(flat) == pytest.approx(0.01, rel=0.1)
+    assert np.abs(flat).max() < 0.06
+
+
+def test_modes_armed_airborne_messages_and_failsafes_stand_on_the_time_axis():
+    result = make_result()
+    result.log["timeline"] = {
+        "modes": [[0.0, 60.0, "LOITER"]],
+        "armed": [[10.0, 60.0]],
+        "airborne": [[12.0, 55.0]],
+        "texts": [[20.0, 6, "GPS glitch cleared"], [30.0, 2, "Radio failsafe"]],
+    }
+    marks = time_marks(result)
+    assert marks["modes"] == [[0.0, 60.0, "LOITER"]]
+    assert marks["armed"] == [[10.0, 60.0]]
+    assert marks["airborne"] == [[12.0, 55.0]]
+    assert [level for _, level, _ in marks["texts"]] == [0, 2]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("log", ["px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog"])
+def test_reports_of_real_logs_open_without_complaint_and_draw_everything(visit, samples, tmp_path, log):
+    import attlog
+
+    path = tmp_path / "report.html"
+    write_report(attlog.analyze(samples / log), path)
+    assert path.stat().st_size < 3_000_000
+    page = visit(path)
+    assert page.complaints == []
+    assert page.requests == [path.as_uri()]
+    assert [name for name, drawn in page.figures().items() if not drawn] == []
