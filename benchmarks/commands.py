@@ -55,7 +55,10 @@ def main() -> None:
         python = [sys.executable, "-c"]
         rows = [
             ("attlog --help", [*ATTLOG, "--help"], "typer --help, two commands", [*python, TYPER, "--help"], "<=", 1.2),
-            ("attlog info, sample", [*ATTLOG, "info", str(short)], "ulog_info", [*python, PYULOG_INFO, str(short)], "<=", 1 / 1.2),
+            (
+                "attlog info, sample", [*ATTLOG, "info", str(short)],
+                "ulog_info", [*python, PYULOG_INFO, str(short)], "<=", 1 / 1.2,
+            ),
             (
                 f"attlog analyze, {options.megabytes:g} MB", [*ATTLOG, "analyze", str(long), "-o", name],
                 "load with pyulog", [*python, PYULOG, str(long)], "<=", 1 / 1.2,

@@ -25,6 +25,8 @@ Runs = list[tuple[Offsets, Identifiers]]
 """Starts and ids of data records that follow each other, in file order."""
 
 BLOCK = 1 << 20
+RUN = 1 << 19
+"""Records that a compiled walk takes at once: large buffers, which the system maps in large pages."""
 WORTH_COMPILED = 32 << 20
 """Below this many bytes loading compiled code costs more than it saves."""
 HEADER = 5
@@ -137,7 +139,7 @@ class NumbaChain:
         """Nothing is kept between calls."""
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
-        """Starts and ids of the run, at most one block of them; synchronisation marks in between are passed over."""
+        """Starts and ids of the run, at most one buffer of them; synchronisation marks in between are passed over."""
         sizes, starts, ids = self._sizes, self._starts, self._ids
         n = self._walk(self._data, position, stop, sizes.smallest, sizes.spread, starts, ids)
         if n < len(starts) // 2:
@@ -147,8 +149,8 @@ class NumbaChain:
 
     def _new_buffers(self) -> None:
         """Room for the next run; a long run keeps its buffers, only short ones are copied out of them."""
-        self._starts = np.empty(BLOCK // 8, np.int64)
-        self._ids = np.empty(BLOCK // 8, np.uint16)
+        self._starts = np.empty(RUN, np.int64)
+        self._ids = np.empty(RUN, np.uint16)
 
     def by_id(self, runs: Runs) -> list[tuple[int, Offsets]]:
         """Each id and its records' starts, by counting."""
