@@ -236,7 +236,7 @@ def _replayed(
         ref,
         estimate,
         name=spec.name + suffix,
-        estimator=spec.estimator.name,
+        estimator=spec.estimator.origin if spec.estimator.origin.endswith(".py") else spec.estimator.name,
         parameters={k: v for k, (v, _) in resolved.items()},
         uses_mag=uses_mag,
     )

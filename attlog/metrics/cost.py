@@ -60,9 +60,9 @@ def _answer(times: Array, unit: str, window: str, ci95: tuple[float, float]) -> 
 
 
 def measured(row: Row) -> Array | None:
-    """Nanoseconds per update (k,) of a row's filter: of repeated runs, else of its one replay; None for onboard rows.
+    """Nanoseconds per update (k,) of a row's filter: of repeated runs; of its one replay where it cannot be repeated.
 
-    A user's file is not known by its name alone: its replay has to do.
+    None for onboard rows.
     """
     if row.kind != "replay" or not row.ns_per_update:
         return None
@@ -79,9 +79,9 @@ def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], u
     swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
     acc = np.array([0.0, 0.0, -9.81]) + swing
     mag = np.where(np.arange(SAMPLES)[:, None] % MAG_EVERY == 0, np.array([20.0, 0.0, 40.0]) + swing, np.nan)
-    return tuple(
-        estimators.estimate(
-            estimators.get(estimator), t, 0.3 * swing, acc, mag if uses_mag else None, **dict(parameters)
-        ).ns_per_update
+    found = estimators.get(estimator)
+    runs = (
+        estimators.estimate(found, t, 0.3 * swing, acc, mag if uses_mag else None, **dict(parameters))
         for _ in range(REPEATS)
     )
+    return tuple(run.ns_per_update for run in runs)

@@ -54,12 +54,10 @@ def _gains(trial: Trial, row: Row) -> Array | None:
         mag = estimators.place(t, field.t_best[near], field.x[near])
 
     def end(gyro: Array, acc: Array, mag: Array | None) -> Array:
-        found = estimators.estimate(
-            estimators.get(row.estimator), t, gyro, acc, mag, sampling=imu.gyro.sampling, **row.parameters
-        )
-        return found.q[-1]
+        return estimators.estimate(estimator, t, gyro, acc, mag, sampling=imu.gyro.sampling, **row.parameters).q[-1]
 
     try:
+        estimator = estimators.get(row.estimator)
         still = end(gyro, acc, mag)
         shown = np.zeros(3)
         for axis in range(3):
@@ -69,5 +67,5 @@ def _gains(trial: Trial, row: Row) -> Array | None:
             whole = np.degrees(np.sum(rate[1:, axis] * np.diff(t)))
             shown[axis] = apart[axis] / whole
     except AttlogError:
-        return None  # a user's file is not known by its name alone: the row stays unranked
+        return None  # a filter that cannot be run again stays unranked
     return shown if np.isfinite(shown).all() else None

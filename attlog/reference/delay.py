@@ -21,7 +21,7 @@ ACTIVE_DPS = 12.0
 RANGE_S, COARSE_S = 0.06, 5e-3
 """Delays looked for on both sides, and their grid: INS_GYRO_FILTER of 20 Hz is late by 11 ms."""
 LOOKED_AT, MOST = 100_000, 1200
-"""Intervals that are examined, and of those that turn, how many are fitted: more change the delay by under 0.1 ms."""
+"""Intervals that are examined, and of those that turn, how many are fitted: a long log takes no longer."""
 INTERVAL_SAMPLES, LONGEST_S = 8, 0.2
 FEWEST = 100
 SLOWEST_HZ = 5.0

@@ -93,7 +93,9 @@ class Row:
     ``name`` as in DESIGN 6 (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q``
     are at the row's own times with trim, declination and heading offset applied.
     ``run`` (n,) counts restarts. ``start`` is the time of its first attitude.
-    ``uses_mag`` tells whether its heading means anything without the offset.
+    ``estimator`` is what :func:`attlog.estimators.get` knows the filter by: a name or
+    a user's file; of onboard rows the attitude's name in the log. ``uses_mag`` tells
+    whether its heading means anything without the offset.
     ``ns_per_update`` is None for onboard rows. ``status``: ok, diverged,
     not_converged, failed; ``reason`` the sentence for it.
     """

@@ -33,7 +33,7 @@ def test_the_cost_is_measured_once_per_process(monkeypatch):
     assert cost.compute(flights.trial([again], []), again, "all")["cost_ns"].value == before.value
 
 
-def test_a_users_file_has_the_cost_of_its_one_replay():
+def test_a_filter_that_cannot_be_run_again_has_the_cost_of_its_one_replay():
     mine, mahony = row("mine", ns=123.0), row("mahony")
     answers = cost.compute(flights.trial([mine, mahony], []), mine, "all")
     assert answers["cost_ns"].value == 123.0

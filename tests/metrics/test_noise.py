@@ -220,3 +220,17 @@ def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
     answer = noise.compute(trial, row, "rest")["noise_roll_deg"]
     assert (answer.ranked, "never changes" in answer.reason) == (False, True)
     assert np.isfinite(answer.detail["floor_deg"])
+
+
+def test_a_users_file_is_probed_itself_also_where_it_bears_the_name_of_a_built_in_filter(tmp_path):
+    file = tmp_path / "mahony.py"
+    file.write_text(
+        '"""Believes in nothing."""\n'
+        "def start(params, acc, mag, q0):\n    return q0\n"
+        "def step(state, params, dt, gyr, acc, mag):\n    state[0] = 1.0\n"
+    )
+    trial, row = telemetry(3e-3, 1e-3)
+    for name, gain in (("mahony", 1.0), (str(file), 0.0)):
+        row.estimator = name
+        trial.cache.clear()
+        np.testing.assert_allclose(probe.gains(trial, row), gain, atol=0.1)  # half a sample of 10 Hz
