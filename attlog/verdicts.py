@@ -208,7 +208,9 @@ def quiet(result: Result) -> Verdict:
         who = "Both" if len(ranked) == 2 else f"All {len(ranked)}"
         says = f"{who} filters hold roll and pitch {hold}{over}, too close to rank."
     elif len(leaders) == 1:
-        says = f"{leaders[0].row.name} is quietest: it holds roll and pitch {hold}{over}."
+        quieter = [j for j in judged if j.row.kind == "replay" and not j.ranked and j.value < ranked[0].value]
+        quietest = f"quietest of the {len(ranked)} ranked" if quieter else "quietest"
+        says = f"{leaders[0].row.name} is {quietest}: it holds roll and pitch {hold}{over}."
     else:
         says = f"{some(leaders, len(ranked))} hold roll and pitch {hold}{over}, too close to rank."
     if worst not in leaders:
@@ -318,11 +320,17 @@ def wander_part(replayed: list[Judged], where: str) -> str:
     lost = [j.row.name for j in replayed if j.row.status != "ok"]
     halves = [0.5 * (j.answer.ci95[1] - j.answer.ci95[0]) for j in replayed if j.answer.ci95 and j.row.status == "ok"]
     if not halves:
-        return f"no filter's drift can be ranked: {counted(lost)} diverged or did not settle"
+        return f"no filter's drift can be ranked: {lost_part(replayed)}"
     surest = quantity(min(halves), "deg/min", signed=False)
     says = f"no filter's drift can be told from its wander: the surest is known to ±{surest}"
     says += f"; a longer {'rest' if where == 'At rest' else 'flight'} would narrow it"
-    return says + (f". {counted(lost)} diverged or did not settle" if lost else "")
+    return says + (f". {lost_part(replayed)}" if lost else "")
+
+
+def lost_part(judged: list[Judged]) -> str:
+    """Which filters lost their way, and how."""
+    states = {s: [j.row.name for j in judged if j.row.status == s] for s in ("diverged", "not_converged", "failed")}
+    return ", ".join(f"{counted(names)} {SHORT[state]}" for state, names in states.items() if names)
 
 
 def best_witness(result: Result) -> str:
@@ -369,7 +377,7 @@ def drift_part(judged: list[Judged], where: str, brief: bool) -> str:
     elif unsure:
         says += f"; {counted(unsure)} wander{'s' if len(unsure) == 1 else ''} too much to tell a drift"
     if lost and not brief:
-        says += f"; {counted(lost)} diverged or did not settle"
+        says += f"; {lost_part([j for j in judged if j.row.kind == 'replay'])}"
     return says + "." + onboard_drift(judged)
 
 

@@ -277,7 +277,7 @@ def test_filters_that_wander_and_filters_that_are_lost_are_told_apart():
     rows += [row("lost", wide, status="diverged"), row("onboard", drift(air=-1.2, half=6))]
     assert verdict("drifting", rows).sentence == (
         "In the air against onboard (agreement, not truth), gyro drifts +6.0°/min (+5.9 to +6.1); "
-        "4 filters wander too much to tell a drift; lost diverged or did not settle. "
+        "4 filters wander too much to tell a drift; lost diverged. "
         "Onboard: −1.2°/min (−7.2 to +4.8)."
     )
 
@@ -300,3 +300,8 @@ def test_a_vehicle_that_never_flew_is_not_told_to_fly_steps():
     found = result([row("a", {"airborne": {"lag_ms": absent}})])
     found.log["seconds"] = {"airborne": 0}
     assert verdicts(found)[1].sentence == "Cannot be judged: the vehicle was never airborne."
+
+
+def test_a_quiet_filter_that_cannot_be_ranked_keeps_another_from_being_quietest_of_all():
+    rows = [row("a", noise(0.01)), row("b", noise(0.05)), row("hidden", noise(0.0002, ranked=False, reason="coarse"))]
+    assert verdict("quiet", rows).sentence.startswith("a is quietest of the 2 ranked: ")
