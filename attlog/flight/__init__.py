@@ -128,10 +128,11 @@ def damage(messages: Messages) -> list[Problem]:
         if at_end:
             text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
             return [Problem("cut_at_end", "note", text, offset=first.offset), *dropouts(messages)]
+        places = "one place" if len(messages.damage) == 1 else f"{len(messages.damage)} places"
         found.append(
             Problem(
                 "damage", "warning",
-                f"The file is damaged in {len(messages.damage)} places, {messages.damage_bytes} bytes are not usable; "
+                f"The file is damaged in {places}, {messages.damage_bytes} bytes are not usable; "
                 f"the first is {first.lost} at byte {first.offset}, read on {first.resumed}.",
                 offset=first.offset, count=len(messages.damage),
             )
@@ -146,7 +147,7 @@ def dropouts(messages: Messages) -> list[Problem]:
         found.append(
             Problem(
                 "logger_dropouts", "warning" if sum(messages.dropouts_ms) > 100 else "note",
-                f"The logger dropped out {len(messages.dropouts_ms)} times, {sum(messages.dropouts_ms)} ms in all.",
+                f"Dropouts of the logger: {len(messages.dropouts_ms)}, {sum(messages.dropouts_ms)} ms in all.",
                 count=len(messages.dropouts_ms),
             )
         )  # fmt: skip

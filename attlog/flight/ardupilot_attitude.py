@@ -92,9 +92,10 @@ def resets(reading: Reading, clock: Clock, lane_t: Stamps, lanes: list[int]) -> 
     messages, times = reading.messages, []
     changes = [int(lane_t[k]) for k in range(1, len(lanes)) if lanes[k] != lanes[k - 1]]
     if changes:
+        often = "once" if len(changes) == 1 else f"{len(changes)} times"
         reading.problem(
             "lane_switch", "warning",
-            f"The EKF changed its primary core {len(changes)} times, first from {lanes[0]}; the attitude steps there.",
+            f"The EKF changed its primary core {often}, first from {lanes[0]}; the attitude steps there.",
             count=len(changes),
         )  # fmt: skip
     times += changes

@@ -73,7 +73,7 @@ class Reading:
             self.problem(
                 "values_out_of_range",
                 "warning",
-                f"{source}: {values} of {len(t_us)} records hold values that no sensor can give; they are left out.",
+                f"{source}: left out {values} of {len(t_us)} records, with values that no sensor can give.",
                 count=values,
             )
         kept = believable(np.asarray(t_us, np.int64)[index])
@@ -81,21 +81,21 @@ class Reading:
             self.problem(
                 "duplicate_times",
                 "note",
-                f"{source}: {kept.duplicates} records repeat a time stamp; the first of each is used.",
+                f"{source}: left out {kept.duplicates} of {len(t_us)} records, which repeat a time stamp.",
                 count=kept.duplicates,
             )
         if kept.backward:
             self.problem(
                 "time_backward",
                 "warning",
-                f"{source}: {kept.backward} records go back in time and are left out.",
+                f"{source}: left out {kept.backward} of {len(t_us)} records, which go back in time.",
                 count=kept.backward,
             )
         if kept.false:
             self.problem(
                 "false_times",
                 "warning",
-                f"{source}: {kept.false} records lie far from all others in time and are left out.",
+                f"{source}: left out {kept.false} of {len(t_us)} records, far from all others in time.",
                 count=kept.false,
             )
         return index[kept.index]

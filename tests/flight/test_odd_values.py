@@ -79,3 +79,11 @@ def test_a_unit_that_is_all_zero_is_none() -> None:
     log = read({("sensor_combined", 0): combined() | {"accelerometer_m_s2": np.zeros((N, 3), np.float32)}})
     assert log.imu is None
     assert [p.code for p in log.problems] == ["imu_all_zero", "no_imu", "no_mag"]
+
+
+def test_one_of_a_thing_is_no_plural() -> None:
+    stamps = micros(N, 200.0)
+    stamps[7] = stamps[6]
+    log = read({("sensor_combined", 0): combined() | {"timestamp": stamps}})
+    told = [p.text for p in log.problems if p.code == "duplicate_times"]
+    assert told == [f"sensor_combined: left out 1 of {N} records, which repeat a time stamp."]
