@@ -46,8 +46,8 @@ def build(
         reading.problem(
             "mag_spikes",
             "warning" if worst > 0.01 * len(bad) else "note",
-            f"{source}: left out {worst} of {len(bad)} records, zero or more than a factor {SPIKE_FACTOR:.0f} off their "
-            "neighbours.",
+            f"{source}: left out {worst} of {len(bad)} records, zero or more than a factor {SPIKE_FACTOR:.0f} off "
+            "their neighbours.",
             t=float(stream.t[np.flatnonzero(bad)[0]]),
             count=worst,
         )
