@@ -90,7 +90,7 @@ const draws = {
       for (let i = 0; i < best[0].length; i++) if (single || (best[0][i] >= around[0] && best[0][i] <= around[1])) { reference[0].push(best[0][i] * 1e3); reference[1].push(best[1][i] * best[2]); }
       reference[0].push(null); reference[1].push(null);
     }
-    const unit = single ? '°' : ' %', hover = single ? {} : { hoverinfo: 'skip', hovertemplate: undefined, opacity: 0.55 }, thin = single ? 1.8 : 1;
+    const unit = single ? '°' : ' %', hover = single ? {} : { hoverinfo: 'skip', hovertemplate: undefined }, thin = single ? 1.8 : 0.8;
     for (const l of lines.values()) traces.push(trace(l.r, l.x, l.y, Object.assign({ yaxis: l.key === 'est' ? 'y' : 'y2', line: line(l.r, thin), hovertemplate: '%{y:.2f}' + unit }, hover)));
     traces.push(Object.assign({ type: 'scatter', mode: single && reference[0].length < 90 ? 'lines+markers' : 'lines', x: reference[0], y: reference[1], meta: null, name: 'reference', line: { color: css('--e0'), width: single ? 2.2 : 1.2 }, marker: { size: 5, color: css('--e0') }, hovertemplate: '%{y:.2f}' + unit }, hover));
     L.xaxis = axis('time from the start of the movement, ms', Object.assign({ anchor: 'y2', hoverformat: '.0f' }, single ? {} : { range: around.map((v) => v * 1e3) }));
