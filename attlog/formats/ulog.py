@@ -28,8 +28,7 @@ from attlog.formats.ulog_records import (
     FILE_HEADER,
     LARGEST_UNKNOWN,
     MAGIC,
-    SYNC,
-    SYNC_HEADER,
+    SYNC_MARK,
     info_value,
     keyed,
     parameter_value,
@@ -125,8 +124,8 @@ class _Reader:
                     self._keep(starts, ids)
                     position = self.framing.end(self.last)
                     continue
-            if raw[position + 3 : position + 11] == SYNC and raw[position : position + 3] == SYNC_HEADER:
-                position += len(SYNC_HEADER) + len(SYNC)
+            if raw[position] == SYNC_MARK[0] and raw[position : position + len(SYNC_MARK)] == SYNC_MARK:
+                position += len(SYNC_MARK)
                 continue
             following = self._record(position, stop)
             position = self._resume(position, stop) if following is None else following
@@ -146,9 +145,9 @@ class _Reader:
             self._end_log()
             self._start_log(position)
             return position + FILE_HEADER
-        if position + 3 > stop or self.framing.end(position) > stop:
+        if position + 3 > stop or (end := self.framing.end(position)) > stop:
             return None
-        kind, end = self.raw[position + 2], self.framing.end(position)
+        kind = self.raw[position + 2]
         payload = bytes(self.raw[position + 3 : end])
         if kind == DATA or not self.framing.is_strict(position, payload):
             return self._loose_record(position, end, stop, payload)

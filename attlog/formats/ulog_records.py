@@ -17,7 +17,7 @@ from attlog.formats.ulog_layout import BASIC
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEADER = 16
 SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
-SYNC_HEADER = b"\x08\x00S"
+SYNC_MARK = b"\x08\x00S" + SYNC
 LARGEST_UNKNOWN = 10_000
 """Payload bytes that a record of a type we do not know may have before it counts as garbage."""
 LONGEST_NAME = 255
@@ -28,7 +28,7 @@ LONGEST_BINARY_TEXT = 1024
 _KEY = re.compile(rb"[\w/]+(?:\[\d{1,5}\])? [^\x00-\x20\x7f]+")
 _FORMAT_START = re.compile(rb"[\w/-]+:[\w/]+(?:\[\d{1,5}\])? [\w\[\]]+")
 _TOPIC = re.compile(rb"[\w/-]+")
-_NUMBERS = {"int32_t": "<i", "float": "<f"}
+_NUMBERS = {"int32_t": struct.Struct("<i"), "float": struct.Struct("<f")}
 _SCALARS = {
     "int8_t": "<b", "uint8_t": "<B", "int16_t": "<h", "uint16_t": "<H", "int32_t": "<i", "uint32_t": "<I",
     "int64_t": "<q", "uint64_t": "<Q", "float": "<f", "double": "<d", "bool": "<?",
@@ -66,7 +66,7 @@ def info_value(kind: str, raw: bytes) -> Any:
 def parameter_value(kind: str, raw: bytes) -> float | int | None:
     """A parameter's value, None if the type is neither int32_t nor float."""
     form = _NUMBERS.get(kind)
-    return struct.unpack_from(form, raw)[0] if form is not None and len(raw) >= 4 else None
+    return form.unpack_from(raw)[0] if form is not None and len(raw) >= 4 else None
 
 
 def _keyed(payload: bytes, longest: int) -> bool:
