@@ -12,6 +12,7 @@ from attlog.metrics import drift
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, Witness, about, paragraph
 from attlog.metrics.drift_rest import bias_beside
+from attlog.metrics.rmse import why_never_airborne
 from attlog.reference.model import Row
 from attlog.segments import runs
 from attlog.segments.spans import inside, intersect
@@ -112,7 +113,7 @@ def _against(trial: Trial, row: Row, name: str, window: str) -> Answer:
     if name == row.name or (row.is_reference and name == trial.reference.kind):
         return missing("not_applicable", "this row is the witness itself", "deg/min", window)
     if not trial.segments.spans("airborne"):
-        return missing("not_covered", "the vehicle was never airborne (as far as the log tells)", "deg/min", window)
+        return missing("not_covered", why_never_airborne(trial), "deg/min", window)
     blocks = error_blocks(trial, row, name, window)
     if blocks is None or len(blocks.t) == 0:
         return missing(

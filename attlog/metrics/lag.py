@@ -11,7 +11,7 @@ from attlog.metrics.angle_fit import Fit
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric, Trial, about, paragraph
 from attlog.metrics.event_pairs import Track
-from attlog.metrics.rmse import why_no_errors
+from attlog.metrics.rmse import why_never_airborne, why_no_errors
 from attlog.reference.model import Row
 
 AXES = (*steps.AXES, "all")
@@ -128,7 +128,7 @@ def why_no_events(trial: Trial, row: Row, window: str) -> tuple[str, str] | None
     if not steps.in_window(trial, scored_events(trial, row), window):
         where = {"all": "in this log", "airborne": "in flight"}.get(window, f"in {window}")
         if window == "airborne" and not trial.segments.spans("airborne"):
-            return "no_events", "the vehicle was never airborne (as far as the log tells)"
+            return "no_events", why_never_airborne(trial)
         sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
         start = f"from {trial.reference.scoring_start:.0f} s on"
         return "no_events", f"no quick movement {where} {start}; turns of {sizes} within 1 s are needed"

@@ -133,6 +133,12 @@ def why_no_errors(trial: Trial, row: Row) -> tuple[str, str] | None:
     return None
 
 
+def why_never_airborne(trial: Trial) -> str:
+    """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
+    note = trial.segments.notes.get("airborne", "")
+    return note if note.endswith("does not fly") else "the vehicle was never airborne (as far as the log tells)"
+
+
 def heading_is_offset_free(trial: Trial, row: Row) -> str | None:
     """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
     if row.heading_offset_deg is None or all(

@@ -181,6 +181,8 @@ def test_no_movement_is_said_in_a_pilots_words():
     del trial.segments.segments[1]
     told = lag.compute(trial, row, "airborne")["lag_ms"].reason
     assert told == "the vehicle was never airborne (as far as the log tells)"
+    trial.segments.notes["airborne"] = "a boat does not fly"
+    assert lag.compute(trial, row, "airborne")["lag_ms"].reason == "a boat does not fly"
 
 
 def test_a_refused_reference_is_not_called_missing():
