@@ -2,7 +2,7 @@
 
 Large logs are made from ``sample_logs``: data records repeated with times advanced.
 All times are CPU seconds of this process, file in the page cache, attlog the best of
-three, the official library one run, both in the same run of this script:
+five, the official library one run, both in the same run of this script:
 ``python benchmarks/readers.py [--megabytes 100] [--oracle-megabytes 20]``.
 """
 
@@ -174,7 +174,7 @@ def _once(work: Callable[[], object]) -> float:
     return time.process_time() - begin
 
 
-def _best(work: Callable[[], object], runs: int = 3) -> float:
+def _best(work: Callable[[], object], runs: int = 5) -> float:
     return max(min(_once(work) for _ in range(runs)), 1e-6)
 
 
