@@ -47,7 +47,8 @@ def find(log: FlightLog, imu: Imu, airborne: Phase, lying: list[Span], t1: float
         after += [(t1, "the log ended")] if (t, why) in blows and t1 - t <= LOST_S else []
         if after:
             end, what = min(after)
-            found.append(Segment("impact", t, t1, f"{why}, and {max(end - t, 0.0):.1f} s later {what}"))
+            when = f"{end - t:.1f} s later" if end - t >= 0.1 else "at once"
+            found.append(Segment("impact", t, t1, f"{why}, and {when} {what}"))
     return sorted(found, key=lambda s: s.t0)[:1]
 
 

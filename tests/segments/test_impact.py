@@ -94,3 +94,13 @@ def test_a_log_that_ends_within_seconds_of_a_blow_ends_with_it():
         keep = stream.t < 61.0
         stream.t, stream.x = stream.t[keep], stream.x[keep]
     assert impacts(log) == [pytest.approx(60.0, abs=0.02)]
+
+
+def test_what_follows_at_once_is_not_zero_seconds_later():
+    told = []
+    for disarmed in (CRASH + 0.02, CRASH + 2.0):
+        log = blow(flight(), CRASH, tumble_dps=600.0)
+        log.armed.t[-1] = disarmed
+        told.append(segments.build(log).of("impact")[0].why)
+    assert "at once it was disarmed" in told[0]
+    assert "2.0 s later it was disarmed" in told[1]
