@@ -228,7 +228,7 @@ def main() -> None:
     if given.lag:
         print(f"{'row':44}{'n':>4}{'lag ms':>9}{'step gain':>11}   medians over simulated flights")
         for row, values in lags(given.corpus, specs).items():
-            lag, gain = np.nanmedian(values, axis=0)
+            lag, gain = (np.median(x[np.isfinite(x)]) if np.isfinite(x).any() else np.nan for x in np.transpose(values))
             print(f"{row:44}{len(values):4}{lag:9.1f}{gain:11.3f}")
 
 

@@ -1,11 +1,12 @@
-"""Cost of one update: every filter, lanes against the scalar kernel, and Mahony against the ahrs package.
+"""Cost of one update: every filter, lanes against the scalar kernel, and the packages vqf and ahrs.
 
     python benchmarks/kernels.py
 
-Prints nanoseconds per update (best of several runs, one thread, kernels loaded from the
-cache), lanes at every 8th output as a sweep uses them, and the ratios. Targets: mahony
-60 ns on a quiet core, 3000 times faster than ahrs, lanes 4 (float64) and 10 (float32)
-times faster than one by one.
+Prints nanoseconds of CPU time per update (one thread, kernels loaded from the cache). What is
+compared runs by turns on the same data, so that a shared machine slows both; medians. Lanes
+keep every 8th output, as a sweep does. Targets: mahony 60 ns and 3000 times faster than
+ahrs, ekf12 not slower than vqf, lanes of mahony 4 (float64) and 10 (float32) times faster
+than one by one.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from attlog import rotation
 from attlog.estimators import get, lanes, loop, names
 from attlog.estimators.samples import Samples, prepare
 
-SAMPLES = 20_000
+SAMPLES = 50_000
 RATE = 250.0
-REPEAT = 30
+TURNS = 15
 
 
 def data() -> tuple[np.ndarray, ...]:
-    """Noisy motion, 80 s at 250 Hz: t, gyr, acc, mag."""
+    """Noisy motion, 200 s at 250 Hz: t, gyr, acc, mag."""
     rng = np.random.default_rng(1)
     t = np.arange(SAMPLES) / RATE
     q = rotation.from_euler(0.4 * np.sin(t), 0.3 * np.cos(1.3 * t), 0.5 * t)
@@ -35,24 +36,37 @@ def data() -> tuple[np.ndarray, ...]:
     return t, gyr + noise[0], acc + noise[1], mag + noise[2]
 
 
-def best_ns(work: Callable[[], object], updates: int, repeat: int = REPEAT) -> float:
-    """Nanoseconds per update of the fastest run."""
-    times = []
-    for _ in range(repeat):
-        begin = time.perf_counter()
+Work = Callable[[], float]
+"""Runs once and gives nanoseconds per update."""
+
+
+def by_turns(works: dict[str, Work], turns: int = TURNS) -> dict[str, np.ndarray]:
+    """Nanoseconds per update (turns,) of each work; every turn runs all of them."""
+    for work in works.values():
         work()
-        times.append(time.perf_counter() - begin)
-    return 1e9 * min(times) / updates
+    times = [[work() for work in works.values()] for _ in range(turns)]
+    return dict(zip(works, np.array(times).T, strict=True))
 
 
-def scalar_ns(name: str, samples: Samples) -> float:
+def clocked(work: Callable[[], object], updates: int) -> Work:
+    """The work with CPU time taken around it."""
+
+    def run() -> float:
+        begin = time.thread_time()
+        work()
+        return 1e9 * (time.thread_time() - begin) / updates
+
+    return run
+
+
+def scalar(name: str, samples: Samples) -> Work:
     """One filter's own cost, preparation left out."""
     e = get(name)
     values = {k: v for k, (v, _) in e.resolve().items()}
-    return min(loop.run(e, samples, values).ns_per_update for _ in range(REPEAT if e.step else 2))
+    return lambda: loop.run(e, samples, values).ns_per_update
 
 
-def lanes_ns(name: str, samples: Samples, dtype: str) -> float:
+def lane(name: str, samples: Samples, dtype: str) -> Work:
     """Cost per update and lane of a full kernel width."""
     e = get(name)
     packed = e.pack({k: v for k, (v, _) in e.resolve().items()})
@@ -64,31 +78,36 @@ def lanes_ns(name: str, samples: Samples, dtype: str) -> float:
     out = np.empty((-(-SAMPLES // 8), e.outputs, width), dtype)
     dt, gyr, acc, mag = (np.ascontiguousarray(x, dtype) for x in (samples.dt, samples.gyr, samples.acc, samples.mag))
     flat = work.ravel()
-    return best_ns(lambda: advance(flat, dt, samples.parts, gyr, acc, mag, samples.use, 8, out), SAMPLES * width)
+    return clocked(lambda: advance(flat, dt, samples.parts, gyr, acc, mag, samples.use, 8, out), SAMPLES * width)
 
 
-def ahrs_ns(t: np.ndarray, gyr: np.ndarray, acc: np.ndarray, mag: np.ndarray) -> float:
-    """The peer's Mahony on the first 2000 samples."""
+def ahrs(gyr: np.ndarray, acc: np.ndarray, mag: np.ndarray) -> Work:
+    """The peer's Mahony on the first 1000 samples."""
     from ahrs.filters import Mahony
 
-    n = 2000
-    return best_ns(lambda: Mahony(gyr=gyr[:n], acc=-acc[:n], mag=mag[:n], frequency=RATE, k_P=0.6, k_I=0.0012), n, 3)
+    n = 1000
+    return clocked(lambda: Mahony(gyr=gyr[:n], acc=-acc[:n], mag=mag[:n], frequency=RATE, k_P=0.6, k_I=0.0012), n)
 
 
 def main() -> None:
-    x = data()
-    samples = prepare(*x)
-    print(f"{'filter':20}{'ns per update':>14}")
-    cost = {name: scalar_ns(name, samples) for name in names()}
+    t, gyr, acc, mag = data()
+    samples = prepare(t, gyr, acc, mag)
+    cost = by_turns({name: scalar(name, samples) for name in names() if name != "fusion"})
+    cost["fusion"] = by_turns({"fusion": scalar("fusion", samples)}, 1)["fusion"]
+    print(f"{'filter':24}{'ns per update':>14}")
     for name, ns in cost.items():
-        print(f"{name:20}{ns:14.0f}")
-    print(f"\n{'lanes':20}{'ns per lane':>14}{'ratio':>8}")
+        print(f"{name:24}{np.median(ns):14.0f}")
+    print(f"ekf12 takes {np.median(cost['ekf12'] / cost['vqf']):.2f} of vqf's time")
+    print(f"\n{'lanes':24}{'ns per lane':>14}{'ratio':>8}")
     for name in ("mahony", "complementary", "madgwick"):
-        for dtype in lanes.WIDTH:
-            ns = lanes_ns(name, samples, dtype)
-            print(f"{name + ' ' + dtype:20}{ns:14.1f}{cost[name] / ns:8.1f}")
-    peer = ahrs_ns(*x)
-    print(f"\nahrs Mahony {peer:.0f} ns: {peer / cost['mahony']:.0f} times attlog's")
+        works = {dtype: lane(name, samples, dtype) for dtype in lanes.WIDTH}
+        cost = by_turns({"scalar": scalar(name, samples), **works})
+        for dtype in works:
+            ratio = np.median(cost["scalar"] / cost[dtype])
+            print(f"{name + ' ' + dtype:24}{np.median(cost[dtype]):14.1f}{ratio:8.1f}")
+    cost = by_turns({"ahrs": ahrs(gyr, acc, mag), "mahony": scalar("mahony", samples)}, 3)
+    ratio = np.median(cost["ahrs"] / cost["mahony"])
+    print(f"\nahrs Mahony {np.median(cost['ahrs']):.0f} ns: {ratio:.0f} times attlog's")
 
 
 if __name__ == "__main__":

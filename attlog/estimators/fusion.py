@@ -37,9 +37,7 @@ PARAMETERS = (
     ),
     Parameter("acc_rejection", 0.0, "deg", 0, 90, "accelerometer left out beyond this error; 0 never", DEFAULTS),
     Parameter("mag_rejection", 0.0, "deg", 0, 90, "magnetometer left out beyond this error; 0 never", DEFAULTS),
-    Parameter(
-        "timeout", 5.0, "s", 0, 1000, "how long a sensor may stay left out before it is believed again", EXAMPLE
-    ),
+    Parameter("timeout", 5.0, "s", 0, 1000, "how long a sensor may stay left out before it is believed again", EXAMPLE),
 )
 PRESETS: dict[str, dict[str, float | str]] = {"example": {"acc_rejection": 10.0, "mag_rejection": 10.0}}
 

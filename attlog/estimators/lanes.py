@@ -164,7 +164,7 @@ def kernel(estimator: Estimator, switches: Mapping[int, float], dtype: str) -> A
     source = LOOP.format(
         lanes=WIDTH[dtype],
         functions=constants + rewritten.replace("def ", generate.INLINE + "def "),
-        decorator=f"@njit({SIGNATURE.format(number)!r}, cache=KEEP, error_model='numpy')\n",
+        decorator=f"@njit({SIGNATURE.format(number)!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)\n",
         number="np.float32" if single else "np.float64",
         mag=estimator.state_size + len(estimator.own),
         params=estimator.state_size,

@@ -135,7 +135,8 @@ def kernel(estimator: Estimator) -> Any:
 def _source(step: Callable[..., Any], bias: int | None, outputs: int) -> str:
     """The kernel's text for numba. A plug-in that is loaded again is another function, so its text is made anew."""
     helpers = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=True)
-    return f"{helpers}\n\n@njit({SIGNATURE!r}, cache=KEEP, error_model='numpy')\n{_loop(bias, outputs)}"
+    decorator = f"@njit({SIGNATURE!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)"
+    return f"{helpers}\n\n{decorator}\n{_loop(bias, outputs)}"
 
 
 def _loop(bias: int | None, outputs: int) -> str:
