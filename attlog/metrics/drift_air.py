@@ -117,7 +117,7 @@ def _against(trial: Trial, row: Row, name: str, window: str) -> Answer:
     blocks = error_blocks(trial, row, name, window)
     if blocks is None or len(blocks.t) == 0:
         return missing(
-            "not_covered", f"this row and {WITNESSES[name]} have no scored flight in common", "deg/min", window
+            "not_covered", f"there is no scored flight in common with {WITNESSES[name]}", "deg/min", window
         )
     answer = drift.answer(drift.slope(blocks), window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
