@@ -35,7 +35,7 @@ def rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Bloc
 
 
 def _rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blocks:
-    pieces = within(row.t, span, row_pieces(trial, row))
+    pieces = within(row.t, span, trial.once(f"drift_rest:pieces:{row.name}", lambda: row_pieces(trial, row)))
     t, e, label = [], [], []
     for k, piece in enumerate(pieces):
         q = row.q[piece]
@@ -53,9 +53,8 @@ def row_pieces(trial: Trial, row: Row) -> NDArray[np.int64]:
     attitude = trial.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
     if attitude is None:
         return row.run
-    imu = None if trial.log.imu is None else trial.log.imus[trial.log.imu]
     jumped = np.zeros(len(attitude.t), np.int64)
-    jumped[resets.find(attitude, imu)[0]] = 1
+    jumped[resets.known(trial.log, row.estimator, trial.segments)[0]] = 1
     _, _, kept = clock.usable(attitude, trial.reference.clock)
     return row.run + np.cumsum(jumped)[kept]
 
