@@ -96,11 +96,11 @@ def test_help_imports_nothing_heavy(command: list[str]) -> None:
 
     }
     code = (
-        "import sys\nsys.argv = ['attlog', *{!r}]\n"
+        f"import sys\nsys.argv = ['attlog', *{command!r}]\n"
         "from attlog.cli import main\n"
         "try:\n    main()\nexcept SystemExit as e:\n    assert not e.code, e.code\n"
-        "print('LOADED', sorted({!r} & set(sys.modules)))"
-    ).format(command, heavy)
+        f"print('LOADED', sorted({heavy!r} & set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("LOADED []"), done.stdout[-300:]
 

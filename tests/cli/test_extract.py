@@ -1,4 +1,4 @@
-"""``attlog extract``: what is written equals what pyulog and pymavlink read, and pandas and pyarrow open it as it is."""
+"""``attlog extract``: what is written equals what pyulog and pymavlink read; pandas and pyarrow open it as it is."""
 
 from __future__ import annotations
 
