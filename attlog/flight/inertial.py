@@ -107,7 +107,8 @@ def choose_unit(
     wants; ``how_to_log`` is the sentence on the setting that would log enough.
     """
     if not units:
-        refused = any(p.code in ("values_out_of_range", "false_times", "imu_all_zero") for p in reading.problems)
+        unusable = ("no_clock", "values_out_of_range", "false_times", "imu_all_zero")
+        refused = any(p.code in unusable for p in reading.problems)
         text = (
             "No record of the gyro and accelerometer in this log can be used."
             if refused
