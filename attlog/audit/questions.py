@@ -46,6 +46,8 @@ def quiet(log: FlightLog, segments: Segments) -> Answerable:
     if longest < REST_S:
         reason = "The vehicle never stands still with motors off for 2 s while the log runs."
         return Answerable("quiet", False, reason, setting_for(log, "rest"))
+    if len(rests) == 1:
+        return Answerable("quiet", True, f"1 rest of {longest:.1f} s.")
     return Answerable("quiet", True, f"{len(rests)} rests, {sum(rests):.1f} s in all, the longest {longest:.1f} s.")
 
 

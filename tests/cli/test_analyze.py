@@ -134,3 +134,12 @@ def test_without_a_magnetometer_filters_that_need_one_are_left_out(attlog, sampl
     rows = {r["name"]: r for r in json.loads(done.out)["estimators"]}
     assert "ekf12" not in rows
     assert rows["vqf"]["uses_mag"] is False
+
+
+def test_a_row_that_is_named_twice_stands_once(attlog, samples, tmp_path):
+    config = tmp_path / "c.toml"
+    config.write_text('estimators = ["gyro", "gyro,mahony@xu-0.6", "gyro"]\n')
+    done = attlog("analyze", samples / LOGS[0], "--config", config, "-o", tmp_path, "--json", "-")
+    assert done.code == 0, done.err
+    names = [r["name"] for r in json.loads(done.out)["estimators"] if r["kind"] == "replay"]
+    assert names == ["gyro", "mahony@xu-0.6"]

@@ -3,8 +3,10 @@ import pytest
 from scipy.signal import lfilter
 
 from attlog import metrics, rotation
+from attlog.flight.model import Attitude
 from attlog.metrics import drift, drift_air, drift_rest, wander
 from attlog.metrics.base import Witness
+from attlog.reference.model import Row
 from attlog.segments.model import Segment
 from tests.metrics import flights
 
@@ -176,3 +178,19 @@ def test_too_short_records_say_the_time_that_is_missing():
     t = np.arange(0.0, 30.0, 0.1)
     broken = drift.slope(drift.block_means(t, 0.01 * t, np.floor(t / 2).astype(np.int64)))
     assert "30 s of flight comparable with onboard in pieces too short" in drift.answer(broken, "all", "onboard").reason
+
+
+def test_a_reset_of_the_onboard_attitude_at_rest_is_no_drift():
+    t = np.arange(0.0, 60.0, 0.02)
+    heading = np.where(t < 32.3, 0.0, np.radians(15.0))
+    q = rotation.from_euler(0 * t, 0 * t, heading)
+    onboard = Row("onboard", "onboard", t, q, np.zeros(len(t), np.int64), uses_mag=True, estimator="ATT")
+    rest = Segment("rest.long", 0.0, 60.0)
+    cut = flights.trial([onboard], [rest, Segment("reset", 32.28, 32.3)])
+    cut.log.attitudes["ATT"] = Attitude(t, q, "ATT")
+    cut.log.onboard = "ATT"
+    blocks = drift_rest.rest_blocks(cut, onboard, (0.0, 60.0))
+    assert abs(drift.slope(blocks).value) < 1e-6
+    uncut = flights.trial([onboard], [rest])
+    uncut.log.attitudes, uncut.log.onboard = cut.log.attitudes, "ATT"
+    assert drift.slope(drift_rest.rest_blocks(uncut, onboard, (0.0, 60.0))).value > 1.0
