@@ -16,16 +16,16 @@ import numpy as np
 
 import attlog
 from attlog import estimators, metrics, reference, segments
-from attlog.audit import audit
 from attlog.config import Config
 from attlog.errors import AttlogError, LogUnusable, PluginError, UsageError
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
+from attlog.health import audit
+from attlog.present.verdicts import verdicts
 from attlog.reference.model import Reference, Row
 from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
-from attlog.verdicts import verdicts
 
 
 def analyze(source: str | Path | FlightLog, config: Config | None = None, *, command: str = "") -> Result:
@@ -57,11 +57,11 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
             rows.append(row)
             estimator_rows.append(_table_row(row))
     with clock("metrics"):
-        trial = metrics.Trial(log, phases, ref, rows, reference.witnesses(log, phases, ref, rows))
+        case = metrics.Case(log, phases, ref, rows, reference.heading_references(log, phases, ref, rows))
         by_name = {row.name: row for row in rows}
         for table_row in estimator_rows:
             if table_row.name in by_name:
-                table_row.metrics = metrics.compute(trial, by_name[table_row.name], windows)
+                table_row.metrics = metrics.compute(case, by_name[table_row.name], windows)
         best = metrics.best({r.name: r.metrics for r in estimator_rows}, rows)
     with clock("audit"):
         checks = audit(log, phases, ref)
@@ -80,7 +80,7 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
             name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
             for name, m in metrics.definitions().items()
         },
-        traces=metrics.traces(trial, rows),
+        traces=metrics.traces(case, rows),
     )
     result.verdicts = verdicts(result)
     result.timing = clock.seconds

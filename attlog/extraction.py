@@ -29,6 +29,7 @@ from attlog.summary import sha256
 if TYPE_CHECKING:
     import pandas
 
+
 @dataclass(slots=True)
 class Extract:
     """One table to write: columns of equal length by name, ``units`` of those that have one."""

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from attlog import formats, segments
-from attlog.audit import answerable, audit
 from attlog.flight import read
+from attlog.health import answerable, audit
 from attlog.result import plain
 from attlog.summary import describe
 

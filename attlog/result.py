@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from attlog.audit.model import Check
 from attlog.flight.model import Problem
+from attlog.health.model import Check
 from attlog.metrics.answer import Answer
 from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep

@@ -26,7 +26,7 @@ import attlog
 from attlog import rotation
 from attlog.errors import AttlogError
 from attlog.estimators import estimate, place, select
-from attlog.estimators.samples import Sampling
+from attlog.estimators.engine.samples import Sampling
 
 Array = NDArray[np.float64]
 FLIP = np.array([1.0, -1.0, -1.0])
@@ -36,7 +36,7 @@ FLIP_BODY = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 @dataclass(slots=True)
-class Case:
+class Trial:
     """One recording in FRD and NED: sensors, truth ``q`` at ``t_true``, and which truth samples are scored."""
 
     group: str
@@ -60,25 +60,25 @@ class Case:
         return rmse if self.mag is not None else np.array([np.nan, np.nan, rmse[2]])
 
 
-def broad(root: Path) -> Iterator[Case]:
+def broad(root: Path) -> Iterator[Trial]:
     """The BROAD trials: motion phases, no alignment."""
     for path in sorted((root / "broad").glob("*.npz")):
         with np.load(path) as d:
             t = np.arange(len(d["gyr"])) / float(d["fs"])
             q = rotation.multiply(rotation.multiply(TO_NED, d["opt_quat"]), FLIP_BODY)
             sensors = [np.asarray(d[k], np.float64) * FLIP for k in ("gyr", "acc", "mag")]
-            yield Case("broad", path.stem, t, *sensors, t, q, d["movement"].astype(bool))
+            yield Trial("broad", path.stem, t, *sensors, t, q, d["movement"].astype(bool))
 
 
-def euroc(root: Path) -> Iterator[Case]:
+def euroc(root: Path) -> Iterator[Trial]:
     """The EuRoC flights: no magnetometer, scored after 20 s."""
     for path in sorted((root / "euroc").glob("*.npz")):
         with np.load(path) as d:
             t, q = d["t"], np.asarray(d["quat"], np.float64)
-            yield Case("euroc", path.stem, t, d["gyr"].astype(float), d["acc"].astype(float), None, t, q, t > 20.0)
+            yield Trial("euroc", path.stem, t, d["gyr"].astype(float), d["acc"].astype(float), None, t, q, t > 20.0)
 
 
-def sitl(root: Path) -> Iterator[Case]:
+def sitl(root: Path) -> Iterator[Trial]:
     """The simulated flights with truth in the log, scored after 15 s, true declination given."""
     with (root / "sitl" / "MANIFEST.csv").open(encoding="utf-8") as file:
         declination = {r["file"]: float(r["declination_true"] or 0) for r in csv.DictReader(file)}
@@ -90,7 +90,7 @@ def sitl(root: Path) -> Iterator[Case]:
             continue
         imu, field = log.imus[log.imu], log.mags[log.mag].field
         t = imu.gyro.t
-        yield Case(
+        yield Trial(
             f"sitl/{path.parent.name}",
             path.stem,
             t,
@@ -105,8 +105,8 @@ def sitl(root: Path) -> Iterator[Case]:
         )
 
 
-Peer = Callable[[Case], tuple[Array, float]]
-"""Gives attitudes (FRD, NED, magnetic) at the case's times and ns per update."""
+Peer = Callable[[Trial], tuple[Array, float]]
+"""Gives attitudes (FRD, NED, magnetic) at the trial's times and ns per update."""
 
 
 def filled(mag: Array) -> Array:
@@ -120,26 +120,26 @@ def from_enu(q: Array) -> Array:
     return rotation.multiply(rotation.multiply(TO_NED, q), FLIP_BODY)
 
 
-def peer_vqf(case: Case) -> tuple[Array, float]:
+def peer_vqf(trial: Trial) -> tuple[Array, float]:
     """vqf with default parameters, batch."""
     from vqf import VQF
 
-    gyr, acc = (np.ascontiguousarray(x * FLIP) for x in (case.gyr, case.acc))
-    mag = None if case.mag is None else np.ascontiguousarray(filled(case.mag) * FLIP)
-    peer = VQF(float(np.median(np.diff(case.t))))
+    gyr, acc = (np.ascontiguousarray(x * FLIP) for x in (trial.gyr, trial.acc))
+    mag = None if trial.mag is None else np.ascontiguousarray(filled(trial.mag) * FLIP)
+    peer = VQF(float(np.median(np.diff(trial.t))))
     clock = time.thread_time()
     out = peer.updateBatch(gyr, acc) if mag is None else peer.updateBatch(gyr, acc, mag)
     spent = time.thread_time() - clock
     return from_enu(out["quat6D" if mag is None else "quat9D"]), 1e9 * spent / len(gyr)
 
 
-def peer_imufusion(case: Case) -> tuple[Array, float]:
+def peer_imufusion(trial: Trial) -> tuple[Array, float]:
     """imufusion (Madgwick's Fusion) with default settings, sample by sample; earth axes NWU."""
     import imufusion
 
-    gyr, acc = np.rad2deg(case.gyr * FLIP), case.acc * FLIP / 9.80665
-    mag = None if case.mag is None else filled(case.mag) * FLIP * 1e6
-    dt = float(np.median(np.diff(case.t)))
+    gyr, acc = np.rad2deg(trial.gyr * FLIP), trial.acc * FLIP / 9.80665
+    mag = None if trial.mag is None else filled(trial.mag) * FLIP * 1e6
+    dt = float(np.median(np.diff(trial.t)))
     peer, q = imufusion.Ahrs(), np.empty((len(gyr), 4))
     peer.set_sample_period(dt)
     clock = time.thread_time()
@@ -153,37 +153,43 @@ def peer_imufusion(case: Case) -> tuple[Array, float]:
     return q * np.array([1.0, 1.0, -1.0, -1.0]), 1e9 * spent / len(gyr)
 
 
-def peer_ahrs(case: Case) -> tuple[Array, float]:
+def peer_ahrs(trial: Trial) -> tuple[Array, float]:
     """ahrs.filters.Madgwick with default gain; earth axes NWU."""
     from ahrs.filters import Madgwick
 
-    gyr, acc = case.gyr * FLIP, case.acc * FLIP
-    mag = None if case.mag is None else filled(case.mag) * FLIP * 1e9
+    gyr, acc = trial.gyr * FLIP, trial.acc * FLIP
+    mag = None if trial.mag is None else filled(trial.mag) * FLIP * 1e9
     clock = time.thread_time()
-    q = Madgwick(gyr=gyr, acc=acc, mag=mag, Dt=float(np.median(np.diff(case.t)))).Q
+    q = Madgwick(gyr=gyr, acc=acc, mag=mag, Dt=float(np.median(np.diff(trial.t)))).Q
     return q * np.array([1.0, 1.0, -1.0, -1.0]), 1e9 * (time.thread_time() - clock) / len(gyr)
 
 
 PEERS: dict[str, Peer] = {"vqf": peer_vqf, "imufusion": peer_imufusion, "ahrs": peer_ahrs}
 
 
-def scores(cases: list[Case], specs: list[str], peers: list[str]) -> dict[tuple[str, str], list[Array]]:
+def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple[str, str], list[Array]]:
     """Per (row, group) the list of (total, heading, inclination, ns); rows that need a missing sensor are left out."""
     found: dict[tuple[str, str], list[Array]] = {}
-    for case in cases:
+    for trial in cases:
         for spec in specs:
             try:
                 e = estimate(
-                    spec, case.t, case.gyr, case.acc, case.mag, sampling=case.sampling, declination=case.declination
+                    spec,
+                    trial.t,
+                    trial.gyr,
+                    trial.acc,
+                    trial.mag,
+                    sampling=trial.sampling,
+                    declination=trial.declination,
                 )
             except AttlogError:
                 continue
-            row = np.append(case.errors(e.t, e.q), e.ns_per_update)
-            found.setdefault((spec, case.group), []).append(row)
+            row = np.append(trial.errors(e.t, e.q), e.ns_per_update)
+            found.setdefault((spec, trial.group), []).append(row)
         for name in peers:
-            q, ns = PEERS[name](case)
-            turned = rotation.turn_about_down(rotation.normalize(q), np.deg2rad(case.declination))
-            found.setdefault((f"peer {name}", case.group), []).append(np.append(case.errors(case.t, turned), ns))
+            q, ns = PEERS[name](trial)
+            turned = rotation.turn_about_down(rotation.normalize(q), np.deg2rad(trial.declination))
+            found.setdefault((f"peer {name}", trial.group), []).append(np.append(trial.errors(trial.t, turned), ns))
     return found
 
 

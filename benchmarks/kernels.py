@@ -17,8 +17,9 @@ from collections.abc import Callable
 import numpy as np
 
 from attlog import rotation
-from attlog.estimators import get, lanes, loop, names
-from attlog.estimators.samples import Samples, prepare
+from attlog.estimators import get, names
+from attlog.estimators.engine import batch, loop
+from attlog.estimators.engine.samples import Samples, prepare
 
 SAMPLES = 50_000
 RATE = 250.0
@@ -70,8 +71,8 @@ def lane(name: str, samples: Samples, dtype: str) -> Work:
     """Cost per update and lane of a full kernel width."""
     e = get(name)
     packed = e.pack({k: v for k, (v, _) in e.resolve().items()})
-    advance = lanes.kernel(e, {i: packed[i] for i, p in enumerate(e.own) if p.choices}, dtype)
-    width = lanes.WIDTH[dtype]
+    advance = batch.kernel(e, {i: packed[i] for i, p in enumerate(e.own) if p.choices}, dtype)
+    width = batch.WIDTH[dtype]
     work = np.zeros((e.state_size + len(packed) + 3, width), dtype)
     work[0] = 1
     work[e.state_size : -3] = packed[:, None]
@@ -100,7 +101,7 @@ def main() -> None:
     print(f"ekf12 takes {np.median(cost['ekf12'] / cost['vqf']):.2f} of vqf's time")
     print(f"\n{'lanes':24}{'ns per lane':>14}{'ratio':>8}")
     for name in ("mahony", "complementary", "madgwick"):
-        works = {dtype: lane(name, samples, dtype) for dtype in lanes.WIDTH}
+        works = {dtype: lane(name, samples, dtype) for dtype in batch.WIDTH}
         cost = by_turns({"scalar": scalar(name, samples), **works})
         for dtype in works:
             ratio = np.median(cost["scalar"] / cost[dtype])

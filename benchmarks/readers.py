@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 
 from attlog import formats
-from attlog.formats import Messages, ulog_index
+from attlog.formats import Messages
+from attlog.formats.ulog import index
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
 PX4 = ["sensor_combined", "vehicle_magnetometer", "vehicle_attitude", "vehicle_gps_position"]
@@ -98,21 +99,21 @@ def _index_row(path: Path) -> Row:
     """The bare index pass of a ULog (where is every data record) against a plain copy of the mapped file."""
     mapped = np.memmap(path, np.uint8, "r")
     data, log = np.asarray(mapped), formats.open(path)
-    sizes = ulog_index.Sizes()
+    sizes = index.Sizes()
     for table in log.values():
         at = int(table.offsets[0])
         size = int(data[at]) + 256 * int(data[at + 1])
         sizes.set(int(data[at + 3]) + 256 * int(data[at + 4]), size, size)
     begin = min(int(table.offsets[0]) for table in log.values())
     copy = _best(lambda: mapped.copy())
-    index = _best(lambda: _index(data, sizes, begin))
-    return Row("ULog index, numba loaded", len(data) / 1e6, f"{index:.3f} s", f"numpy copy {copy:.3f} s",
-               copy / index, 0.7)  # fmt: skip
+    indexed = _best(lambda: _index(data, sizes, begin))
+    return Row("ULog index, numba loaded", len(data) / 1e6, f"{indexed:.3f} s", f"numpy copy {copy:.3f} s",
+               copy / indexed, 0.7)  # fmt: skip
 
 
-def _index(data: np.ndarray, sizes: ulog_index.Sizes, position: int) -> int:
+def _index(data: np.ndarray, sizes: index.Sizes, position: int) -> int:
     """Follow the chain of data records from the first on; returns their number."""
-    chain, count = ulog_index.chain(data, sizes), 0
+    chain, count = index.chain(data, sizes), 0
     while position < len(data):
         starts, _ = chain.follow(position, len(data))
         if len(starts):

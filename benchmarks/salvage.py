@@ -1,7 +1,7 @@
-"""Print what readers keep of damaged logs: attlog, pyulog and pymavlink on the same wounded files.
+"""Print what readers keep of damaged logs: attlog, pyulog and pymavlink on the same damaged files.
 
-Wounds are seeded and put on short cuts of ``sample_logs``. A record is intact when
-no wound touches its bytes; a false record is one that a reader returns although
+Damage are seeded and put on short cuts of ``sample_logs``. A record is intact when
+no damage touches its bytes; a false record is one that a reader returns although
 the undamaged log has no such record. ``python benchmarks/salvage.py [--seconds 10] [--seeds 2]``.
 """
 
@@ -33,7 +33,7 @@ Wound = Callable[[np.ndarray, int, np.random.Generator], tuple[np.ndarray, np.nd
 
 
 def overwritten(raw: np.ndarray, begin: int, dice: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """20 wounds of 1 to 400 random bytes."""
+    """20 damage of 1 to 400 random bytes."""
     return _overwrite(raw, begin, dice, 20, lambda: dice.integers(0, 256, dice.integers(1, 400)))
 
 
@@ -120,7 +120,7 @@ def _dataflash_length(log: Messages, raw: np.ndarray, offsets: np.ndarray) -> np
 
 
 def intact_rows(log: Messages, raw: np.ndarray, untouched: np.ndarray) -> Rows:
-    """The records of the undamaged log that no wound touches."""
+    """The records of the undamaged log that no damage touches."""
     hurt = np.concatenate([[0], np.cumsum(~untouched)])
     alive = {key: hurt[e[:, 1]] == hurt[e[:, 0]] for key, e in extents(log, raw).items()}
     tables = {key: table.rows(alive[key]) for key, table in log.items()}
@@ -159,10 +159,10 @@ def _count(rows: Rows, key: tuple[str, int | None], columns: dict[str, np.ndarra
 
 @dataclass(frozen=True)
 class Salvage:
-    """What one reader makes of one kind of wound: intact records, kept ones and false ones, over all seeds."""
+    """What one reader makes of one kind of damage: intact records, kept ones and false ones, over all seeds."""
 
     log: str
-    wound: str
+    damage: str
     reader: str
     intact: int
     kept: int
@@ -174,8 +174,8 @@ class Salvage:
         return 100.0 * self.kept / max(self.intact, 1)
 
 
-def measure(name: str, begin_s: float, wound: Wound, seconds: float, seeds: int, folder: Path) -> list[Salvage]:
-    """The same wounded files read by attlog and by the official library."""
+def measure(name: str, begin_s: float, damage: Wound, seconds: float, seeds: int, folder: Path) -> list[Salvage]:
+    """The same damaged files read by attlog and by the official library."""
     short = folder / name
     _cutter()(SAMPLES / name, short, begin_s, begin_s + seconds)
     log, raw = formats.open(short), np.fromfile(short, np.uint8)
@@ -184,7 +184,7 @@ def measure(name: str, begin_s: float, wound: Wound, seconds: float, seeds: int,
     totals = {"attlog": [0, 0, 0], library: [0, 0, 0]}
     everything = rows_of(log)
     for seed in range(seeds):
-        hurt, untouched = wound(raw, begin, np.random.default_rng(seed))
+        hurt, untouched = damage(raw, begin, np.random.default_rng(seed))
         path = folder / f"hurt{short.suffix}"
         hurt.astype(np.uint8).tofile(path)
         intact = intact_rows(log, raw, untouched)
@@ -197,7 +197,7 @@ def measure(name: str, begin_s: float, wound: Wound, seconds: float, seeds: int,
             total[0] += intact.total()
             total[1] += (intact & rows).total()
             total[2] += sum(count for row, count in rows.items() if row not in everything)
-    return [Salvage(name, wound.__name__, reader, *total, seeds) for reader, total in totals.items()]
+    return [Salvage(name, damage.__name__, reader, *total, seeds) for reader, total in totals.items()]
 
 
 def _data_begin(log: Messages) -> int:
@@ -226,10 +226,10 @@ def main(arguments: list[str] | None = None) -> list[Salvage]:
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for name, begin_s in LOGS.items():
-            for wound in WOUNDS:
-                for row in measure(name, begin_s, wound, options.seconds, options.seeds, Path(folder)):
+            for damage in WOUNDS:
+                for row in measure(name, begin_s, damage, options.seconds, options.seeds, Path(folder)):
                     found.append(row)
-                    print(f"{row.log:30} {row.wound:14} {row.reader:10} {row.intact:8} {row.kept_pct:8.2f} "
+                    print(f"{row.log:30} {row.damage:14} {row.reader:10} {row.intact:8} {row.kept_pct:8.2f} "
                           f"{row.false / row.files:15.1f}", flush=True)  # fmt: skip
     return found
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 MARKS = {
     "good": "[green]good[/]",
-    "look": "[yellow]look[/]",
+    "warn": "[yellow]look[/]",
     "bad": "[red]bad[/]",
     "cannot_judge": "[dim]cannot judge[/]",
 }

@@ -26,7 +26,7 @@ vector in acc or mag means "no sample now".
 import numpy as np
 
 from attlog.estimators import Parameter
-from attlog.estimators.vectors import field_error, gravity_error, turn
+from attlog.estimators.engine.vectors import field_error, gravity_error, turn
 
 SOURCE = "where the equations come from"
 NEEDS = {"gyro", "acc"}  # cannot run without
@@ -55,7 +55,7 @@ def step(state, params, dt, gyr, acc, mag):
     """One update, in place: params in the order of PARAMETERS, dt [s] > 0.
 
     Plain numbers, elements of arrays, math and small functions of this file compile to
-    machine code; the helpers in attlog.estimators.vectors do the usual vector maths.
+    machine code; the helpers in attlog.estimators.engine.vectors do the usual vector maths.
     """
     kp, ki = params[0], params[1]
     gx, gy, gz = gravity_error(state, acc, 1.0)  # 0.0: direction of f only

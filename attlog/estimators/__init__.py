@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from attlog.estimators.api import DEFAULT, Row, estimate, items, parse, select
 from attlog.estimators.base import Estimate, Estimator, Parameter
+from attlog.estimators.engine.samples import place
 from attlog.estimators.registry import get, names
-from attlog.estimators.samples import place
 
 __all__ = [
     "DEFAULT",

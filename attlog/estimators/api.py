@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from numpy.typing import ArrayLike
 
 from attlog.errors import PluginError, UsageError
-from attlog.estimators import loop
 from attlog.estimators.base import Estimate, Estimator
+from attlog.estimators.engine import loop
+from attlog.estimators.engine.samples import Sampling, prepare
 from attlog.estimators.registry import get, names
-from attlog.estimators.samples import Sampling, prepare
 
 DEFAULT = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick", "ekf12", "vqf")
 """What ``default`` stands for: the bare gyro, the papers' rivals, and one modern filter to measure against."""

@@ -98,7 +98,7 @@ class Estimator:
     parts of the state (``bias`` in rad/s, auxiliary outputs). ``equations`` and
     ``text`` are the module docstring for people. ``causal`` is False where it
     looks ahead. ``hold_mag`` is True where the filter wants the last magnetometer
-    vector turned on with the gyro between samples (continuous gains), False where
+    vector propagated with the gyro between samples (continuous gains), False where
     it wants new samples only (Kalman filters).
     """
 
@@ -161,7 +161,7 @@ class Estimate:
     """What a run returns, at the input's own good samples.
 
     ``t`` (n,) s, ``q`` (n, 4), ``bias`` (n, 3) rad/s or None, ``aux`` named (n, k)
-    arrays, ``run`` (n,) int counts restarts after gaps, ``skipped`` counts input that
+    arrays, ``segment`` (n,) int counts restarts after gaps, ``skipped`` counts input that
     was not used by reason (``nan``, ``time_not_rising``, ``saturated``, ``zero_vector``,
     ``gap_bridged``, ``restart``, ``bias_beyond_clip``), ``ns_per_update`` is the measured cost.
     """
@@ -170,7 +170,7 @@ class Estimate:
     q: Array
     bias: Array | None = None
     aux: dict[str, Array] = field(default_factory=dict)
-    run: NDArray[np.int64] | None = None
+    segment: NDArray[np.int64] | None = None
     skipped: dict[str, int] = field(default_factory=dict)
     ns_per_update: float = 0.0
     causal: bool = True

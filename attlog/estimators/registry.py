@@ -40,7 +40,7 @@ BUILT_IN = (
     "vqf",
     "fusion",
 )
-"""Module names under ``attlog.estimators``, in the order in which people see them."""
+"""Module names under ``attlog.estimators.filters``, in the order in which people see them."""
 
 GROUP = "attlog.estimators"
 """Entry points of this group name modules of other packages: ``my_filter = "my_package.my_filter"``."""
@@ -61,7 +61,7 @@ def get(name: str) -> Estimator:
     if name.endswith(".py"):
         return from_file(Path(name))
     if name in BUILT_IN:
-        return from_module(importlib.import_module(f"attlog.estimators.{name}"), name)
+        return from_module(importlib.import_module(f"attlog.estimators.filters.{name}"), name)
     points = _entry_points()
     if name not in points:
         raise UsageError(f"there is no estimator {name}{suggestion(name, names())}")

@@ -47,9 +47,9 @@ def read(
     """
     messages = formats.open(path)
     if system is not None and messages.format in ("tlog", "mavlink"):
-        from attlog.formats import tlog
+        from attlog.formats.mavlink import reader
 
-        messages = tlog.read(path, system)
+        messages = reader.read(path, system)
     boots = max(len(messages.boots), 1)
     chosen = choose_boot(messages) if boot is None else boot
     if not 0 <= chosen < boots:
@@ -79,21 +79,21 @@ def read(
 def read_messages(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
     """The flight in one power-up's messages, by the reader for who wrote them."""
     if messages.format == "ulog":
-        from attlog.flight import px4
+        from attlog.flight.px4 import reader
 
-        return px4.read(messages, imu, mag)
+        return reader.read(messages, imu, mag)
     if messages.format in ("dataflash", "dataflash_text"):
-        from attlog.flight import ardupilot
+        from attlog.flight.ardupilot import reader
 
-        return ardupilot.read(messages, imu, mag)
+        return reader.read(messages, imu, mag)
     if messages.format == "px4log":
-        from attlog.flight import sdlog2
+        from attlog.flight.px4 import sdlog2
 
         return sdlog2.read(messages, imu, mag)
     if messages.format in ("tlog", "mavlink"):
-        from attlog.flight import mavlink
+        from attlog.flight.mavlink import reader
 
-        return mavlink.read(messages, imu, mag, system)
+        return reader.read(messages, imu, mag, system)
     raise LogUnusable(f"{messages.path}: there is no flight reader for the format {messages.format!r}")
 
 

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
-from attlog.flight.reading import Reading, finite_within
-from attlog.flight.timing import Stamps, believable
+from attlog.flight.timing import Stamps, plausible
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
 REPLAY_MIN_SAMPLES = 20
@@ -64,14 +64,14 @@ class Candidate:
         return self
 
 
-def admit(reading: Reading, candidate: Candidate) -> Candidate | None:
-    """The candidate with believable stamps and physical values only, None if nothing is left.
+def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
+    """The candidate with plausible stamps and physical values only, None if nothing is left.
 
     What is left out is noted with the candidate and told only if it is chosen.
     """
-    own = Reading(reading.messages)
+    own = LogBuilder(builder.messages)
     if candidate.gyro.shape[1:] != (3,) or candidate.acc.shape[1:] != (3,):
-        reading.problem("unreadable_message", "warning", f"{candidate.source} does not hold three axes.")
+        builder.problem("unreadable_message", "warning", f"{candidate.source} does not hold three axes.")
         return None
     good = finite_within(candidate.gyro, GYRO_LIMIT_RAD_S) & finite_within(candidate.acc, ACC_LIMIT_M_S2)
     index = own.keep(candidate.t_us, candidate.source, good)
@@ -79,27 +79,27 @@ def admit(reading: Reading, candidate: Candidate) -> Candidate | None:
     measured = (candidate.gyro[index] != 0).any(axis=1) | (candidate.acc[index] != 0).any(axis=1)
     if len(index) and np.mean(measured) < MEASURED_SHARE:
         text = f"{candidate.source}: its gyro and accelerometer values are zero; this unit is not used."
-        reading.problem("imu_all_zero", "warning", text)
+        builder.problem("imu_all_zero", "warning", text)
         return None
     if len(index):
         return candidate.rows(index)
-    reading.problems += own.problems
+    builder.problems += own.problems
     return None
 
 
-def best_per_unit(reading: Reading, candidates: list[Candidate]) -> list[Candidate]:
+def best_per_unit(builder: LogBuilder, candidates: list[Candidate]) -> list[Candidate]:
     """One candidate per unit: the best rank among usable ones, else the fastest. Its problems are told."""
     chosen = []
     for index in sorted({c.index for c in candidates}):
         mine = [c for c in candidates if c.index == index]
         usable = [c for c in mine if c.usable and c.rate >= REPLAY_MIN_HZ]
         chosen.append(min(usable, key=lambda c: c.rank) if usable else max(mine, key=lambda c: c.rate))
-        reading.problems += chosen[-1].problems
+        builder.problems += chosen[-1].problems
     return chosen
 
 
 def choose_unit(
-    reading: Reading, units: list[Candidate], flew: int | None, why: str, asked: int | None, how_to_log: str
+    builder: LogBuilder, units: list[Candidate], flew: int | None, why: str, asked: int | None, how_to_log: str
 ) -> int | None:
     """Position of the unit to replay in ``units``, None (and a problem) where none can be.
 
@@ -108,19 +108,19 @@ def choose_unit(
     """
     if not units:
         unusable = ("no_clock", "values_out_of_range", "false_times", "imu_all_zero")
-        refused = any(p.code in unusable for p in reading.problems)
+        refused = any(p.code in unusable for p in builder.problems)
         text = (
             "No record of the gyro and accelerometer in this log can be used."
             if refused
             else f"This log holds no gyro and accelerometer data. {how_to_log}"
         )
-        reading.problem("no_imu", "error", text)
+        builder.problem("no_imu", "error", text)
         return None
     if asked is not None:
         named = [k for k, u in enumerate(units) if u.index == asked]
         if not named:
             have = ", ".join(str(u.index) for u in units)
-            reading.problem("imu_not_in_log", "error", f"There is no IMU {asked} in this log; it holds IMU {have}.")
+            builder.problem("imu_not_in_log", "error", f"There is no IMU {asked} in this log; it holds IMU {have}.")
             return None
         wanted, reason = named[0], "asked for"
     else:
@@ -129,7 +129,7 @@ def choose_unit(
     if units[wanted].rate < REPLAY_MIN_HZ and asked is None:
         fast = [k for k, u in enumerate(units) if u.rate >= REPLAY_MIN_HZ and u.usable]
         if fast:
-            reading.problem(
+            builder.problem(
                 "imu_that_flew_too_slow",
                 "warning",
                 f"The IMU that flew ({units[wanted].source}) is logged at {units[wanted].rate:.1f} Hz; "
@@ -138,7 +138,7 @@ def choose_unit(
             wanted, reason = fast[0], "the only one logged fast enough"
     unit = units[wanted]
     if len(unit.t_us) < REPLAY_MIN_SAMPLES:
-        reading.problem(
+        builder.problem(
             "imu_too_short",
             "error",
             f"{unit.source} is too short: {len(unit.t_us)} of the {REPLAY_MIN_SAMPLES} samples that a replay needs. "
@@ -146,7 +146,7 @@ def choose_unit(
         )
         return None
     if unit.rate < REPLAY_MIN_HZ:
-        reading.problem(
+        builder.problem(
             "imu_rate_too_low",
             "error",
             f"{unit.source} is logged at {unit.rate:.1f} Hz; a replay needs at least {REPLAY_MIN_HZ:.0f} Hz. "
@@ -154,13 +154,13 @@ def choose_unit(
         )
         return None
     if unit.rate < LOW_RATE_HZ:
-        reading.problem(
+        builder.problem(
             "imu_low_rate",
             "warning",
             f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and lags below "
             f"{1000 / unit.rate:.0f} ms cannot be told. {how_to_log}",
         )
-    reading.choices["imu"] = sentence(reason)
+    builder.choices["imu"] = sentence(reason)
     return wanted
 
 
@@ -169,9 +169,9 @@ def sentence(reason: str) -> str:
     return reason[0].upper() + reason[1:] + "."
 
 
-def build(reading: Reading, candidate: Candidate) -> Imu:
+def build(builder: LogBuilder, candidate: Candidate) -> Imu:
     """The candidate as a part of the flight log; call it when t = 0 is known."""
-    t = reading.seconds(candidate.t_us)
+    t = builder.seconds(candidate.t_us)
     unit = Imu(
         candidate.index,
         Stream(t, candidate.gyro, "rad/s", "FRD", candidate.source, candidate.sampling, candidate.gyro_delay),
@@ -199,7 +199,7 @@ def build(reading: Reading, candidate: Candidate) -> Imu:
 def onto(t_us: Stamps, at_us: Stamps, x: Array) -> Array:
     """x (m, 3) at ``at_us`` (m,) interpolated to ``t_us`` (n,); NaN outside and across gaps of 20 ms or 5 intervals."""
     out = np.full((len(t_us), 3), np.nan)
-    index = believable(at_us).index
+    index = plausible(at_us).index
     at_us, x = np.asarray(at_us, np.int64)[index], x[index]
     if len(at_us) < 2:
         return out

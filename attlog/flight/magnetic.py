@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.builder import LogBuilder
 from attlog.flight.inertial import sentence
 from attlog.flight.model import Array, Imu, Mag
-from attlog.flight.reading import Reading
 from attlog.flight.timing import Stamps
 from attlog.limits import MAG_LIMIT_T
 
@@ -20,7 +20,7 @@ TURN_DEG = 15.0
 
 
 def build(
-    reading: Reading,
+    builder: LogBuilder,
     index: int,
     t_us: Stamps,
     field_t: Array,
@@ -34,7 +34,7 @@ def build(
     """One magnetometer, ``field_t`` (n, 3) in tesla; None if no record is left. Spikes and zeros become NaN rows."""
     if field_t.shape[1:] != (3,):
         raise ValueError(f"{source} does not hold three axes")
-    stream = reading.stream(
+    stream = builder.stream(
         t_us, field_t, "T", source, frame="FRD", limit=np.inf, t_sample_us=t_sample_us, allow_nan=True
     )
     if stream is None:
@@ -43,7 +43,7 @@ def build(
     if bad.any() and not bad.all():
         stream.x[bad] = np.nan
         worst = int(bad.sum())
-        reading.problem(
+        builder.problem(
             "mag_spikes",
             "warning" if worst > 0.01 * len(bad) else "note",
             f"{source}: left out {worst} of {len(bad)} records, zero or more than a factor {SPIKE_FACTOR:.0f} off "
@@ -91,39 +91,39 @@ def turn(imu: Imu, t0: float, t1: float) -> float:
 
 
 def choose(
-    reading: Reading, mags: list[Mag], imu: Imu | None, preferred: int | None, why: str, asked: int | str | None
+    builder: LogBuilder, mags: list[Mag], imu: Imu | None, preferred: int | None, why: str, asked: int | str | None
 ) -> int | None:
     """Position of the magnetometer to use, None with a problem where none can be.
 
     ``asked`` is a number, ``"none"`` for no magnetometer, or None to choose.
     """
     if asked == "none":
-        reading.choices["mag"] = "None, as asked for."
+        builder.choices["mag"] = "None, as asked for."
         return None
     if asked is not None:
         named = [k for k, m in enumerate(mags) if m.index == int(asked)]
         if not named:
             have = ", ".join(str(m.index) for m in mags) or "none"
-            reading.problem(
+            builder.problem(
                 "mag_not_in_log", "error", f"There is no magnetometer {asked} in this log; it holds {have}."
             )
             return None
-        reading.choices["mag"] = "Asked for."
+        builder.choices["mag"] = "Asked for."
         return named[0]
     usable = []
     for k, mag in enumerate(mags):
         reason = dead(mag, imu)
         if reason:
-            reading.problem("mag_dead", "warning", f"{mag.field.source}: {reason}; this magnetometer is not used.")
+            builder.problem("mag_dead", "warning", f"{mag.field.source}: {reason}; this magnetometer is not used.")
         elif not mag.enabled:
-            reading.problem(
+            builder.problem(
                 "mag_disabled",
                 "warning",
                 f"{mag.field.source}: the parameters disable this compass, so it is not used; "
                 f"--mag {mag.index} takes it anyway.",
             )
         elif not mag.calibrated:
-            reading.problem(
+            builder.problem(
                 "mag_uncalibrated",
                 "warning",
                 f"{mag.field.source}: this compass was never calibrated, so it is not used; "
@@ -133,11 +133,11 @@ def choose(
             usable.append(k)
     if not usable:
         if not mags:
-            reading.problem("no_mag", "warning", "This log holds no magnetometer data: headings are relative.")
+            builder.problem("no_mag", "warning", "This log holds no magnetometer data: headings are relative.")
         return None
     chosen = next((k for k in usable if mags[k].index == preferred), usable[0])
     reason = why if mags[chosen].index == preferred else "the first usable one"
-    reading.choices["mag"] = sentence(reason)
+    builder.choices["mag"] = sentence(reason)
     return chosen
 
 

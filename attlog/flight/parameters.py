@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from attlog.flight.builder import LATEST_US, LogBuilder
 from attlog.flight.model import TimeLine
-from attlog.flight.reading import LATEST_US, Reading
 from attlog.formats.base import ParamChange
 
 
@@ -25,13 +25,13 @@ def defaults(changes: list[ParamChange]) -> dict[str, float]:
     return {c.name: c.value for c in changes if c.is_default and math.isfinite(c.value)}
 
 
-def time_lines(reading: Reading, changes: list[ParamChange], source: str) -> dict[str, TimeLine]:
+def time_lines(builder: LogBuilder, changes: list[ParamChange], source: str) -> dict[str, TimeLine]:
     """Every parameter's changes on the log's clock; values from before the data hold from the first stamp known.
 
     Repetitions of the same value (a table written again at each arming) are one entry.
     """
-    begin = min((c.t_us for c in changes if c.t_us is not None and c.t_us >= 0), default=reading.t0_us)
-    begin = min(begin, reading.t0_us)
+    begin = min((c.t_us for c in changes if c.t_us is not None and c.t_us >= 0), default=builder.t0_us)
+    begin = min(begin, builder.t0_us)
     lines: dict[str, tuple[list[int], list[float]]] = {}
     for change in changes:
         if change.is_default or not math.isfinite(change.value):
@@ -42,4 +42,4 @@ def time_lines(reading: Reading, changes: list[ParamChange], source: str) -> dic
         if not v or v[-1] != change.value:
             t.append(begin if change.t_us is None else change.t_us)
             v.append(change.value)
-    return {name: TimeLine(reading.seconds(np.array(t, np.int64)), list(v), source) for name, (t, v) in lines.items()}
+    return {name: TimeLine(builder.seconds(np.array(t, np.int64)), list(v), source) for name, (t, v) in lines.items()}

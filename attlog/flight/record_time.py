@@ -15,13 +15,13 @@ def clock_of(messages: Messages, system: int | None = None) -> Callable[[Table],
     the times at which they were received, on the same clock.
     """
     if messages.format in ("dataflash", "dataflash_text"):
-        from attlog.flight.ardupilot_time import Clock
+        from attlog.flight.ardupilot.clock import Clock
 
         dataflash = Clock(messages)
         return dataflash.of if dataflash.known else lambda table: None
     if messages.format in ("tlog", "mavlink"):
-        from attlog.flight.mavlink import of_system
-        from attlog.flight.mavlink_time import PacketClock
+        from attlog.flight.mavlink.clock import PacketClock
+        from attlog.flight.mavlink.reader import of_system
 
         _, instance = of_system(messages, messages.path, system)
         packets = PacketClock(messages, instance)

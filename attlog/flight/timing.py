@@ -1,4 +1,4 @@
-"""Which records of a message have a believable time.
+"""Which records of a message have a plausible time.
 
 Stamps stay int64 microseconds of the autopilot's boot clock until the zero of the
 log is known: float seconds of a Unix-epoch clock would lose the microseconds.
@@ -26,7 +26,7 @@ GAP_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """``index`` (k,) of the records with strictly rising, believable stamps, and why the others went."""
+    """``index`` (k,) of the records with strictly rising, plausible stamps, and why the others went."""
 
     index: NDArray[np.int64]
     duplicates: int = 0
@@ -39,7 +39,7 @@ class Kept:
         return self.duplicates + self.backward + self.false
 
 
-def believable(t_us: Stamps) -> Kept:
+def plausible(t_us: Stamps) -> Kept:
     """The records (n,) whose stamps rise strictly and lie near the others.
 
     Later records with an equal stamp are duplicates (two tasks log one message).

@@ -22,25 +22,25 @@ def open(path: Path | str) -> Messages:
     path = Path(path)
     match recognise(path):
         case "ulog":
-            from attlog.formats import ulog
+            from attlog.formats.ulog import reader
 
-            return ulog.read(path)
+            return reader.read(path)
         case "dataflash":
-            from attlog.formats import dataflash
+            from attlog.formats.dataflash import reader
 
-            return dataflash.read(path)
+            return reader.read(path)
         case "px4log":
-            from attlog.formats import px4log
+            from attlog.formats import sdlog2
 
-            return px4log.read(path)
+            return sdlog2.read(path)
         case "dataflash_text":
-            from attlog.formats import dataflash_text
+            from attlog.formats.dataflash import text
 
-            return dataflash_text.read(path)
+            return text.read(path)
         case _:
-            from attlog.formats import tlog
+            from attlog.formats.mavlink import reader
 
-            return tlog.read(path)
+            return reader.read(path)
 
 
 def recognise(path: Path | str) -> str:

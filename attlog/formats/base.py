@@ -195,8 +195,15 @@ class Messages(Mapping[tuple[str, int], Table]):
             if len(part):
                 tables[key] = part
         return Messages(
-            self.path, self.format, self.size, tables,
+            self.path,
+            self.format,
+            self.size,
+            tables,
             [p for p in self.params if b.start <= p.offset < b.end],
             [x for x in self.texts if b.start <= x.offset < b.end],
-            self.info, self.damage, self.damage_bytes, self.dropouts_ms, [b],
+            self.info,
+            self.damage,
+            self.damage_bytes,
+            self.dropouts_ms,
+            [b],
         )

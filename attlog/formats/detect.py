@@ -6,7 +6,7 @@ import re
 import struct
 from collections.abc import Iterator
 
-from attlog.formats.ulog_records import MAGIC
+from attlog.formats.ulog.records import MAGIC
 
 SYNC = b"\xa3\x95"
 _FMT_LENGTH = 89

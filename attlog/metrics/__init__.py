@@ -23,12 +23,23 @@ from attlog.metrics import (
     wander,
 )
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, Witness
+from attlog.metrics.base import Case, HeadingReference, Metric
 from attlog.metrics.trace import Trace
 from attlog.metrics.traces import traces
 from attlog.reference.model import Row
 
-__all__ = ["Answer", "Metric", "Trace", "Trial", "Witness", "best", "compute", "definitions", "missing", "traces"]
+__all__ = [
+    "Answer",
+    "Case",
+    "HeadingReference",
+    "Metric",
+    "Trace",
+    "best",
+    "compute",
+    "definitions",
+    "missing",
+    "traces",
+]
 
 QUESTIONS: tuple[ModuleType, ...] = (
     noise, lag, settling, drift_rest, drift_air, wander, rmse,
@@ -43,7 +54,7 @@ def definitions() -> dict[str, Metric]:
     return {metric.name: metric for question in QUESTIONS for metric in question.METRICS}
 
 
-def compute(trial: Trial, row: Row, windows: Sequence[str]) -> dict[str, dict[str, Answer]]:
+def compute(case: Case, row: Row, windows: Sequence[str]) -> dict[str, dict[str, Answer]]:
     """Answers of one row: window -> metric id -> Answer. A metric that means nothing in a window is left out there.
 
     ``detail["coverage_pct"]`` stands beside comparisons of a row that was scored on less
@@ -54,7 +65,7 @@ def compute(trial: Trial, row: Row, windows: Sequence[str]) -> dict[str, dict[st
     for window in windows:
         answers = table.setdefault(window, {})
         for question in QUESTIONS:
-            answers |= question.compute(trial, row, window)
+            answers |= question.compute(case, row, window)
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):
                 answer.detail["coverage_pct"] = row.coverage_pct

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.evidence import within
 from attlog.metrics.noise import rest_spans, why_no_rest
-from attlog.metrics.stretches import within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -80,16 +80,16 @@ def of_average(angle: Array, step: float) -> Deviation:
     return deviation(np.concatenate([[0.0], np.cumsum(angle - np.mean(angle))]) * step, step)
 
 
-def longest_rest(trial: Trial, row: Row, window: str) -> slice | None:
-    """The longest stretch of samples of one rest, finite and without a gap; None if there is none."""
-    pieces = [p for span in rest_spans(trial, row, window) for p in within(row.t, span, row.run)]
+def longest_rest(case: Case, row: Row, window: str) -> slice | None:
+    """The longest segment of samples of one rest, finite and without a gap; None if there is none."""
+    pieces = [p for span in rest_spans(case, row, window) for p in within(row.t, span, row.segment)]
     pieces = [p for p in pieces if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
     return max(pieces, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
 
 
-def angles(row: Row, piece: slice) -> Array:
+def angles(row: Row, segment: slice) -> Array:
     """Rotation away from the mean attitude (n, 3) in deg: about body x, about body y, about the vertical."""
-    q = row.q[piece]
+    q = row.q[segment]
     centre = rotation.mean(q)
     body = rotation.to_rotvec(rotation.multiply(rotation.conjugate(centre), q))
     heading = np.unwrap(rotation.heading_angle(rotation.error(q, centre)))
@@ -105,23 +105,23 @@ def random_walk(d: Deviation) -> tuple[float, float]:
     return math.exp(float(np.interp(0.0, np.log(d.tau[near]), np.log(d.sigma[near])))), slope
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
-    if not about(window, "all", "rest", "rest.long"):
+    if not applies_to(window, "all", "rest", "rest.long"):
         return {}
-    piece = longest_rest(trial, row, window)
-    if piece is None:
-        absent = why_no_rest(trial, window, rest_spans(trial, row, window))
+    segment = longest_rest(case, row, window)
+    if segment is None:
+        absent = why_no_rest(case, window, rest_spans(case, row, window))
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
-    t = row.t[piece]
+    t = row.t[segment]
     length = float(t[-1] - t[0])
     if length < SHORTEST_S:
         reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
         return {m.name: missing("rest_too_short", reason, m.unit, window) for m in METRICS}
     step = length / (len(t) - 1)
-    d = trial.once(f"allan:{row.name}:{piece}", lambda: deviation(angles(row, piece)[:, 2], step))
+    d = case.cached(f"allan:{row.name}:{segment}", lambda: deviation(angles(row, segment)[:, 2], step))
     found = {"allan_arw_deg_per_sqrt_h": _walk(d, length, window), "allan_bias_deg_per_h": _floor(d, length, window)}
-    return {name: follow.unrank_frozen(trial, row, "heading", answer) for name, answer in found.items()}
+    return {name: follow.unrank_frozen(case, row, "heading", answer) for name, answer in found.items()}
 
 
 def _walk(d: Deviation, length: float, window: str) -> Answer:

@@ -18,7 +18,7 @@ CODES = (
     "no_gnss",
     "not_converged",
     "diverged",
-    "bent",
+    "not_a_pure_delay",
     "not_covered",
     "clock_unknown",
     "not_applicable",

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar
 
 from attlog.flight.model import FlightLog
-from attlog.reference.model import Reference, Row, Witness
+from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import Segments
 
-__all__ = ["Metric", "Trial", "Witness", "about", "paragraph"]
+__all__ = ["Case", "HeadingReference", "Metric", "applies_to", "paragraph"]
 
 T = TypeVar("T")
 
@@ -32,18 +32,18 @@ class Metric:
 
 
 @dataclass(slots=True)
-class Trial:
-    """All that metrics see of one log. ``witnesses``: headings by name for drift in the air."""
+class Case:
+    """All that metrics see of one log. ``heading_references``: headings by name for drift in the air."""
 
     log: FlightLog
     segments: Segments
     reference: Reference
     rows: list[Row]
-    witnesses: dict[str, Witness] = field(default_factory=dict)
+    heading_references: dict[str, HeadingReference] = field(default_factory=dict)
     cache: dict[str, Any] = field(default_factory=dict)
-    """What :meth:`once` has computed."""
+    """What :meth:`cached` has computed."""
 
-    def once(self, key: str, compute: Callable[[], T]) -> T:
+    def cached(self, key: str, compute: Callable[[], T]) -> T:
         """What ``compute`` returns, computed at the first call only: for what rows, windows or metrics share.
 
         ``key`` begins with the name of the metric's file and names all that the value depends on.
@@ -53,7 +53,7 @@ class Trial:
         return self.cache[key]
 
 
-def about(window: str, *names: str) -> bool:
+def applies_to(window: str, *names: str) -> bool:
     """Whether a metric that belongs to the named windows says something about this one (``T0:T1`` always)."""
     return ":" in window or window in names
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.evidence import seconds
 from attlog.metrics.noise import rest_spans, why_no_rest, windows_in
-from attlog.metrics.stretches import seconds
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -36,20 +36,20 @@ def window_errors(t: Array, gyro: Array, row: Row, windows: list[slice]) -> Arra
     return np.array(found).reshape(-1, 3)
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
-    if not about(window, "all", "rest", "rest.long"):
+    if not applies_to(window, "all", "rest", "rest.long"):
         return {}
     name, unit = "gyro_bias_error_dps", "deg/s"
-    if row.kind != "replay" or row.bias is None or trial.log.imu is None or not np.any(row.bias):
+    if row.kind != "replay" or row.bias is None or case.log.imu is None or not np.any(row.bias):
         reason = "this row has no gyro bias estimate of the replayed gyro"
         return {name: missing("not_applicable", reason, unit, window)}
-    gyro = trial.log.imus[trial.log.imu].gyro
-    spans = rest_spans(trial, row, window)
+    gyro = case.log.imus[case.log.imu].gyro
+    spans = rest_spans(case, row, window)
     windows = windows_in(gyro.t, gyro.x, spans)
     errors = window_errors(gyro.t, gyro.x, row, windows)
     if len(errors) == 0:
-        return {name: missing(*why_no_rest(trial, window, spans), unit, window)}
+        return {name: missing(*why_no_rest(case, window, spans), unit, window)}
     lengths = np.sqrt(np.sum(errors**2, axis=1))
     reason = None if len(errors) > 1 else "one window of rest gives no interval"
     return {

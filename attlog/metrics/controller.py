@@ -15,8 +15,8 @@ from attlog import rotation
 from attlog.flight.model import Attitude
 from attlog.metrics import interval, rmse
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
-from attlog.metrics.stretches import within
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.evidence import within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -111,14 +111,14 @@ def features(t: Array, step: Array) -> Array:
 def common(
     setpoint: Attitude, attitude: Attitude, spans: list[tuple[float, float]]
 ) -> list[tuple[Array, Array, Array]]:
-    """Times and attitudes (set-point, onboard) of each stretch, evenly spaced at the slower rate, without gaps."""
+    """Times and attitudes (set-point, onboard) of each segment, evenly spaced at the slower rate, without gaps."""
     step = 1.0 / min(setpoint.rate, attitude.rate)
     found = []
     for span in spans:
-        for piece in within(setpoint.t, span):
-            for other in within(attitude.t, (setpoint.t[piece.start], setpoint.t[piece.stop - 1])):
+        for segment in within(setpoint.t, span):
+            for other in within(attitude.t, (setpoint.t[segment.start], setpoint.t[segment.stop - 1])):
                 t = np.arange(attitude.t[other.start], attitude.t[other.stop - 1], step)
-                q_set = rotation.slerp(setpoint.t[piece], setpoint.q[piece], t)
+                q_set = rotation.slerp(setpoint.t[segment], setpoint.q[segment], t)
                 q = rotation.slerp(attitude.t[other], attitude.q[other], t)
                 if len(t) > 1 and np.isfinite(q_set).all() and np.isfinite(q).all():
                     found.append((t, q_set, q))
@@ -153,24 +153,24 @@ def without(windows: Windows, part: slice) -> Windows:
     return Windows(windows.setpoint[keep], windows.attitude[keep], windows.axis[keep], windows.step)
 
 
-def flown(trial: Trial, window: str) -> tuple[list[tuple[Array, Array, Array]], tuple[str, str] | None]:
+def flown(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tuple[str, str] | None]:
     """Set-point and onboard attitude in flight, or code and reason where there is none."""
-    log = trial.log
+    log = case.log
     attitude = log.attitudes.get(log.onboard or "")
     if log.setpoints is None or len(log.setpoints.t) < 2 or attitude is None or len(attitude.t) < 2:
         return [], ("no_setpoint", "the log holds no attitude set-point beside the onboard attitude")
     if min(log.setpoints.rate, attitude.rate) < MIN_RATE_HZ:
         return [], ("rate_too_low", f"set-point and attitude are needed at {MIN_RATE_HZ:.0f} Hz or more")
-    spans = trial.segments.spans("airborne" if window == "all" else window)
+    spans = case.segments.spans("airborne" if window == "all" else window)
     pieces = common(log.setpoints, attitude, spans)
     return pieces, None if pieces else ("not_covered", f"no set-point in flight in window {window}")
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for the onboard row and windows of flight; nothing for other rows."""
-    if row.name != "onboard" or not about(window, "all", "airborne"):
+    if row.name != "onboard" or not applies_to(window, "all", "airborne"):
         return {}
-    pieces, absent = flown(trial, window)
+    pieces, absent = flown(case, window)
     if absent is not None:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     answers = {"tracking_rms_deg": _tracking(pieces, window)}
@@ -186,7 +186,9 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     for metric, value, others, factor in zip(METRICS[1:], values, left_out.T, (1e3, 1e3, 1e2, 1.0), strict=True):
         ci95 = interval.of_jackknife(float(value), others)
         if not np.isfinite(value):
-            answers[metric.name] = missing("bent", "the response does not reach its level", metric.unit, window)
+            answers[metric.name] = missing(
+                "not_a_pure_delay", "the response does not reach its level", metric.unit, window
+            )
             continue
         answers[metric.name] = Answer(
             factor * float(value), metric.unit, window, count, seconds,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.base import Case, Metric, paragraph
 from attlog.metrics.rmse import why_no_errors
 from attlog.reference.model import Row
 
@@ -28,11 +28,11 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row over the whole log; nothing for other windows."""
     if window != "all":
         return {}
-    absent = why_no_errors(trial, row)
+    absent = why_no_errors(case, row)
     if absent is not None or row.errors is None:
         absent = absent or ("no_reference", "this row was not compared")
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
@@ -40,7 +40,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     length = float(e.t[-1] - e.t[0])
     answers = {
         "replay_floor_deg": Answer(
-            trial.reference.floor_deg, "deg", window, len(e.t), length, None, "smallest step of the logged attitude",
+            case.reference.floor_deg, "deg", window, len(e.t), length, None, "smallest step of the logged attitude",
             reason="a property of the log", ranked=False,
         )
     }  # fmt: skip
@@ -56,7 +56,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         reason = row.reason or "the error did not stay near its later median for 5 s within 60 s of the start"
         answers["convergence_s"] = missing("not_converged", reason, "s", window)
     else:
-        step = 1.0 / trial.reference.rate if trial.reference.rate > 0 else 0.0
+        step = 1.0 / case.reference.rate if case.reference.rate > 0 else 0.0
         answers["convergence_s"] = Answer(
             row.convergence_s, "s", window, 1, length, None, "first time from which the error stays small",
             reason="one event of this record", ranked=False, detail={"resolution": step},

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.errors import AttlogError
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.base import Case, Metric, paragraph
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row over the whole log; nothing for other windows."""
     if window != "all":
         return {}
@@ -41,7 +41,7 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     if own is None:
         reason = "flew on board: its time is not in the log" if row.kind == "onboard" else "its time was not measured"
         return {m.name: missing("not_applicable", reason, m.unit, window) for m in METRICS}
-    mahony = next((r for r in trial.rows if r.estimator == BASE), None)
+    mahony = next((r for r in case.rows if r.estimator == BASE), None)
     base = None if mahony is None else measured(mahony)
     ratio = missing("not_applicable", f"needs {BASE} in the same run to compare with", "1", window)
     if base is not None:

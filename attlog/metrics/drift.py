@@ -28,11 +28,11 @@ NOT_MEASURABLE = 5.0
 
 @dataclass(slots=True)
 class Blocks:
-    """Block means: ``t`` s, ``e`` deg (unwrapped within a piece), ``piece`` counts stretches; all (n,)."""
+    """Block means: ``t`` s, ``e`` deg (unwrapped within a segment), ``segment`` counts segments; all (n,)."""
 
     t: Array
     e: Array
-    piece: NDArray[np.int64]
+    segment: NDArray[np.int64]
 
     @property
     def seconds(self) -> float:
@@ -46,7 +46,7 @@ class Drift:
 
     ``value`` is None where the record is too short. ``changes`` holds the first and the
     last group slope where the slopes rise or fall steadily. ``wander`` is the RMS (deg)
-    that remains when the mean slope and each piece's offset are taken away.
+    that remains when the mean slope and each segment's offset are taken away.
     """
 
     value: float | None
@@ -59,16 +59,16 @@ class Drift:
     notes: dict[str, Any] = field(default_factory=dict)
 
 
-def block_means(t: Array, e_deg: Array, piece: NDArray[np.int64]) -> Blocks:
-    """Means over 1 s of a heading error (n,) in deg, unwrapped within each piece; half-filled blocks are left out.
+def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
+    """Means over 1 s of a heading error (n,) in deg, unwrapped within each segment; half-filled blocks are left out.
 
-    ``t`` (n,) s ascending within a piece. A piece ends where the witness was reset, at
+    ``t`` (n,) s ascending within a segment. A segment ends where the heading reference was reset, at
     a gap, or where a run ends: nothing is averaged across.
     """
     good = np.isfinite(e_deg)
-    t, e_deg, piece = t[good], e_deg[good], piece[good]
+    t, e_deg, segment = t[good], e_deg[good], segment[good]
     times, means, labels = [], [], []
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(piece) != 0) + 1, [len(t)]])
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(segment) != 0) + 1, [len(t)]])
     for label, (i, j) in enumerate(pairwise(edges)):
         if j - i < 2:
             continue
@@ -88,14 +88,14 @@ def slope(blocks: Blocks) -> Drift:
     """The mean drift of a record and its interval: t over the slopes of groups (Ibragimov & Mueller 2010).
 
     Target length of a group: a quarter of the record (a sixth from 120 s on); each
-    piece is cut into max(1, round(piece / target)) equal groups, each with its own
+    segment is cut into max(1, round(segment / target)) equal groups, each with its own
     offset; groups under 3 blocks are left out. Fewer than 4 groups or 20 s: no value.
     """
     record = blocks.seconds
     target = record / (6.0 if record >= LONG_S else 4.0)
     slopes, spans = [], []
-    for label in np.unique(blocks.piece):
-        own = np.flatnonzero(blocks.piece == label)
+    for label in np.unique(blocks.segment):
+        own = np.flatnonzero(blocks.segment == label)
         for part in interval.equal_groups(len(own), max(1, round(len(own) * BLOCK_S / target))):
             at = own[part]
             if len(at) >= MIN_BLOCKS:
@@ -115,19 +115,19 @@ def slope(blocks: Blocks) -> Drift:
 
 
 def without_slope(blocks: Blocks, deg_per_min: float) -> Array:
-    """The heading error (n,) in deg without a drift and without each piece's own offset."""
+    """The heading error (n,) in deg without a drift and without each segment's own offset."""
     rest = blocks.e - deg_per_min / 60.0 * blocks.t
-    for label in np.unique(blocks.piece):
-        own = blocks.piece == label
+    for label in np.unique(blocks.segment):
+        own = blocks.segment == label
         rest[own] -= np.mean(rest[own])
     return rest
 
 
 def line(blocks: Blocks) -> Array:
-    """The least-squares line (n,) with one slope and an offset per piece: for the eye, never quoted as the drift."""
+    """The least-squares line (n,) with one slope and an offset per segment: for the eye, never quoted as the drift."""
     u, v = blocks.t.copy(), blocks.e.copy()
-    for label in np.unique(blocks.piece):
-        own = blocks.piece == label
+    for label in np.unique(blocks.segment):
+        own = blocks.segment == label
         u[own] -= np.mean(u[own])
         v[own] -= np.mean(v[own])
     spread = float(u @ u)
@@ -176,18 +176,18 @@ def _line(t: Array, e: Array) -> float:
     return float(u @ (e - np.mean(e))) / float(u @ u)
 
 
-def too_short(found: Drift, witness: str) -> str:
+def too_short(found: Drift, heading_reference: str) -> str:
     """Why a record gives no drift: its time, or the pieces it is broken into."""
-    what = "of usable rest" if witness == "rest" else f"of flight comparable with {witness}"
+    what = "of usable rest" if heading_reference == "rest" else f"of flight comparable with {heading_reference}"
     if found.seconds < SHORTEST_S - 0.5:
         return f"{found.seconds:.0f} s {what}; {SHORTEST_S:.0f} s are needed"
     return f"{found.seconds:.0f} s {what} in pieces too short for {MIN_GROUPS} slopes"
 
 
-def answer(found: Drift, window: str, witness: str) -> Answer:
+def answer(found: Drift, window: str, heading_reference: str) -> Answer:
     """The Answer of a drift: too short, not measurable, disagreeing, or a value with its interval."""
     if found.value is None or found.ci95 is None:
-        return missing("record_too_short", too_short(found, witness), "deg/min", window)
+        return missing("record_too_short", too_short(found, heading_reference), "deg/min", window)
     half = 0.5 * (found.ci95[1] - found.ci95[0])
     reason = None
     if half > NOT_MEASURABLE:
@@ -210,7 +210,7 @@ def answer(found: Drift, window: str, witness: str) -> Answer:
         len(found.slopes),
         found.seconds,
         found.ci95,
-        f"mean slope of {len(found.slopes)} groups of 1 s block means against {witness}, t interval over the groups",
+        f"mean slope of {len(found.slopes)} groups of 1 s block means against {heading_reference}, t interval over the groups",
         reason=reason,
         ranked=reason is None,
         detail=detail,

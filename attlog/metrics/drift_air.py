@@ -1,4 +1,4 @@
-"""Yaw drift in the air: the slope of the heading error against each witness that the log holds."""
+"""Yaw drift in the air: the slope of the heading error against each heading reference that the log holds."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import drift
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, Witness, about, paragraph
+from attlog.metrics.base import Case, HeadingReference, Metric, applies_to, paragraph
 from attlog.metrics.drift_rest import bias_beside
 from attlog.metrics.rmse import why_never_airborne
 from attlog.reference.model import Row
-from attlog.segments import runs
+from attlog.segments import gaps
 from attlog.segments.spans import inside, intersect
 
 Array = NDArray[np.float64]
 
-WITNESSES = {
+HEADING_REFERENCES = {
     "onboard": "the onboard heading that flew",
     "truth": "the true heading (simulation or motion capture)",
     "smoother": "the smoothed heading",
@@ -47,80 +47,84 @@ METRICS: tuple[Metric, ...] = tuple(
         ("airborne", name),
         paragraph(
             f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start: 1 s block
-            means, cut at gaps and at resets of the witness; groups of a quarter of the record (a sixth from 120 s
+            means, cut at gaps and at resets of the heading reference; groups of a quarter of the record (a sixth from 120 s
             on), each with its own offset; value = mean of the group slopes, interval = t over them. It says how the
-            row drifts away from this witness: a drift of the witness counts too."""
+            row drifts away from this heading reference: a drift of the heading reference counts too."""
         ),
     )
-    for name, words in WITNESSES.items()
+    for name, words in HEADING_REFERENCES.items()
 )
 
 
-def heading_error(row: Row, witness: Witness) -> tuple[Array, NDArray[np.int64]]:
-    """The row's heading minus the witness's in deg at the witness's times, and the piece of each; both (n,).
+def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
+    """The row's heading minus the heading reference's in deg at the heading reference's times, and the segment of each; both (n,).
 
     NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
     """
-    q = rotation.slerp(row.t, row.q, witness.t)
+    q = rotation.slerp(row.t, row.q, heading_reference.t)
     euler = rotation.to_euler(q)
-    e = np.degrees(rotation.wrap(euler[:, 2] - np.radians(witness.heading_deg)))
-    after = np.clip(np.searchsorted(row.t, witness.t), 1, max(len(row.t) - 1, 1))
+    e = np.degrees(rotation.wrap(euler[:, 2] - np.radians(heading_reference.heading_deg)))
+    after = np.clip(np.searchsorted(row.t, heading_reference.t), 1, max(len(row.t) - 1, 1))
     known = (len(row.t) > 1) & np.isfinite(euler[:, 1]) & (np.abs(euler[:, 1]) < STEEP_RAD)
     if len(row.t) > 1:
-        known &= (row.t[after] - row.t[after - 1] < 0.5) & (row.run[after] == row.run[after - 1])
-        labels = witness.piece * (int(row.run.max()) + 1) + row.run[after]
+        known &= (row.t[after] - row.t[after - 1] < 0.5) & (row.segment[after] == row.segment[after - 1])
+        labels = heading_reference.segment * (int(row.segment.max()) + 1) + row.segment[after]
     else:
-        labels = witness.piece
+        labels = heading_reference.segment
     return np.where(known, e, np.nan), labels
 
 
-def error_blocks(trial: Trial, row: Row, name: str, window: str) -> drift.Blocks | None:
-    """1 s means of the heading error against a witness, airborne and scored; None where the witness is absent."""
-    spans = intersect(trial.segments.spans("airborne"), trial.segments.spans(window))
-    return trial.once(f"drift_air:{row.name}:{name}:{spans}", lambda: _error_blocks(trial, row, name, spans))
+def error_blocks(case: Case, row: Row, name: str, window: str) -> drift.Blocks | None:
+    """1 s means of the heading error against a heading reference, airborne and scored; None where the heading reference is absent."""
+    spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
+    return case.cached(f"drift_air:{row.name}:{name}:{spans}", lambda: _error_blocks(case, row, name, spans))
 
 
-def _error_blocks(trial: Trial, row: Row, name: str, spans: list[tuple[float, float]]) -> drift.Blocks | None:
-    reference, witness = trial.reference, trial.witnesses.get(name)
+def _error_blocks(case: Case, row: Row, name: str, spans: list[tuple[float, float]]) -> drift.Blocks | None:
+    reference, heading_reference = case.reference, case.heading_references.get(name)
     if name == reference.kind and row.errors is not None:
         errors = row.errors
         keep = inside(errors.t, spans) & errors.scored
-        return drift.block_means(errors.t[keep], errors.heading[keep], split(errors.piece, keep)[keep])
-    if witness is None:
+        return drift.block_means(errors.t[keep], errors.heading[keep], split(errors.segment, keep)[keep])
+    if heading_reference is None:
         return None
-    e, piece = heading_error(row, witness)
-    keep = inside(witness.t, spans) & (witness.t >= reference.scoring_start) & (witness.t <= reference.end)
-    return drift.block_means(witness.t[keep], e[keep], split(piece, keep)[keep])
+    e, segment = heading_error(row, heading_reference)
+    keep = (
+        inside(heading_reference.t, spans)
+        & (heading_reference.t >= reference.scoring_start)
+        & (heading_reference.t <= reference.end)
+    )
+    return drift.block_means(heading_reference.t[keep], e[keep], split(segment, keep)[keep])
 
 
-def split(piece: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
+def split(segment: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Pieces (n,) that also end where time was left out between samples that are kept."""
-    return runs.numbered(piece, np.concatenate([[0], np.cumsum(~keep)])[: len(keep)])
+    return gaps.renumber(segment, np.concatenate([[0], np.cumsum(~keep)])[: len(keep)])
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows that are not about flight."""
-    if not about(window, "all", "airborne"):
+    if not applies_to(window, "all", "airborne"):
         return {}
-    return {f"drift_air_deg_per_min.{name}": _against(trial, row, name, window) for name in WITNESSES}
+    return {f"drift_air_deg_per_min.{name}": _against(case, row, name, window) for name in HEADING_REFERENCES}
 
 
-def _against(trial: Trial, row: Row, name: str, window: str) -> Answer:
-    if name in trial.reference.refused:
-        return missing("no_reference", trial.reference.refused[name], "deg/min", window)
-    if name not in trial.witnesses and name != trial.reference.kind:
+def _against(case: Case, row: Row, name: str, window: str) -> Answer:
+    if name in case.reference.refused:
+        return missing("no_reference", case.reference.refused[name], "deg/min", window)
+    if name not in case.heading_references and name != case.reference.kind:
         return missing(*ABSENT[name], "deg/min", window)
-    if name == row.name or (row.is_reference and name == trial.reference.kind):
-        return missing("not_applicable", "this row is the witness itself", "deg/min", window)
-    if not trial.segments.spans("airborne"):
-        return missing("not_covered", why_never_airborne(trial), "deg/min", window)
-    blocks = error_blocks(trial, row, name, window)
+    if name == row.name or (row.is_reference and name == case.reference.kind):
+        return missing("not_applicable", "this row is the heading reference itself", "deg/min", window)
+    if not case.segments.spans("airborne"):
+        return missing("not_covered", why_never_airborne(case), "deg/min", window)
+    blocks = error_blocks(case, row, name, window)
     if blocks is None or len(blocks.t) == 0:
         return missing(
-            "not_covered", f"there is no scored flight in common with {WITNESSES[name]}", "deg/min", window
+            "not_covered", f"there is no scored flight in common with {HEADING_REFERENCES[name]}", "deg/min", window
         )
     answer = drift.answer(drift.slope(blocks), window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
-    if name in trial.witnesses and trial.witnesses[name].text:
-        answer.detail["witness"] = trial.witnesses[name].text
+    if name in case.heading_references and case.heading_references[name].text:
+        answer.detail["heading reference"] = case.heading_references[name].text
     return answer

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from attlog import earth, rotation
 from attlog.metrics import drift, follow
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.evidence import within
 from attlog.metrics.noise import rest_spans, why_no_rest
-from attlog.metrics.stretches import within
 from attlog.reference import clock
 from attlog.reference.model import Row
 from attlog.segments import resets
@@ -18,7 +18,7 @@ from attlog.segments import resets
 Array = NDArray[np.float64]
 
 _TEXT = paragraph(
-    """Mean slope of the row's own heading while the vehicle stands still: the witness is the constant heading itself.
+    """Mean slope of the row's own heading while the vehicle stands still: the heading reference is the constant heading itself.
     1 s block means, cut at gaps and resets; groups of a quarter of the rest (a sixth from 120 s on), each with its
     own offset; value = mean of the group slopes, interval = t over them. Several rests are pooled if they agree,
     else the interval spans them all. It is the mean drift of this record, not a property of the filter for ever.
@@ -29,18 +29,18 @@ METRICS: tuple[Metric, ...] = (
 )
 
 
-def rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blocks:
+def rest_blocks(case: Case, row: Row, span: tuple[float, float]) -> drift.Blocks:
     """1 s means of the row's heading in deg during one rest, relative to its mean there."""
-    return trial.once(f"drift_rest:{row.name}:{span}", lambda: _rest_blocks(trial, row, span))
+    return case.cached(f"drift_rest:{row.name}:{span}", lambda: _rest_blocks(case, row, span))
 
 
-def _rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blocks:
-    pieces = within(row.t, span, trial.once(f"drift_rest:pieces:{row.name}", lambda: row_pieces(trial, row)))
+def _rest_blocks(case: Case, row: Row, span: tuple[float, float]) -> drift.Blocks:
+    pieces = within(row.t, span, case.cached(f"drift_rest:pieces:{row.name}", lambda: row_pieces(case, row)))
     t, e, label = [], [], []
-    for k, piece in enumerate(pieces):
-        q = row.q[piece]
+    for k, segment in enumerate(pieces):
+        q = row.q[segment]
         if np.isfinite(q).all():
-            t.append(row.t[piece])
+            t.append(row.t[segment])
             e.append(np.degrees(rotation.heading_angle(rotation.error(q, rotation.mean(q)))))
             label.append(np.full(len(q), k))
     if not t:
@@ -48,36 +48,36 @@ def _rest_blocks(trial: Trial, row: Row, span: tuple[float, float]) -> drift.Blo
     return drift.block_means(np.concatenate(t), np.concatenate(e), np.concatenate(label))
 
 
-def row_pieces(trial: Trial, row: Row) -> NDArray[np.int64]:
+def row_pieces(case: Case, row: Row) -> NDArray[np.int64]:
     """Stretches of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
-    attitude = trial.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
+    attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
     if attitude is None:
-        return row.run
+        return row.segment
     jumped = np.zeros(len(attitude.t), np.int64)
-    jumped[resets.known(trial.log, row.estimator, trial.segments)[0]] = 1
-    _, _, kept = clock.usable(attitude, trial.reference.clock)
-    return row.run + np.cumsum(jumped)[kept]
+    jumped[resets.known(case.log, row.estimator, case.segments)[0]] = 1
+    _, _, kept = clock.usable(attitude, case.reference.clock)
+    return row.segment + np.cumsum(jumped)[kept]
 
 
-def records(trial: Trial, row: Row, window: str) -> list[drift.Drift]:
+def records(case: Case, row: Row, window: str) -> list[drift.Drift]:
     """The drift of each rest of the window, in time order."""
-    return [drift.slope(b) for b in (rest_blocks(trial, row, s) for s in rest_spans(trial, row, window)) if len(b.t)]
+    return [drift.slope(b) for b in (rest_blocks(case, row, s) for s in rest_spans(case, row, window)) if len(b.t)]
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
-    if not about(window, "all", "rest", "rest.long"):
+    if not applies_to(window, "all", "rest", "rest.long"):
         return {}
-    found = records(trial, row, window)
+    found = records(case, row, window)
     if not found:
-        code, reason = why_no_rest(trial, window, rest_spans(trial, row, window))
+        code, reason = why_no_rest(case, window, rest_spans(case, row, window))
         return {"drift_rest_deg_per_min": missing(code, reason, "deg/min", window)}
     answer = drift.answer(drift.together(found), window, "rest")
-    answer.detail |= bias_beside(row, answer.value, rest_spans(trial, row, window)) | heading_change(trial, row, window)
-    turn = earth_turn(trial)
+    answer.detail |= bias_beside(row, answer.value, rest_spans(case, row, window)) | heading_change(case, row, window)
+    turn = earth_turn(case)
     if turn is not None:
         answer.detail["earth_turn_deg_per_min"] = turn
-    return {"drift_rest_deg_per_min": follow.unrank_frozen(trial, row, "heading", answer)}
+    return {"drift_rest_deg_per_min": follow.unrank_frozen(case, row, "heading", answer)}
 
 
 def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:
@@ -95,18 +95,18 @@ def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[flo
     return beside
 
 
-def heading_change(trial: Trial, row: Row, window: str) -> dict[str, float]:
+def heading_change(case: Case, row: Row, window: str) -> dict[str, float]:
     """Heading of the last rest minus that of the first, deg, where there are two with other things between."""
-    spans = rest_spans(trial, row, window)
-    means = [rotation.mean(row.q[w[0]]) for w in (within(row.t, s, row.run) for s in (spans[0], spans[-1])) if w]
+    spans = rest_spans(case, row, window)
+    means = [rotation.mean(row.q[w[0]]) for w in (within(row.t, s, row.segment) for s in (spans[0], spans[-1])) if w]
     if len(spans) < 2 or len(means) < 2 or not np.isfinite(means).all():
         return {}
     return {"heading_change_deg": float(np.degrees(rotation.heading_angle(rotation.error(means[1], means[0]))))}
 
 
-def earth_turn(trial: Trial) -> float | None:
+def earth_turn(case: Case) -> float | None:
     """How fast the earth turns a perfect gyro's heading at the place of the log, deg/min; None where it is unknown."""
-    for receiver in trial.log.gnss:
+    for receiver in case.log.gnss:
         latitude = receiver.lat[np.isfinite(receiver.lat) & (receiver.fix >= 3)]
         if len(latitude):
             return earth.heading_turn(float(np.median(latitude)))

@@ -27,11 +27,11 @@ MIN_SAMPLES = 4
 
 @dataclass(slots=True)
 class Track:
-    """An attitude over time: ``t`` (n,) s, ``q`` (n, 4), ``piece`` (n,) counts stretches that must not be crossed."""
+    """An attitude over time: ``t`` (n,) s, ``q`` (n, 4), ``segment`` (n,) counts segments that must not be crossed."""
 
     t: Array
     q: Array
-    piece: NDArray[np.int64]
+    segment: NDArray[np.int64]
     step: float = field(init=False)
     """Median time between samples, s."""
     moves: dict[tuple[Event, float], Move | None] = field(init=False, default_factory=dict)
@@ -43,7 +43,7 @@ class Track:
 
 @dataclass(slots=True)
 class Move:
-    """A stretch of an attitude around an event: rotation vectors (n, 3) in deg from its sample nearest mid-step."""
+    """A segment of an attitude around an event: rotation vectors (n, 3) in deg from its sample nearest mid-step."""
 
     t: Array
     turn: Array
@@ -165,7 +165,7 @@ def own_move(track: Track, event: Event, reach: float) -> Move | None:
 
 
 def _own_move(track: Track, event: Event, reach: float) -> Move | None:
-    part = stretch(track, event, reach)
+    part = segment(track, event, reach)
     if part is None or track.t[part][0] > event.onset or track.t[part][-1] < event.t90:
         return None
     t, q = track.t[part], track.q[part]
@@ -175,11 +175,11 @@ def _own_move(track: Track, event: Event, reach: float) -> Move | None:
     return Move(t, _turned(q[middle], q), float(t[middle]))
 
 
-def stretch(track: Track, event: Event, reach: float) -> slice | None:
-    """The samples around an event that belong to the piece of its mid-step; None for fewer than 4."""
+def segment(track: Track, event: Event, reach: float) -> slice | None:
+    """The samples around an event that belong to the segment of its mid-step; None for fewer than 4."""
     i, j = np.searchsorted(track.t, [event.begin - reach, event.end + reach])
     middle = min(int(np.searchsorted(track.t, event.middle)), len(track.t) - 1)
-    same = np.flatnonzero(track.piece[i:j] == track.piece[middle])
+    same = np.flatnonzero(track.segment[i:j] == track.segment[middle])
     return None if len(same) < MIN_SAMPLES else slice(int(same[0] + i), int(same[-1] + i) + 1)
 
 
@@ -190,7 +190,7 @@ def _turned(start: Array, q: Array) -> Array:
 def _relative(est: Track, ref: Track, event: Event, delay: float) -> Relative | None:
     margin = RANGE_S + 2.0 * max(est.step, ref.step)
     own = own_move(ref, event, margin if is_slower(est.step, ref.step) else 0.0)
-    part = stretch(est, event, margin)
+    part = segment(est, event, margin)
     if own is None or part is None:
         return None
     t_ref, r_ref, t_est, q_est = own.t, own.turn, est.t[part], est.q[part]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import lag, probe, steps
 from attlog.metrics.answer import Answer
-from attlog.metrics.base import Trial
+from attlog.metrics.base import Case
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ class Verdict:
     reason: str = ""
 
 
-def regression_gain(t: Array, q_est: Array, q_ref: Array, piece: NDArray[np.int64]) -> Array:
+def regression_gain(t: Array, q_est: Array, q_ref: Array, segment: NDArray[np.int64]) -> Array:
     """Gains (4,) of the estimate's turning on the reference's: body x, y, z and all axes together.
 
     Regression through the origin of the rotations between neighbouring samples, over
@@ -40,7 +40,7 @@ def regression_gain(t: Array, q_est: Array, q_ref: Array, piece: NDArray[np.int6
     resets) are cut out. NaN where fewer than 20 samples move.
     """
     dt = np.diff(t)
-    same = (np.diff(piece) == 0) & (dt > 0)
+    same = (np.diff(segment) == 0) & (dt > 0)
     est = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_est[:-1]), q_est[1:]))[same]
     ref = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_ref[:-1]), q_ref[1:]))[same]
     finite = np.isfinite(est).all(axis=1) & np.isfinite(ref).all(axis=1)
@@ -57,18 +57,18 @@ def regression_gain(t: Array, q_est: Array, q_ref: Array, piece: NDArray[np.int6
     return gains
 
 
-def verdict(trial: Trial, row: Row, axis: str) -> Verdict:
+def verdict(case: Case, row: Row, axis: str) -> Verdict:
     """Whether a row follows motion about roll, pitch or heading: by its steps, else by regression, else by a probe.
 
     One gain of 0.8 to 1.2 is enough: acceleration bends real filters in steps (gain
     0.75), the probe then shows that they are not frozen.
     """
-    return trial.once(f"follow:{row.name}:{axis}", lambda: _verdict(trial, row, axis))
+    return case.cached(f"follow:{row.name}:{axis}", lambda: _verdict(case, row, axis))
 
 
-def _verdict(trial: Trial, row: Row, axis: str) -> Verdict:
+def _verdict(case: Case, row: Row, axis: str) -> Verdict:
     found: list[str] = []
-    for gain, how in _gains(trial, row, ("roll", "pitch", "heading").index(axis)):
+    for gain, how in _gains(case, row, ("roll", "pitch", "heading").index(axis)):
         if LOW <= gain <= HIGH:
             return Verdict(True, gain, how)
         found.append(f"{gain:.2f} {how}")
@@ -79,23 +79,23 @@ def _verdict(trial: Trial, row: Row, axis: str) -> Verdict:
     )
 
 
-def _gains(trial: Trial, row: Row, axis: int) -> Iterator[tuple[float, str]]:
+def _gains(case: Case, row: Row, axis: int) -> Iterator[tuple[float, str]]:
     """The gains that are known of a row about one axis, the best evidence first."""
-    step = lag.fits(trial, row, "all").get(steps.AXES[axis])
+    step = lag.fits(case, row, "all").get(steps.AXES[axis])
     if step is not None and step.events >= lag.MIN_EVENTS:
         yield step.gain, f"in {step.events} steps"
-    regression = trial.once(f"follow:{row.name}:regression", lambda: _regression(row))
+    regression = case.cached(f"follow:{row.name}:regression", lambda: _regression(row))
     if np.isfinite(regression[axis]):
         yield float(regression[axis]), "by regression on the reference's rate"
-    probed = probe.gains(trial, row)
+    probed = probe.gains(case, row)
     if probed is not None:
         yield float(probed[axis]), "in a probe at rest"
 
 
-def unrank_frozen(trial: Trial, row: Row, axis: str, answer: Answer) -> Answer:
+def unrank_frozen(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
     """The answer, no longer ranked where the row does not follow motion about that axis: standing still is no merit."""
     if answer.value is not None and answer.ranked:
-        found = verdict(trial, row, axis)
+        found = verdict(case, row, axis)
         answer.ranked, answer.reason = found.follows, answer.reason if found.follows else found.reason
     return answer
 
@@ -104,4 +104,4 @@ def _regression(row: Row) -> Array:
     if row.errors is None or len(row.errors.t) < 2:
         return np.full(4, np.nan)
     e = row.errors
-    return regression_gain(e.t, e.q_est, e.q_ref, e.piece)
+    return regression_gain(e.t, e.q_est, e.q_ref, e.segment)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
-from attlog.metrics.stretches import seconds, within
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.evidence import seconds, within
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
 
@@ -58,13 +58,13 @@ class Powers:
 
 def _powers(row: Row, spans: list[Span]) -> Powers:
     powers, near, total = [], 0, 0
-    pieces = [p for span in spans for p in within(row.t, span, row.run) if np.isfinite(row.q[p]).all()]
-    for piece in pieces:
-        t = row.t[piece]
+    pieces = [p for span in spans for p in within(row.t, span, row.segment) if np.isfinite(row.q[p]).all()]
+    for segment in pieces:
+        t = row.t[segment]
         step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
         if step <= 0 or 1.0 / step < MIN_RATE_HZ or t[-1] - t[0] < WINDOW_S:
             continue
-        q = row.q[piece]
+        q = row.q[segment]
         away = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(rotation.mean(q)), q)))[:, :2]
         near += int(np.sum(np.abs(away).max(axis=1) <= HUANG_DEG))
         total += len(away)
@@ -75,16 +75,16 @@ def _powers(row: Row, spans: list[Span]) -> Powers:
     return Powers(powers, seconds(row.t, pieces), 100.0 * near / max(total, 1))
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without hover by definition."""
-    if not about(window, "all", "airborne", "hover"):
+    if not applies_to(window, "all", "airborne", "hover"):
         return {}
     name = "hover_jitter_deg"
-    spans = intersect(trial.segments.spans("hover"), trial.segments.spans(window))
+    spans = intersect(case.segments.spans("hover"), case.segments.spans(window))
     spans = intersect(spans, [(row.start + 5.0, math.inf)])
     if not spans:
         return {name: missing("not_covered", f"no hover in window {window}", "deg", window)}
-    found = trial.once(f"hover:{row.name}:{spans}", lambda: _powers(row, spans))
+    found = case.cached(f"hover:{row.name}:{spans}", lambda: _powers(row, spans))
     powers = found.powers
     if not powers:
         reason = f"no hover of {WINDOW_S:.0f} s without a gap at {MIN_RATE_HZ:.0f} Hz or more"
@@ -96,4 +96,4 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         sigma, "deg", window, len(powers[::2]), found.seconds, ci95, f"{len(powers)} windows of 4 s",
         reason=reason, ranked=reason is None, detail={"within_5_deg_pct": found.near_pct},
     )  # fmt: skip
-    return {name: follow.unrank_frozen(trial, row, "roll", answer)}
+    return {name: follow.unrank_frozen(case, row, "roll", answer)}

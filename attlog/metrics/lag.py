@@ -9,7 +9,7 @@ import numpy as np
 from attlog.metrics import angle_fit, steps
 from attlog.metrics.angle_fit import Fit
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.event_pairs import Track
 from attlog.metrics.rmse import why_never_airborne, why_no_errors
 from attlog.reference.model import Row
@@ -61,33 +61,33 @@ METRICS: tuple[Metric, ...] = tuple(
 )  # fmt: skip
 
 
-def fits(trial: Trial, row: Row, window: str) -> dict[str, Fit]:
+def fits(case: Case, row: Row, window: str) -> dict[str, Fit]:
     """The fits of a row over the events of a window: per axis and ``all``; shared by everything that looks at steps."""
-    events = steps.in_window(trial, scored_events(trial, row), window)
+    events = steps.in_window(case, scored_events(case, row), window)
     if not events:
         return {}
-    r = trial.reference
-    reference = trial.once("lag:reference", lambda: Track(r.t, r.q, r.piece))
-    return trial.once(
+    r = case.reference
+    reference = case.cached("lag:reference", lambda: Track(r.t, r.q, r.segment))
+    return case.cached(
         f"lag:{row.name}:{[(e.axis, e.onset) for e in events]}",
-        lambda: angle_fit.by_axis(Track(row.t, row.q, row.run), reference, events),
+        lambda: angle_fit.by_axis(Track(row.t, row.q, row.segment), reference, events),
     )
 
 
-def scored_events(trial: Trial, row: Row) -> list[steps.Event]:
+def scored_events(case: Case, row: Row) -> list[steps.Event]:
     """The events of the reference for which this row is scored (after a restart it settles first)."""
     errors = row.errors
     if errors is None or len(errors.t) == 0:
         return []
-    events = steps.of_trial(trial)
+    events = steps.of_trial(case)
     at = np.clip(np.searchsorted(errors.t, [e.onset for e in events]), 0, len(errors.t) - 1)
     return [e for e, i in zip(events, at, strict=True) if errors.scored[i]]
 
 
-def input_delay(trial: Trial, row: Row) -> float:
+def input_delay(case: Case, row: Row) -> float:
     """The delay of the logged sensors (s) to subtract: of replays, where the reference does not share it."""
-    shared = trial.reference.input_delay_shared or row.kind != "replay"
-    return 0.0 if shared else trial.reference.input_delay_s
+    shared = case.reference.input_delay_shared or row.kind != "replay"
+    return 0.0 if shared else case.reference.input_delay_s
 
 
 def bent(found: Fit, lag: float, earliest: float) -> str | None:
@@ -103,39 +103,39 @@ def bent(found: Fit, lag: float, earliest: float) -> str | None:
     return None
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
-    if not about(window, "all", "airborne"):
+    if not applies_to(window, "all", "airborne"):
         return {}
-    absent = why_no_errors(trial, row) or why_no_events(trial, row, window)
+    absent = why_no_errors(case, row) or why_no_events(case, row, window)
     if absent is not None:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
-    found = fits(trial, row, window)
+    found = fits(case, row, window)
     answers: dict[str, Answer] = {}
     for axis in AXES:
-        answers |= _of_axis(trial, row, window, axis, found.get(axis))
+        answers |= _of_axis(case, row, window, axis, found.get(axis))
     return {m.name: answers[m.name] for m in METRICS}
 
 
-def why_no_events(trial: Trial, row: Row, window: str) -> tuple[str, str] | None:
+def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
     """Code and reason where a window has no events at all for a row, else None."""
-    rate = trial.reference.rate
+    rate = case.reference.rate
     if rate < MIN_REFERENCE_HZ:
         return (
             "reference_too_slow",
             f"the reference comes at {rate:.1f} Hz; {MIN_REFERENCE_HZ:.0f} Hz are needed for steps",
         )
-    if not steps.in_window(trial, scored_events(trial, row), window):
+    if not steps.in_window(case, scored_events(case, row), window):
         where = {"all": "in this log", "airborne": "in flight"}.get(window, f"in {window}")
-        if window == "airborne" and not trial.segments.spans("airborne"):
-            return "no_events", why_never_airborne(trial)
+        if window == "airborne" and not case.segments.spans("airborne"):
+            return "no_events", why_never_airborne(case)
         sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
-        start = f"from {trial.reference.scoring_start:.0f} s on"
+        start = f"from {case.reference.scoring_start:.0f} s on"
         return "no_events", f"no quick movement {where} {start}; turns of {sizes} within 1 s are needed"
     return None
 
 
-def _of_axis(trial: Trial, row: Row, window: str, axis: str, found: Fit | None) -> dict[str, Answer]:
+def _of_axis(case: Case, row: Row, window: str, axis: str, found: Fit | None) -> dict[str, Answer]:
     names = {kind: metric_id(kind, axis) for kind in ("lag", "gain", "distortion")}
     units = {"lag": "ms", "gain": "1", "distortion": "%"}
     if found is None or found.events < MIN_EVENTS:
@@ -158,16 +158,16 @@ def _of_axis(trial: Trial, row: Row, window: str, axis: str, found: Fit | None) 
     if not GAIN[0] <= found.gain <= GAIN[1]:
         distortion.ranked, distortion.reason = False, bent(found, 0.0, 0.0)
     return {
-        names["lag"]: _lag_answer(trial, row, window, found, method, detail),
+        names["lag"]: _lag_answer(case, row, window, found, method, detail),
         names["gain"]: answer(found.gain, "1", found.gain_ci95, 1.0),
         names["distortion"]: distortion,
     }
 
 
-def _lag_answer(trial: Trial, row: Row, window: str, found: Fit, method: str, shared: dict[str, object]) -> Answer:
-    delay = input_delay(trial, row)
+def _lag_answer(case: Case, row: Row, window: str, found: Fit, method: str, shared: dict[str, object]) -> Answer:
+    delay = input_delay(case, row)
     lag = found.delay - delay
-    half_sample = 0.5 * sample_step(trial, row)
+    half_sample = 0.5 * sample_step(case, row)
     detail = shared | {
         "fitted_ms": 1000 * found.delay,
         "input_delay_ms": 1000 * delay,
@@ -178,10 +178,10 @@ def _lag_answer(trial: Trial, row: Row, window: str, found: Fit, method: str, sh
     if found.at_edge:
         reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
         return missing("lag_at_edge", reason, "ms", window, **detail)
-    may_be_early = trial.reference.kind == "onboard" or not row.causal
+    may_be_early = case.reference.kind == "onboard" or not row.causal
     why = bent(found, lag, -math.inf if may_be_early else -half_sample)
     if why is not None:
-        return missing("bent", why, "ms", window, **detail)
+        return missing("not_a_pure_delay", why, "ms", window, **detail)
     low, high = found.delay_ci95 or (found.delay, found.delay)
     reason = None if row.causal else "looks ahead in time: its lag is no merit"
     return Answer(
@@ -190,8 +190,8 @@ def _lag_answer(trial: Trial, row: Row, window: str, found: Fit, method: str, sh
     )  # fmt: skip
 
 
-def sample_step(trial: Trial, row: Row) -> float:
+def sample_step(case: Case, row: Row) -> float:
     """The time between samples of the replayed IMU, s; of the row itself where no IMU is there."""
-    imu = trial.log.imu
-    t = row.t if imu is None else trial.log.imus[imu].gyro.t
+    imu = case.log.imu
+    t = row.t if imu is None else case.log.imus[imu].gyro.t
     return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

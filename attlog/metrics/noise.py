@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
-from attlog.metrics.stretches import seconds, within
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.evidence import seconds, within
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
 
@@ -61,23 +61,23 @@ class Noise:
     method: str
 
 
-def cut(t: Array, piece: slice) -> list[slice]:
-    """Windows of 5 s from the start of a stretch of samples; one window where it is 2 to 5 s long."""
-    length = t[piece.stop - 1] - t[piece.start]
+def cut(t: Array, segment: slice) -> list[slice]:
+    """Windows of 5 s from the start of a segment of samples; one window where it is 2 to 5 s long."""
+    length = t[segment.stop - 1] - t[segment.start]
     if length < SHORTEST_S - 0.1:
         return []
     count = int((length + 0.05) // WINDOW_S)
     if count == 0:
-        found = [piece]
+        found = [segment]
     else:
-        edges = np.searchsorted(t[piece], t[piece.start] + WINDOW_S * np.arange(count + 1))
-        found = [slice(int(a) + piece.start, int(b) + piece.start) for a, b in pairwise(edges)]
+        edges = np.searchsorted(t[segment], t[segment.start] + WINDOW_S * np.arange(count + 1))
+        found = [slice(int(a) + segment.start, int(b) + segment.start) for a, b in pairwise(edges)]
     return [w for w in found if w.stop - w.start >= MIN_SAMPLES]
 
 
 def windows_in(t: Array, x: Array, spans: list[Span], run: NDArray[np.int64] | None = None) -> list[slice]:
     """Windows of a signal ``x`` (n, k) at ``t`` (n,) s within spans of time: none with a gap or a value that is NaN."""
-    windows = [w for span in spans for piece in within(t, span, run) for w in cut(t, piece)]
+    windows = [w for span in spans for segment in within(t, span, run) for w in cut(t, segment)]
     return [w for w in windows if np.isfinite(x[w]).all()]
 
 
@@ -138,29 +138,29 @@ def deviations(q: Array) -> Array:
     return np.degrees(np.column_stack([body, heading]))
 
 
-def rest_spans(trial: Trial, row: Row, window: str) -> list[Span]:
+def rest_spans(case: Case, row: Row, window: str) -> list[Span]:
     """Rest (idle in the window idle) inside the window, from 5 s after the row's own start."""
     kind = window if window in ("idle", "rest.long") else "rest"
-    spans = trial.segments.spans(kind)
+    spans = case.segments.spans(kind)
     if ":" in window:
-        spans = intersect(spans, trial.segments.spans(window))
+        spans = intersect(spans, case.segments.spans(window))
     return intersect(spans, [(row.start + SETTLE_S, math.inf)])
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
-    if not about(window, "all", "rest", "rest.long", "idle"):
+    if not applies_to(window, "all", "rest", "rest.long", "idle"):
         return {}
-    spans = rest_spans(trial, row, window)
-    windows, noises = measured(trial, row, spans)
+    spans = rest_spans(case, row, window)
+    windows, noises = measured(case, row, spans)
     if not windows:
-        code, reason = why_no_rest(trial, window, spans)
+        code, reason = why_no_rest(case, window, spans)
         return {m.name: missing(code, reason, "deg", window) for m in METRICS}
     roll, pitch, heading, yaw = noises
-    shared = {"windows": len(windows), "body_z_deg": yaw.sigma, **input_noise(trial, spans)}
+    shared = {"windows": len(windows), "body_z_deg": yaw.sigma, **input_noise(case, spans)}
     duration = seconds(row.t, windows)
     answers = {
-        f"noise_{axis}_deg": _answer(trial, row, window, axis, noise, duration, shared)
+        f"noise_{axis}_deg": _answer(case, row, window, axis, noise, duration, shared)
         for axis, noise in zip(AXES, (roll, pitch, heading), strict=True)
     }
     wider = max(roll, pitch, key=lambda n: n.p2p)
@@ -179,23 +179,23 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
     return answers
 
 
-def measured(trial: Trial, row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
+def measured(case: Case, row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
     """The windows of a row within spans of rest, and its noise about roll, pitch, the vertical and body z."""
-    return trial.once(f"noise:{row.name}:{spans}", lambda: _measured(row, spans))
+    return case.cached(f"noise:{row.name}:{spans}", lambda: _measured(row, spans))
 
 
 def _measured(row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
-    windows = windows_in(row.t, row.q, spans, row.run)
+    windows = windows_in(row.t, row.q, spans, row.segment)
     residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
     found = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
     return windows, [n for n in found if n is not None]
 
 
 def _answer(
-    trial: Trial, row: Row, window: str, axis: str, noise: Noise, duration: float, shared: dict[str, object]
+    case: Case, row: Row, window: str, axis: str, noise: Noise, duration: float, shared: dict[str, object]
 ) -> Answer:
     sigma, (low, high), reason = noise.sigma, noise.ci95, None
-    hidden = hidden_deg(trial)[AXES.index(axis)] if row.kind == "replay" else 0.0
+    hidden = quantisation_floor_deg(case)[AXES.index(axis)] if row.kind == "replay" else 0.0
     if math.isinf(hidden):
         reason, hidden = "the logged gyro never changes about this axis, so its noise is not known", 0.0
     elif sigma < hidden:
@@ -212,19 +212,19 @@ def _answer(
         detail=shared
         | {"effective_samples": noise.n, "step_deg": row.step_deg, "floor_deg": max(row.step_deg / 2.0, hidden)},
     )  # fmt: skip
-    return follow.unrank_frozen(trial, row, axis, answer)
+    return follow.unrank_frozen(case, row, axis, answer)
 
 
-def input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
+def input_noise(case: Case, spans: list[Span]) -> dict[str, list[float]]:
     """The same statistic of the replayed gyro (deg/s) and accelerometer (m/s^2) in the same windows, per body axis."""
-    return trial.once(f"noise:input:{spans}", lambda: _input_noise(trial, spans))
+    return case.cached(f"noise:input:{spans}", lambda: _input_noise(case, spans))
 
 
-def _input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
+def _input_noise(case: Case, spans: list[Span]) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
-    if trial.log.imu is None:
+    if case.log.imu is None:
         return found
-    imu = trial.log.imus[trial.log.imu]
+    imu = case.log.imus[case.log.imu]
     for name, stream, factor in (("gyro_dps", imu.gyro, np.degrees(1.0)), ("acc_m_s2", imu.acc, 1.0)):
         residuals = [detrended(stream.t[w], stream.x[w]) for w in windows_in(stream.t, stream.x, spans)]
         if residuals:
@@ -234,7 +234,7 @@ def _input_noise(trial: Trial, spans: list[Span]) -> dict[str, list[float]]:
     return found
 
 
-def hidden_deg(trial: Trial) -> list[float]:
+def quantisation_floor_deg(case: Case) -> list[float]:
     """The angle noise in deg per body axis that the steps of the replayed gyro's logged values can hide.
 
     White rate noise of half a step q may not show at all. Integrated every dt it walks at
@@ -242,11 +242,11 @@ def hidden_deg(trial: Trial) -> list[float]:
     straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
     logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
     """
-    return trial.once("noise:hidden", lambda: _hidden_deg(trial))
+    return case.cached("noise:hidden", lambda: _quantisation_floor_deg(case))
 
 
-def _hidden_deg(trial: Trial) -> list[float]:
-    gyro = None if trial.log.imu is None else trial.log.imus[trial.log.imu].gyro
+def _quantisation_floor_deg(case: Case) -> list[float]:
+    gyro = None if case.log.imu is None else case.log.imus[case.log.imu].gyro
     if gyro is None or len(gyro.t) < 2:
         return [0.0] * 3
     some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
@@ -255,13 +255,13 @@ def _hidden_deg(trial: Trial) -> list[float]:
     return [share * float(step) for step in steps]
 
 
-def why_no_rest(trial: Trial, window: str, spans: list[Span]) -> tuple[str, str]:
+def why_no_rest(case: Case, window: str, spans: list[Span]) -> tuple[str, str]:
     """Code and reason where a row has no usable rest."""
     if window == "idle":
         return "no_rest", "the vehicle never stood with its motors turning"
-    if not trial.segments.spans("rest"):
+    if not case.segments.spans("rest"):
         return "no_rest", "the vehicle never stood still with motors off for 2 s; record 10 s before arming"
-    if window == "rest.long" and not trial.segments.spans(window):
+    if window == "rest.long" and not case.segments.spans(window):
         return "no_rest", "no rest of this log is long enough to count as long; record 10 s before arming"
     if not spans:
         where = f" in {window} s" if ":" in window else ""

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from attlog import estimators, rotation
 from attlog.errors import AttlogError
-from attlog.metrics.base import Trial
-from attlog.metrics.stretches import within
+from attlog.metrics.base import Case
+from attlog.metrics.evidence import within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -29,27 +29,27 @@ def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
     return rate, rotation.rotate_inverse(rotation.from_rotvec(turned), vectors)
 
 
-def gains(trial: Trial, row: Row) -> Array | None:
+def gains(case: Case, row: Row) -> Array | None:
     """How much of the pulse the row's filter shows at its end, about body x, y, z; None where it cannot be replayed.
 
     Real filters show 1.00, accelerometer-only ones 0.2 to 0.7, a frozen one 0.
     """
-    return trial.once(f"probe:{row.name}", lambda: _gains(trial, row))
+    return case.cached(f"probe:{row.name}", lambda: _gains(case, row))
 
 
-def _gains(trial: Trial, row: Row) -> Array | None:
-    rest = max(trial.segments.of("rest"), key=lambda s: s.seconds, default=None)
-    if row.kind != "replay" or rest is None or trial.log.imu is None:
+def _gains(case: Case, row: Row) -> Array | None:
+    rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
+    if row.kind != "replay" or rest is None or case.log.imu is None:
         return None
-    imu = trial.log.imus[trial.log.imu]
+    imu = case.log.imus[case.log.imu]
     pieces = within(imu.gyro.t, (max(rest.t0, rest.t1 - LONGEST_S), rest.t1))
-    piece = max(pieces, key=lambda p: p.stop - p.start, default=slice(0, 0))
-    t, gyro, acc = imu.gyro.t[piece], imu.gyro.x[piece], imu.acc.x[piece]
+    segment = max(pieces, key=lambda p: p.stop - p.start, default=slice(0, 0))
+    t, gyro, acc = imu.gyro.t[segment], imu.gyro.x[segment], imu.acc.x[segment]
     if len(t) < 20 or t[-1] - t[0] < SETTLE_S + PULSE_S:
         return None
     mag = None
-    if row.uses_mag and trial.log.mag is not None:
-        field = trial.log.mags[trial.log.mag].field
+    if row.uses_mag and case.log.mag is not None:
+        field = case.log.mags[case.log.mag].field
         near = (field.t_best >= t[0]) & (field.t_best <= t[-1])
         mag = estimators.place(t, field.t_best[near], field.x[near])
 

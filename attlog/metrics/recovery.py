@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog import earth
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
+from attlog.metrics.base import Case, Metric, paragraph
 from attlog.metrics.rmse import why_no_errors
 from attlog.reference.model import Row
 from attlog.segments.spans import Span
@@ -38,7 +38,7 @@ METRICS: tuple[Metric, ...] = (
 
 
 def largest(t: Array, vectors: Array, usual: float) -> Span | None:
-    """The stretch over 0.5 s with |vector| off ``usual`` by more than 30 % that has most excess; None without any."""
+    """The segment over 0.5 s with |vector| off ``usual`` by more than 30 % that has most excess; None without any."""
     if len(t) < 3 or usual <= 0:
         return None
     count = max(1, round(SMOOTH_S / max(float(np.median(np.diff(t))), 1e-6)))
@@ -73,38 +73,38 @@ def time_back(t: Array, error: Array, disturbance: Span) -> float | None:
     return None
 
 
-def disturbances(trial: Trial) -> dict[str, Span]:
+def disturbances(case: Case) -> dict[str, Span]:
     """The largest disturbance of accelerometer and of magnetometer in scored flight, where there is one."""
-    return trial.once("recovery", lambda: _disturbances(trial))
+    return case.cached("recovery", lambda: _disturbances(case))
 
 
-def _disturbances(trial: Trial) -> dict[str, Span]:
-    log, found = trial.log, {}
+def _disturbances(case: Case) -> dict[str, Span]:
+    log, found = case.log, {}
     if log.imu is not None:
         acc = log.imus[log.imu].acc
-        found["acc"] = _in_flight(trial, acc.t, acc.x, earth.gravity(45.0))
+        found["acc"] = _in_flight(case, acc.t, acc.x, earth.gravity(45.0))
     if log.mag is not None:
         field = log.mags[log.mag].field
         sizes = np.sqrt(np.sum(field.x**2, axis=1))
         usual = float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
-        found["mag"] = _in_flight(trial, field.t_best, field.x, usual)
+        found["mag"] = _in_flight(case, field.t_best, field.x, usual)
     return {k: v for k, v in found.items() if v is not None}
 
 
-def _in_flight(trial: Trial, t: Array, x: Array, usual: float) -> Span | None:
-    use = trial.segments.mask(t, "airborne") & np.isfinite(x).all(axis=1)
-    use &= (t >= trial.reference.scoring_start + BEFORE_S) & (t <= trial.reference.end)
+def _in_flight(case: Case, t: Array, x: Array, usual: float) -> Span | None:
+    use = case.segments.mask(t, "airborne") & np.isfinite(x).all(axis=1)
+    use &= (t >= case.reference.scoring_start + BEFORE_S) & (t <= case.reference.end)
     return largest(t[use], x[use], usual)
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row over the whole log; nothing for other windows."""
     if window != "all":
         return {}
-    absent = why_no_errors(trial, row)
+    absent = why_no_errors(case, row)
     if absent is not None or row.errors is None:
         return {"recovery_s": missing(*(absent or ("no_reference", "this row was not compared")), "s", window)}
-    found = disturbances(trial)
+    found = disturbances(case)
     if not row.uses_mag:
         found = {k: v for k, v in found.items() if k != "mag"}
     if not found:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, paragraph
-from attlog.metrics.stretches import seconds, unbroken
+from attlog.metrics.base import Case, Metric, paragraph
+from attlog.metrics.evidence import seconds, unbroken
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -79,21 +79,21 @@ def statistic(angle: Array, name: str, groups: list[slice]) -> tuple[float, inte
     return float(np.quantile(angle, probability)), interval.of_quantile(angle, probability, groups) if groups else None
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window."""
     errors = row.errors
-    absent = why_no_errors(trial, row)
+    absent = why_no_errors(case, row)
     if absent is not None or errors is None:
         code, reason = absent or ("no_reference", "this row has no errors against the reference")
         return {m.name: missing(code, reason, "deg", window) for m in METRICS}
-    good = errors.scored & trial.segments.mask(errors.t, window) & np.isfinite(errors.total)
+    good = errors.scored & case.segments.mask(errors.t, window) & np.isfinite(errors.total)
     if good.sum() < MIN_SAMPLES:
-        start = trial.reference.scoring_start
+        start = case.reference.scoring_start
         reason = f"{good.sum()} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
-    duration = seconds(errors.t, unbroken(errors.t, good, errors.piece))
+    duration = seconds(errors.t, unbroken(errors.t, good, errors.segment))
     groups = groups_of(int(good.sum()), duration)
-    offset_note = heading_is_offset_free(trial, row)
+    offset_note = heading_is_offset_free(case, row)
     answers = {}
     for angle in ANGLES:
         values = np.abs(getattr(errors, angle)[good])
@@ -116,16 +116,16 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
                 f"{STATISTICS[name]}, {len(groups)} groups" if groups else STATISTICS[name],
                 reason=reason,
                 ranked=reason is None,
-                detail={"samples": int(good.sum()), "floor_deg": trial.reference.floor_deg},
+                detail={"samples": int(good.sum()), "floor_deg": case.reference.floor_deg},
             )
     return answers
 
 
-def why_no_errors(trial: Trial, row: Row) -> tuple[str, str] | None:
+def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
     """Code and reason where a row cannot be compared with the reference, else None."""
-    if trial.reference.kind == "none" or len(trial.reference.t) == 0:
+    if case.reference.kind == "none" or len(case.reference.t) == 0:
         nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
-        return "no_reference", trial.reference.fault or nothing
+        return "no_reference", case.reference.fault or nothing
     if row.is_reference:
         return "not_applicable", "this row is the reference itself"
     if row.errors is None or len(row.errors.t) == 0:
@@ -133,16 +133,14 @@ def why_no_errors(trial: Trial, row: Row) -> tuple[str, str] | None:
     return None
 
 
-def why_never_airborne(trial: Trial) -> str:
+def why_never_airborne(case: Case) -> str:
     """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
-    note = trial.segments.notes.get("airborne", "")
+    note = case.segments.notes.get("airborne", "")
     return note if note.endswith("does not fly") else "the vehicle was never airborne (as far as the log tells)"
 
 
-def heading_is_offset_free(trial: Trial, row: Row) -> str | None:
+def heading_is_offset_free(case: Case, row: Row) -> str | None:
     """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
-    if row.heading_offset_deg is None or all(
-        r.heading_offset_deg is not None for r in trial.rows if r.kind == "replay"
-    ):
+    if row.heading_offset_deg is None or all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
         return None
     return "its heading offset was removed (it has no north of its own), the others had to find theirs"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog.metrics import interval, lag
 from attlog.metrics.angle_fit import Fit
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.rmse import why_no_errors
 from attlog.reference.model import Row
 
@@ -56,12 +56,12 @@ def of_events(found: Fit) -> tuple[Array, Array, int]:
     return np.array(overshoot), np.array(settling), unsettled
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
-    if not about(window, "all", "airborne"):
+    if not applies_to(window, "all", "airborne"):
         return {}
-    absent = why_no_errors(trial, row) or lag.why_no_events(trial, row, window)
-    found = lag.fits(trial, row, window).get("all") if absent is None else None
+    absent = why_no_errors(case, row) or lag.why_no_events(case, row, window)
+    found = lag.fits(case, row, window).get("all") if absent is None else None
     overshoot, settling, unsettled = (np.zeros(0), np.zeros(0), 0) if found is None else of_events(found)
     if absent is None and len(overshoot) < lag.MIN_EVENTS:
         absent = "too_few_events", f"{len(overshoot)} quick movements; at least {lag.MIN_EVENTS} are needed"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics.base import Trial
+from attlog.metrics.base import Case
 from attlog.reference.model import Reference
 
 Array = NDArray[np.float64]
@@ -39,16 +39,16 @@ class Event:
     end: float
 
 
-def find(t: Array, q: Array, piece: NDArray[np.int64]) -> list[Event]:
-    """Step events of an attitude ``q`` (n, 4) at ``t`` (n,) s, in time order; no event crosses a piece.
+def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[Event]:
+    """Step events of an attitude ``q`` (n, 4) at ``t`` (n,) s, in time order; no event crosses a segment.
 
     The stroke is the largest excursion of the integrated body rate within 1 s of the
     onset, at least 5 deg (yaw 10); an onset less than 0.7 s after the last event's
     90 % point belongs to that event (METRICS 4).
     """
     events: list[Event] = []
-    for label in np.unique(piece):
-        own = np.flatnonzero(piece == label)
+    for label in np.unique(segment):
+        own = np.flatnonzero(segment == label)
         if len(own) < 8 or t[own[-1]] - t[own[0]] < BEFORE_S + RUN_AFTER_S:
             continue
         for axis in range(3):
@@ -56,19 +56,19 @@ def find(t: Array, q: Array, piece: NDArray[np.int64]) -> list[Event]:
     return sorted(events, key=lambda e: e.onset)
 
 
-def of_trial(trial: Trial) -> list[Event]:
+def of_trial(case: Case) -> list[Event]:
     """The events of the reference that every row is judged by: after the scoring start, before the end."""
-    return trial.once("steps", lambda: _scored(trial.reference))
+    return case.cached("steps", lambda: _scored(case.reference))
 
 
 def _scored(reference: Reference) -> list[Event]:
-    found = find(reference.t, reference.q, reference.piece) if len(reference.t) else []
+    found = find(reference.t, reference.q, reference.segment) if len(reference.t) else []
     return [e for e in found if e.begin >= reference.scoring_start and e.end <= reference.end]
 
 
-def in_window(trial: Trial, events: list[Event], window: str) -> list[Event]:
+def in_window(case: Case, events: list[Event], window: str) -> list[Event]:
     """The events whose onset lies in a window."""
-    inside = trial.segments.mask(np.array([e.onset for e in events]), window)
+    inside = case.segments.mask(np.array([e.onset for e in events]), window)
     return [e for e, ok in zip(events, inside, strict=True) if ok]
 
 

@@ -17,7 +17,7 @@ class Trace:
     too, as ``truth`` where it is no row); ``difference``: total heading inclination roll pitch at the reference's
     times; ``rest``: roll pitch heading deviations from the mean of rest number ``key``;
     ``drift``: heading error block means and ``line`` (fit), ``key`` = "rest" or the
-    witness; ``allan``: tau (also ``t``), deviation of the averaged angle, low, high,
+    heading reference; ``allan``: tau (also ``t``), deviation of the averaged angle, low, high,
     ``key`` = axis; ``bias``: x y z in deg/s; ``step``: est and ref of one event, t from
     its onset, ``key`` = "axis@onset"; ``setpoint``: roll and pitch response to a unit
     step, t from the step.

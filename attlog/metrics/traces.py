@@ -9,32 +9,34 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.metrics import allan, controller, drift, drift_air, drift_rest, lag, steps
-from attlog.metrics.base import Trial
+from attlog.metrics.base import Case
+from attlog.metrics.evidence import within
 from attlog.metrics.noise import deviations, rest_spans
-from attlog.metrics.stretches import within
 from attlog.metrics.trace import Trace
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
 
 
-def traces(trial: Trial, rows: Iterable[Row]) -> list[Trace]:
+def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
     """All traces of all rows, figure by figure within a row; see :class:`Trace` for their columns.
 
     A reference that is no row (truth) comes first, with its attitude alone.
     """
-    reference = trial.reference
-    found = attitude(reference.kind, reference.t, reference.q, reference.run) if reference.kind == "truth" else []
+    reference = case.reference
+    found = (
+        attitude(reference.kind, reference.t, reference.q, reference.gap_segment) if reference.kind == "truth" else []
+    )
     for row in rows:
         found += [
-            *attitude(row.name, row.t, row.q, row.run),
+            *attitude(row.name, row.t, row.q, row.segment),
             *difference(row),
-            *rest(trial, row),
-            *drifts(trial, row),
-            *allan_curves(trial, row),
-            *step(trial, row),
+            *rest(case, row),
+            *drifts(case, row),
+            *allan_curves(case, row),
+            *step(case, row),
             *bias(row),
-            *setpoint(trial, row),
+            *setpoint(case, row),
         ]
     return found
 
@@ -55,30 +57,30 @@ def difference(row: Row) -> list[Trace]:
     apart = np.degrees(rotation.wrap(rotation.to_euler(e.q_est) - rotation.to_euler(e.q_ref)))
     columns = np.column_stack([e.total, e.heading, e.inclination, apart[:, 0], apart[:, 1]])
     names = ("total", "heading", "inclination", "roll", "pitch")
-    return [Trace("difference", row.name, e.t, _named(_broken(columns, e.run), names))]
+    return [Trace("difference", row.name, e.t, _named(_broken(columns, e.gap_segment), names))]
 
 
-def rest(trial: Trial, row: Row) -> list[Trace]:
+def rest(case: Case, row: Row) -> list[Trace]:
     """Deviations from the mean attitude of each rest, ``key`` = its number in time order."""
     found = []
-    for number, span in enumerate(rest_spans(trial, row, "rest")):
-        for piece in within(row.t, span, row.run)[:1]:
-            if np.isfinite(row.q[piece]).all():
-                columns = deviations(row.q[piece])[:, (0, 1, 3)]
+    for number, span in enumerate(rest_spans(case, row, "rest")):
+        for segment in within(row.t, span, row.segment)[:1]:
+            if np.isfinite(row.q[segment]).all():
+                columns = deviations(row.q[segment])[:, (0, 1, 3)]
                 found.append(
-                    Trace("rest", row.name, row.t[piece], _named(columns, ("roll", "pitch", "heading")), str(number))
+                    Trace("rest", row.name, row.t[segment], _named(columns, ("roll", "pitch", "heading")), str(number))
                 )
     return found
 
 
-def drifts(trial: Trial, row: Row) -> list[Trace]:
-    """Heading block means with their least-squares line, for the longest rest and for each witness in the air."""
-    records = [drift_rest.rest_blocks(trial, row, span) for span in rest_spans(trial, row, "rest")]
+def drifts(case: Case, row: Row) -> list[Trace]:
+    """Heading block means with their least-squares line, for the longest rest and for each heading reference in the air."""
+    records = [drift_rest.rest_blocks(case, row, span) for span in rest_spans(case, row, "rest")]
     longest = max(records, key=lambda b: len(b.t), default=None)
     keyed = [("rest", longest)]
-    if trial.segments.spans("airborne") and not row.is_reference:
-        names = [n for n in drift_air.WITNESSES if n in trial.witnesses or n == trial.reference.kind]
-        keyed += [(n, drift_air.error_blocks(trial, row, n, "airborne")) for n in names if n != row.name]
+    if case.segments.spans("airborne") and not row.is_reference:
+        names = [n for n in drift_air.HEADING_REFERENCES if n in case.heading_references or n == case.reference.kind]
+        keyed += [(n, drift_air.error_blocks(case, row, n, "airborne")) for n in names if n != row.name]
     found = []
     for key, blocks in keyed:
         if blocks is not None and len(blocks.t) >= drift.MIN_BLOCKS:
@@ -87,11 +89,11 @@ def drifts(trial: Trial, row: Row) -> list[Trace]:
     return found
 
 
-def step(trial: Trial, row: Row) -> list[Trace]:
+def step(case: Case, row: Row) -> list[Trace]:
     """Every event of each axis laid on its onset: estimate and reference from mid-step, sign of the stroke positive."""
-    if row.is_reference or trial.reference.rate < lag.MIN_REFERENCE_HZ:
+    if row.is_reference or case.reference.rate < lag.MIN_REFERENCE_HZ:
         return []
-    found = lag.fits(trial, row, "all").get("all")
+    found = lag.fits(case, row, "all").get("all")
     if found is None:
         return []
     traces = []
@@ -105,14 +107,14 @@ def step(trial: Trial, row: Row) -> list[Trace]:
     return traces
 
 
-def allan_curves(trial: Trial, row: Row) -> list[Trace]:
+def allan_curves(case: Case, row: Row) -> list[Trace]:
     """Allan deviation of the averaged angle (deg) of the longest rest from 60 s on, ``key`` = axis, ``t`` = tau."""
-    piece = allan.longest_rest(trial, row, "all")
-    if piece is None or row.t[piece.stop - 1] - row.t[piece.start] < allan.SHORTEST_S:
+    segment = allan.longest_rest(case, row, "all")
+    if segment is None or row.t[segment.stop - 1] - row.t[segment.start] < allan.SHORTEST_S:
         return []
-    step = float(row.t[piece.stop - 1] - row.t[piece.start]) / (piece.stop - piece.start - 1)
+    step = float(row.t[segment.stop - 1] - row.t[segment.start]) / (segment.stop - segment.start - 1)
     found = []
-    for axis, angle in zip(("roll", "pitch", "heading"), allan.angles(row, piece).T, strict=True):
+    for axis, angle in zip(("roll", "pitch", "heading"), allan.angles(row, segment).T, strict=True):
         d = allan.of_average(angle, step)
         columns = {"tau": d.tau, "deviation": d.sigma, "low": d.low, "high": d.high}
         found.append(Trace("allan", row.name, d.tau, columns, axis))
@@ -123,12 +125,12 @@ def bias(row: Row) -> list[Trace]:
     """The filter's own gyro bias estimate in deg/s."""
     if row.bias is None or len(row.t) == 0:
         return []
-    return [Trace("bias", row.name, row.t, _named(_broken(np.degrees(row.bias), row.run), ("x", "y", "z")))]
+    return [Trace("bias", row.name, row.t, _named(_broken(np.degrees(row.bias), row.segment), ("x", "y", "z")))]
 
 
-def setpoint(trial: Trial, row: Row) -> list[Trace]:
+def setpoint(case: Case, row: Row) -> list[Trace]:
     """The vehicle's response to a unit step of its set-point, roll and pitch: drawn with the onboard row."""
-    pieces, _ = controller.flown(trial, "all") if row.name == "onboard" else ([], None)
+    pieces, _ = controller.flown(case, "all") if row.name == "onboard" else ([], None)
     windows = controller.windows_of(pieces)
     if windows is None or len(windows.axis) < controller.MIN_WINDOWS:
         return []

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from attlog.metrics import drift, follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Metric, Trial, about, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.drift_air import error_blocks
 from attlog.metrics.drift_rest import rest_blocks
 from attlog.metrics.noise import rest_spans
@@ -22,7 +22,7 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "wander_deg", "Heading wander", "deg", "low", ("rest",),
         paragraph(
-            """RMS of the 1 s block means of the heading after the mean drift and each stretch's offset are removed: of
+            """RMS of the 1 s block means of the heading after the mean drift and each segment's offset are removed: of
             the heading itself at rest, of the heading error against the reference in the window airborne. Interval:
             t over the mean squares of the drift's groups."""
         ),
@@ -48,18 +48,18 @@ def pooled(records: list[drift.Blocks]) -> tuple[float, interval.Interval | None
     return value, ci95, len(groups)
 
 
-def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     """Answers of METRICS for one row and window; nothing for windows without a heading record by definition."""
-    if not about(window, "all", "rest", "rest.long", "airborne"):
+    if not applies_to(window, "all", "rest", "rest.long", "airborne"):
         return {}
     if window == "airborne":
-        absent = why_no_errors(trial, row)
+        absent = why_no_errors(case, row)
         if absent is not None:
             return {"wander_deg": missing(*absent, "deg", window)}
-        flown = error_blocks(trial, row, trial.reference.kind, window)
+        flown = error_blocks(case, row, case.reference.kind, window)
         records = [] if flown is None else [flown]
     else:
-        records = [rest_blocks(trial, row, span) for span in rest_spans(trial, row, window)]
+        records = [rest_blocks(case, row, span) for span in rest_spans(case, row, window)]
     records = [r for r in records if len(r.t)]
     found = pooled(records)
     if found is None:
@@ -67,9 +67,9 @@ def compute(trial: Trial, row: Row, window: str) -> dict[str, Answer]:
         reason = f"the longest record is {longest:.0f} s; {drift.SHORTEST_S:.0f} s are needed"
         return {"wander_deg": missing("record_too_short", reason, "deg", window)}
     value, ci95, groups = found
-    floor = trial.reference.floor_deg if window == "airborne" else row.step_deg / 2.0
+    floor = case.reference.floor_deg if window == "airborne" else row.step_deg / 2.0
     answer = Answer(
         value, "deg", window, groups, sum(r.seconds for r in records), ci95,
         f"RMS about the mean drift, {groups} groups", detail={"floor_deg": floor},
     )  # fmt: skip
-    return {"wander_deg": follow.unrank_frozen(trial, row, "heading", answer)}
+    return {"wander_deg": follow.unrank_frozen(case, row, "heading", answer)}

@@ -2,21 +2,21 @@
 
 from attlog.reference.choose import choose
 from attlog.reference.declination import seen_deg
-from attlog.reference.model import AlignmentStep, Errors, Reference, Row, Witness
+from attlog.reference.heading_references import heading_references
+from attlog.reference.model import AlignmentStep, Errors, HeadingReference, Reference, Row
 from attlog.reference.options import Options
 from attlog.reference.rows import onboard_rows, replayed
-from attlog.reference.witnesses import witnesses
 
 __all__ = [
     "AlignmentStep",
     "Errors",
+    "HeadingReference",
     "Options",
     "Reference",
     "Row",
-    "Witness",
     "choose",
+    "heading_references",
     "onboard_rows",
     "replayed",
     "seen_deg",
-    "witnesses",
 ]

@@ -14,7 +14,7 @@ from attlog.reference import clock, declination, delay, floor, scoring, trim
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.reference.options import Options
-from attlog.segments import Segments, resets, runs
+from attlog.segments import Segments, gaps, resets
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ FROZEN_DPS = 5.0
 """A gyro that varies by more than this does not belong to an attitude that never changes."""
 
 ACC_SAMPLES = 2000
-"""Accelerometer samples of one stretch that are enough for its mean."""
+"""Accelerometer samples of one segment that are enough for its mean."""
 
 
 def choose(log: FlightLog, segments: Segments, options: Options | None = None) -> Reference:
@@ -100,13 +100,13 @@ def _build(
 ) -> Reference:  # fmt: skip
     which: clock.Clock = "publication" if options.clock == "publication" else "sample"
     t, q, kept = clock.usable(attitude, which)
-    run = _runs(t, segments)
+    gap_segment = _gap_segments(t, segments)
     found, sentences = resets.known(log, name, segments) if kind == "onboard" else resets.find(attitude, imu)
     jumped = np.zeros(len(attitude.t), np.int64)
     jumped[found] = 1
-    piece = run + np.cumsum(jumped)[kept]
-    reference = Reference(kind, attitude.source, t, q, run, runs.numbered(piece), name=name, clock=which)
-    reference.rate = runs.rate(t)
+    segment = gap_segment + np.cumsum(jumped)[kept]
+    reference = Reference(kind, attitude.source, t, q, gap_segment, gaps.renumber(segment), name=name, clock=which)
+    reference.rate = gaps.rate(t)
     reference.trim, trim_step = trim.step(log, attitude, options.trim)
     reference.floor_deg, reference.step_deg, floor_step = floor.step(t, q, attitude.step_deg, imu)
     start_step = _score(reference, _imu_times(imu, t), segments, options)
@@ -148,14 +148,14 @@ def _imu_times(imu: Imu | None, otherwise: Array) -> Array:
     return t[np.isfinite(t)]
 
 
-def _runs(t: Array, segments: Segments) -> NDArray[np.int64]:
-    """The stretch number of each time (n,): a gap of the attitude or of the replayed IMU begins a new one."""
-    starts = np.array([s.t0 for s in segments.of("run")][1:])
-    return runs.numbered(runs.pieces(t), np.searchsorted(starts, t, side="right"))
+def _gap_segments(t: Array, segments: Segments) -> NDArray[np.int64]:
+    """The segment number of each time (n,): a gap of the attitude or of the replayed IMU begins a new one."""
+    starts = np.array([s.t0 for s in segments.of("continuous")][1:])
+    return gaps.renumber(gaps.number(t), np.searchsorted(starts, t, side="right"))
 
 
 def _score(reference: Reference, t: Array, segments: Segments, options: Options) -> list[AlignmentStep]:
-    """Set start, end and unscored stretches of a reference; returns the steps that tell them."""
+    """Set start, end and unscored segments of a reference; returns the steps that tell them."""
     reference.scoring_start, reference.unscored = scoring.start_and_unscored(t, options.score_from)
     why = "given by the user" if options.score_from is not None else (
         "15 s after the first IMU sample, a third of a log shorter than 30 s"
@@ -232,11 +232,11 @@ def _frozen(reference: Reference, imu: Imu | None) -> str:
 
 
 def _tilt_deg(reference: Reference, imu: Imu, t0: float, t1: float) -> float | None:
-    """Tilt in deg of the mean specific force, turned to earth by the reference, over a stretch; None without both."""
+    """Tilt in deg of the mean specific force, turned to earth by the reference, over a segment; None without both."""
     t = imu.acc.t_best
     inside = np.flatnonzero((t >= t0) & (t <= t1))
     inside = inside[:: max(1, len(inside) // ACC_SAMPLES)]
-    q, _ = interpolate(reference.t, reference.q, reference.piece, t[inside])
+    q, _ = interpolate(reference.t, reference.q, reference.segment, t[inside])
     force = imu.acc.x[inside]
     good = np.isfinite(q).all(axis=1) & np.isfinite(force).all(axis=1)
     if not good.any():

@@ -83,7 +83,7 @@ def seen_deg(log: FlightLog, reference: Reference) -> float | None:
     if log.mag is None or len(reference.t) == 0:
         return None
     field = log.mags[log.mag].field
-    q, _ = interpolate(reference.t, reference.q, reference.piece, field.t_best)
+    q, _ = interpolate(reference.t, reference.q, reference.segment, field.t_best)
     good = np.isfinite(q).all(axis=1) & np.isfinite(field.x).all(axis=1)
     good &= (field.t_best >= reference.scoring_start) & (field.t_best <= reference.end)
     if np.count_nonzero(good) < 10:

@@ -11,7 +11,7 @@ from attlog import rotation
 from attlog.errors import UsageError
 from attlog.flight.model import FlightLog, Imu
 from attlog.reference.model import AlignmentStep, Reference
-from attlog.segments import runs
+from attlog.segments import gaps
 from attlog.segments.increments import Turning
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     in shorter ones the gyro's noise, which shrinks at half a sample's shift, pulls tau.
     """
     t, q = reference.t, reference.q
-    gyro_t, rate = runs.rising(imu.gyro.t_best, imu.gyro.x)
+    gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
     if reference.rate < SLOWEST_HZ or len(t) < FEWEST or len(gyro_t) < FEWEST:
         return None
     wanted = min(INTERVAL_SAMPLES * (gyro_t[-1] - gyro_t[0]) / (len(gyro_t) - 1), LONGEST_S)
@@ -66,7 +66,7 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
         turn = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[first]), q[first + k]))
         own = turn / (end - start)[:, None]
     active = np.degrees(np.sqrt(np.sum(own * own, axis=1))) > ACTIVE_DPS
-    active &= (reference.piece[first + k] == reference.piece[first]) & (start >= reference.scoring_start)
+    active &= (reference.segment[first + k] == reference.segment[first]) & (start >= reference.scoring_start)
     active &= (start > gyro_t[0] + RANGE_S) & (end < gyro_t[-1] - RANGE_S)
     i = np.flatnonzero(active)
     if len(i) < FEWEST:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.flight.model import Imu
 from attlog.reference.model import AlignmentStep
-from attlog.segments import runs
+from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 
@@ -61,9 +61,9 @@ def missing_deg(imu: Imu | None) -> float:
     """
     if imu is None or len(imu.gyro.t) < 3:
         return 0.0
-    t, rate = runs.rising(imu.gyro.t_best, imu.gyro.x)
+    t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
     dt = np.diff(t)
-    gap = (dt > runs.gap_limit(t)) & (dt <= runs.RESTART_SECONDS)
+    gap = (dt > gaps.gap_limit(t)) & (dt <= gaps.RESTART_SECONDS)
     change = np.sqrt(np.sum(np.diff(rate, axis=0)[gap] ** 2, axis=1))
     return float(np.degrees(np.sqrt(np.sum((0.25 * dt[gap] * change) ** 2))))
 

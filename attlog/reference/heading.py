@@ -21,7 +21,7 @@ RESET_S = 1.0
 def remove(row: Row, segments: Segments, reference: Reference) -> None:
     """Turn a row so that its heading starts with the reference's, and tell it in its steps.
 
-    The mean difference over the scored part of the first long rest of each run (else
+    The mean difference over the scored part of the first long rest of each segment (else
     its first 10 s of scoring) is taken out of ``q`` and the errors. Where the reference itself
     jumps, the errors go on as if it had not: its reset is no drift of this row.
     """
@@ -30,26 +30,26 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
     along = np.unwrap(np.radians(errors.heading))
     jumps = _reset_steps(errors, along)
     smooth = along - np.cumsum(jumps)
-    numbers = np.unique(row.run)
-    place = np.searchsorted(numbers, row.run)
+    numbers = np.unique(row.segment)
+    place = np.searchsorted(numbers, row.segment)
     own = place[np.clip(np.searchsorted(row.t, errors.t, side="right") - 1, 0, len(row.t) - 1)]
     offset, sources = np.zeros(len(numbers)), []
     for k in np.unique(own):
         offset[k], source = _first_mean(errors, smooth, own == k, segments)
         sources.append(source)
     turned = rotation.turn_about_down(errors.q_est, -(offset[own] + np.cumsum(jumps)))
-    row.errors = measured(errors.t, turned, errors.q_ref, errors.run, errors.piece, errors.scored)
+    row.errors = measured(errors.t, turned, errors.q_ref, errors.gap_segment, errors.segment, errors.scored)
     row.q = rotation.turn_about_down(row.q, -offset[place])
     row.heading_offset_deg = float(np.degrees(rotation.wrap(offset[own[0]])))
     text = f"mean heading difference over {sources[0]}, removed"
-    text += f" in each of {len(sources)} runs" if len(sources) > 1 else ""
+    text += f" in each of {len(sources)} segments" if len(sources) > 1 else ""
     resets = int(np.count_nonzero(jumps))
     text += f"; {resets} resets of the reference not counted" if resets else ""
     row.steps.append(AlignmentStep("heading_offset", text, row.heading_offset_deg, "deg", reference.source))
 
 
 def _first_mean(errors: Errors, along: Array, inside: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
-    """Mean of the unwrapped heading error (rad) over the first long rest of a run, else its first 10 s of scoring."""
+    """Mean of the unwrapped heading error (rad) over the first long rest of a segment, else its first 10 s of scoring."""
     counted = inside & errors.scored
     counted = counted if counted.any() else inside
     for rest in segments.of("rest.long"):
@@ -62,11 +62,13 @@ def _first_mean(errors: Errors, along: Array, inside: NDArray[np.bool_], segment
 
 
 def _reset_steps(errors: Errors, along: Array) -> Array:
-    """The jump (n,) in rad of the heading error at each reset of the reference within a run, 0 elsewhere."""
+    """The jump (n,) in rad of the heading error at each reset of the reference within a segment between gaps, 0 elsewhere."""
     jumps = np.zeros(len(along))
-    t, piece = errors.t, errors.piece
-    for i in np.flatnonzero((np.diff(piece) != 0) & (np.diff(errors.run) == 0)) + 1:
-        before = slice(max(np.searchsorted(t, t[i - 1] - RESET_S), np.searchsorted(piece, piece[i - 1])), i)
-        after = slice(i, min(np.searchsorted(t, t[i] + RESET_S, "right"), np.searchsorted(piece, piece[i], "right")))
+    t, segment = errors.t, errors.segment
+    for i in np.flatnonzero((np.diff(segment) != 0) & (np.diff(errors.gap_segment) == 0)) + 1:
+        before = slice(max(np.searchsorted(t, t[i - 1] - RESET_S), np.searchsorted(segment, segment[i - 1])), i)
+        after = slice(
+            i, min(np.searchsorted(t, t[i] + RESET_S, "right"), np.searchsorted(segment, segment[i], "right"))
+        )
         jumps[i] = np.mean(along[after]) - np.mean(along[before])
     return jumps

@@ -33,8 +33,8 @@ class AlignmentStep:
 class Reference:
     """The attitude to compare with. ``kind`` says what agreement with it proves.
 
-    ``q`` (n, 4) at ``t`` (n,) s; ``run`` (n,) counts pieces between gaps, ``piece``
-    (n,) counts pieces between gaps *and* resets. ``floor_deg`` is the smallest
+    ``q`` (n, 4) at ``t`` (n,) s; ``gap_segment`` (n,) numbers the segments between
+    gaps, ``segment`` (n,) those between gaps *and* resets. ``floor_deg`` is the smallest
     difference this log can resolve. Comparisons are scored from ``scoring_start`` to
     ``end`` outside ``unscored`` (the first seconds after a restart of the filters).
     ``name`` is the attitude's name in the log where the reference is an onboard one.
@@ -47,8 +47,8 @@ class Reference:
     source: str
     t: Array
     q: Array
-    run: NDArray[np.int64]
-    piece: NDArray[np.int64]
+    gap_segment: NDArray[np.int64]
+    segment: NDArray[np.int64]
     rate: float = 0.0
     floor_deg: float = 0.0
     step_deg: float = 0.0
@@ -71,7 +71,7 @@ class Reference:
 class Errors:
     """A row against the reference, at the slower one's own times (the reference is never upsampled).
 
-    All (n,) in degrees; ``heading`` is signed. ``run`` and ``piece`` as in
+    All (n,) in degrees; ``heading`` is signed. ``gap_segment`` and ``segment`` as in
     :class:`Reference`. ``scored`` marks the samples after the scoring start.
     """
 
@@ -79,8 +79,8 @@ class Errors:
     total: Array
     heading: Array
     inclination: Array
-    run: NDArray[np.int64]
-    piece: NDArray[np.int64]
+    gap_segment: NDArray[np.int64]
+    segment: NDArray[np.int64]
     scored: NDArray[np.bool_]
     q_est: Array
     q_ref: Array
@@ -92,7 +92,7 @@ class Row:
 
     ``name`` as in DESIGN 6 (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q``
     are at the row's own times with trim, declination and heading offset applied.
-    ``run`` (n,) counts restarts. ``start`` is the time of its first attitude.
+    ``segment`` (n,) counts restarts. ``start`` is the time of its first attitude.
     ``estimator`` is what :func:`attlog.estimators.get` knows the filter by: a name or
     a user's file; of onboard rows the attitude's name in the log. ``uses_mag`` tells
     whether its heading means anything without the offset.
@@ -104,7 +104,7 @@ class Row:
     kind: Literal["replay", "onboard"]
     t: Array
     q: Array
-    run: NDArray[np.int64]
+    segment: NDArray[np.int64]
     uses_mag: bool
     start: float = 0.0
     causal: bool = True
@@ -121,17 +121,17 @@ class Row:
     estimator: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
     heading_offset_deg: float | None = None
-    """Heading that was taken out of ``q`` (of its first run), None where the heading is the row's own."""
+    """Heading that was taken out of ``q`` (of its first segment), None where the heading is the row's own."""
     steps: list[AlignmentStep] = field(default_factory=list)
     """What was done to this row alone: trim, heading offset."""
 
 
 @dataclass(slots=True)
-class Witness:
-    """A heading somebody else tells: degrees (n,) at ``t``; ``piece`` (n,) counts stretches without gap or reset."""
+class HeadingReference:
+    """A heading somebody else tells: degrees (n,) at ``t``; ``segment`` (n,) counts segments without gap or reset."""
 
     name: str
     t: Array
     heading_deg: Array
-    piece: NDArray[np.int64]
+    segment: NDArray[np.int64]
     text: str = ""

@@ -12,7 +12,7 @@ from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
 from attlog.reference import clock, compare, floor, heading, scoring, trim
 from attlog.reference.model import AlignmentStep, Reference, Row
-from attlog.segments import Segments, runs
+from attlog.segments import Segments, gaps
 
 Array = NDArray[np.float64]
 
@@ -23,9 +23,9 @@ def replayed(
 ) -> Row:  # fmt: skip
     """An estimate as a row: trim once, heading offset where its heading means nothing, errors and status."""
     t = np.asarray(estimate.t, np.float64)
-    run = np.zeros(len(t), np.int64) if estimate.run is None else np.asarray(estimate.run, np.int64)
+    segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
     row = Row(
-        name, "replay", t, rotation.normalize(estimate.q), run, uses_mag,
+        name, "replay", t, rotation.normalize(estimate.q), segment, uses_mag,
         causal=estimate.causal, bias=estimate.bias, skipped=dict(estimate.skipped),
         ns_per_update=estimate.ns_per_update, estimator=estimator or name.partition("@")[0],
         parameters=dict(parameters or {}),
@@ -48,7 +48,7 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
         if len(t) < 2:
             continue
         title = "onboard" if name == log.onboard else f"onboard:{name}"
-        row = Row(title, "onboard", t, q, runs.pieces(t), uses_mag=True, estimator=name)
+        row = Row(title, "onboard", t, q, gaps.number(t), uses_mag=True, estimator=name)
         row.step_deg = attitude.step_deg if attitude.step_deg > 0 else floor.step_deg(q)
         row.is_reference = reference.kind == "onboard" and reference.name == name
         if reference.trim is not None and not attitude.has_trim:
@@ -68,7 +68,7 @@ def _measure(row: Row, segments: Segments, reference: Reference, free_heading: b
     row.start = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
     lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring_start)))
     if reference.kind != "none" and good.any():
-        row.errors = compare.errors(row.t[good], row.q[good], row.run[good], reference)
+        row.errors = compare.errors(row.t[good], row.q[good], row.segment[good], reference)
         if free_heading and len(row.errors.t):
             heading.remove(row, segments, reference)
         _judge(row, segments, reference)

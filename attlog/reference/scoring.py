@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.reference.model import Errors, Reference
-from attlog.segments import Segments, runs, spans
+from attlog.segments import Segments, gaps, spans
 from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
@@ -28,10 +28,10 @@ def settling(seconds: float) -> float:
 
 
 def start_and_unscored(t: Array, score_from: float | None) -> tuple[float, list[Span]]:
-    """First scored time, and the stretches after restarts that are not scored, of IMU times (n,)."""
+    """First scored time, and the segments after restarts that are not scored, of IMU times (n,)."""
     if len(t) == 0:
         return score_from or 0.0, []
-    restarts = runs.restarts(t)
+    restarts = gaps.restarts(t)
     first = float(t[0]) + settling(float(t[-1] - t[0])) if score_from is None else score_from
     ends = np.append(restarts[1:], t[-1])
     return first, [(float(a), float(a) + settling(float(b - a))) for a, b in zip(restarts[1:], ends[1:], strict=True)]
@@ -48,7 +48,7 @@ def scored(reference: Reference, t: Array) -> NDArray[np.bool_]:
 def coverage_pct(errors: Errors, reference: Reference, segments: Segments) -> float | None:
     """Share in percent of flight and rest after the scoring start that was scored; None where there is neither.
 
-    Each scored sample covers the time to the next one of its run. The first seconds
+    Each scored sample covers the time to the next one of its segment. The first seconds
     after a restart are not scored and so count as missing.
     """
     wanted = spans.merge([*segments.spans("airborne"), *segments.spans("rest")])
@@ -58,7 +58,7 @@ def coverage_pct(errors: Errors, reference: Reference, segments: Segments) -> fl
         return None
     t = errors.t
     joined = np.zeros(len(t), bool)
-    joined[:-1] = (np.diff(errors.run) == 0) & errors.scored[:-1] & errors.scored[1:]
+    joined[:-1] = (np.diff(errors.gap_segment) == 0) & errors.scored[:-1] & errors.scored[1:]
     first = np.flatnonzero(joined & ~np.concatenate([[False], joined[:-1]]))
     last = np.flatnonzero(~joined & np.concatenate([[False], joined[:-1]]))
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
@@ -69,7 +69,7 @@ def coverage_pct(errors: Errors, reference: Reference, segments: Segments) -> fl
 def diverged_at(errors: Errors) -> float | None:
     """The time from which the scored tilt error stays above 30 deg for 2 s; None if it never does."""
     bad = errors.scored & (errors.inclination > DIVERGED_DEG)
-    for part in runs.stretches(bad, errors.run):
+    for part in gaps.slices(bad, errors.gap_segment):
         if np.ptp(errors.t[part]) >= DIVERGED_S:
             return float(errors.t[part.start])
     return None
@@ -89,7 +89,7 @@ def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | N
     if with_heading:
         heading = np.abs(errors.heading)
         good &= heading <= np.median(heading[later]) + CONVERGED_HEADING_DEG
-    for part in runs.stretches(good, np.zeros(len(good), np.int64)):
+    for part in gaps.slices(good, np.zeros(len(good), np.int64)):
         if np.ptp(errors.t[part]) >= CONVERGED_S:
             took = max(0.0, float(errors.t[part.start]) - start) if part.start > 0 else 0.0
             return took if took <= CONVERGED_LIMIT_S else None

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from attlog.metrics.trace import Trace
-from attlog.numbers import quantity
+from attlog.present.numbers import quantity
+from attlog.present.verdicts import AIR, find
 from attlog.report.figure import Figure, number, reach, said, series
 from attlog.report.pack import BUDGET, Store
 from attlog.report.table import ALL
 from attlog.result import Result
-from attlog.verdicts import AIR, find
 
 
 def more(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:

@@ -1,4 +1,4 @@
-"""How fast the heading drifts: against every witness, and all drifts with their intervals."""
+"""How fast the heading drifts: against every heading reference, and all drifts with their intervals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from attlog.report.figure import Figure, dot, dot_height, reach, series, told
 from attlog.report.pack import BUDGET, Store
 from attlog.result import Result
 
-WITNESS = {
+HEADING_REFERENCE = {
     "rest": "at rest, against standing still",
     "onboard": "in the air, minus onboard",
     "truth": "in the air, minus truth",
@@ -36,18 +36,18 @@ NAMED = {
     "against gnss_yaw": "against the GNSS heading",
     "against course": "against the GNSS course",
 }
-"""A witness in words where its name is none."""
+"""A heading reference in words where its name is none."""
 
 
 def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:
-    """Heading drift against every witness, and all drifts with their intervals."""
+    """Heading drift against every heading reference, and all drifts with their intervals."""
     figures = []
     traces = by.get("drift", [])
     keys = sorted({t.key for t in traces}, key=lambda k: (k.partition("@")[0] != "rest", k))
     for i, key in enumerate(keys):
         same = together([t for t in traces if t.key == key])
         drawn, _ = series([centred(t) for t in same], ("heading", "line"), names, store, BUDGET // 4, 0.001)
-        title = "Heading " + WITNESS.get(key, f"minus {key}")
+        title = "Heading " + HEADING_REFERENCE.get(key, f"minus {key}")
         caption = "One-second means with the fitted line, each minus its own mean; anything but flat is drift."
         caption = caption if i == 0 else ""
         words = reach(same)

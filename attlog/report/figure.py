@@ -10,7 +10,7 @@ import numpy as np
 
 from attlog.metrics.answer import Answer
 from attlog.metrics.trace import Trace
-from attlog.numbers import interval, quantity
+from attlog.present.numbers import interval, quantity
 from attlog.report.pack import Store, reduce
 
 

@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from attlog.numbers import duration, number, quantity, unit_sign
 from attlog.output import write_atomic
+from attlog.present.numbers import duration, number, quantity, unit_sign
 from attlog.report.bundle import Bundle, bundle, source_hash
 from attlog.report.figures import sections
 from attlog.report.look import looks

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from attlog.metrics.trace import Trace
-from attlog.numbers import duration
+from attlog.present.numbers import duration
 from attlog.report.figure import Figure, listed, reach, said, series
 from attlog.report.pack import BUDGET, Array, Store
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from attlog.metrics.trace import Trace
+from attlog.present.verdicts import AIR, find
 from attlog.report.figure import Figure, dot, dot_height, number, series, told
 from attlog.report.pack import BUDGET, Store
 from attlog.result import Result
-from attlog.verdicts import AIR, find
 
 
 def steps(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:

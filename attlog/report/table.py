@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from attlog.metrics.answer import Answer
-from attlog.numbers import interval, number, unit_sign
+from attlog.present.numbers import interval, number, unit_sign
+from attlog.present.verdicts import AIR, REST, best_heading_reference, find
 from attlog.report.look import ordered
 from attlog.result import EstimatorRow, Result
-from attlog.verdicts import AIR, REST, best_witness, find
 
 ALL = ("all", "airborne", "rest")
 
@@ -30,7 +30,7 @@ COLUMNS = (
 )
 """Metric, heading and the windows in which it is looked for, in the order of the questions.
 
-Of the drifts in the air the best witness has a column; the others stand in the expert's tables.
+Of the drifts in the air the best heading reference has a column; the others stand in the expert's tables.
 """
 
 WORDS = {
@@ -46,7 +46,7 @@ WORDS = {
     "no_gnss": "no GNSS",
     "not_converged": "not converged",
     "diverged": "diverged",
-    "bent": "not judged",
+    "not_a_pure_delay": "not judged",
     "not_covered": "not covered",
     "clock_unknown": "clock unknown",
     "not_applicable": "n/a",
@@ -63,7 +63,7 @@ SHAPE = ("step_gain", "distortion")
 FULL_COVERAGE = 95.0
 
 BY = {"gnss_yaw": "GNSS yaw", "mag": "mag", "course": "GNSS course"} | {w: w for w in ("truth", "smoother", "onboard")}
-"""A heading witness in a table heading."""
+"""A heading reference in a table heading."""
 
 
 @dataclass(slots=True)
@@ -104,8 +104,11 @@ class Table:
 
 def main_table(result: Result) -> Table:
     """The comparison of all rows: every column of COLUMNS in which at least one row has a value."""
-    witness = best_witness(result)
-    columns = [(f"{m}.{witness}", f"{t} {BY[witness]}", w) if m == DRIFT_AIR else (m, t, w) for m, t, w in COLUMNS]
+    heading_reference = best_heading_reference(result)
+    columns = [
+        (f"{m}.{heading_reference}", f"{t} {BY[heading_reference]}", w) if m == DRIFT_AIR else (m, t, w)
+        for m, t, w in COLUMNS
+    ]
     return filled(result, columns)
 
 

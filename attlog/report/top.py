@@ -6,10 +6,10 @@ import math
 import re
 from typing import Any
 
-from attlog.numbers import MINUS, duration, listed, number, quantity
+from attlog.present.numbers import MINUS, duration, listed, number, quantity
+from attlog.present.verdicts import SITUATIONS
 from attlog.report.look import Look
 from attlog.result import Problem, Result, Verdict
-from attlog.verdicts import SITUATIONS
 
 BARS = 7
 """Rows in a verdict card; the table has them all."""

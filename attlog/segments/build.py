@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight.model import FlightLog, Imu
-from attlog.segments import flags, hover, impact, resets, rest, runs, spans, windows
+from attlog.segments import flags, gaps, hover, impact, resets, rest, spans, windows
 from attlog.segments.model import Segment, Segments
 from attlog.segments.spans import Span
 
@@ -16,7 +16,7 @@ MOVING_M_S = 3.0
 def build(log: FlightLog) -> Segments:
     """Runs, gaps, rests, idling, arming, flight, hover, impact and resets of a log, each with its reason.
 
-    A log without usable IMU has the runs of its onboard attitude and what the flags
+    A log without usable IMU has the continuous segments of its onboard attitude and what the flags
     tell, and the notes say so.
     """
     notes: dict[str, str] = {}
@@ -24,9 +24,11 @@ def build(log: FlightLog) -> Segments:
     onboard = log.attitudes.get(log.onboard or "")
     clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
     clock = clock[np.isfinite(clock)]
-    found: list[Segment] = runs.find(clock)
+    found: list[Segment] = gaps.find(clock)
     if imu is None:
-        notes["run"] = "no IMU to replay: runs are those of the onboard attitude, and nothing tells rest"
+        notes["continuous"] = (
+            "no IMU to replay: continuous segments are those of the onboard attitude, and nothing tells rest"
+        )
     if not found:
         return Segments([], notes)
     t0, t1 = float(np.min(clock)), float(np.max(clock))

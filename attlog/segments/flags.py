@@ -116,7 +116,7 @@ def _throttle_and_climb(log: FlightLog, armed: Phase, t0: float, t1: float) -> P
 
 
 def _highest(log: FlightLog, within: list[Span]) -> float:
-    """The largest height in m above the start of the stretches."""
+    """The largest height in m above the start of the segments."""
     above = height(log)
     if above is None or not within:
         return 0.0

@@ -81,7 +81,7 @@ def _blows(imu: Imu, airborne: Phase) -> list[tuple[float, str]]:
 
 
 def _overturned(log: FlightLog, airborne: Phase) -> list[tuple[float, str]]:
-    """Starts of the stretches in the air in which the onboard attitude lies beyond 90 deg of tilt."""
+    """Starts of the segments in the air in which the onboard attitude lies beyond 90 deg of tilt."""
     attitude = log.attitudes.get(log.onboard or "")
     if attitude is None or len(attitude.t) == 0:
         return []

@@ -11,13 +11,13 @@ from attlog.segments import spans
 
 Array = NDArray[np.float64]
 
-KINDS = ("run", "rest.long", "rest.short", "idle", "armed", "airborne", "hover", "impact", "reset", "gap")
+KINDS = ("continuous", "rest.long", "rest.short", "idle", "armed", "airborne", "hover", "impact", "reset", "gap")
 WINDOWS = ("all", "rest", "rest.long", "idle", "armed", "airborne", "hover")
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One stretch of time, seconds on the log's clock. ``why`` is a sentence with the numbers."""
+    """One segment of time, seconds on the log's clock. ``why`` is a sentence with the numbers."""
 
     kind: str
     t0: float
@@ -45,7 +45,7 @@ class Segments:
     def spans(self, window: str) -> list[tuple[float, float]]:
         """(t0, t1) pairs of a ``--window``: a name of WINDOWS or ``T0:T1`` in s. ValueError otherwise."""
         if window == "all":
-            return [(s.t0, s.t1) for s in self.of("run")]
+            return [(s.t0, s.t1) for s in self.of("continuous")]
         if window in WINDOWS:
             return [(s.t0, s.t1) for s in self.of(window)]
         start, colon, end = window.partition(":")

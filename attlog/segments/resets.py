@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.segments import runs
+from attlog.segments import gaps
 from attlog.segments.increments import Turning
 from attlog.segments.model import Segments
 
@@ -60,7 +60,7 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
     if imu is None or len(t) < 3 or len(imu.gyro.t) < 3:
         return None
-    gyro_t, rate = runs.rising(imu.gyro.t_best, imu.gyro.x)
+    gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
     if len(gyro_t) < 3:
         return None
     turning = Turning(gyro_t, rate, imu.gyro.sampling)
@@ -72,10 +72,10 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
         rest = rotation.multiply(rotation.conjugate(rotation.from_rotvec(by_gyro)), by_attitude)
         jump[a:b] = np.degrees(rotation.total_angle(rest))
         rotated[a:b] = np.degrees(np.sqrt(np.sum(by_gyro**2, axis=1)))
-    piece = runs.pieces(gyro_t)
+    segment = gaps.number(gyro_t)
     where = np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)
-    whole = piece[where[:-1]] == piece[where[1:]]
-    whole &= np.diff(runs.pieces(t)) == 0
+    whole = segment[where[:-1]] == segment[where[1:]]
+    whole &= np.diff(gaps.number(t)) == 0
     whole &= (t[:-1] >= gyro_t[0]) & (t[1:] <= gyro_t[-1]) & (np.diff(t) > 0)
     jump[~whole] = np.nan
     return jump, rotated

@@ -1,4 +1,4 @@
-"""Arithmetic with stretches of time: lists of (t0, t1) in s."""
+"""Arithmetic with segments of time: lists of (t0, t1) in s."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Span = tuple[float, float]
 
 
 def merge(spans: Iterable[Span]) -> list[Span]:
-    """The same time as ascending stretches that do not touch."""
+    """The same time as ascending segments that do not touch."""
     merged: list[Span] = []
     for t0, t1 in sorted(s for s in spans if s[1] > s[0]):
         if merged and t0 <= merged[-1][1]:
@@ -38,7 +38,7 @@ def intersect(a: Iterable[Span], b: Iterable[Span]) -> list[Span]:
 
 
 def complement(spans: Iterable[Span], t0: float, t1: float) -> list[Span]:
-    """The time of [t0, t1] that lies in none of the stretches."""
+    """The time of [t0, t1] that lies in none of the segments."""
     edges = [t0]
     for a, b in merge(spans):
         edges += [min(max(a, t0), t1), min(max(b, t0), t1)]
@@ -52,12 +52,12 @@ def seconds(spans: Iterable[Span]) -> float:
 
 
 def inside(t: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
-    """Which times (n,) lie in a stretch, ends included."""
+    """Which times (n,) lie in a segment, ends included."""
     return overlaps(t, t, spans)
 
 
 def overlaps(t0: Array, t1: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
-    """Which windows [t0, t1] (n,) touch a stretch."""
+    """Which windows [t0, t1] (n,) touch a segment."""
     merged = merge(spans)
     if not merged:
         return np.zeros(len(t0), bool)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.segments import runs
+from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ BLOCK = 2048
 
 @dataclass(slots=True)
 class Windows:
-    """Statistics of the IMU in windows [t0, t1], (m,) and (m, 3); ``run`` numbers the run a window lies in.
+    """Statistics of the IMU in windows [t0, t1], (m,) and (m, 3); ``segment`` numbers the continuous segment a window lies in.
 
     ``rate`` is the mean body rate, ``rate_std`` the standard deviation of the gyro
     (rms of the three axes), ``rate_rms`` the rms of the rate's length, all in deg/s;
@@ -30,7 +30,7 @@ class Windows:
 
     t0: Array
     t1: Array
-    run: NDArray[np.int64]
+    segment: NDArray[np.int64]
     rate: Array
     rate_std: Array
     rate_rms: Array
@@ -49,23 +49,23 @@ def build(t: Array, gyro: Array, acc: Array) -> Windows:
     dt = np.diff(t)
     median = float(np.median(dt[dt > 0])) if np.any(dt > 0) else SECONDS
     seconds = max(SECONDS, MIN_SAMPLES * median)
-    run = runs.pieces(t)
-    run_start = t[np.searchsorted(run, run)]
-    number = np.floor((t - run_start) / seconds).astype(np.int64)
-    key = np.flatnonzero(np.concatenate([[True], (np.diff(run) != 0) | (np.diff(number) != 0)]))
+    segment = gaps.number(t)
+    segment_start = t[np.searchsorted(segment, segment)]
+    number = np.floor((t - segment_start) / seconds).astype(np.int64)
+    key = np.flatnonzero(np.concatenate([[True], (np.diff(segment) != 0) | (np.diff(number) != 0)]))
     count = np.diff(np.append(key, len(t)))
     blocks = np.arange(0, len(key), BLOCK)
     values = np.concatenate(
         [_statistics(gyro, acc, key[a : a + BLOCK], count[a : a + BLOCK]) for a in blocks.tolist()], axis=0
     )
-    start = run_start[key] + number[key] * seconds
+    start = segment_start[key] + number[key] * seconds
     end = np.minimum(start + seconds, t[key + count - 1] + median)
     keep = count >= 3
     values = values[keep]
     return Windows(
         start[keep],
         end[keep],
-        run[key][keep],
+        segment[key][keep],
         rate=values[:, 0:3],
         rate_std=values[:, 3],
         rate_rms=values[:, 4],
@@ -99,12 +99,12 @@ def _statistics(gyro: Array, acc: Array, key: NDArray[np.int64], count: NDArray[
 
 
 def join(windows: Windows, passed: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Stretches (t0, t1) in s of neighbouring windows of one run that all passed."""
+    """Segments (t0, t1) in s of neighbouring windows of one continuous segment that all passed."""
     i = np.flatnonzero(passed)
     if len(i) == 0:
         return []
     apart = (windows.t0[i[1:]] - windows.t1[i[:-1]] > 0.1 * windows.seconds) | (
-        windows.run[i[1:]] != windows.run[i[:-1]]
+        windows.segment[i[1:]] != windows.segment[i[:-1]]
     )
     first = np.concatenate([[0], np.flatnonzero(apart) + 1])
     last = np.append(first[1:], len(i)) - 1

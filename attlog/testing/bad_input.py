@@ -56,7 +56,7 @@ def bridges_a_short_gap(s: Subject) -> None:
     e = s.run(kept)
     require_attitudes(e, kept.t)
     _counted(e.skipped, "gap_bridged")
-    require(e.run is not None and e.run[-1] == 0, "a gap of 0.3 s is no restart")
+    require(e.segment is not None and e.segment[-1] == 0, "a gap of 0.3 s is no restart")
     worst = inclination_deg(e.q[990:1100], kept.q[990:1100]).max()
     require(worst < 8.0, f"over a gap of 0.3 s tilt goes off by {worst:.1f} deg")
 
@@ -68,7 +68,7 @@ def restarts_after_a_long_gap(s: Subject) -> None:
     e = s.run(kept)
     require_attitudes(e, kept.t)
     _counted(e.skipped, "restart")
-    require(e.run is not None and e.run[0] == 0 and e.run[-1] == 1, "a gap of 5 s begins a new run")
+    require(e.segment is not None and e.segment[0] == 0 and e.segment[-1] == 1, "a gap of 5 s begins a new segment")
     _tilt_stays(s, e.q, kept, "a gap of 5 s")
 
 

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from attlog.formats import ulog
+from attlog.formats.ulog import reader
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ def test_it_names_vehicle_sensors_and_what_can_be_answered(attlog, samples, log,
     assert report["log"]["firmware"]["name"] == firmware
     assert source in report["log"]["imu"]["source"]
     assert report["log"]["simulated"] is True
-    assert {c["verdict"] for c in report["audit"]} <= {"good", "look", "bad", "cannot_judge"}
+    assert {c["verdict"] for c in report["audit"]} <= {"good", "warn", "bad", "cannot_judge"}
     assert {a["question"] for a in report["answerable"]} >= {"quiet", "late", "drifting"}
     text = attlog("info", samples / log)
     assert text.code == 0
@@ -46,7 +46,9 @@ def test_a_strangers_log_cannot_write_to_the_terminal(attlog, tmp_path):
     path = tmp_path / "evil.ulg"
     stamps = (1_000_000 + 5000 * np.arange(400)).astype("<u8")
     q = np.tile(np.array([1, 0, 0, 0], "<f4"), (400, 1))
-    ulog.write(path, {("vehicle_attitude", 0): {"timestamp": stamps, "q": q}}, info={"sys_name": "PX4\x1b]0;owned\x07"})
+    reader.write(
+        path, {("vehicle_attitude", 0): {"timestamp": stamps, "q": q}}, info={"sys_name": "PX4\x1b]0;owned\x07"}
+    )
     path.write_bytes(path.read_bytes()[:-5])
     done = attlog("info", path, "--no-color")
     assert done.code == 0

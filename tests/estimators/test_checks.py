@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.estimators import Estimate, Estimator, Parameter, Row, get, samples
-from attlog.estimators.vectors import down, field_error, gravity_error, turn
+from attlog.estimators import Estimate, Estimator, Parameter, Row, get
+from attlog.estimators.engine import samples
+from attlog.estimators.engine.vectors import down, field_error, gravity_error, turn
 from attlog.testing import CheckFailed, Outcome, bad_input, behaviour, check_estimator, checks
 from attlog.testing.subject import Subject
 

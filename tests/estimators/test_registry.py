@@ -16,7 +16,7 @@ GOOD = '''"""Gyro and nothing else.
 
 q' = q (x) (0, w)/2
 """
-from attlog.estimators.vectors import turn
+from attlog.estimators.engine.vectors import turn
 from attlog.estimators import Parameter
 SOURCE = "test"
 NEEDS = {"gyro"}
@@ -74,7 +74,7 @@ def test_a_file_is_an_estimator_with_presets_and_outputs(
     [
         ("SOURCE =", "SOURCE = = ", "line 7: invalid syntax"),
         ("SOURCE =", "SOURCE = 1 / 0 #", "line 7: ZeroDivisionError"),
-        ("from attlog.estimators.vectors", "from attlog.estimators.vektors", "line 5: ModuleNotFoundError"),
+        ("from attlog.estimators.engine.vectors", "from attlog.estimators.vektors", "line 5: ModuleNotFoundError"),
         ("def step", "def stop", "neither start and step nor run"),
         ('{"gyro"}', '{"gyro", "sonar"}', "not sonar"),
         ('"q": 4, ', "", 'must begin with "q": 4'),

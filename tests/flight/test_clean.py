@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from attlog.flight import magnetic
-from attlog.flight.inertial import Candidate, admit, best_per_unit, choose_unit, longest_held, onto
-from attlog.flight.reading import Reading
+from attlog.flight.builder import LogBuilder
+from attlog.flight.inertial import Candidate, best_per_unit, choose_unit, longest_held, onto, validate
 from tests.flight.fake import gravity, level, messages, micros
 
 N = 200
 
 
-def reading() -> Reading:
-    return Reading(messages("ulog", {("x", 0): {"timestamp": micros(2, 1)}}), t0_us=10_000_000)
+def reading() -> LogBuilder:
+    return LogBuilder(messages("ulog", {("x", 0): {"timestamp": micros(2, 1)}}), t0_us=10_000_000)
 
 
 def candidate(gyro: np.ndarray, acc: np.ndarray, **fields: object) -> Candidate:
@@ -26,7 +26,7 @@ def test_impossible_rates_leave_the_stream_and_are_told_when_the_source_is_used(
     gyro = np.zeros((N, 3))
     gyro[70, 1] = wrong
     r = reading()
-    one = admit(r, candidate(gyro, gravity(N).astype(float)))
+    one = validate(r, candidate(gyro, gravity(N).astype(float)))
     assert len(one.t_us) == N - 1
     assert not r.problems
     best_per_unit(r, [one])
@@ -94,7 +94,7 @@ def test_a_message_with_a_damaged_definition_does_not_take_the_others_with_it() 
 
 def test_two_axes_are_no_gyro_and_three_numbers_no_attitude() -> None:
     r = reading()
-    assert admit(r, candidate(np.zeros((N, 2)), gravity(N).astype(float))) is None
+    assert validate(r, candidate(np.zeros((N, 2)), gravity(N).astype(float))) is None
     assert [p.code for p in r.problems] == ["unreadable_message"]
     t = micros(5, 50).astype(np.int64)
     assert r.attempt("ATT", lambda: r.attitude(t, np.ones((5, 3)), "ATT"), None) is None
@@ -104,6 +104,6 @@ def test_two_axes_are_no_gyro_and_three_numbers_no_attitude() -> None:
 
 def test_a_handful_of_samples_is_no_flight() -> None:
     r = reading()
-    one = admit(r, candidate(np.zeros((5, 3)), gravity(5).astype(float)))
+    one = validate(r, candidate(np.zeros((5, 3)), gravity(5).astype(float)))
     assert choose_unit(r, [one], 0, "it flew", None, "Log more.") is None
     assert [p.code for p in r.problems] == ["imu_too_short"]

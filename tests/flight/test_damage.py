@@ -1,4 +1,4 @@
-"""Wounded files: what is left is used, what is lost is told, and nothing absurd comes through."""
+"""Damaged files: what is left is used, what is lost is told, and nothing absurd comes through."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tests.conftest import SAMPLES
 NAMES = ("px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog")
 
 
-def wounded(content: bytes, seed: int) -> bytes:
-    """The file with one of four kinds of wounds."""
+def damaged(content: bytes, seed: int) -> bytes:
+    """The file with one of four kinds of damage."""
     rng = random.Random(seed)
     data = bytearray(content)
     place = rng.randrange(len(data))
@@ -37,7 +37,7 @@ def wounded(content: bytes, seed: int) -> bytes:
 @pytest.mark.parametrize("seed", range(12))
 def test_a_wounded_log_keeps_its_clock_and_its_physics(name: str, seed: int, tmp_path: Path) -> None:
     path = tmp_path / name
-    path.write_bytes(wounded((SAMPLES / name).read_bytes(), seed))
+    path.write_bytes(damaged((SAMPLES / name).read_bytes(), seed))
     whole = flight.read(SAMPLES / name)
     try:
         log = flight.read(path)
@@ -56,7 +56,7 @@ def test_a_wounded_log_keeps_its_clock_and_its_physics(name: str, seed: int, tmp
     assert (np.diff(imu.gyro.t) > 0).all()
     limit = np.abs(whole.imus[whole.imu].gyro.x).max()
     outside = np.abs(imu.gyro.x).max(axis=1) > 3 * limit
-    assert outside.sum() <= 2, "single wounded values inside the sensor's range may pass, no more"
+    assert outside.sum() <= 2, "single damaged values inside the sensor's range may pass, no more"
     for attitude in log.attitudes.values():
         np.testing.assert_allclose(np.linalg.norm(attitude.q, axis=1), 1.0, atol=1e-9)
 

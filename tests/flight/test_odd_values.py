@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from attlog.flight import px4
-from attlog.flight.mavlink_time import unix_minus_boot
+from attlog.flight.mavlink.clock import unix_minus_boot
 from attlog.flight.model import FlightLog
+from attlog.flight.px4 import reader
 from tests.flight.fake import gravity, level, messages, micros
 
 N = 400
@@ -38,7 +38,7 @@ def receiver(utc_us: int) -> dict[str, Any]:
 
 def read(tables: dict[tuple[str, int], Any]) -> FlightLog:
     with np.errstate(invalid="ignore"):
-        return px4.read(messages("ulog", tables, info={"sys_name": "PX4"}))
+        return reader.read(messages("ulog", tables, info={"sys_name": "PX4"}))
 
 
 def test_a_receiver_that_tells_an_impossible_date_tells_none() -> None:

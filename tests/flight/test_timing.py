@@ -1,4 +1,4 @@
-"""Which records of a message have a believable time."""
+"""Which records of a message have a plausible time."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from attlog.flight.model import logged_rate
-from attlog.flight.timing import believable, gaps, longest_rising
+from attlog.flight.timing import gaps, longest_rising, plausible
 
 EVEN = np.arange(100, dtype=np.int64) * 10_000 + 5_000_000
 
 
 def test_rising_stamps_are_all_kept() -> None:
-    kept = believable(EVEN)
+    kept = plausible(EVEN)
     assert len(kept.index) == 100
     assert kept.dropped == 0
 
 
 def test_later_records_with_an_equal_stamp_are_duplicates() -> None:
-    kept = believable(np.repeat(EVEN, 2))
+    kept = plausible(np.repeat(EVEN, 2))
     assert kept.duplicates == 100
     assert (kept.index % 2 == 0).all(), "the first of each pair stays"
 
@@ -28,7 +28,7 @@ def test_later_records_with_an_equal_stamp_are_duplicates() -> None:
 def test_one_false_late_time_does_not_take_the_good_ones_with_it() -> None:
     t = EVEN.copy()
     t[50] += 3_000_000
-    kept = believable(t)
+    kept = plausible(t)
     assert 50 not in kept.index
     assert len(kept.index) == 99
     assert kept.backward == 1
@@ -37,22 +37,22 @@ def test_one_false_late_time_does_not_take_the_good_ones_with_it() -> None:
 def test_a_clock_of_ten_to_the_thirteen_seconds_is_false() -> None:
     t = EVEN.copy()
     t[[0, 99]] = 10**19 // 2
-    assert believable(t).false == 2
+    assert plausible(t).false == 2
 
 
 def test_single_records_far_behind_the_end_are_false() -> None:
-    kept = believable(np.append(EVEN, EVEN[-1] + 1_174_000_000))
+    kept = plausible(np.append(EVEN, EVEN[-1] + 1_174_000_000))
     assert kept.false == 1
     assert kept.index[-1] == 99
 
 
 def test_a_pause_between_two_flights_is_no_fault() -> None:
-    kept = believable(np.concatenate([EVEN, EVEN + 628_000_000]))
+    kept = plausible(np.concatenate([EVEN, EVEN + 628_000_000]))
     assert kept.dropped == 0
 
 
 def test_the_unix_clock_keeps_its_microseconds() -> None:
-    kept = believable(EVEN + 1_710_773_350_346_001)
+    kept = plausible(EVEN + 1_710_773_350_346_001)
     assert kept.dropped == 0
 
 

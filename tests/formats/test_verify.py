@@ -86,8 +86,8 @@ def test_a_wrong_value_a_missing_record_and_a_missing_field_are_found(monkeypatc
 def test_on_a_damaged_log_it_tells_what_each_reader_lost(tmp_path: Path) -> None:
     raw = bytearray((SAMPLES / "px4_hover.ulg").read_bytes()[:1_000_000])
     raw[500_000:504_096] = bytes(4096)
-    (tmp_path / "wound.ulg").write_bytes(raw)
-    result = verify(tmp_path / "wound.ulg")
+    (tmp_path / "damage.ulg").write_bytes(raw)
+    result = verify(tmp_path / "damage.ulg")
     assert result.agrees
     assert "damaged" in result.text
     assert any("records only" in line for line in result.explained)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.formats import dataflash_index, mavlink_index
+from attlog.formats.dataflash import index as dataflash_index
 from attlog.formats.mapping import offset_type
+from attlog.formats.mavlink import index as mavlink_index
 
 
 @pytest.mark.parametrize("name", ["copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.flight.model import Firmware, FlightLog
-from attlog.metrics.base import Trial
+from attlog.metrics.base import Case
 from attlog.reference.model import Errors, Reference, Row
 from attlog.segments.model import Segment, Segments
 
@@ -21,14 +21,14 @@ def row(t: Array, q: Array, name: str = "filter", **fields: object) -> Row:
     return Row(name, "replay", t, q, np.zeros(len(t), np.int64), uses_mag=True, **fields)  # type: ignore[arg-type]
 
 
-def trial(
+def case(
     rows: list[Row],
     segments: list[Segment],
     reference: tuple[Array, Array] | None = None,
     kind: str = "truth",
     scoring_start: float = 0.0,
-) -> Trial:
-    """A trial around rows; errors against the reference (t, q) at the reference's times, where there is one."""
+) -> Case:
+    """A case around rows; errors against the reference (t, q) at the reference's times, where there is one."""
     log = FlightLog(Path("made-up.ulg"), "ulog", 0, 0, Firmware("PX4"), "quad")
     t, q = reference if reference is not None else (np.zeros(0), np.zeros((0, 4)))
     zeros = np.zeros(len(t), np.int64)
@@ -45,7 +45,7 @@ def trial(
     if len(t):
         for r in rows:
             r.errors = errors(r, ref)
-    return Trial(log, Segments(segments), ref, rows)
+    return Case(log, Segments(segments), ref, rows)
 
 
 def errors(r: Row, ref: Reference) -> Errors:
@@ -59,8 +59,8 @@ def errors(r: Row, ref: Reference) -> Errors:
         np.degrees(rotation.total_angle(e)),
         np.degrees(rotation.heading_angle(e)),
         np.degrees(rotation.inclination_angle(e)),
-        ref.run[inside],
-        ref.piece[inside],
+        ref.gap_segment[inside],
+        ref.segment[inside],
         t >= ref.scoring_start,
         q_est,
         q_ref,

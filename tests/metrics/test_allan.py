@@ -36,7 +36,7 @@ def test_white_rate_noise_of_known_density_lies_on_its_line():
     np.testing.assert_allclose(d.sigma[d.tau < 2], line[d.tau < 2], rtol=0.05)
 
 
-REST = [Segment("run", 0, 400), Segment("rest.long", 0, 400)]
+REST = [Segment("continuous", 0, 400), Segment("rest.long", 0, 400)]
 
 
 def walking_row(seconds, density=0.01, seed=3):
@@ -47,18 +47,18 @@ def walking_row(seconds, density=0.01, seed=3):
 
 def test_the_angle_random_walk_is_60_times_the_density():
     row = walking_row(300.0)
-    answer = allan.compute(flights.trial([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
+    answer = allan.compute(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
     assert answer.value == pytest.approx(0.6, rel=0.1)
     assert answer.ci95[0] < 0.6 < answer.ci95[1]
 
 
 def test_a_floor_that_the_rest_is_too_short_for_is_not_invented():
     row = walking_row(100.0)
-    answers = allan.compute(flights.trial([row], REST), row, "rest")
+    answers = allan.compute(flights.case([row], REST), row, "rest")
     assert answers["allan_bias_deg_per_h"].code == "rest_too_short"
     short = walking_row(50.0)
     assert (
-        allan.compute(flights.trial([short], REST), short, "rest")["allan_arw_deg_per_sqrt_h"].code == "rest_too_short"
+        allan.compute(flights.case([short], REST), short, "rest")["allan_arw_deg_per_sqrt_h"].code == "rest_too_short"
     )
 
 
@@ -66,7 +66,7 @@ def test_white_heading_noise_is_no_angle_random_walk():
     t = np.arange(0.0, 200.0, STEP)
     noise = np.radians(0.01) * np.random.default_rng(1).standard_normal(len(t))
     row = flights.row(t, rotation.from_euler(0.0, 0.0, noise))
-    assert allan.compute(flights.trial([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"].code == "not_applicable"
+    assert allan.compute(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"].code == "not_applicable"
 
 
 def test_averages_of_white_angle_noise_fall_with_the_root_of_tau():

@@ -13,10 +13,10 @@ def error(believed_dps, true_dps, segments=None, **fields):
     gyro = np.radians(true_dps) + np.radians(0.05) * np.random.default_rng(0).standard_normal((len(T), 3))
     row = flights.row(T, np.tile([1.0, 0.0, 0.0, 0.0], (len(T), 1)), **fields)
     row.bias = None if believed_dps is None else np.tile(np.radians(believed_dps), (len(T), 1))
-    trial = flights.trial([row], segments or [Segment("run", 0, 60), Segment("rest.long", 0, 40)])
+    case = flights.case([row], segments or [Segment("continuous", 0, 60), Segment("rest.long", 0, 40)])
     acc = Stream(T, np.tile([0.0, 0.0, -9.81], (len(T), 1)), "m/s^2", "FRD", "imu")
-    trial.log.imus, trial.log.imu = [Imu(0, Stream(T, gyro, "rad/s", "FRD", "imu"), acc)], 0
-    return bias.compute(trial, row, "rest")["gyro_bias_error_dps"]
+    case.log.imus, case.log.imu = [Imu(0, Stream(T, gyro, "rad/s", "FRD", "imu"), acc)], 0
+    return bias.compute(case, row, "rest")["gyro_bias_error_dps"]
 
 
 def test_the_error_is_the_length_of_the_difference_from_the_mean_rate_at_rest():
@@ -30,4 +30,4 @@ def test_the_error_is_the_length_of_the_difference_from_the_mean_rate_at_rest():
 def test_a_filter_without_a_bias_and_a_log_without_rest_have_none():
     assert error(None, [0.2, 0.2, 0.3]).code == "not_applicable"
     assert error([0.0, 0.0, 0.0], [0.2, 0.2, 0.3]).code == "not_applicable"
-    assert error([0.5, 0.2, -0.1], [0.2, 0.2, 0.3], [Segment("run", 0, 60)]).code == "no_rest"
+    assert error([0.5, 0.2, -0.1], [0.2, 0.2, 0.3], [Segment("continuous", 0, 60)]).code == "no_rest"

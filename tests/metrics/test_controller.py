@@ -19,10 +19,10 @@ def flight(time_constant, dead_s, seconds=120.0, hz=100.0):
     q_set, q = (rotation.from_euler(x[:, 0], x[:, 1], 0.3) for x in (wanted, flown))
     row = flights.row(t, q, "onboard")
     row.kind = "onboard"
-    trial = flights.trial([row], [Segment("run", 0, seconds), Segment("airborne", 2, seconds - 1)])
-    trial.log.attitudes, trial.log.onboard = {"ATT": Attitude(t, q, "ATT")}, "ATT"
-    trial.log.setpoints = Attitude(t, q_set, "ATT.Des")
-    return trial, row
+    case = flights.case([row], [Segment("continuous", 0, seconds), Segment("airborne", 2, seconds - 1)])
+    case.log.attitudes, case.log.onboard = {"ATT": Attitude(t, q, "ATT")}, "ATT"
+    case.log.setpoints = Attitude(t, q_set, "ATT.Des")
+    return case, row
 
 
 def test_delay_and_rise_of_a_known_vehicle_are_found():
@@ -41,12 +41,12 @@ def test_a_vehicle_that_follows_at_once_has_no_delay():
 
 
 def test_without_a_set_point_there_is_a_code():
-    trial, row = flight(0.08, 0.05)
-    trial.log.setpoints = None
-    assert {a.code for a in controller.compute(trial, row, "all").values()} == {"no_setpoint"}
+    case, row = flight(0.08, 0.05)
+    case.log.setpoints = None
+    assert {a.code for a in controller.compute(case, row, "all").values()} == {"no_setpoint"}
 
 
 def test_only_the_onboard_row_has_a_controller():
-    trial, row = flight(0.08, 0.05)
+    case, row = flight(0.08, 0.05)
     row.name = "mahony"
-    assert controller.compute(trial, row, "all") == {}
+    assert controller.compute(case, row, "all") == {}

@@ -23,11 +23,11 @@ def trial_of(path, names="gyro", clock="sample"):
         found = estimators.estimate(spec, imu.gyro.t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
         rows.append(reference.replayed(log, phases, ref, found, name=spec.name, estimator=spec.estimator.name))
     rows += reference.onboard_rows(log, phases, ref)
-    return metrics.Trial(log, phases, ref, rows, reference.witnesses(log, phases, ref, rows))
+    return metrics.Case(log, phases, ref, rows, reference.heading_references(log, phases, ref, rows))
 
 
-def row_of(trial, name):
-    return next(r for r in trial.rows if r.name == name)
+def row_of(case, name):
+    return next(r for r in case.rows if r.name == name)
 
 
 @pytest.mark.parametrize(
@@ -48,8 +48,8 @@ def test_the_commanded_movements_are_found(corpus, name, roll, pitch, yaw):
 @pytest.mark.parametrize("row", [r for r in ROWS if Path(r["file"]).name not in MAG_FAULTS], ids=lambda r: r["file"])
 def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, row):
     """Within 2 ms; in telemetry, whose truth has no clock of its own, within 3 ms."""
-    trial = trial_of(corpus / "sitl" / row["file"])
-    answer = lag.compute(trial, row_of(trial, "onboard"), "all")["lag_ms"]
+    case = trial_of(corpus / "sitl" / row["file"])
+    answer = lag.compute(case, row_of(case, "onboard"), "all")["lag_ms"]
     if answer.value is None:
         assert answer.code == "no_events"
         assert row["att_lag_ms"] == ""
@@ -59,17 +59,17 @@ def test_the_onboard_attitude_is_not_late_at_sample_time(corpus, row):
 
 @pytest.mark.parametrize("name", ["px4/px4_steps.ulg", "ardupilot/copter_steps_stabilize.bin"])
 def test_integrated_gyro_is_not_late_once_the_input_delay_is_known(corpus, name):
-    trial = trial_of(corpus / "sitl" / name)
-    answer = lag.compute(trial, row_of(trial, "gyro"), "all")["lag_ms"]
+    case = trial_of(corpus / "sitl" / name)
+    answer = lag.compute(case, row_of(case, "gyro"), "all")["lag_ms"]
     assert abs(answer.value) < 1.0
-    assert answer.detail["input_delay_ms"] == pytest.approx(1000 * trial.reference.input_delay_s)
+    assert answer.detail["input_delay_ms"] == pytest.approx(1000 * case.reference.input_delay_s)
 
 
 @pytest.mark.parametrize("name", ["px4/px4_hover.ulg", "px4/px4_static.ulg", "ardupilot/copter_static_hop.bin"])
 def test_integrated_gyro_drifts_at_rest_by_its_offset(corpus, name):
     known = next(r for r in ROWS if r["file"] == name)
-    trial = trial_of(corpus / "sitl" / name)
-    row = row_of(trial, "gyro")
-    first = drift_rest.records(trial, row, "rest")[0]
+    case = trial_of(corpus / "sitl" / name)
+    row = row_of(case, "gyro")
+    first = drift_rest.records(case, row, "rest")[0]
     bias_z = float(known["checks.gyro_bias_dps"].split()[2])
     assert first.value / 60.0 == pytest.approx(bias_z, abs=0.1)

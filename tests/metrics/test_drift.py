@@ -5,22 +5,22 @@ from scipy.signal import lfilter
 from attlog import metrics, rotation
 from attlog.flight.model import Attitude
 from attlog.metrics import drift, drift_air, drift_rest, wander
-from attlog.metrics.base import Witness
+from attlog.metrics.base import HeadingReference
 from attlog.reference.model import Row
 from attlog.segments.model import Segment
 from tests.metrics import flights
 
 
-def slope_of(t, e, piece=None):
-    return drift.slope(drift.block_means(t, e, np.zeros(len(t), np.int64) if piece is None else piece))
+def slope_of(t, e, segment=None):
+    return drift.slope(drift.block_means(t, e, np.zeros(len(t), np.int64) if segment is None else segment))
 
 
 def test_half_a_degree_per_minute_is_found_under_noise_and_two_resets():
     t = np.arange(0.0, 300.0, 0.005)
-    piece = np.searchsorted([80.0, 210.0], t, side="right")
+    segment = np.searchsorted([80.0, 210.0], t, side="right")
     rng = np.random.default_rng(4)
-    e = 0.5 / 60.0 * t + rng.standard_normal(len(t)) + np.array([0.0, 12.0, -30.0])[piece]
-    found = slope_of(t, e, piece)
+    e = 0.5 / 60.0 * t + rng.standard_normal(len(t)) + np.array([0.0, 12.0, -30.0])[segment]
+    found = slope_of(t, e, segment)
     assert found.value == pytest.approx(0.5, abs=0.1)
     assert found.ci95[0] <= 0.5 <= found.ci95[1]
     assert found.ci95[1] - found.ci95[0] < 0.5
@@ -28,9 +28,9 @@ def test_half_a_degree_per_minute_is_found_under_noise_and_two_resets():
 
 def test_a_reset_that_is_not_cut_would_count_as_drift():
     t = np.arange(0.0, 100.0, 0.02)
-    piece = (t >= 52.0).astype(np.int64)
-    e = np.where(piece == 1, 15.0, 0.0)
-    assert slope_of(t, e, piece).value == pytest.approx(0.0, abs=1e-9)
+    segment = (t >= 52.0).astype(np.int64)
+    e = np.where(segment == 1, 15.0, 0.0)
+    assert slope_of(t, e, segment).value == pytest.approx(0.0, abs=1e-9)
     assert abs(slope_of(t, e).value) > 1.0
 
 
@@ -111,7 +111,12 @@ def test_rests_that_agree_are_pooled_and_rests_that_do_not_span_their_range():
     assert not drift.answer(apart, "rest", "rest").ranked
 
 
-REST = [Segment("run", 0, 100), Segment("rest.long", 0, 40), Segment("airborne", 45, 100), Segment("rest.long", 95, 96)]
+REST = [
+    Segment("continuous", 0, 100),
+    Segment("rest.long", 0, 40),
+    Segment("airborne", 45, 100),
+    Segment("rest.long", 95, 96),
+]
 
 
 def turning(dps, seconds=100.0, hz=50.0):
@@ -122,51 +127,51 @@ def turning(dps, seconds=100.0, hz=50.0):
 def test_drift_at_rest_is_the_rows_own_turn_and_names_the_bias_it_implies():
     row = flights.row(*turning(0.03))
     row.bias = np.tile(np.radians([0.0, 0.0, 0.01]), (len(row.t), 1))
-    answer = drift_rest.compute(flights.trial([row], REST), row, "rest")["drift_rest_deg_per_min"]
+    answer = drift_rest.compute(flights.case([row], REST), row, "rest")["drift_rest_deg_per_min"]
     assert answer.value == pytest.approx(1.8, abs=1e-6)
     assert answer.detail["implied_bias_dps"] == pytest.approx(0.03)
     assert answer.detail["own_bias_z_dps"] == pytest.approx(0.01)
 
 
-def test_drift_in_the_air_is_against_the_reference_and_each_witness():
+def test_drift_in_the_air_is_against_the_reference_and_each_heading_reference():
     t, still = turning(0.0)
     row = flights.row(*turning(0.02))
-    trial = flights.trial([row], REST, (t[::2], still[::2]), "truth", scoring_start=15.0)
-    piece = (t[::5] > 70).astype(np.int64)
-    heading = np.degrees(2.5) + 0.01 * t[::5] + 9.0 * piece
-    trial.witnesses["mag"] = Witness("mag", t[::5], heading, piece, "compass")
-    answers = drift_air.compute(trial, row, "airborne")
+    case = flights.case([row], REST, (t[::2], still[::2]), "truth", scoring_start=15.0)
+    segment = (t[::5] > 70).astype(np.int64)
+    heading = np.degrees(2.5) + 0.01 * t[::5] + 9.0 * segment
+    case.heading_references["mag"] = HeadingReference("mag", t[::5], heading, segment, "compass")
+    answers = drift_air.compute(case, row, "airborne")
     assert answers["drift_air_deg_per_min.truth"].value == pytest.approx(1.2, abs=1e-3)
     assert answers["drift_air_deg_per_min.mag"].value == pytest.approx(0.6, abs=1e-3)
     assert answers["drift_air_deg_per_min.gnss_yaw"].code == "no_gnss"
-    assert drift_air.compute(trial, row, "rest") == {}
+    assert drift_air.compute(case, row, "rest") == {}
 
 
-def test_the_witness_is_not_measured_against_itself():
+def test_the_heading_reference_is_not_measured_against_itself():
     t, still = turning(0.0)
     row = flights.row(t, still, "onboard")
     row.kind = "onboard"
-    trial = flights.trial([row], REST, (t[::2], still[::2]), "onboard")
-    assert drift_air.compute(trial, row, "airborne")["drift_air_deg_per_min.onboard"].code == "not_applicable"
+    case = flights.case([row], REST, (t[::2], still[::2]), "onboard")
+    assert drift_air.compute(case, row, "airborne")["drift_air_deg_per_min.onboard"].code == "not_applicable"
 
 
-def test_a_refused_attitude_is_no_witness_and_every_comparison_says_why():
+def test_a_refused_attitude_is_no_heading_reference_and_every_comparison_says_why():
     t, still = turning(0.0)
     row = flights.row(t, still)
-    trial = flights.trial([row], REST)
-    trial.reference.fault = "ATT disagrees with gravity at rest by 30 deg"
-    trial.reference.refused = {"onboard": trial.reference.fault}
-    answers = metrics.compute(trial, row, ["all"])["all"]
+    case = flights.case([row], REST)
+    case.reference.fault = "ATT disagrees with gravity at rest by 30 deg"
+    case.reference.refused = {"onboard": case.reference.fault}
+    answers = metrics.compute(case, row, ["all"])["all"]
     for name in ("drift_air_deg_per_min.onboard", "lag_ms", "inclination_rmse_deg", "recovery_s"):
         assert answers[name].code == "no_reference"
-        assert answers[name].reason == trial.reference.fault
+        assert answers[name].reason == case.reference.fault
 
 
 def test_wander_is_what_the_mean_drift_leaves():
     t, _ = turning(0.0)
     swing = np.radians(0.2) * np.sin(2 * np.pi * t / 12.0)
     row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.05) * t + swing))
-    answer = wander.compute(flights.trial([row], REST), row, "rest")["wander_deg"]
+    answer = wander.compute(flights.case([row], REST), row, "rest")["wander_deg"]
     assert answer.value == pytest.approx(0.2 / np.sqrt(2), rel=0.1)
     assert answer.ci95[0] < answer.value < answer.ci95[1]
 
@@ -186,11 +191,11 @@ def test_a_reset_of_the_onboard_attitude_at_rest_is_no_drift():
     q = rotation.from_euler(0 * t, 0 * t, heading)
     onboard = Row("onboard", "onboard", t, q, np.zeros(len(t), np.int64), uses_mag=True, estimator="ATT")
     rest = Segment("rest.long", 0.0, 60.0)
-    cut = flights.trial([onboard], [rest, Segment("reset", 32.28, 32.3)])
+    cut = flights.case([onboard], [rest, Segment("reset", 32.28, 32.3)])
     cut.log.attitudes["ATT"] = Attitude(t, q, "ATT")
     cut.log.onboard = "ATT"
     blocks = drift_rest.rest_blocks(cut, onboard, (0.0, 60.0))
     assert abs(drift.slope(blocks).value) < 1e-6
-    uncut = flights.trial([onboard], [rest])
+    uncut = flights.case([onboard], [rest])
     uncut.log.attitudes, uncut.log.onboard = cut.log.attitudes, "ATT"
     assert drift.slope(drift_rest.rest_blocks(uncut, onboard, (0.0, 60.0))).value > 1.0

@@ -7,13 +7,13 @@ from attlog.segments.model import Segment
 from tests.metrics import flights
 
 T = np.arange(0.0, 80.0, 0.01)
-SEGMENTS = [Segment("run", 0, 80), Segment("airborne", 10, 80), Segment("hover", 20, 70)]
+SEGMENTS = [Segment("continuous", 0, 80), Segment("airborne", 10, 80), Segment("hover", 20, 70)]
 
 
 def jitter(roll_deg, segments=SEGMENTS, t=T):
     row = flights.row(t, rotation.from_euler(np.radians(roll_deg) + 0 * t, 0 * t, 0.7))
     turning = rotation.from_euler(0.3 * np.sin(t), 0.2 * np.sin(1.3 * t), 0.7)
-    return hover.compute(flights.trial([row], segments, (t[::4], turning[::4])), row, "hover")["hover_jitter_deg"]
+    return hover.compute(flights.case([row], segments, (t[::4], turning[::4])), row, "hover")["hover_jitter_deg"]
 
 
 @pytest.mark.parametrize(("hz", "share"), [(0.1, 0.0), (1.0, 1.0), (4.0, 1.0), (12.0, 0.0)])

@@ -12,7 +12,7 @@ DELAY = 0.0073
 
 
 def events_of(track):
-    return steps.find(track.t, track.q, track.piece)
+    return steps.find(track.t, track.q, track.segment)
 
 
 @pytest.mark.parametrize("misaligned_deg", [0.0, 3.5])
@@ -89,19 +89,19 @@ def test_the_jackknife_interval_covers_the_true_lag():
     assert 0.88 <= covered <= 1.0
 
 
-def step_trial(est, ref, kind="truth", **fields):
+def step_case(est, ref, kind="truth", **fields):
     row = flights.row(est.t, est.q, **fields)
     end = float(ref.t[-1])
-    return flights.trial([row], [Segment("run", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q), kind), row
+    return flights.case([row], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q), kind), row
 
 
 def test_a_filter_that_follows_half_is_bent_and_its_gain_is_told():
     t, q = motion("steps", 40.0)
     half = rotation.from_rotvec(0.5 * rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[0]), q)))
-    trial, row = step_trial(sampled(t, half, 200.0), sampled(t, q, 25.0))
-    answers = lag.compute(trial, row, "all")
+    case, row = step_case(sampled(t, half, 200.0), sampled(t, q, 25.0))
+    answers = lag.compute(case, row, "all")
     assert answers["lag_ms"].value is None
-    assert answers["lag_ms"].code == "bent"
+    assert answers["lag_ms"].code == "not_a_pure_delay"
     assert answers["step_gain"].value == pytest.approx(0.5, abs=0.01)
     assert "50 %" in answers["lag_ms"].reason
 
@@ -110,7 +110,7 @@ def test_a_frozen_filter_has_no_distortion_and_still_does_not_win_it():
     t, q = motion("steps", 40.0)
     frozen = sampled(t, q, 200.0)
     frozen.q = np.tile(frozen.q[0], (len(frozen.t), 1))
-    answer = lag.compute(*step_trial(frozen, sampled(t, q, 25.0)), "all")["distortion_pct"]
+    answer = lag.compute(*step_case(frozen, sampled(t, q, 25.0)), "all")["distortion_pct"]
     assert answer.value == pytest.approx(0.0, abs=1e-6)
     assert not answer.ranked
 
@@ -118,40 +118,40 @@ def test_a_frozen_filter_has_no_distortion_and_still_does_not_win_it():
 def test_a_causal_filter_that_comes_out_early_against_truth_is_bent_but_not_against_onboard():
     t, q = motion("steps", 40.0)
     early, ref = sampled(t, q, 200.0, delay=-0.02), sampled(t, q, 25.0)
-    assert lag.compute(*step_trial(early, ref), "all")["lag_ms"].code == "bent"
-    onboard = lag.compute(*step_trial(early, ref, kind="onboard"), "all")["lag_ms"]
+    assert lag.compute(*step_case(early, ref), "all")["lag_ms"].code == "not_a_pure_delay"
+    onboard = lag.compute(*step_case(early, ref, kind="onboard"), "all")["lag_ms"]
     assert onboard.value == pytest.approx(-20.0, abs=0.5)
 
 
 def test_a_delay_beyond_the_range_is_no_answer():
     t, q = motion("steps", 40.0)
-    trial, row = step_trial(sampled(t, q, 200.0, delay=0.4), sampled(t, q, 25.0))
-    assert lag.compute(trial, row, "all")["lag_ms"].code == "lag_at_edge"
+    case, row = step_case(sampled(t, q, 200.0, delay=0.4), sampled(t, q, 25.0))
+    assert lag.compute(case, row, "all")["lag_ms"].code == "lag_at_edge"
 
 
 def test_the_input_delay_is_subtracted_once_and_both_numbers_are_told():
     t, q = motion("steps", 40.0)
-    trial, row = step_trial(sampled(t, q, 200.0, delay=0.0113), sampled(t, q, 25.0))
-    trial.reference.input_delay_s = 0.0113
-    told = lag.compute(trial, row, "all")["lag_ms"]
+    case, row = step_case(sampled(t, q, 200.0, delay=0.0113), sampled(t, q, 25.0))
+    case.reference.input_delay_s = 0.0113
+    told = lag.compute(case, row, "all")["lag_ms"]
     assert told.value == pytest.approx(0.0, abs=0.3)
     assert told.detail["fitted_ms"] == pytest.approx(11.3, abs=0.3)
     assert told.detail["input_delay_ms"] == pytest.approx(11.3)
-    trial.reference.input_delay_shared = True
-    assert lag.compute(trial, row, "all")["lag_ms"].value == pytest.approx(11.3, abs=0.3)
+    case.reference.input_delay_shared = True
+    assert lag.compute(case, row, "all")["lag_ms"].value == pytest.approx(11.3, abs=0.3)
 
 
 def test_a_reference_below_5_hz_answers_no_lag():
     t, q = motion("yaw", 40.0)
-    trial, row = step_trial(sampled(t, q, 200.0), sampled(t, q, 4.0))
-    assert lag.compute(trial, row, "all")["lag_ms"].code == "reference_too_slow"
+    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 4.0))
+    assert lag.compute(case, row, "all")["lag_ms"].code == "reference_too_slow"
 
 
 @pytest.mark.parametrize("kind", ["steps", "yaw", "flips"])
 def test_a_slow_row_is_compared_at_its_own_times(kind):
     t, q = motion(kind, 60.0)
-    trial, row = step_trial(sampled(t, q, 10.0, delay=0.02), sampled(t, q, 200.0))
-    told = lag.compute(trial, row, "all")
+    case, row = step_case(sampled(t, q, 10.0, delay=0.02), sampled(t, q, 200.0))
+    told = lag.compute(case, row, "all")
     assert told["lag_ms"].value == pytest.approx(20.0, abs=2.0)
     assert told["step_gain"].value == pytest.approx(1.0, abs=0.01)
     assert told["distortion_pct"].value < 2.0
@@ -159,7 +159,7 @@ def test_a_slow_row_is_compared_at_its_own_times(kind):
 
 def test_two_events_are_too_few_and_none_is_none():
     t, q = motion("yaw", 10.5)
-    answers = lag.compute(*step_trial(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")
+    answers = lag.compute(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")
     assert answers["lag_yaw_ms"].code == "too_few_events"
     assert answers["lag_roll_ms"].code == "no_events"
 
@@ -167,26 +167,26 @@ def test_two_events_are_too_few_and_none_is_none():
 def test_lag_does_not_change_with_heading():
     t, q = motion("steps", 30.0)
     turned = rotation.turn_about_down(q, 2.0)
-    one = lag.compute(*step_trial(sampled(t, q, 200.0, DELAY), sampled(t, q, 25.0)), "all")["lag_ms"]
-    two = lag.compute(*step_trial(sampled(t, turned, 200.0, DELAY), sampled(t, turned, 25.0)), "all")["lag_ms"]
+    one = lag.compute(*step_case(sampled(t, q, 200.0, DELAY), sampled(t, q, 25.0)), "all")["lag_ms"]
+    two = lag.compute(*step_case(sampled(t, turned, 200.0, DELAY), sampled(t, turned, 25.0)), "all")["lag_ms"]
     assert one.value == pytest.approx(two.value, abs=1e-6)
 
 
 def test_no_movement_is_said_in_a_pilots_words():
     t = np.arange(0.0, 40.0, 0.02)
     still = sampled(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), 25.0)
-    trial, row = step_trial(still, still)
-    told = lag.compute(trial, row, "airborne")["lag_ms"].reason
+    case, row = step_case(still, still)
+    told = lag.compute(case, row, "airborne")["lag_ms"].reason
     assert told.startswith("no quick movement in flight from 0 s on; turns of 5 deg")
-    del trial.segments.segments[1]
-    told = lag.compute(trial, row, "airborne")["lag_ms"].reason
+    del case.segments.segments[1]
+    told = lag.compute(case, row, "airborne")["lag_ms"].reason
     assert told == "the vehicle was never airborne (as far as the log tells)"
-    trial.segments.notes["airborne"] = "a boat does not fly"
-    assert lag.compute(trial, row, "airborne")["lag_ms"].reason == "a boat does not fly"
+    case.segments.notes["airborne"] = "a boat does not fly"
+    assert lag.compute(case, row, "airborne")["lag_ms"].reason == "a boat does not fly"
 
 
 def test_a_refused_reference_is_not_called_missing():
     t, q = motion("steps", 20.0)
-    trial, row = step_trial(sampled(t, q, 200.0), sampled(t, q, 25.0))
-    trial.reference.kind, trial.reference.fault = "none", "ATT never changes while the gyro turns"
-    assert lag.compute(trial, row, "all")["lag_ms"].reason == trial.reference.fault
+    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
+    case.reference.kind, case.reference.fault = "none", "ATT never changes while the gyro turns"
+    assert lag.compute(case, row, "all")["lag_ms"].reason == case.reference.fault

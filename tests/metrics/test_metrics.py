@@ -45,25 +45,25 @@ def made_up(turn=0.0, seed=0):
         )
     rows[1].bias = np.zeros((len(at), 3)) + 1e-3
     segments = [
-        Segment("run", 0, 130), Segment("rest.long", 0, 69), Segment("airborne", 72, 129), Segment("armed", 70, 130),
+        Segment("continuous", 0, 130), Segment("rest.long", 0, 69), Segment("airborne", 72, 129), Segment("armed", 70, 130),
         Segment("hover", 72, 80), Segment("idle", 69, 71),
     ]  # fmt: skip
     reference = t[::16], rotation.turn_about_down(q, turn)[::16]
-    trial = flights.trial(rows, segments, reference, scoring_start=15.0)
+    case = flights.case(rows, segments, reference, scoring_start=15.0)
     gyro = Stream(at, 1e-3 * rng.standard_normal((len(at), 3)), "rad/s", "FRD", "imu")
     acc = Stream(at, np.tile([0.0, 0.0, -9.81], (len(at), 1)), "m/s^2", "FRD", "imu")
-    trial.log.imus, trial.log.imu = [Imu(0, gyro, acc)], 0
-    return trial
+    case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
+    return case
 
 
 @pytest.fixture(scope="module")
-def trial():
+def case():
     return made_up()
 
 
 @pytest.fixture(scope="module")
-def table(trial):
-    return {row.name: metrics.compute(trial, row, [*WINDOWS, "75:100"]) for row in trial.rows}
+def table(case):
+    return {row.name: metrics.compute(case, row, [*WINDOWS, "75:100"]) for row in case.rows}
 
 
 def test_the_names_that_users_rely_on_are_defined_and_carry_their_unit():
@@ -99,8 +99,8 @@ def test_every_value_has_its_evidence_and_every_absence_its_reason(table):
             assert json.dumps(plain(answers), allow_nan=False)
 
 
-def test_the_quick_and_quiet_filter_leads_where_it_should(trial, table):
-    marks = metrics.best(table, trial.rows)["all"]
+def test_the_quick_and_quiet_filter_leads_where_it_should(case, table):
+    marks = metrics.best(table, case.rows)["all"]
     for column in (
         "noise_roll_deg",
         "noise_pitch_deg",
@@ -131,14 +131,14 @@ def test_the_same_log_gives_the_same_numbers(table):
     }
 
 
-def test_traces_have_the_columns_that_the_figures_draw(trial):
+def test_traces_have_the_columns_that_the_figures_draw(case):
     columns = {
         "attitude": {"roll", "pitch", "heading"}, "difference": {"total", "heading", "inclination", "roll", "pitch"},
         "rest": {"roll", "pitch", "heading"}, "drift": {"heading", "line"},
         "allan": {"tau", "deviation", "low", "high"},
         "step": {"est", "ref"}, "bias": {"x", "y", "z"},
     }  # fmt: skip
-    found = metrics.traces(trial, trial.rows)
+    found = metrics.traces(case, case.rows)
     for trace in found:
         if trace.figure in columns:
             assert set(trace.columns) == columns[trace.figure]
@@ -148,7 +148,7 @@ def test_traces_have_the_columns_that_the_figures_draw(trial):
     step = next(t for t in found if t.figure == "step")
     axis, _, onset = step.key.partition("@")
     assert axis in ("roll", "pitch", "yaw")
-    assert any(abs(float(onset) - event.onset) < 0.01 for event in steps.of_trial(trial))
+    assert any(abs(float(onset) - event.onset) < 0.01 for event in steps.of_trial(case))
     assert step.columns["ref"][-1] > step.columns["ref"][0]
     np.testing.assert_allclose(step.columns["est"], step.columns["ref"], atol=0.5)
 
@@ -156,15 +156,15 @@ def test_traces_have_the_columns_that_the_figures_draw(trial):
 def test_a_log_with_nothing_in_it_gives_codes_only():
     t = np.arange(0.0, 1.0, 0.01)
     row = flights.row(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))
-    empty = flights.trial([row], [])
+    empty = flights.case([row], [])
     answers = metrics.compute(empty, row, WINDOWS)["all"]
     assert all(a.value is None for a in answers.values())
     assert len(metrics.traces(empty, [row])) == 1
     nothing = flights.row(np.zeros(0), np.zeros((0, 4)))
-    assert all(a.value is None for a in metrics.compute(flights.trial([nothing], []), nothing, ["all"])["all"].values())
+    assert all(a.value is None for a in metrics.compute(flights.case([nothing], []), nothing, ["all"])["all"].values())
 
 
-def test_a_filter_that_turned_nan_breaks_nothing(trial):
+def test_a_filter_that_turned_nan_breaks_nothing(case):
     broken = made_up()
     row = broken.rows[0]
     row.q[len(row.q) // 2 :] = np.nan
@@ -192,8 +192,8 @@ def test_a_filter_scored_on_its_good_half_says_so_and_is_not_best():
 def test_the_documentation_names_every_metric():
     text = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
     for name in metrics.definitions():
-        stem, dot, witness = name.partition(".")
-        known = f"{stem}.WITNESS" in text and witness in text if dot else f"`{name}`" in text
+        stem, dot, heading_reference = name.partition(".")
+        known = f"{stem}.HEADING_REFERENCE" in text and heading_reference in text if dot else f"`{name}`" in text
         statistic = next((s for s in ("_median_", "_p95_", "_max_") if s in name), None)
         assert known or (statistic and f"`{statistic}`" in text and f"`{name.replace(statistic, '_rmse_')}`" in text), (
             name

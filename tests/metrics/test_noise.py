@@ -72,13 +72,13 @@ def still(sigma_deg, seconds=60.0, hz=100.0, seed=0, tilt=0.1):
     return t, rotation.multiply(rotation.from_euler(tilt, -tilt, 2.0), rotation.from_rotvec(wobble))
 
 
-REST = [Segment("run", 0, 60), Segment("rest.long", 0, 40), Segment("idle", 40, 45), Segment("airborne", 46, 60)]
+REST = [Segment("continuous", 0, 60), Segment("rest.long", 0, 40), Segment("idle", 40, 45), Segment("airborne", 46, 60)]
 
 
 @pytest.mark.parametrize("sigma", [0.002, 0.01, 0.1])
 def test_noise_is_told_in_degrees_per_axis(sigma):
     row = flights.row(*still(sigma))
-    answers = noise.compute(flights.trial([row], REST), row, "rest")
+    answers = noise.compute(flights.case([row], REST), row, "rest")
     for axis in ("roll", "pitch", "heading"):
         answer = answers[f"noise_{axis}_deg"]
         assert answer.value == pytest.approx(sigma, rel=0.05)
@@ -89,42 +89,42 @@ def test_noise_is_told_in_degrees_per_axis(sigma):
 def test_noise_does_not_depend_on_where_north_is():
     t, q = still(0.01)
     rows = [flights.row(t, q), flights.row(t, rotation.turn_about_down(q, 1.3))]
-    one, two = (noise.compute(flights.trial([r], REST), r, "all") for r in rows)
+    one, two = (noise.compute(flights.case([r], REST), r, "all") for r in rows)
     assert {k: a.value for k, a in one.items()} == pytest.approx({k: a.value for k, a in two.items()}, rel=1e-9)
 
 
 def test_a_slow_drift_is_not_noise():
     t, q = still(0.001)
     row = flights.row(t, rotation.turn_about_down(q, np.radians(0.1) * t))
-    assert noise.compute(flights.trial([row], REST), row, "rest")["noise_heading_deg"].value < 0.0012
+    assert noise.compute(flights.case([row], REST), row, "rest")["noise_heading_deg"].value < 0.0012
 
 
 def test_rest_begins_5_s_after_the_rows_own_start():
     t, q = still(0.001)
     q[t < 4.0] = rotation.from_euler(np.radians(30) * np.sin(t[t < 4.0]), 0, 0)
     row = flights.row(t, q)
-    assert noise.compute(flights.trial([row], REST), row, "rest")["noise_roll_deg"].value < 0.0012
+    assert noise.compute(flights.case([row], REST), row, "rest")["noise_roll_deg"].value < 0.0012
 
 
 def test_motors_turning_are_told_apart_and_flight_is_never_rest():
     row = flights.row(*still(0.01))
-    trial = flights.trial([row], REST)
-    assert noise.compute(trial, row, "airborne") == {}
-    assert noise.compute(trial, row, "hover") == {}
-    assert noise.compute(trial, row, "idle")["noise_roll_deg"].seconds == pytest.approx(5.0, abs=0.1)
-    assert noise.compute(trial, row, "rest")["noise_roll_deg"].seconds == pytest.approx(35.0, abs=0.2)
+    case = flights.case([row], REST)
+    assert noise.compute(case, row, "airborne") == {}
+    assert noise.compute(case, row, "hover") == {}
+    assert noise.compute(case, row, "idle")["noise_roll_deg"].seconds == pytest.approx(5.0, abs=0.1)
+    assert noise.compute(case, row, "rest")["noise_roll_deg"].seconds == pytest.approx(35.0, abs=0.2)
 
 
 def test_no_rest_is_a_code_and_a_sentence():
     row = flights.row(*still(0.01))
-    answer = noise.compute(flights.trial([row], REST[:1]), row, "rest")["noise_roll_deg"]
+    answer = noise.compute(flights.case([row], REST[:1]), row, "rest")["noise_roll_deg"]
     assert answer.code == "no_rest"
     assert "10 s" in answer.reason
 
 
 def test_why_there_is_no_rest_is_said_without_names_of_windows():
     row = flights.row(*still(0.01))
-    early = flights.trial([row], [Segment("run", 0, 60), Segment("rest.short", 0, 4)])
+    early = flights.case([row], [Segment("continuous", 0, 60), Segment("rest.short", 0, 4)])
     told = [noise.compute(early, row, window)["noise_roll_deg"].reason for window in ("rest", "rest.long", "2:9")]
     assert told == [
         "there is no rest later than 5 s after the filter's start",
@@ -137,10 +137,10 @@ def test_the_step_of_logged_values_is_taken_out_and_noise_below_it_is_not_ranked
     t, q = still(0.02)
     euler = np.radians(np.round(np.degrees(rotation.to_euler(q)) / 0.05) * 0.05)
     coarse = flights.row(t, rotation.from_euler(*euler.T), step_deg=0.05)
-    answer = noise.compute(flights.trial([coarse], REST), coarse, "rest")["noise_roll_deg"]
+    answer = noise.compute(flights.case([coarse], REST), coarse, "rest")["noise_roll_deg"]
     assert not answer.ranked or answer.value == pytest.approx(0.02, rel=0.15)
     quiet = flights.row(*still(0.001), step_deg=0.05)
-    answer = noise.compute(flights.trial([quiet], REST), quiet, "rest")["noise_roll_deg"]
+    answer = noise.compute(flights.case([quiet], REST), quiet, "rest")["noise_roll_deg"]
     assert not answer.ranked
     assert "step" in answer.reason
 
@@ -153,9 +153,9 @@ def test_a_frozen_filter_does_not_win():
     honest = rotation.multiply(truth, rotation.from_rotvec(1e-4 * rng.standard_normal((len(t), 3))))
     frozen = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)) + 0 * honest
     rows = [flights.row(t, honest, "honest"), flights.row(t, frozen, "frozen"), flights.row(t, honest, "twin")]
-    trial = flights.trial(rows, REST, (t[::4], truth[::4]))
+    case = flights.case(rows, REST, (t[::4], truth[::4]))
     for axis in ("roll", "pitch", "heading"):
-        column = {r.name: noise.compute(trial, r, "rest")[f"noise_{axis}_deg"] for r in rows}
+        column = {r.name: noise.compute(case, r, "rest")[f"noise_{axis}_deg"] for r in rows}
         assert column["frozen"].value < column["honest"].value
         assert not column["frozen"].ranked
         assert leaders(column, "low") == ["honest", "twin"]
@@ -170,54 +170,54 @@ def test_a_filter_that_never_moved_is_ranked_by_a_probe_and_only_if_it_can_be_re
     for name in ("gyro", "mahony"):
         found = estimators.estimate(name, t, gyro.x, acc.x)
         rows.append(flights.row(found.t, found.q, name, estimator=name))
-    trial = flights.trial(rows, [Segment("run", 0, 20), Segment("rest.long", 0, 20)])
-    trial.log.imus, trial.log.imu = [Imu(0, gyro, acc)], 0
+    case = flights.case(rows, [Segment("continuous", 0, 20), Segment("rest.long", 0, 20)])
+    case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
     for row in rows:
-        np.testing.assert_allclose(probe.gains(trial, row), 1.0, atol=0.03)
-        assert noise.compute(trial, row, "rest")["noise_roll_deg"].ranked
+        np.testing.assert_allclose(probe.gains(case, row), 1.0, atol=0.03)
+        assert noise.compute(case, row, "rest")["noise_roll_deg"].ranked
     rows[0].estimator = "unknown-file"
-    trial.cache.clear()
-    assert not noise.compute(trial, rows[0], "rest")["noise_roll_deg"].ranked
+    case.cache.clear()
+    assert not noise.compute(case, rows[0], "rest")["noise_roll_deg"].ranked
 
 
 def telemetry(sigma, step, seed=0):
-    """A trial at rest with a 10 Hz gyro of white noise (rad/s) logged in steps, and the row that integrates it."""
+    """A case at rest with a 10 Hz gyro of white noise (rad/s) logged in steps, and the row that integrates it."""
     t = np.arange(0.0, 60.0, 0.1)
     gyro = step * np.round(np.random.default_rng(seed).normal(0.0, sigma, (len(t), 3)) / step)
     acc = np.tile([0.0, 0.0, -9.81], (len(t), 1))
     found = estimators.estimate("gyro", t, gyro, acc)
     row = flights.row(found.t, found.q, "gyro", estimator="gyro")
-    trial = flights.trial([row], [Segment("run", 0, 60), Segment("rest.long", 0, 59)])
-    trial.log.imus = [Imu(0, Stream(t, gyro, "rad/s", "FRD", "RAW_IMU"), Stream(t, acc, "m/s^2", "FRD", "RAW_IMU"))]
-    trial.log.imu = 0
-    return trial, row
+    case = flights.case([row], [Segment("continuous", 0, 60), Segment("rest.long", 0, 59)])
+    case.log.imus = [Imu(0, Stream(t, gyro, "rad/s", "FRD", "RAW_IMU"), Stream(t, acc, "m/s^2", "FRD", "RAW_IMU"))]
+    case.log.imu = 0
+    return case, row
 
 
 @pytest.mark.parametrize("sigma", [2e-4, 3e-3])
 def test_noise_that_the_steps_of_the_logged_gyro_hide_is_not_ranked(sigma):
     """Telemetry in mrad/s: a gyro that shows one value at rest makes the filter that only integrates it perfect."""
-    trial, row = telemetry(sigma, 1e-3)
-    trial.log.imus[0].gyro.x[-5:] = 0.02  # the vehicle moves at the end, in steps too
-    answer = noise.compute(trial, row, "rest")["noise_roll_deg"]
+    case, row = telemetry(sigma, 1e-3)
+    case.log.imus[0].gyro.x[-5:] = 0.02  # the vehicle moves at the end, in steps too
+    answer = noise.compute(case, row, "rest")["noise_roll_deg"]
     assert answer.ranked == (sigma > 1e-3)
     assert answer.ranked or "steps of the logged gyro" in answer.reason
 
 
 def test_the_noise_that_steps_hide_is_that_of_half_a_step_of_rate_noise():
-    trial, row = telemetry(3e-3, 1e-3)
+    case, row = telemetry(3e-3, 1e-3)
     rate = np.degrees(0.5e-3) * np.random.default_rng(2).standard_normal((50, 1000))
     residual = noise.detrended(row.t[:50], 0.1 * np.cumsum(rate, axis=0))
-    assert noise.hidden_deg(trial)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
+    assert noise.quantisation_floor_deg(case)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
 
 
 def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
     t, q = still(0.01)
     row = flights.row(t, q)
-    trial = flights.trial([row], REST, reference=(t, q))
+    case = flights.case([row], REST, reference=(t, q))
     frozen, level = np.zeros((len(t), 3)), np.tile([0.0, 0.0, -9.81], (len(t), 1))
-    trial.log.imus = [Imu(0, Stream(t, frozen, "rad/s", "FRD", "x"), Stream(t, level, "m/s^2", "FRD", "x"))]
-    trial.log.imu = 0
-    answer = noise.compute(trial, row, "rest")["noise_roll_deg"]
+    case.log.imus = [Imu(0, Stream(t, frozen, "rad/s", "FRD", "x"), Stream(t, level, "m/s^2", "FRD", "x"))]
+    case.log.imu = 0
+    answer = noise.compute(case, row, "rest")["noise_roll_deg"]
     assert (answer.ranked, "never changes" in answer.reason) == (False, True)
     assert np.isfinite(answer.detail["floor_deg"])
 
@@ -229,8 +229,8 @@ def test_a_users_file_is_probed_itself_also_where_it_bears_the_name_of_a_built_i
         "def start(params, acc, mag, q0):\n    return q0\n"
         "def step(state, params, dt, gyr, acc, mag):\n    state[0] = 1.0\n"
     )
-    trial, row = telemetry(3e-3, 1e-3)
+    case, row = telemetry(3e-3, 1e-3)
     for name, gain in (("mahony", 1.0), (str(file), 0.0)):
         row.estimator = name
-        trial.cache.clear()
-        np.testing.assert_allclose(probe.gains(trial, row), gain, atol=0.1)  # half a sample of 10 Hz
+        case.cache.clear()
+        np.testing.assert_allclose(probe.gains(case, row), gain, atol=0.1)  # half a sample of 10 Hz

@@ -8,18 +8,18 @@ from attlog.segments.model import Segment
 from tests.metrics import flights
 
 T = np.arange(0.0, 100.0, 0.02)
-SEGMENTS = [Segment("run", 0, 100), Segment("airborne", 10, 100)]
+SEGMENTS = [Segment("continuous", 0, 100), Segment("airborne", 10, 100)]
 
 
 def recovered(tilt_deg, force=1.0, vibration=0.0):
     """The answer of a row with this tilt error, in a flight with ``force`` g from 50 to 52 s."""
     level = rotation.from_euler(0 * T, 0 * T, 0.7)
     row = flights.row(T, rotation.from_euler(np.radians(tilt_deg) + 0 * T, 0 * T, 0.7))
-    trial = flights.trial([row], SEGMENTS, (T[::2], level[::2]), scoring_start=15.0)
+    case = flights.case([row], SEGMENTS, (T[::2], level[::2]), scoring_start=15.0)
     size = np.where((T >= 50) & (T < 52), force, 1.0) + vibration * np.sin(2 * np.pi * 20.0 * T)
     acc = Stream(T, -9.81 * size[:, None] * [0.0, 0.0, 1.0], "m/s^2", "FRD", "imu")
-    trial.log.imus, trial.log.imu = [Imu(0, Stream(T, np.zeros((len(T), 3)), "rad/s", "FRD", "imu"), acc)], 0
-    return recovery.compute(trial, row, "all")["recovery_s"]
+    case.log.imus, case.log.imu = [Imu(0, Stream(T, np.zeros((len(T), 3)), "rad/s", "FRD", "imu"), acc)], 0
+    return recovery.compute(case, row, "all")["recovery_s"]
 
 
 def test_recovery_lasts_until_the_error_is_within_2_deg_of_what_it_was():

@@ -8,14 +8,14 @@ from tests.metrics import flights
 
 T = np.arange(0.0, 100.0, 0.02)
 LEVEL = rotation.from_euler(0.0 * T, 0.0 * T, 0.7)
-SEGMENTS = [Segment("run", 0, 100), Segment("airborne", 40, 100), Segment("hover", 60, 70)]
+SEGMENTS = [Segment("continuous", 0, 100), Segment("airborne", 40, 100), Segment("hover", 60, 70)]
 
 
 def answers(roll_deg, heading_deg=0.0, window="all", **fields):
     q = rotation.from_euler(np.radians(roll_deg) + 0 * T, 0 * T, 0.7 + np.radians(heading_deg) + 0 * T)
     row = flights.row(T, q, **fields)
-    trial = flights.trial([row], SEGMENTS, (T[::5], LEVEL[::5]), scoring_start=15.0)
-    return rmse.compute(trial, row, window)
+    case = flights.case([row], SEGMENTS, (T[::5], LEVEL[::5]), scoring_start=15.0)
+    return rmse.compute(case, row, window)
 
 
 def test_angles_are_told_apart_in_degrees():
@@ -74,23 +74,23 @@ def test_intervals_cover_the_value_of_the_process(statistic):
 def test_a_heading_whose_offset_was_removed_is_not_ranked_among_those_with_a_north():
     q = rotation.from_euler(0.01 + 0 * T, 0 * T, 0.7)
     rows = [flights.row(T, q, "gyro", heading_offset_deg=30.0), flights.row(T, q, "mahony")]
-    trial = flights.trial(rows, SEGMENTS, (T[::5], LEVEL[::5]))
-    assert not rmse.compute(trial, rows[0], "all")["heading_rmse_deg"].ranked
-    assert rmse.compute(trial, rows[0], "all")["inclination_rmse_deg"].ranked
-    alone = flights.trial(rows[:1], SEGMENTS, (T[::5], LEVEL[::5]))
+    case = flights.case(rows, SEGMENTS, (T[::5], LEVEL[::5]))
+    assert not rmse.compute(case, rows[0], "all")["heading_rmse_deg"].ranked
+    assert rmse.compute(case, rows[0], "all")["inclination_rmse_deg"].ranked
+    alone = flights.case(rows[:1], SEGMENTS, (T[::5], LEVEL[::5]))
     assert rmse.compute(alone, rows[0], "all")["heading_rmse_deg"].ranked
 
 
 def test_without_a_reference_there_is_a_code():
     row = flights.row(T, LEVEL)
-    assert rmse.compute(flights.trial([row], SEGMENTS), row, "all")["total_rmse_deg"].code == "no_reference"
-    trial = flights.trial([row], SEGMENTS, (T, LEVEL), "onboard")
+    assert rmse.compute(flights.case([row], SEGMENTS), row, "all")["total_rmse_deg"].code == "no_reference"
+    case = flights.case([row], SEGMENTS, (T, LEVEL), "onboard")
     row.is_reference = True
-    assert rmse.compute(trial, row, "all")["total_rmse_deg"].code == "not_applicable"
+    assert rmse.compute(case, row, "all")["total_rmse_deg"].code == "not_applicable"
 
 
 def test_float32_quaternions_are_not_read_as_error():
     q = rotation.from_euler(0.3 * np.sin(T), 0.2 * np.cos(T), 0.05 * T)
     row = flights.row(T, rotation.normalize(q.astype(np.float32)))
-    trial = flights.trial([row], SEGMENTS, (T[::5], q[::5]))
-    assert rmse.compute(trial, row, "all")["total_rmse_deg"].value < 1e-4
+    case = flights.case([row], SEGMENTS, (T[::5], q[::5]))
+    assert rmse.compute(case, row, "all")["total_rmse_deg"].value < 1e-4

@@ -19,8 +19,8 @@ def answers(factor_after):
     ref, row = sampled(t, q, 50.0), sampled(t, rotation.from_euler(0.02, -0.03, est), 200.0)
     made = flights.row(row.t, row.q)
     end = float(ref.t[-1])
-    trial = flights.trial([made], [Segment("run", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q))
-    return settling.compute(trial, made, "all")
+    case = flights.case([made], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q))
+    return settling.compute(case, made, "all")
 
 
 def test_a_row_that_follows_exactly_settles_at_once_without_overshoot():

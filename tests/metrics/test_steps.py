@@ -9,7 +9,7 @@ from tests.metrics.motions import motion, sampled, vehicle
 
 
 def find(track):
-    return steps.find(track.t, track.q, track.piece)
+    return steps.find(track.t, track.q, track.segment)
 
 
 @pytest.mark.parametrize("hz", [10.0, 25.0, 250.0])
@@ -43,7 +43,7 @@ def test_no_event_without_half_a_second_of_the_same_piece_before_it():
     t, q = motion("yaw", 16.0)
     track = sampled(t, q, 50.0)
     whole = find(track)
-    track.piece = (track.t > whole[1].onset - 0.3).astype(np.int64)
+    track.segment = (track.t > whole[1].onset - 0.3).astype(np.int64)
     assert [e.onset for e in find(track)] == [e.onset for e in whole if e is not whole[1]]
 
 

@@ -8,7 +8,7 @@ import pytest
 from attlog import rotation, segments
 from attlog.errors import UsageError
 from attlog.flight.model import Attitude, TimeLine
-from attlog.reference import Options, Reference, choose, witnesses
+from attlog.reference import Options, Reference, choose, heading_references
 from attlog.segments.model import Segment, Segments
 
 from .flights import SECONDS, attitude_at, flight, sampled
@@ -102,7 +102,7 @@ def test_a_truth_that_gravity_contradicts_gives_way_to_the_onboard_attitude():
     assert reference.source == "ATT"
     assert "truth refused: SIM disagrees with gravity" in reference.steps[0].text
     assert list(reference.refused) == ["truth"]
-    assert list(witnesses(log, segments.build(log), reference, [])) == ["onboard"]
+    assert list(heading_references(log, segments.build(log), reference, [])) == ["onboard"]
 
 
 def test_a_truth_that_never_moves_while_the_gyro_turns_is_none():
@@ -130,7 +130,7 @@ def test_the_first_seconds_after_a_restart_are_not_scored():
     reference = chosen(log)
     assert reference.unscored == [(pytest.approx(21.0, abs=0.02), pytest.approx(36.0, abs=0.02))]
     assert "1 restarts" in step(reference, "scoring_start").text
-    assert np.unique(reference.run).tolist() == [0, 1]
+    assert np.unique(reference.gap_segment).tolist() == [0, 1]
 
 
 def test_comparisons_end_at_an_impact():
@@ -149,9 +149,9 @@ def test_pieces_end_at_resets_and_gaps_and_runs_at_gaps_only():
     keep = (attitude.t < 40) | (attitude.t > 43)
     attitude.t, attitude.q = attitude.t[keep], attitude.q[keep]
     reference = chosen(log)
-    assert np.unique(reference.run).tolist() == [0, 1]
-    assert np.unique(reference.piece).tolist() == [0, 1, 2]
-    assert reference.t[np.argmax(reference.piece == 1)] == pytest.approx(30.0)
+    assert np.unique(reference.gap_segment).tolist() == [0, 1]
+    assert np.unique(reference.segment).tolist() == [0, 1, 2]
+    assert reference.t[np.argmax(reference.segment == 1)] == pytest.approx(30.0)
     assert step(reference, "resets").value == 1.0
 
 

@@ -14,11 +14,13 @@ from attlog.reference.model import Reference
 from .flights import attitude_at, compared, estimate, flight, sampled
 
 
-def reference_of(t, q, piece=None, run=None) -> Reference:
+def reference_of(t, q, segment=None, run=None) -> Reference:
     """A reference without a log."""
     zeros = np.zeros(len(t), np.int64)
     rate = (len(t) - 1) / (t[-1] - t[0])
-    return Reference("truth", "SIM", t, q, zeros if run is None else run, zeros if piece is None else piece, rate=rate)
+    return Reference(
+        "truth", "SIM", t, q, zeros if run is None else run, zeros if segment is None else segment, rate=rate
+    )
 
 
 def errors(t, q, ref, run=None):
@@ -53,27 +55,27 @@ def test_nothing_is_compared_across_a_gap_of_the_row():
     found = errors(t, attitude_at(t), ref)
     assert not np.any((found.t > 30.0) & (found.t < 30.3))
     assert found.total.max() < 0.01
-    assert np.unique(found.run).tolist() == [0, 1]
+    assert np.unique(found.gap_segment).tolist() == [0, 1]
 
 
 def test_nothing_is_compared_across_a_gap_or_reset_of_the_reference():
     slow = sampled(10.0)
-    piece = (slow.t >= 30.0).astype(np.int64)
-    q = np.where(piece[:, None], rotation.turn_about_down(slow.q, np.radians(40.0)), slow.q)
-    ref = reference_of(slow.t, q, piece)
+    segment = (slow.t >= 30.0).astype(np.int64)
+    q = np.where(segment[:, None], rotation.turn_about_down(slow.q, np.radians(40.0)), slow.q)
+    ref = reference_of(slow.t, q, segment)
     own = np.arange(0.05, 59, 0.1)
     found = errors(own, attitude_at(own), ref)
     assert not np.any((found.t > 29.9) & (found.t < 30.0))
     assert set(np.round(found.heading, 1)) <= {0.0, -0.0, -40.0}
-    assert np.flatnonzero(np.diff(found.piece)).tolist() == [np.searchsorted(found.t, 30.0) - 1]
+    assert np.flatnonzero(np.diff(found.segment)).tolist() == [np.searchsorted(found.t, 30.0) - 1]
 
 
 def test_a_restart_of_the_row_begins_a_run():
     ref = reference_of((slow := sampled(20.0)).t, slow.q)
     t = np.arange(0, 60, 0.01)
     found = errors(t, attitude_at(t), ref, (t >= 25).astype(np.int64))
-    assert found.run[-1] == 1
-    assert found.t[np.argmax(found.run == 1)] == pytest.approx(25.0, abs=0.051)
+    assert found.gap_segment[-1] == 1
+    assert found.t[np.argmax(found.gap_segment == 1)] == pytest.approx(25.0, abs=0.051)
 
 
 def test_heading_errors_wrap_and_never_read_as_a_full_turn():

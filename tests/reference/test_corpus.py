@@ -12,7 +12,7 @@ import attlog
 from attlog import segments
 from attlog.errors import AttlogError
 from attlog.flight.model import FlightLog
-from attlog.reference import Options, Reference, choose, onboard_rows, seen_deg, witnesses
+from attlog.reference import Options, Reference, choose, heading_references, onboard_rows, seen_deg
 from tests.conftest import corpus_logs, corpus_root
 
 ROOT = corpus_root()
@@ -60,12 +60,12 @@ def test_the_declination_seen_by_truth_is_the_simulators(row):
     true = float(row["declination_true"])
     assert seen_deg(log, reference) == pytest.approx(true, abs=0.5)
     assert reference.declination_deg == pytest.approx(true, abs=2.2)
-    heading = witnesses(log, found, reference, [])["mag"].heading_deg - reference.declination_deg + true
-    witness = witnesses(log, found, reference, [])["mag"]
-    truth = witnesses(log, found, reference, [])["truth"]
-    at = np.interp(witness.t, truth.t, np.unwrap(np.radians(truth.heading_deg)))
+    heading = heading_references(log, found, reference, [])["mag"].heading_deg - reference.declination_deg + true
+    heading_reference = heading_references(log, found, reference, [])["mag"]
+    truth = heading_references(log, found, reference, [])["truth"]
+    at = np.interp(heading_reference.t, truth.t, np.unwrap(np.radians(truth.heading_deg)))
     off = np.degrees(np.angle(np.exp(1j * (np.radians(heading) - at))))
-    assert abs(np.median(off[witness.t > reference.scoring_start])) < 0.5
+    assert abs(np.median(off[heading_reference.t > reference.scoring_start])) < 0.5
 
 
 @pytest.mark.slow
@@ -108,10 +108,10 @@ def test_every_log_gets_a_reference_or_a_reason(path):
     found = segments.build(log)
     reference = choose(log, found)
     assert reference.kind != "none" or reference.steps[0].text
-    assert len(reference.t) == len(reference.q) == len(reference.run) == len(reference.piece)
+    assert len(reference.t) == len(reference.q) == len(reference.gap_segment) == len(reference.segment)
     assert np.isfinite(reference.q).all()
     assert np.all(np.diff(reference.t) > 0)
     for row in onboard_rows(log, found, reference):
         assert row.errors is None or np.isfinite(row.errors.total).all()
-    for witness in witnesses(log, found, reference, []).values():
-        assert np.isfinite(witness.heading_deg).all()
+    for heading_reference in heading_references(log, found, reference, []).values():
+        assert np.isfinite(heading_reference.heading_deg).all()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from attlog import segments
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, Gnss, Mag, Stream, TimeLine
-from attlog.reference import choose, onboard_rows, replayed, witnesses
+from attlog.reference import choose, heading_references, onboard_rows, replayed
 from tests.segments.flights import imu_log
 
 count = st.integers(0, 40)
@@ -75,12 +75,12 @@ def test_nothing_in_a_log_breaks_the_comparison(log, e):
     found = segments.build(log)
     assert all(s.t1 >= s.t0 and s.kind in segments.KINDS and s.why for s in found.segments)
     reference = choose(log, found)
-    assert len(reference.t) == len(reference.q) == len(reference.piece) == len(reference.run)
+    assert len(reference.t) == len(reference.q) == len(reference.segment) == len(reference.gap_segment)
     rows = onboard_rows(log, found, reference)
     t = e.draw(times(1))
     rows.append(replayed(log, found, reference, Estimate(t, filled(e.draw, len(t), 4)), name="made", uses_mag=False))
     for row in rows:
         assert row.coverage_pct is None or 0 <= row.coverage_pct <= 100
         assert row.errors is None or np.isfinite(row.errors.heading).all()
-    for witness in witnesses(log, found, reference, rows).values():
-        assert np.isfinite(witness.heading_deg).all()
+    for heading_reference in heading_references(log, found, reference, rows).values():
+        assert np.isfinite(heading_reference.heading_deg).all()

@@ -122,11 +122,11 @@ def test_with_unknown_declination_magnetic_headings_are_compared_without_offset(
 def test_each_restart_has_an_offset_of_its_own():
     run = (T >= 30.0).astype(np.int64)
     e = estimate(heading_deg=np.where(run == 1, -60.0, 20.0))
-    e.run = run
+    e.segment = run
     row, _, _ = compared(flight(), e, uses_mag=False)
     assert row.errors is not None
     assert np.abs(row.errors.heading).max() < 0.1
-    assert "in each of 2 runs" in row.steps[-1].text
+    assert "in each of 2 segments" in row.steps[-1].text
 
 
 def test_a_reset_of_the_reference_is_no_error_of_a_gyro_filter():
@@ -136,7 +136,7 @@ def test_a_reset_of_the_reference_is_no_error_of_a_gyro_filter():
     after = attitude.t >= 40.0
     attitude.q[after] = rotation.turn_about_down(attitude.q[after], np.radians(50.0))
     row, reference, _ = compared(log, estimate(heading_deg=10.0), uses_mag=False)
-    assert np.unique(reference.piece).tolist() == [0, 1]
+    assert np.unique(reference.segment).tolist() == [0, 1]
     assert row.errors is not None
     assert np.abs(row.errors.heading).max() < 0.2
     assert "1 resets of the reference not counted" in row.steps[-1].text

@@ -74,5 +74,5 @@ def test_nothing_after_an_impact_is_scored_nor_missed():
 def test_a_log_without_rest_and_flight_is_covered_by_its_runs():
     log = flight()
     found = segments.build(log)
-    found.segments = [s for s in found.segments if s.kind == "run"]
+    found.segments = [s for s in found.segments if s.kind == "continuous"]
     assert scored_times(log, found)[1] == pytest.approx(100.0, abs=0.5)

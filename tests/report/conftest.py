@@ -8,10 +8,10 @@ import pytest
 from attlog.flight.model import Problem
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.trace import Trace
+from attlog.present.verdicts import verdicts
 from attlog.reference.model import AlignmentStep
 from attlog.result import Check, EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import Segment
-from attlog.verdicts import verdicts
 
 NAMES = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick@marg", "vqf")
 SECONDS, RATE = 200.0, 100.0
@@ -47,7 +47,9 @@ def row(name: str, i: int, **changes: object) -> EstimatorRow:
     drift = (-1.2, -0.43, -0.14, 0.16, -0.05)[i % 5]
     bent = i % 5 == 1
     lag_answer = (
-        missing("bent", "follows 51 % of the movement; a delay fitted to that means nothing", "ms", "airborne")
+        missing(
+            "not_a_pure_delay", "follows 51 % of the movement; a delay fitted to that means nothing", "ms", "airborne"
+        )
         if bent
         else answer(lag, "ms", "airborne", 1.5)
     )
@@ -232,10 +234,10 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
         ],
         audit=[
             Check("gravity", "good", "The accelerometer reads 9.81 m/s² at rest.", 9.81, "m/s^2", "9.80 ± 0.3"),
-            Check("field", "look", "The magnetic field changes by 12 % with the throttle.", 12.0, "%", "below 10 %"),
+            Check("field", "warn", "The magnetic field changes by 12 % with the throttle.", 12.0, "%", "below 10 %"),
         ],
         segments=[
-            Segment("run", 0, SECONDS, "one stretch without a gap"),
+            Segment("continuous", 0, SECONDS, "one segment without a gap"),
             Segment("rest.long", *REST, "gyro below 0.15 deg/s, motors off"),
             Segment("armed", 55, 190, "EV arming events"),
             Segment("airborne", *AIR, "landed flag"),

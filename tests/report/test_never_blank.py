@@ -7,9 +7,9 @@ import pytest
 
 from attlog.metrics.answer import missing
 from attlog.metrics.trace import Trace
+from attlog.present.verdicts import verdicts
 from attlog.report import write_report
 from attlog.result import Result
-from attlog.verdicts import verdicts
 from tests.report.conftest import make_result
 
 MANY = tuple(f"filter{i}@preset-with-a-long-name" for i in range(20))

@@ -7,12 +7,12 @@ import re
 import pytest
 
 from attlog.flight.model import Problem
+from attlog.present.verdicts import verdicts
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.page import render
 from attlog.report.text import clean
 from attlog.result import ParameterValue, Result
-from attlog.verdicts import verdicts
 from tests.report.conftest import make_result
 
 EVIL = (

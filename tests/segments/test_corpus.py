@@ -61,7 +61,7 @@ def test_a_simulated_flight_rests_idles_flies_and_rests_again(path):
         spans.seconds(found.spans("hover"))
     )
     assert found.of("impact") == []
-    first, last = found.of("run")[0].t0, found.of("run")[-1].t1
+    first, last = found.of("continuous")[0].t0, found.of("continuous")[-1].t1
     ground = spans.complement(armed, first, last)
     assert spans.seconds(rest) > 0.9 * spans.seconds(ground) - 1.5
 

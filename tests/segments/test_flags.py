@@ -99,9 +99,9 @@ def test_without_any_flag_nothing_is_claimed_about_flight():
 def test_a_log_without_imu_has_the_runs_of_its_attitude_and_no_rest():
     log = flight(50.0, imu=None, imus=[])
     found = segments.build(log)
-    assert len(found.of("run")) == 1
+    assert len(found.of("continuous")) == 1
     assert found.of("rest") == []
-    assert "no IMU" in found.notes["run"]
+    assert "no IMU" in found.notes["continuous"]
 
 
 def test_a_log_with_nothing_has_no_segment():

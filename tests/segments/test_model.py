@@ -9,7 +9,7 @@ from attlog.segments.model import Segment, Segments
 
 FOUND = Segments(
     [
-        Segment("run", 0.0, 100.0),
+        Segment("continuous", 0.0, 100.0),
         Segment("rest.short", 50.0, 55.0),
         Segment("rest.long", 0.0, 20.0),
         Segment("idle", 20.0, 25.0),

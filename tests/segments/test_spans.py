@@ -1,4 +1,4 @@
-"""Arithmetic with stretches agrees with counting seconds one by one."""
+"""Arithmetic with segments agrees with counting seconds one by one."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from hypothesis import strategies as st
 from attlog.segments import spans
 
 END = 30
-stretches = st.lists(
+segments = st.lists(
     st.tuples(st.integers(0, END), st.integers(0, END)).map(lambda s: (float(min(s)), float(max(s)))), max_size=8
 )
 CELLS = np.arange(END) + 0.5
 
 
 def cells(found: list[tuple[float, float]]) -> np.ndarray:
-    """Which whole seconds lie in a stretch, by looking at each."""
+    """Which whole seconds lie in a segment, by looking at each."""
     return np.array([any(a <= c <= b for a, b in found) for c in CELLS])
 
 
-@given(a=stretches, b=stretches)
+@given(a=segments, b=segments)
 def test_intersection_complement_and_length_are_those_of_the_single_seconds(a, b):
     np.testing.assert_array_equal(cells(spans.intersect(a, b)), cells(a) & cells(b))
     np.testing.assert_array_equal(cells(spans.complement(a, 0, END)), ~cells(a))
@@ -28,7 +28,7 @@ def test_intersection_complement_and_length_are_those_of_the_single_seconds(a, b
     assert spans.seconds(a) == cells(a).sum()
 
 
-@given(a=stretches, windows=stretches)
+@given(a=segments, windows=segments)
 def test_inside_and_overlaps_agree_with_looking_at_each(a, windows):
     real = [s for s in a if s[1] > s[0]]
     np.testing.assert_array_equal(spans.inside(CELLS, a), cells(real))

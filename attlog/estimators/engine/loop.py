@@ -1,0 +1,208 @@
+"""The shared loop: runs a filter's step over cleaned samples and keeps its outputs.
+
+Time is its business, not the filter's: :mod:`attlog.estimators.engine.samples` says what happens to
+gaps and bad samples; between samples of a slow magnetometer the last vector is turned on
+with the bias-corrected gyro; after a long gap the filter starts anew.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog import rotation
+from attlog.errors import PluginError
+from attlog.estimators.base import Array, Estimate, Estimator, plugin_errors
+from attlog.estimators.engine import cache, generate
+from attlog.estimators.engine.samples import NEW, Samples
+from attlog.estimators.engine.start import initial_state, to_true_north
+from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
+
+LOOP = """
+def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out):
+    m = np.zeros(3)
+    row = 0
+    wait = 0
+    for k in range(len(dt)):
+        h = dt[k] if substeps[k] == 1 else dt[k] / max(substeps[k], 1)
+        if use[k] == 1:
+            m[0] = mag[k, 0]
+            m[1] = mag[k, 1]
+            m[2] = mag[k, 2]
+        elif use[k] == 0:
+            m[0] = 0.0
+            m[1] = 0.0
+            m[2] = 0.0
+        for _ in range(substeps[k]):
+            if use[k] == 2:
+                turn_vector_back(m, gyr[k, 0]{bx}, gyr[k, 1]{by}, gyr[k, 2]{bz}, h)
+            step(state, params, h, gyr[k], acc[k], m)
+        if wait == 0:
+            for j in range({outputs}):
+                out[row, j] = state[j]
+            row += 1
+            wait = every
+        wait -= 1
+"""
+SIGNATURE = "void(f8[::1], f8[::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], i8, f8[:, ::1])"
+
+
+def run(
+    estimator: Estimator,
+    samples: Samples,
+    values: Mapping[str, float | str],
+    q0: ArrayLike | None = None,
+    every: int = 1,
+) -> Estimate:
+    """The estimate of one filter on prepared samples; ``values`` are all parameters, resolved."""
+    if estimator.run is not None:
+        return _whole_run(estimator, samples, values, q0)
+    params = estimator.pack(values)
+    advance = kernel(estimator)
+    bounds = np.append(samples.begin, len(samples.t)).tolist()
+    chunks, kept, spent = [], [], 0.0
+    for number, (a, b) in enumerate(pairwise(bounds)):
+        state = initial_state(estimator, samples, a, b, params, values, q0 if number == 0 else None)
+        out = np.empty((-(-(b - a) // every), estimator.outputs))
+        use = samples.use[a:b]
+        clock = time.thread_time()
+        advance(
+            state,
+            params,
+            samples.dt[a:b],
+            samples.substeps[a:b],
+            samples.gyr[a:b],
+            samples.acc[a:b],
+            samples.mag[a:b],
+            use,
+            every,
+            out,
+        )
+        spent += time.thread_time() - clock
+        chunks.append(out)
+        kept.append(np.arange(a, b, every))
+    out = np.concatenate(chunks) if chunks else np.empty((0, estimator.outputs))
+    rows = np.concatenate(kept) if kept else np.empty(0, np.int64)
+    estimate = collect(estimator, samples, rows, out, values)
+    estimate.ns_per_update = 1e9 * spent / max(len(samples.t), 1)
+    return estimate
+
+
+def collect(
+    estimator: Estimator, samples: Samples, rows: NDArray[np.int64], out: Array, values: Mapping[str, float | str]
+) -> Estimate:
+    """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,) means."""
+    aux = {name: out[:, part].copy() for name, part in estimator.slices.items()}
+    return Estimate(
+        t=samples.t[rows],
+        q=to_true_north(np.ascontiguousarray(out[:, :4]), values),
+        bias=aux.pop("bias", None),
+        aux=aux,
+        segment=samples.segment[rows],
+        skipped=dict(samples.skipped),
+        causal=estimator.causal,
+    )
+
+
+def kernel(estimator: Estimator) -> Any:
+    """The loop around the estimator's step: compiled, or plain Python with ATTLOG_NO_JIT=1.
+
+    PluginError if a plug-in's step cannot be compiled.
+    """
+    if not cache.jit_wanted():
+        return _twin(estimator)
+    try:
+        return cache.compiled(_source(estimator.step, _bias_at(estimator), estimator.outputs), "advance")
+    except Exception as error:
+        if estimator.origin == "attlog":
+            raise
+        _try_plainly(estimator)
+        reason = " ".join(str(error).split())[:400]
+        raise PluginError(
+            f"{estimator.origin}: step runs in Python but numba cannot compile it ({reason}); "
+            "use numbers and elements of arrays only, or set ATTLOG_NO_JIT=1"
+        ) from error
+
+
+@functools.lru_cache(maxsize=64)
+def _source(step: Callable[..., Any], bias: int | None, outputs: int) -> str:
+    """The kernel's text for numba. A plug-in that is loaded again is another function, so its text is made anew."""
+    helpers = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=True)
+    decorator = f"@njit({SIGNATURE!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)"
+    return f"{helpers}\n\n{decorator}\n{_loop(bias, outputs)}"
+
+
+def _loop(bias: int | None, outputs: int) -> str:
+    """The loop's text; ``bias`` is where the gyro bias stands in the state."""
+    b = ["" if bias is None else f" - state[{bias + i}]" for i in range(3)]
+    return LOOP.format(bx=b[0], by=b[1], bz=b[2], outputs=outputs).lstrip()
+
+
+def _bias_at(estimator: Estimator) -> int | None:
+    bias = estimator.slices.get("bias")
+    return None if bias is None else bias.start
+
+
+def _twin(estimator: Estimator) -> Any:
+    """The plain twin under the compiled kernel's rule: a division by zero gives inf, not a warning."""
+    used = {"turn_vector_back": turn_vector_back, "step": estimator.step}
+    function = cache.plain(_loop(_bias_at(estimator), estimator.outputs), "advance", used)
+
+    def advance(*arguments: Any) -> None:
+        with np.errstate(all="ignore"), plugin_errors(estimator):
+            function(*arguments)
+
+    return advance
+
+
+def _try_plainly(estimator: Estimator) -> None:
+    """Run two samples in plain Python: what is wrong there has a line in the plug-in's file. PluginError says it."""
+    vectors = np.tile([0.1, 0.2, -GRAVITY], (2, 1))
+    still = Samples(
+        np.array([0.0, 0.01]), np.array([0.0, 0.01]), np.array([0, 1]), 0.1 * vectors, vectors, vectors,
+        np.array([NEW, NEW]), np.zeros(2, np.int64), np.zeros(1, np.int64),
+    )  # fmt: skip
+    values = {p.name: p.default for p in estimator.parameters}
+    params = estimator.pack(values)
+    state = initial_state(estimator, still, 0, 2, params, values, None)
+    out = np.empty((2, estimator.outputs))
+    _twin(estimator)(state, params, still.dt, still.substeps, still.gyr, still.acc, still.mag, still.use, 1, out)
+
+
+def _whole_run(estimator: Estimator, s: Samples, values: Mapping[str, float | str], q0: ArrayLike | None) -> Estimate:
+    """A whole-run estimator on each run of samples, put together; its own count of ns per update wins."""
+    bounds = np.append(s.begin, len(s.t)).tolist()
+    pieces, spent = [], 0.0
+    for a, b in pairwise(bounds):
+        mag = np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)
+        clock = time.thread_time()
+        with plugin_errors(estimator):
+            segment = estimator.run(s.t[a:b], s.gyr[a:b], s.acc[a:b], mag, {}, dict(values))
+        spent += 1e-9 * segment.ns_per_update * (b - a) or time.thread_time() - clock
+        pieces.append(segment)
+    q = np.concatenate([p.q for p in pieces]) if pieces else np.empty((0, 4))
+    q = to_true_north(q, values)
+    if q0 is not None and len(q) and not s.mag.any():
+        want = rotation.error(np.asarray(q0, np.float64), q[0])
+        q = rotation.turn_about_down(q, rotation.heading_angle(want))
+    skipped = Counter(s.skipped)
+    for segment in pieces:
+        skipped.update(segment.skipped)
+    has_bias = bool(pieces) and all(p.bias is not None for p in pieces)
+    return Estimate(
+        t=s.t,
+        q=q,
+        bias=np.concatenate([p.bias for p in pieces]) if has_bias else None,
+        aux={n: np.concatenate([p.aux[n] for p in pieces]) for n in (pieces[0].aux if pieces else {})},
+        segment=s.segment,
+        skipped=dict(skipped),
+        ns_per_update=1e9 * spent / max(len(s.t), 1),
+        causal=estimator.causal,
+    )

@@ -1,0 +1,162 @@
+"""Madgwick's gradient descent filter: a step of fixed length down the slope of gravity and field error.
+
+    f    = ( R(q)^T e_z - v ,  R(q)^T b - m )            v = -f/|f|, m = field / |field|      (25, 29)
+    b    = field_scale (sqrt(h_x^2 + h_y^2), 0, h_z),  h = R(q) m                             (45, 46)
+    s    = J(q)^T f / |J(q)^T f|                         slope                                (20, 34, 44)
+    b_w' = zeta 2 (q* (x) s)_vector                      gyro bias                            (47, 48)
+    q'   = q (x) (0, w - b_w)/2 - beta s                                                      (42, 43, 49)
+
+Source: Madgwick 2010, "An efficient orientation filter for inertial and
+inertial/magnetic sensor arrays" (presets ``imu``: beta 0.033, ``marg``: beta 0.041);
+the gradient descent that Xu cites as reference 2.
+
+Departures. Signs are those of NED: gravity points to +z. ``code2011`` (beta 0.12,
+field_scale 0.5) is the widely copied C code of 2011, whose field reference is half of what
+(46) needs; it exists to compare with numbers published for that code. ``integrator = exact``
+turns by the gyro with the exponential map and then takes the step down the slope; the report
+adds both in one first-order step. Without magnetometer f is its gravity half (6-axis form).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from attlog.estimators.base import Parameter
+from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR
+from attlog.estimators.engine.vectors import GRAVITY, turn
+
+SOURCE = "Madgwick 2010, equations 20-49"
+NEEDS = {"gyro", "acc"}
+USES = {"mag"}
+STATE = {"q": 4, "bias": 3}
+PARAMETERS = (
+    Parameter(
+        "beta",
+        0.041,
+        "1/s",
+        0,
+        100,
+        "step down the slope: the attitude error corrected is at most 2 beta rad per second",
+        "Madgwick 2010, MARG",
+    ),
+    Parameter(
+        "zeta",
+        0.0,
+        "1/s",
+        0,
+        10,
+        "step of the gyro bias: at most 2 zeta rad/s per second; 0 estimates none",
+        "Madgwick 2010 49",
+    ),
+    Parameter(
+        "field_scale",
+        1.0,
+        "1",
+        0.1,
+        2,
+        "factor on the field reference; 1 is the report, 0.5 the code of 2011",
+        "Madgwick 2010 46",
+    ),
+    replace(
+        ACC_FORM,
+        default="direction",
+        source="Madgwick 2010; the step's length is fixed, so vectors gain nothing (BROAD total 6.0 and 6.1 deg)",
+    ),
+    INTEGRATOR,
+)
+PRESETS = {
+    "imu": {"beta": 0.033, **AS_PRINTED},
+    "marg": {"beta": 0.041, **AS_PRINTED},
+    "code2011": {"beta": 0.12, "field_scale": 0.5, **AS_PRINTED},
+}
+
+
+def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
+    """The state: attitude, and no bias yet."""
+    state = np.zeros(7)
+    state[0:4] = q0
+    return state
+
+
+def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
+    """One update: slope, bias, rate, step down the slope."""
+    q0 = state[0]
+    q1 = state[1]
+    q2 = state[2]
+    q3 = state[3]
+    s0, s1, s2, s3 = slope(state, acc, mag, params[2], params[3])
+    twice = 2.0 * params[1] * dt
+    state[4] += twice * (q0 * s1 - q1 * s0 - q2 * s3 + q3 * s2)
+    state[5] += twice * (q0 * s2 + q1 * s3 - q2 * s0 - q3 * s1)
+    state[6] += twice * (q0 * s3 - q1 * s2 + q2 * s1 - q3 * s0)
+    wx = gyr[0] - state[4]
+    wy = gyr[1] - state[5]
+    wz = gyr[2] - state[6]
+    down = params[0] * dt
+    # First order adds both changes before the length is restored, exact turns first.
+    h = 0.5 * dt
+    p0 = q0 - h * (q1 * wx + q2 * wy + q3 * wz)
+    p1 = q1 + h * (q0 * wx + q2 * wz - q3 * wy)
+    p2 = q2 + h * (q0 * wy - q1 * wz + q3 * wx)
+    p3 = q3 + h * (q0 * wz + q1 * wy - q2 * wx)
+    turn(state, wx, wy, wz, dt, 0.0)
+    first = params[4] > 0.5
+    p0 = (p0 if first else state[0]) - down * s0
+    p1 = (p1 if first else state[1]) - down * s1
+    p2 = (p2 if first else state[2]) - down * s2
+    p3 = (p3 if first else state[3]) - down * s3
+    inv = 1.0 / math.sqrt(p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3)
+    state[0] = p0 * inv
+    state[1] = p1 * inv
+    state[2] = p2 * inv
+    state[3] = p3 * inv
+
+
+def slope(state: Any, acc: Any, mag: Any, field_scale: float, by_vector: float) -> tuple[float, float, float, float]:
+    """J^T f / |J^T f| (20, 34): the unit direction in which the error grows fastest; zero where there is no error."""
+    q0 = state[0]
+    q1 = state[1]
+    q2 = state[2]
+    q3 = state[3]
+    # Gravity: f_g = R^T e_z - v (25), J_g (26).
+    norm = math.sqrt(acc[0] * acc[0] + acc[1] * acc[1] + acc[2] * acc[2])
+    use = 1.0 if norm > 0.0 else 0.0
+    norm = GRAVITY if by_vector > 0.5 else norm
+    inv = -1.0 / norm if norm > 0.0 else 0.0
+    f1 = use * (2.0 * (q1 * q3 - q0 * q2) - acc[0] * inv)
+    f2 = use * (2.0 * (q0 * q1 + q2 * q3) - acc[1] * inv)
+    f3 = use * (1.0 - 2.0 * (q1 * q1 + q2 * q2) - acc[2] * inv)
+    s0 = -2.0 * q2 * f1 + 2.0 * q1 * f2
+    s1 = 2.0 * q3 * f1 + 2.0 * q0 * f2 - 4.0 * q1 * f3
+    s2 = -2.0 * q0 * f1 + 2.0 * q3 * f2 - 4.0 * q2 * f3
+    s3 = 2.0 * q1 * f1 + 2.0 * q2 * f2
+    # Field: f_b = R^T b - m (29), J_b (30), b from (45, 46).
+    norm = math.sqrt(mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2])
+    use = 1.0 if norm > 0.0 else 0.0
+    inv = 1.0 / norm if norm > 0.0 else 0.0
+    mx = mag[0] * inv
+    my = mag[1] * inv
+    mz = mag[2] * inv
+    hx = mx * (1.0 - 2.0 * (q2 * q2 + q3 * q3)) + 2.0 * my * (q1 * q2 - q0 * q3) + 2.0 * mz * (q1 * q3 + q0 * q2)
+    hy = 2.0 * mx * (q1 * q2 + q0 * q3) + my * (1.0 - 2.0 * (q1 * q1 + q3 * q3)) + 2.0 * mz * (q2 * q3 - q0 * q1)
+    hz = 2.0 * mx * (q1 * q3 - q0 * q2) + 2.0 * my * (q2 * q3 + q0 * q1) + mz * (1.0 - 2.0 * (q1 * q1 + q2 * q2))
+    bx = field_scale * math.sqrt(hx * hx + hy * hy)
+    bz = field_scale * hz
+    f1 = use * (bx * (1.0 - 2.0 * (q2 * q2 + q3 * q3)) + 2.0 * bz * (q1 * q3 - q0 * q2) - mx)
+    f2 = use * (2.0 * bx * (q1 * q2 - q0 * q3) + 2.0 * bz * (q0 * q1 + q2 * q3) - my)
+    f3 = use * (2.0 * bx * (q0 * q2 + q1 * q3) + bz * (1.0 - 2.0 * (q1 * q1 + q2 * q2)) - mz)
+    s0 += -2.0 * bz * q2 * f1 + (-2.0 * bx * q3 + 2.0 * bz * q1) * f2 + 2.0 * bx * q2 * f3
+    s1 += 2.0 * bz * q3 * f1 + (2.0 * bx * q2 + 2.0 * bz * q0) * f2 + (2.0 * bx * q3 - 4.0 * bz * q1) * f3
+    s2 += (
+        (-4.0 * bx * q2 - 2.0 * bz * q0) * f1
+        + (2.0 * bx * q1 + 2.0 * bz * q3) * f2
+        + (2.0 * bx * q0 - 4.0 * bz * q2) * f3
+    )
+    s3 += (-4.0 * bx * q3 + 2.0 * bz * q1) * f1 + (-2.0 * bx * q0 + 2.0 * bz * q2) * f2 + 2.0 * bx * q1 * f3
+    norm = math.sqrt(s0 * s0 + s1 * s1 + s2 * s2 + s3 * s3)
+    inv = 1.0 / norm if norm > 0.0 else 0.0
+    return s0 * inv, s1 * inv, s2 * inv, s3 * inv

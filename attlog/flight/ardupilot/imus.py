@@ -1,0 +1,204 @@
+"""Inertial data of ArduPilot logs, best source first (docs/flight.md).
+
+RISI (LOG_REPLAY) > IMT increments >= 100 Hz > GYR/ACC raw >= 400 Hz > IMU. Batches
+(ISBD) are never a continuous input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from attlog.flight.ardupilot.clock import Clock
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, validate
+from attlog.flight.model import Array
+from attlog.flight.timing import Stamps
+from attlog.formats.base import Messages, ParamChange, Table
+
+INCREMENTS_HZ = 100.0
+RAW_HZ = 400.0
+HIGHEST_CUTOFF_HZ = 10_000.0
+"""No filter of an autopilot reaches further; other values are damage."""
+GYRO, ACC = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
+
+
+def units(messages: Messages, name: str) -> dict[int, Table]:
+    """Tables of a message by unit, numbered by instance column (4.1 on) or by name (IMU, IMU2, IMU3)."""
+    found: dict[int, Table] = {}
+    for instance in messages.instances(name):
+        found[instance] = messages[name, instance]
+    for extra in range(2, 10):
+        table = messages.tables.get((f"{name}{extra}", 0))
+        if table is not None and extra - 1 not in found:
+            found[extra - 1] = table
+    return found
+
+
+def raw_units(messages: Messages, name: str) -> dict[int, Table]:
+    """GYR or ACC tables by unit: an instance column, or before 4.1 the names GYR1, GYR2, GYR3."""
+    numbered = {k: messages.tables.get((f"{name}{k + 1}", 0)) for k in range(9)}
+    named = {k: t for k, t in numbered.items() if t is not None}
+    return named or {i: messages[name, i] for i in messages.instances(name)}
+
+
+def candidates(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Candidate]:
+    """Every inertial source of the log, cleaned."""
+    sources: dict[str, Callable[[], list[Candidate]]] = {
+        "RISI": lambda: replay(builder),
+        "IMT": lambda: increments(builder, clock),
+        "GYR": lambda: raw(builder, clock, params),
+        "IMU": lambda: imu(builder, clock, params),
+    }
+    found = [c for name, source in sources.items() for c in builder.attempt(name, source, [])]
+    return [c for c in (validate(builder, f) for f in found) if c is not None]
+
+
+def imu(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Candidate]:
+    """``IMU`` records: calibrated, body frame, after the firmware's low-pass filters, at one instant."""
+    found = []
+    for unit, table in units(builder.messages, "IMU").items():
+        if not all(c in table for c in (*GYRO, *ACC)):
+            continue
+        t = clock.of(table)
+        timed = "TimeUS" in table or "TimeMS" in table
+        if not timed:
+            builder.problem(
+                "imu_without_time", "error",
+                f"The records of IMU {unit} carry no time stamp (ArduPilot 3.0 and older): they cannot be replayed.",
+            )  # fmt: skip
+            continue
+        gyro_cut, acc_cut = cutoffs(params, int(t[0]) if len(t) else 0)
+        temperature = next((table.value(c) for c in ("T", "Temp") if c in table), None)
+        found.append(
+            Candidate(
+                unit, 3, t, columns(table, *GYRO), columns(table, *ACC), name_of(table, unit), "instant",
+                filtered=f"low-pass {gyro_cut:.0f} Hz" if gyro_cut else "unknown",
+                gyro_delay=low_pass_delay(gyro_cut), acc_delay=low_pass_delay(acc_cut), temperature=temperature,
+            )
+        )  # fmt: skip
+    return found
+
+
+def name_of(table: Table, unit: int) -> str:
+    """The source as people find it in the log: ``IMU:1`` with instances, ``IMU2`` by name."""
+    return f"{table.name}:{unit}" if table.instance == unit and "I" in table else table.name
+
+
+def cutoffs(params: list[ParamChange], t_us: int) -> tuple[float, float]:
+    """Cutoff frequencies in Hz of the gyro and accelerometer low-pass at a time, 0 where unknown.
+
+    3.3 and later: INS_GYRO_FILTER, INS_ACCEL_FILTER. Before, INS_MPU6K_FILTER set the
+    low-pass inside the sensor, whose delay is not that of a second-order filter.
+    """
+    values = {"INS_GYRO_FILTER": 0.0, "INS_ACCEL_FILTER": 0.0}
+    seen: set[str] = set()
+    for change in params:
+        if change.is_default or change.name not in values or not 0 <= change.value <= HIGHEST_CUTOFF_HZ:
+            continue
+        if change.name not in seen or change.t_us is None or change.t_us <= t_us:
+            values[change.name] = float(change.value)
+            seen.add(change.name)
+    return values["INS_GYRO_FILTER"], values["INS_ACCEL_FILTER"]
+
+
+def raw(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Candidate]:
+    """``GYR`` with ``ACC``: every sample of the sensors at their own clock ``SampleUS``."""
+    gyros, accs = raw_units(builder.messages, "GYR"), raw_units(builder.messages, "ACC")
+    options = next((int(p.value) for p in params if p.name == "INS_RAW_LOG_OPT" and not p.is_default), 0)
+    after = bool(options & 4)
+    gyro_cut, acc_cut = cutoffs(params, 0) if after else (0.0, 0.0)
+    found = []
+    for unit, table in gyros.items():
+        partner = accs.get(unit)
+        if partner is None or not all(c in table for c in GYRO) or not all(c in partner for c in ACC):
+            continue
+        t, t_acc = sample_time(table, clock), sample_time(partner, clock)
+        rising = np.concatenate([[True], np.diff(t_acc) > 0])
+        acc = columns(partner, *ACC)[rising]
+        one = Candidate(
+            unit, 2, t, columns(table, *GYRO), onto(t, t_acc[rising], acc), f"{table.name}:{unit}", "instant",
+            filtered=f"low-pass {gyro_cut:.0f} Hz" if after else "none",
+            gyro_delay=low_pass_delay(gyro_cut), acc_delay=low_pass_delay(acc_cut), acc_source=f"{partner.name}:{unit}",
+        )  # fmt: skip
+        one = complete(one)
+        one.usable = one.rate >= RAW_HZ
+        found.append(one)
+    return found
+
+
+def sample_time(table: Table, clock: Clock) -> Stamps:
+    """The sensor's own stamps in us; they may start anew or be unset, then the record's stamp counts."""
+    t = clock.of(table)
+    if "SampleUS" not in table:
+        return t
+    sample = table["SampleUS"].astype(np.int64)
+    return sample if len(t) and abs(int(np.median(t - sample))) < 1_000_000 else t
+
+
+def increments(builder: LogBuilder, clock: Clock) -> list[Candidate]:
+    """``IMT``: delta angles and velocities with their own integration times."""
+    found = []
+    for unit, table in units(builder.messages, "IMT").items():
+        needed = ("DelvT", "DelaT", "DelAX", "DelAY", "DelAZ", "DelVX", "DelVY", "DelVZ")
+        if all(c in table for c in needed):
+            one = from_increments(
+                unit, 1, clock.of(table), table.value("DelaT"), columns(table, "DelAX", "DelAY", "DelAZ"),
+                table.value("DelvT"), columns(table, "DelVX", "DelVY", "DelVZ"), name_of(table, unit),
+            )  # fmt: skip
+            one.usable = one.rate >= INCREMENTS_HZ
+            found.append(one)
+    return found
+
+
+def replay(builder: LogBuilder) -> list[Candidate]:
+    """``RISI`` (LOG_REPLAY) of every unit: the increments that the EKF was given."""
+    frames = builder.messages.first("RFRH")
+    if frames is None or "TimeUS" not in frames:
+        return []
+    return [
+        from_increments(
+            unit, 0, frame_times(frames, table), table.value("DADT"), columns(table, "DAX", "DAY", "DAZ"),
+            table.value("DVDT"), columns(table, "DVX", "DVY", "DVZ"), f"RISI:{unit}",
+        )
+        for unit, table in units(builder.messages, "RISI").items()
+    ]  # fmt: skip
+
+
+def frame_times(frames: Table, table: Table) -> Stamps:
+    """Stamps (n,) in us of replay records: that of the frame header (RFRH) before each; -1 before the first."""
+    k = np.searchsorted(frames.offsets, table.offsets) - 1
+    time = frames["TimeUS"].astype(np.int64)
+    return np.where(k >= 0, time[np.maximum(k, 0)], -1)
+
+
+def from_increments(
+    unit: int, rank: int, t: Stamps, dt: Array, angle: Array, dt_v: Array, velocity: Array, source: str
+) -> Candidate:
+    """Rates from increments by their own integration times; records without a time are left out."""
+    good = (dt > 1e-5) & (dt < 1.0) & (dt_v > 1e-5) & (dt_v < 1.0)
+    return Candidate(
+        unit, rank, t[good], angle[good] / dt[good, None], velocity[good] / dt_v[good, None], source, "interval",
+        filtered="none", dt=dt[good],
+    )  # fmt: skip
+
+
+def primary_core(messages: Messages, clock: Clock, ekf_type: float | None) -> tuple[str, Stamps, list[int]]:
+    """The EKF family that flew (XK, NK or empty), and when which of its cores was primary.
+
+    Both may run; AHRS_EKF_TYPE 2 means that EKF2 (NK) flies.
+    """
+    for family in ("NK", "XK") if ekf_type == 2 else ("XK", "NK"):
+        table = messages.first(f"{family}F4")
+        if table is not None and "PI" in table:
+            primary = table["PI"].astype(np.int64)
+            good = (primary >= 0) & (primary < 6)
+            return family, clock.of(table)[good], primary[good].tolist()
+    return "", np.zeros(0, np.int64), []
+
+
+def unit_of_core(core: int, mask: float | None, have: list[int]) -> int:
+    """The IMU that an EKF core uses: cores take the set bits of EKx_IMU_MASK in ascending order."""
+    bits = [k for k in range(8) if int(mask or 0) >> k & 1]
+    return bits[core] if core < len(bits) else (core if core in have else 0)

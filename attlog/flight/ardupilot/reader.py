@@ -1,0 +1,144 @@
+"""ArduPilot DataFlash logs (binary and text) as a FlightLog, from 3.1 to 4.7.
+
+Records are told apart by their columns: early logs have no version, and branches
+carry any.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.flight import inertial, magnetic, parameters
+from attlog.flight.ardupilot import attitude, imus, state
+from attlog.flight.ardupilot.clock import Clock, own_time
+from attlog.flight.ardupilot.imus import units
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.model import FlightLog, Mag
+from attlog.flight.settings import how_to_log
+from attlog.flight.timing import Stamps
+from attlog.formats.base import Messages
+
+MILLIGAUSS = 1e-7
+"""Tesla per milligauss, the unit of MAG records."""
+
+
+def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
+    """The flight in an ArduPilot log; ``imu`` and ``mag`` ask for a unit instead of the one that flew."""
+    builder = LogBuilder(messages)
+    clock = Clock(messages)
+    values = parameters.values(messages.params)
+    if not clock.known:
+        builder.problem(
+            "no_clock", "error",
+            "No record of this log carries a time stamp, as in ArduPilot 3.0 and older: nothing in it can be replayed.",
+        )  # fmt: skip
+    found = imus.candidates(builder, clock, messages.params)
+    chosen = inertial.best_per_unit(builder, found)
+    ekf = values.get("AHRS_EKF_TYPE")
+    nothing: tuple[str, Stamps, list[int]] = ("", np.zeros(0, np.int64), [])
+    family, lane_t, lanes = builder.attempt(
+        "The primary EKF core", lambda: imus.primary_core(messages, clock, ekf), nothing
+    )
+    mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
+    have = [c.index for c in chosen]
+    unit = {core: imus.unit_of_core(core, mask, have) for core in set(lanes)}
+    flown = [unit[core] for core in lanes]
+    flew = inertial.longest_held(lane_t, flown)
+    why = f"it fed the primary EKF core ({family}F4.PI)"
+    if flew is None and chosen:
+        flew, why = chosen[0].index, "the first; the log does not tell the primary one"
+    firmware = state.firmware(messages)
+    slow = bool(chosen) and max(c.rate for c in chosen) >= inertial.REPLAY_MIN_HZ
+    missing = how_to_log("ArduPilot", firmware.version, "fast_imu" if slow else "imu")
+    position = inertial.choose_unit(builder, chosen, flew, why, imu, missing)
+    builder.t0_us = first_stamp(builder, chosen, position)
+
+    log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware, "")
+    log.imus = [inertial.build(builder, c) for c in chosen]
+    log.imu = position
+    log.imu_that_flew = builder.time_line(lane_t, flown, f"{family}F4.PI")
+    flying = None if position is None else log.imus[position]
+    log.mags = builder.attempt("MAG", lambda: magnetometers(builder, clock, values), [])
+    log.mag = magnetic.choose(builder, log.mags, flying, primary_compass(values, log.mags), "the primary compass", mag)
+    resets = builder.attempt("Resets", lambda: attitude.resets(builder, clock, lane_t, lanes), [])
+    log.attitudes = attitude.attitudes(builder, clock, resets)
+    log.onboard = attitude.onboard(log.attitudes, family, lanes[-1] if lanes else None)
+    if log.onboard == "ANG":
+        builder.choices["onboard"] = "ANG holds the values of ATT at loop rate"
+    elif log.onboard not in (None, "ATT"):
+        builder.choices["onboard"] = "the log holds neither ATT nor ANG"
+    log.truth = builder.attempt("SIM", lambda: attitude.truth(builder, clock), None)
+    log.setpoints = builder.attempt("Set-points", lambda: attitude.setpoints(builder, clock), None)
+    log.params = parameters.time_lines(builder, messages.params, "PARM")
+    log.param_defaults = parameters.defaults(messages.params)
+    state.fill(builder, clock, log, values)
+    log.problems, log.choices = builder.problems, builder.choices
+    return log
+
+
+def first_stamp(builder: LogBuilder, chosen: list[inertial.Candidate], position: int | None) -> int:
+    """The boot time in us that becomes t = 0: the replayed IMU's first sample, else the first sample of anything."""
+    if chosen:
+        return int(chosen[0 if position is None else position].t_us[0])
+    for name in ("ATT", "AHR2", "GPS", "CTUN"):
+        table = builder.messages.first(name)
+        own = None if table is None else own_time(table)
+        if own is not None and len(own):
+            return int(np.median(own[:5]))
+    return 0
+
+
+def magnetometers(builder: LogBuilder, clock: Clock, values: dict[str, float]) -> list[Mag]:
+    """Every compass: MAG, offsets and motor compensation already applied by the firmware (mGa, body frame)."""
+    found = []
+    for unit, table in units(builder.messages, "MAG").items():
+        if "MagX" not in table or own_time(table) is None:
+            continue
+        t = clock.of(table)
+        field = columns(table, "MagX", "MagY", "MagZ")
+        source = imus.name_of(table, unit)
+        if "OfsX" in table and only_offsets(field, columns(table, "OfsX", "OfsY", "OfsZ")):
+            builder.problem(
+                "mag_only_offsets", "warning",
+                f"{source}: every value equals the compass offsets, so the compass itself measures nothing.",
+            )  # fmt: skip
+            field = np.zeros_like(field)
+        sampled = t - (t - table["S"].astype(np.int64)) % 2**32 if "S" in table else None  # S: us, 32 bits
+        use = values.get("COMPASS_USE" + ("" if unit == 0 else str(unit + 1)), 1.0)
+        mag = magnetic.build(builder, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, enabled=use != 0)
+        if mag is not None:
+            found.append(mag)
+    return found or replay_magnetometers(builder)
+
+
+def replay_magnetometers(builder: LogBuilder) -> list[Mag]:
+    """Compasses as LOG_REPLAY gave them to the EKF (RMGI, mGa, body frame), at their own 32-bit microseconds."""
+    found = []
+    frames = builder.messages.first("RFRH")
+    for unit, table in units(builder.messages, "RMGI").items():
+        if frames is None or "FX" not in table or "LU" not in table:
+            continue
+        t = imus.frame_times(frames, table)
+        updated = t - (t - table["LU"].astype(np.int64)) % 2**32
+        field = columns(table, "FX", "FY", "FZ") * MILLIGAUSS
+        new = np.concatenate([[True], np.diff(updated) != 0]) if len(t) else np.zeros(0, bool)
+        use = bool("UFY" not in table or (table["UFY"] != 0).any())
+        mag = magnetic.build(builder, unit, updated[new], field[new], f"RMGI:{unit}", enabled=use)
+        found += [mag] if mag is not None else []
+    return found
+
+
+def only_offsets(field: np.ndarray, offsets: np.ndarray) -> bool:
+    """Whether a compass shows nothing but its own offsets: a raw field of zero that never changes."""
+    measured = field.any(axis=1)
+    if not measured.any() or not offsets.any():
+        return False
+    return bool((np.abs(field - offsets)[measured] <= 1.0).all())
+
+
+def primary_compass(values: dict[str, float], mags: list[Mag]) -> int | None:
+    """Index of the compass that the firmware prefers: COMPASS_PRIMARY before 4.1, the first (by priority) since."""
+    primary = values.get("COMPASS_PRIMARY")
+    if primary is not None:
+        return int(primary)
+    return mags[0].index if mags else None

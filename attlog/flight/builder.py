@@ -1,0 +1,253 @@
+"""What the readers of all firmwares share: from columns to streams on one clock.
+
+A reader first collects inertial candidates with their stamps in int64 microseconds,
+chooses one, and only then knows t = 0. :class:`LogBuilder` carries what is found on
+the way: problems, choices and the zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
+from attlog.flight.timing import Stamps, plausible
+from attlog.formats.base import Messages, Table
+
+T = TypeVar("T")
+
+QUATERNION_NORM = (0.5, 1.5)
+"""A logged quaternion outside this norm is damage or an unset value."""
+LARGEST = 1e9
+"""No quantity of a flight log exceeds this in SI; larger numbers are damage."""
+
+
+@dataclass(slots=True)
+class LogBuilder:
+    """A log in the making: its messages, and what the reader has found out so far."""
+
+    messages: Messages
+    problems: list[Problem] = field(default_factory=list)
+    choices: dict[str, str] = field(default_factory=dict)
+    t0_us: int = 0
+
+    def problem(
+        self,
+        code: str,
+        severity: Severity,
+        text: str,
+        t: float | None = None,
+        offset: int | None = None,
+        count: int = 1,
+    ) -> None:
+        """Note something the user must know."""
+        self.problems.append(Problem(code, severity, text.strip(), t, offset, count))
+
+    def attempt(self, what: str, build: Callable[[], T], otherwise: T) -> T:
+        """What ``build`` finds, ``otherwise`` where a damaged definition makes its message unreadable.
+
+        Damage in a log hit format definitions too: fields are then missing, renamed or
+        of another type. One such message must not take the others with it.
+        """
+        try:
+            return build()
+        except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
+            reason = str(error.args[0]) if error.args else type(error).__name__
+            self.problem("unreadable_message", "warning", f"{what} cannot be used: {reason.rstrip('.')[:200]}.")
+            return otherwise
+
+    def seconds(self, t_us: Stamps) -> Array:
+        """Boot-clock microseconds as seconds on the log's clock (exact difference first)."""
+        return (np.asarray(t_us, np.int64) - self.t0_us) * 1e-6
+
+    def keep(self, t_us: Stamps, source: str, good: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+        """Indices of the records with plausible stamps (and ``good`` values); what is left out becomes problems."""
+        index = np.arange(len(t_us)) if good is None else np.flatnonzero(good)
+        values = len(t_us) - len(index)
+        if values:
+            self.problem(
+                "values_out_of_range",
+                "warning",
+                f"{source}: left out {values} of {len(t_us)} records, with values that no sensor can give.",
+                count=values,
+            )
+        kept = plausible(np.asarray(t_us, np.int64)[index])
+        if kept.duplicates:
+            self.problem(
+                "duplicate_times",
+                "note",
+                f"{source}: left out {kept.duplicates} of {len(t_us)} records, which repeat a time stamp.",
+                count=kept.duplicates,
+            )
+        if kept.backward:
+            self.problem(
+                "time_backward",
+                "warning",
+                f"{source}: left out {kept.backward} of {len(t_us)} records, which go back in time.",
+                count=kept.backward,
+            )
+        if kept.false:
+            self.problem(
+                "false_times",
+                "warning",
+                f"{source}: left out {kept.false} of {len(t_us)} records, far from all others in time.",
+                count=kept.false,
+            )
+        return index[kept.index]
+
+    def stream(
+        self,
+        t_us: Stamps,
+        x: Array,
+        unit: str,
+        source: str,
+        *,
+        frame: str = "",
+        limit: float = LARGEST,
+        sampling: Literal["interval", "instant"] = "instant",
+        delay: float = 0.0,
+        t_sample_us: Stamps | None = None,
+        allow_nan: bool = False,
+    ) -> Stream | None:
+        """A clean stream of ``x`` (n,) or (n, k), None if no record is left.
+
+        Records with values beyond ``limit`` go; single missing values stay as NaN
+        where ``allow_nan``, a record without any value goes silently.
+        """
+        x = np.asarray(x, np.float64).reshape(len(t_us), -1)
+        empty = ~np.isfinite(x).any(axis=1) if allow_nan else np.zeros(len(x), bool)
+        with np.errstate(invalid="ignore"):
+            inside = np.abs(x) <= limit
+        good = (inside | np.isnan(x)).all(axis=1) if allow_nan else inside.all(axis=1)
+        chosen = np.flatnonzero(~empty)
+        index = chosen[self.keep(np.asarray(t_us)[chosen], source, good[chosen])]
+        if len(index) == 0:
+            return None
+        t = self.seconds(np.asarray(t_us)[index])
+        sampled = None if t_sample_us is None else self.sample_times(np.asarray(t_us)[index], t_sample_us[index])
+        return Stream(t, x[index], unit, frame, source, sampling, delay, sampled)
+
+    def sample_times(self, t_us: Stamps, t_sample_us: Stamps) -> Array | None:
+        """Times of measurement in s, None where the log's column is unset or tells nothing new.
+
+        A sample lies at most one second before its stamp. Single unset ones get the
+        usual age; a repeated sample time is moved on by a microsecond to stay rising.
+        """
+        t_us, t_sample_us = np.asarray(t_us, np.int64), np.asarray(t_sample_us, np.int64)
+        age = t_us - t_sample_us
+        known = (age >= 0) & (age < 1_000_000)
+        if len(age) == 0 or np.mean(known) < 0.9 or not age[known].any():
+            return None
+        sampled = np.where(known, t_sample_us, t_us - int(np.median(age[known])))
+        order = np.arange(len(sampled))
+        return self.seconds(np.maximum.accumulate(sampled - order) + order)
+
+    def attitude(
+        self,
+        t_us: Stamps,
+        q: Array,
+        source: str,
+        *,
+        t_sample_us: Stamps | None = None,
+        counter: NDArray[Any] | None = None,
+        reset_times_us: Iterable[int] = (),
+        has_trim: bool = False,
+        step_deg: float = 0.0,
+    ) -> Attitude | None:
+        """A clean attitude of quaternions ``q`` (n, 4), None if no record holds one.
+
+        ``counter`` (n,) steps where the estimator reset its attitude; ``reset_times_us``
+        are resets that the log tells elsewhere, each put on the largest of the three
+        steps around it (the logger's order and rate leave one sample of doubt).
+        """
+        if np.shape(q)[1:] != (4,):
+            raise ValueError(f"{source} does not hold four numbers of a quaternion")
+        norm = np.sqrt(np.sum(np.asarray(q, np.float64) ** 2, axis=1))
+        unset = norm == 0
+        if unset.all():
+            return None
+        with np.errstate(invalid="ignore"):
+            good = (norm > QUATERNION_NORM[0]) & (norm < QUATERNION_NORM[1])
+        chosen = np.flatnonzero(~unset)
+        index = chosen[self.keep(np.asarray(t_us)[chosen], source, good[chosen])]
+        if len(index) == 0:
+            return None
+        stamps = np.asarray(t_us, np.int64)[index]
+        unit = rotation.normalize(np.asarray(q, np.float64)[index])
+        resets: set[int] = set()
+        if counter is not None:
+            resets |= {int(i) + 1 for i in np.flatnonzero(np.diff(np.asarray(counter)[index].astype(np.int64)))}
+        resets |= self.reset_steps(stamps, unit, reset_times_us, resets)
+        sampled = None if t_sample_us is None else self.sample_times(stamps, np.asarray(t_sample_us)[index])
+        return Attitude(
+            self.seconds(stamps), unit, source, sampled, np.array(sorted(resets), np.int64), has_trim, step_deg
+        )
+
+    def reset_steps(self, t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int]) -> set[int]:
+        """Indices of the steps that resets at the given times made; none where one is known already."""
+        found: set[int] = set()
+        if len(t_us) < 2:
+            return found
+        steps = rotation.total_angle(rotation.multiply(rotation.conjugate(q[:-1]), q[1:]))
+        for time in times_us:
+            if not t_us[0] < time <= t_us[-1]:
+                continue
+            i = int(np.searchsorted(t_us, time))
+            around = [k for k in (i - 1, i, i + 1) if 1 <= k < len(t_us)]
+            if around and not known & set(around):
+                found.add(max(around, key=lambda k: steps[k - 1]))
+        return found
+
+    def texts(self, at: Callable[[int], int] | None = None) -> list[tuple[float, int, str]]:
+        """The autopilot's messages (t, level, text); ``at`` gives the time of a place in the file for those without."""
+        found = []
+        for text in self.messages.texts:
+            t_us = text.t_us if text.t_us is not None else self.t0_us if at is None else at(text.offset)
+            if 0 <= t_us < LATEST_US:
+                found.append((float(self.seconds(np.int64(t_us))), text.level, text.text))
+        return found
+
+    def time_line(self, t_us: Stamps, values: list[Any], source: str) -> TimeLine | None:
+        """A time line that keeps only changes; None without entries."""
+        stamps = np.asarray(t_us, np.int64)
+        sane = (stamps >= 0) & (stamps < LATEST_US)
+        if len(values) == 0 or not sane.any():
+            return None
+        order = np.argsort(stamps, kind="stable")
+        order = order[sane[order]]
+        ordered = [values[i] for i in order]
+        changed = [i for i, value in enumerate(ordered) if i == 0 or value != ordered[i - 1]]
+        t = self.seconds(np.asarray(t_us, np.int64)[order])
+        return TimeLine(t[changed], [ordered[i] for i in changed], source)
+
+
+LATEST_US = 2**62
+"""Stamps beyond are damage; as seconds they would still be finite, as clock they mean nothing."""
+
+
+def columns(table: Table, *names: str) -> Array:
+    """Columns (n, k) of a table as float64 in the format's own units; array fields are widened."""
+    parts = [table.value(name) for name in names]
+    return np.column_stack(parts) if parts else np.zeros((len(table), 0))
+
+
+def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:
+    """Which rows (n,) of x (n, k) are finite and within +-limit."""
+    with np.errstate(invalid="ignore"):
+        return (np.abs(x) <= limit).all(axis=1)
+
+
+def step_of(angles_deg: Array) -> float:
+    """The quantisation of logged angles in degrees: 0.01 where all lie on that grid, else 0."""
+    angles = np.asarray(angles_deg, np.float64)
+    angles = angles[np.isfinite(angles)]
+    if len(angles) < 10:
+        return 0.0
+    hundredths = angles * 100.0
+    on_grid = np.abs(hundredths - np.round(hundredths)) < 1e-3
+    return 0.01 if np.mean(on_grid) > 0.99 else 0.0

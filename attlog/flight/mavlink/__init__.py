@@ -1,0 +1,1 @@
+"""MAVLink telemetry of either firmware: which message means what."""

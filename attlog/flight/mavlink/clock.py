@@ -1,0 +1,91 @@
+"""The autopilot's clock of MAVLink messages, also of those that carry none.
+
+Most messages hold ``time_boot_ms`` or ``time_usec``. The others (SIM_STATE, AHRS2,
+HEARTBEAT) have only the receiver's packet stamp, which the messages with both
+clocks map to the boot clock; radio delay and clock changes of the computer are
+followed by a running median.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.flight.timing import Stamps
+from attlog.formats.base import Messages, Table
+from attlog.formats.mavlink.reader import CLOCK_MESSAGES, STAMP
+
+UNIX_US = 10**15
+"""A time_usec above this is Unix time (2001), not time since boot."""
+LATEST_UNIX_US = 4_102_444_800_000_000
+"""The year 2100: later times are no dates of a flight."""
+WINDOW = 21
+"""Clock packets whose median gives the difference between packet and boot clock."""
+
+
+class PacketClock:
+    """Boot times in us of the packets of one autopilot (``system``, ``component``)."""
+
+    def __init__(self, messages: Messages, instance: int) -> None:
+        offsets, boot, packet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        for name in CLOCK_MESSAGES:
+            table = messages.tables.get((name, instance))
+            if table is None or "time_boot_ms" not in table:
+                continue
+            time = table["time_boot_ms"].astype(np.int64) * 1000
+            set_ = time > 0
+            offsets.append(table.offsets[set_])
+            boot.append(time[set_])
+            packet.append((table[STAMP] if STAMP in table else table.offsets)[set_])
+        joined = np.concatenate(offsets)
+        order = np.argsort(joined, kind="stable")
+        self.offsets = joined[order]
+        self.boot = np.concatenate(boot)[order]
+        self.ahead = running_median(np.concatenate(packet)[order] - self.boot) if len(order) else self.boot
+        self.unix = unix_minus_boot(messages, instance)
+
+    def of(self, table: Table) -> Stamps:
+        """Stamps (n,) of a table: its own clock, else the packet's."""
+        if "time_boot_ms" in table:
+            return table["time_boot_ms"].astype(np.int64) * 1000
+        if "time_usec" in table:
+            time = table["time_usec"].astype(np.int64)
+            if self.unix is not None:
+                time = np.where(time > UNIX_US, time - self.unix, time)
+            if len(time) and np.median(time) > 0 and np.median(time) < UNIX_US:
+                return time
+        return self.by_packet(table)
+
+    def by_packet(self, table: Table) -> Stamps:
+        """Boot times from packet stamps, in a stream without stamps from the place between clock messages."""
+        if len(self.boot) == 0:
+            return np.zeros(len(table), np.int64)
+        if STAMP in table:
+            k = np.clip(np.searchsorted(self.offsets, table.offsets), 0, len(self.offsets) - 1)
+            return rising(table[STAMP] - self.ahead[k])
+        return np.interp(table.offsets, self.offsets, self.boot).astype(np.int64)
+
+
+def rising(t_us: Stamps) -> Stamps:
+    """The stamps without the small backward steps that an estimated clock difference makes; real ones stay."""
+    ahead = np.maximum.accumulate(t_us) if len(t_us) else t_us
+    small = ahead - t_us < 1_000_000
+    return np.where(small, ahead + np.arange(len(t_us)), t_us)
+
+
+def running_median(x: Stamps) -> Stamps:
+    """The median of WINDOW neighbours of every entry (fewer at the ends)."""
+    half = WINDOW // 2
+    if len(x) <= half:
+        return np.full(len(x), int(np.median(x)), np.int64)
+    padded = np.concatenate([x[half:0:-1], x, x[-2 : -half - 2 : -1]])
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1).astype(np.int64)
+
+
+def unix_minus_boot(messages: Messages, instance: int) -> int | None:
+    """Unix time minus boot time in us (SYSTEM_TIME), None where the autopilot never knew the date."""
+    table = messages.tables.get(("SYSTEM_TIME", instance))
+    if table is None:
+        return None
+    unix, boot = table["time_unix_usec"].astype(np.int64), table["time_boot_ms"].astype(np.int64) * 1000
+    known = (unix > UNIX_US) & (unix < LATEST_UNIX_US) & (boot > 0)
+    return int(np.median(unix[known] - boot[known])) if known.any() else None

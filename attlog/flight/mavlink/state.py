@@ -1,0 +1,150 @@
+"""Everything of a MAVLink log that is neither inertial, magnetic nor an attitude."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.flight.ardupilot import state
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.mavlink.clock import UNIX_US, PacketClock
+from attlog.flight.model import Firmware, FlightLog, Gnss, Stream
+from attlog.flight.modes import FAMILY_OF_TYPE, ardupilot_mode, px4_custom_mode, vehicle_name
+from attlog.flight.px4.state import RELEASE_TYPES
+from attlog.formats.base import Messages
+
+ARDUPILOT, PX4 = 3, 12
+ARMED_FLAG = 128
+"""MAV_MODE_FLAG_SAFETY_ARMED of HEARTBEAT.base_mode."""
+SEA_LEVEL_HPA = 1013.25
+
+
+def firmware(messages: Messages, instance: int, autopilot: int | None) -> Firmware:
+    """Who flew: ArduPilot by its start message, else the version number of AUTOPILOT_VERSION."""
+    name = {ARDUPILOT: "ArduPilot", PX4: "PX4"}.get(autopilot or 0, "unknown autopilot")
+    if autopilot == ARDUPILOT:
+        told = state.firmware(messages)
+        if told.version:
+            return told
+    table = messages.tables.get(("AUTOPILOT_VERSION", instance))
+    if table is None or len(table) == 0 or not int(table["flight_sw_version"][-1]):
+        return Firmware(name)
+    number = int(table["flight_sw_version"][-1])
+    kind = RELEASE_TYPES.get(number & 0xFF, "")
+    return Firmware(name, f"{number >> 24}.{number >> 16 & 0xFF}.{number >> 8 & 0xFF}" + (f" {kind}" if kind else ""))
+
+
+def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int | None, log: FlightLog) -> None:
+    """Add set-points, states, aids and texts to the log."""
+    messages = builder.messages
+    heartbeat = messages.tables.get(("HEARTBEAT", instance))
+    log.vehicle = "unknown"
+    if heartbeat is not None and len(heartbeat):
+        log.vehicle = vehicle_name(int(heartbeat["type"][-1]))
+        quadplane = any(p.name == "Q_ENABLE" and p.value > 0 for p in messages.params)
+        log.vehicle = "VTOL" if log.vehicle == "fixed wing" and quadplane else log.vehicle
+        t = clock.of(heartbeat)
+        base = heartbeat["base_mode"].astype(np.int64)
+        log.armed = builder.time_line(t, (base & ARMED_FLAG != 0).tolist(), "HEARTBEAT")
+        family = FAMILY_OF_TYPE.get(log.vehicle, "")
+        names = [
+            px4_custom_mode(int(m)) if autopilot == PX4 else ardupilot_mode(family, int(m))
+            for m in heartbeat["custom_mode"]
+        ]
+        log.mode = builder.time_line(t, names, "HEARTBEAT")
+    log.simulated = any((n, instance) in messages.tables for n in ("SIM_STATE", "SIMSTATE")) or any(
+        p.name.startswith("SIM_") for p in messages.params
+    )
+    state = messages.tables.get(("EXTENDED_SYS_STATE", instance))
+    if state is not None and (state["landed_state"] > 0).any():
+        known = state["landed_state"] > 0
+        log.landed = builder.time_line(
+            clock.of(state)[known], (state["landed_state"][known] == 1).tolist(), "EXTENDED_SYS_STATE"
+        )
+    target = messages.tables.get(("ATTITUDE_TARGET", instance))
+    if target is not None:
+        t = clock.of(target)
+        log.setpoints = builder.attitude(t, columns(target, "q"), "ATTITUDE_TARGET", has_trim=autopilot == ARDUPILOT)
+        rates = columns(target, "body_roll_rate", "body_pitch_rate", "body_yaw_rate")
+        own = LogBuilder(messages, t0_us=builder.t0_us)  # the stamps were reported with the attitude
+        log.rate_setpoints = own.stream(t, rates, "rad/s", "ATTITUDE_TARGET", frame="FRD", limit=200.0)
+    log.gnss = [g for g in (receiver(builder, clock, instance, n) for n in (0, 1)) if g is not None]
+    if clock.unix is not None:
+        log.utc_offset = (clock.unix + builder.t0_us) * 1e-6
+    log.baro = [b for b in (baro(builder, clock, instance, n) for n in ("", "2", "3")) if b is not None]
+    hud = messages.tables.get(("VFR_HUD", instance))
+    if hud is not None:
+        t = clock.of(hud)
+        log.throttle = builder.stream(t, hud.value("throttle") * 0.01, "1", "VFR_HUD", limit=10.0)
+        speed = LogBuilder(messages, t0_us=builder.t0_us).stream(t, hud.value("airspeed"), "m/s", "VFR_HUD", limit=1e3)
+        if FAMILY_OF_TYPE.get(log.vehicle) == "plane":
+            log.airspeed = speed
+    log.rpm = rpm(builder, clock, instance)
+    log.battery = battery(builder, clock, instance)
+    log.texts = builder.texts()
+
+
+def receiver(builder: LogBuilder, clock: PacketClock, instance: int, unit: int) -> Gnss | None:
+    """One receiver (GPS_RAW_INT, GPS2_RAW); MAVLink does not carry its vertical speed."""
+    name = ("GPS_RAW_INT", "GPS2_RAW")[unit]
+    table = builder.messages.tables.get((name, instance))
+    if table is None:
+        return None
+    t_us = clock.of(table)
+    place = columns(table, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
+    fix = table["fix_type"].astype(np.int64)
+    kept = LogBuilder(builder.messages)  # a receiver repeats its last fix: equal stamps are no fault
+    index = kept.keep(t_us, name, (np.abs(place[:, :2]) <= [90.0, 180.0]).all(axis=1))
+    if len(index) == 0:
+        return None
+    speed = np.where(table["vel"] == 0xFFFF, np.nan, table["vel"] * 0.01)
+    course = np.where(table["cog"] == 0xFFFF, np.nan, np.radians(table["cog"] * 0.01))
+    velocity = np.column_stack([speed * np.cos(course), speed * np.sin(course), np.full(len(speed), np.nan)])
+    place[fix < 2], velocity[fix < 2] = np.nan, np.nan
+    sigma = [np.where(table[c] > 0, table[c] * 1e-3, np.nan) if c in table else np.full(len(fix), np.nan)
+             for c in ("h_acc", "v_acc", "vel_acc")]  # fmt: skip
+    yaw = None
+    if "yaw" in table and ((table["yaw"] > 0) & (table["yaw"] != 0xFFFF)).any():
+        known = (table["yaw"] > 0) & (table["yaw"] != 0xFFFF)
+        yaw = np.where(known, (np.radians(table["yaw"] * 0.01) + np.pi) % (2 * np.pi) - np.pi, np.nan)[index]
+    unix = table["time_usec"].astype(np.int64)
+    return Gnss(
+        unit, builder.seconds(t_us[index]), name, place[index, 0], place[index, 1], place[index, 2], velocity[index],
+        *(s[index] for s in sigma), fix[index], yaw, unix[index] if (unix[index] > UNIX_US).any() else None,
+    )  # fmt: skip
+
+
+def baro(builder: LogBuilder, clock: PacketClock, instance: int, suffix: str) -> Stream | None:
+    """Altitude in m of the standard atmosphere at the measured pressure."""
+    name = f"SCALED_PRESSURE{suffix}"
+    table = builder.messages.tables.get((name, instance))
+    if table is None:
+        return None
+    pressure = table.value("press_abs")
+    with np.errstate(invalid="ignore"):
+        altitude = np.where(pressure > 1.0, 44330.77 * (1.0 - np.maximum(pressure / SEA_LEVEL_HPA, 0.0) ** 0.190263),
+                            np.nan)  # fmt: skip
+    return builder.stream(clock.of(table), altitude, "m", name, limit=1e5, allow_nan=True)
+
+
+def rpm(builder: LogBuilder, clock: PacketClock, instance: int) -> Stream | None:
+    """Rotor speeds (n, rotors) in rev/min of the first four ESCs."""
+    table = builder.messages.tables.get(("ESC_TELEMETRY_1_TO_4", instance))
+    if table is None:
+        return None
+    x = columns(table, "rpm")
+    turning = x.any(axis=0)
+    if not turning.any():
+        return None
+    return builder.stream(clock.of(table), x[:, turning], "rpm", "ESC_TELEMETRY_1_TO_4", limit=1e6)
+
+
+def battery(builder: LogBuilder, clock: PacketClock, instance: int) -> Stream | None:
+    """Battery (n, 2): voltage in V and current in A, NaN where not measured."""
+    table = builder.messages.tables.get(("SYS_STATUS", instance))
+    if table is None:
+        return None
+    volts = np.where(table["voltage_battery"] == 0xFFFF, np.nan, table["voltage_battery"] * 1e-3)
+    amperes = np.where(table["current_battery"] < 0, np.nan, table["current_battery"] * 1e-2)
+    return builder.stream(
+        clock.of(table), np.column_stack([volts, amperes]), "V, A", "SYS_STATUS", limit=1e4, allow_nan=True
+    )

@@ -1,0 +1,174 @@
+"""PX4's sdlog2 logs of 2013 to 2016 (``.px4log``) as a FlightLog.
+
+All records between two TIME records share that time. IMU, IMU1, IMU2 are sensors in
+the body frame; ATT holds Euler angles in rad and, in later versions, a quaternion
+that some of them left at zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog import rotation
+from attlog.flight import inertial, magnetic, parameters
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag, Stream
+from attlog.flight.modes import px4_mode, vehicle_name
+from attlog.flight.px4.state import ARMED, utc_offset
+from attlog.flight.timing import Stamps
+from attlog.formats.base import Messages, Table
+from attlog.formats.sdlog2 import TIME
+
+HOW_TO_LOG = "Raise the log rate (sdlog2 start -r 200) and log again."
+UNITS = (("IMU", 0), ("IMU1", 1), ("IMU2", 2))
+
+
+def stamps(table: Table) -> Stamps:
+    """Boot times (n,) in us; records before the first TIME record get a negative one and are left out."""
+    return table[TIME].astype(np.int64)
+
+
+def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
+    """The flight in an sdlog2 log; ``imu`` and ``mag`` ask for a unit."""
+    builder = LogBuilder(messages)
+    chosen = inertial.best_per_unit(builder, builder.attempt("IMU", lambda: candidates(builder), []))
+    position = inertial.choose_unit(builder, chosen, 0, "the first one, which the estimator used", imu, HOW_TO_LOG)
+    clock = messages.first("TIME")
+    builder.t0_us = int(chosen[position or 0].t_us[0]) if chosen else int(clock["StartTime"][0]) if clock else 0
+    values = parameters.values(messages.params)
+
+    log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware(messages), "")
+    log.vehicle = vehicle_name(int(values.get("MAV_TYPE", -1)))
+    log.imus = [inertial.build(builder, c) for c in chosen]
+    log.imu = position
+    log.mags = builder.attempt("The magnetometer", lambda: magnetometers(builder), [])
+    flying = None if position is None else log.imus[position]
+    log.mag = magnetic.choose(builder, log.mags, flying, 0, "the first one", mag)
+    attitude = builder.attempt("ATT", lambda: euler_or_quaternion(builder, "ATT", ("Roll", "Pitch", "Yaw")), None)
+    if attitude is not None:
+        log.attitudes, log.onboard = {"ATT": attitude}, "ATT"
+    wanted = ("RollSP", "PitchSP", "YawSP")
+    log.setpoints = builder.attempt("ATSP", lambda: euler_or_quaternion(builder, "ATSP", wanted), None)
+    builder.attempt("STAT", lambda: states(builder, log), None)
+    aids(builder, log)
+    log.params = parameters.time_lines(builder, messages.params, "PARM")
+    log.problems, log.choices = builder.problems, builder.choices
+    return log
+
+
+def firmware(messages: Messages) -> Firmware:
+    """PX4 of the sdlog2 time; the log tells board and git hash, no version."""
+    own = messages.info.get("VER")
+    told = own if isinstance(own, dict) else {}
+    return Firmware("PX4", "", str(told.get("FwGit", "")), str(told.get("Arch", "")))
+
+
+def candidates(builder: LogBuilder) -> list[inertial.Candidate]:
+    """Every inertial record type, cleaned."""
+    found = []
+    for name, unit in UNITS:
+        table = builder.messages.first(name)
+        if table is None or "GyroX" not in table or "AccX" not in table:
+            continue
+        gyro, acc = columns(table, "GyroX", "GyroY", "GyroZ"), columns(table, "AccX", "AccY", "AccZ")
+        if unit and not gyro.any() and not acc.any():
+            continue  # a board without a second sensor logs zeros
+        one = inertial.validate(
+            builder,
+            inertial.Candidate(
+                unit, 0, stamps(table), gyro, acc, name, "instant",
+                temperature=table.value("tG") if "tG" in table else None,
+            ),
+        )  # fmt: skip
+        found += [one] if one is not None else []
+    return found
+
+
+def magnetometers(builder: LogBuilder) -> list[Mag]:
+    """The magnetometer beside each IMU (gauss, calibrated); only records with a new value."""
+    found = []
+    for name, unit in UNITS:
+        table = builder.messages.first(name)
+        if table is None or "MagX" not in table:
+            continue
+        field = columns(table, "MagX", "MagY", "MagZ") * magnetic.GAUSS
+        if unit and not field.any():
+            continue
+        new = magnetic.only_new(field, stamps(table))
+        mag = magnetic.build(builder, unit, stamps(table)[new], field[new], name)
+        found += [mag] if mag is not None else []
+    return found
+
+
+def euler_or_quaternion(builder: LogBuilder, name: str, angles: tuple[str, str, str]) -> Attitude | None:
+    """An attitude record: its quaternion where it is one, else the Euler angles in rad."""
+    table = builder.messages.first(name)
+    if table is None or not all(a in table for a in angles):
+        return None
+    euler = columns(table, *angles)
+    q = columns(table, "qw", "qx", "qy", "qz") if "qw" in table else np.zeros((len(table), 4))
+    with np.errstate(invalid="ignore"):
+        unset = ~(np.sum(q**2, axis=1) > 0.25)
+        sane = (np.abs(euler) < 10.0).all(axis=1)
+    q[unset & sane] = rotation.from_euler(*euler[unset & sane].T)
+    q[unset & ~sane] = np.nan
+    return builder.attitude(stamps(table), q, name)
+
+
+def states(builder: LogBuilder, log: FlightLog) -> None:
+    """Add arming, landing and modes to the log."""
+    status = builder.messages.first("STAT")
+    if status is None:
+        return
+    t = stamps(status)
+    arm = next((c for c in ("ArmS", "ArmState") if c in status), None)
+    if arm is not None:
+        log.armed = builder.time_line(t, (status[arm] == ARMED).tolist(), "STAT")
+    if "Landed" in status:
+        log.landed = builder.time_line(t, (status["Landed"] != 0).tolist(), "STAT")
+    if "MainState" in status:
+        log.mode = builder.time_line(t, [px4_mode(int(m)) for m in status["MainState"]], "STAT")
+
+
+def aids(builder: LogBuilder, log: FlightLog) -> None:
+    """Add GNSS, barometer, battery, throttle and rate set-points to the log."""
+    one = builder.attempt("GPS", lambda: receiver(builder), None)
+    log.gnss = [] if one is None else [one]
+    log.utc_offset = utc_offset(log.gnss)
+    altitude = column(builder, "SENS", ("BaroAlt",), "m", 1e5)
+    log.baro = [] if altitude is None else [altitude]
+    log.battery = column(builder, "BATT", ("V", "C"), "V, A", 1e4)
+    log.throttle = column(builder, "ATTC", ("Thrust",), "1", 10.0)
+    log.rate_setpoints = column(builder, "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP"), "rad/s", 200.0)
+
+
+def column(builder: LogBuilder, name: str, names: tuple[str, ...], unit: str, limit: float) -> Stream | None:
+    """A stream of some columns, None where the log has none."""
+    table = builder.messages.first(name)
+    if table is None or not all(n in table for n in names):
+        return None
+    return builder.attempt(
+        name,
+        lambda: builder.stream(stamps(table), columns(table, *names), unit, name, limit=limit, allow_nan=True),
+        None,
+    )
+
+
+def receiver(builder: LogBuilder) -> Gnss | None:
+    """The GNSS receiver."""
+    table = builder.messages.first("GPS")
+    if table is None or "GPSTime" not in table:
+        return None
+    t_us = stamps(table)
+    place: Array = columns(table, "Lat", "Lon", "Alt")
+    index = builder.keep(t_us, "GPS", (np.abs(place[:, :2]) <= [90.0, 180.0]).all(axis=1))
+    if len(index) == 0:
+        return None
+    fix = table["Fix"].astype(np.int64)
+    velocity = columns(table, "VelN", "VelE", "VelD")
+    place[fix < 2], velocity[fix < 2] = np.nan, np.nan
+    return Gnss(
+        0, builder.seconds(t_us[index]), "GPS", place[index, 0], place[index, 1], place[index, 2], velocity[index],
+        table.value("EPH")[index], table.value("EPV")[index], np.full(len(index), np.nan), fix[index],
+        None, table["GPSTime"].astype(np.int64)[index],
+    )  # fmt: skip

@@ -1,0 +1,251 @@
+"""Everything of a PX4 log that is neither inertial, magnetic nor an attitude."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
+from attlog.flight.modes import px4_mode, vehicle_name
+from attlog.flight.px4.imus import stamps
+from attlog.formats.base import Messages, Table
+
+RELEASE_TYPES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
+ARMED = 2
+"""``vehicle_status.arming_state`` of an armed vehicle, the same in all versions."""
+YEAR_2000_US, YEAR_2100_US = 946_684_800_000_000, 4_102_444_800_000_000
+"""Unix times outside are no dates of a flight."""
+
+
+def firmware(messages: Messages) -> Firmware:
+    """Who wrote the log. Development builds carry the next release number and the word dev."""
+    info = messages.info
+    number = info.get("ver_sw_release")
+    version = ""
+    if isinstance(number, (int, np.integer)) and number > 0:
+        number = int(number)
+        version = f"{number >> 24}.{number >> 16 & 0xFF}.{number >> 8 & 0xFF}"
+        kind = RELEASE_TYPES.get(number & 0xFF, f"type {number & 0xFF}")
+        version += f" {kind}" if kind else ""
+    return Firmware(str(info.get("sys_name", "")), version, str(info.get("ver_sw", "")), str(info.get("ver_hw", "")))
+
+
+def fill(builder: LogBuilder, log: FlightLog) -> None:
+    """Add set-points, states, aids and texts to the log."""
+    status = builder.messages.tables.get(("vehicle_status", 0))
+    log.vehicle = vehicle(status, log.param("MAV_TYPE"))
+    log.simulated = simulated(builder, status)
+    log.setpoints = builder.attempt("The attitude set-point", lambda: setpoints(builder), None)
+    log.rate_setpoints = builder.attempt("The rate set-point", lambda: rate_setpoints(builder), None)
+    log.armed = builder.attempt("Arming", lambda: armed(builder, status), None)
+    log.mode = builder.attempt("The flight mode", lambda: mode(builder, status), None)
+    log.landed = builder.attempt("The land detector", lambda: landed(builder), None)
+    log.gnss = builder.attempt("GNSS", lambda: gnss(builder), [])
+    log.utc_offset = utc_offset(log.gnss)
+    log.baro = builder.attempt("The barometer", lambda: baro(builder), [])
+    log.airspeed = builder.attempt("Airspeed", lambda: airspeed(builder), None)
+    log.throttle = builder.attempt("Throttle", lambda: throttle(builder), None)
+    log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder), None)
+    log.battery = builder.attempt("The battery", lambda: battery(builder), None)
+    log.texts = builder.texts()
+
+
+def armed(builder: LogBuilder, status: Table | None) -> TimeLine | None:
+    """Armed or not."""
+    if status is not None and "arming_state" in status:
+        return builder.time_line(stamps(status), (status["arming_state"] == ARMED).tolist(), "vehicle_status")
+    table = builder.messages.tables.get(("actuator_armed", 0))
+    if table is None or "armed" not in table:
+        return None
+    return builder.time_line(stamps(table), (table["armed"] != 0).tolist(), "actuator_armed")
+
+
+def mode(builder: LogBuilder, status: Table | None) -> TimeLine | None:
+    """Flight modes by name."""
+    if status is None or "nav_state" not in status:
+        return None
+    return builder.time_line(stamps(status), [px4_mode(int(n)) for n in status["nav_state"]], "vehicle_status")
+
+
+def landed(builder: LogBuilder) -> TimeLine | None:
+    """On the ground or not, by the land detector."""
+    table = builder.messages.tables.get(("vehicle_land_detected", 0))
+    if table is None or "landed" not in table:
+        return None
+    return builder.time_line(stamps(table), (table["landed"] != 0).tolist(), "vehicle_land_detected")
+
+
+def vehicle(status: Table | None, mav_type: float | None) -> str:
+    """The kind of vehicle in words, by its status or the parameter MAV_TYPE, "unknown" if neither tells."""
+    if status is not None and len(status):
+        if "is_vtol" in status and status["is_vtol"].any():
+            return "VTOL"
+        if "system_type" in status:
+            return vehicle_name(int(status["system_type"][-1]))
+    return "unknown" if mav_type is None else vehicle_name(int(mav_type))
+
+
+def simulated(builder: LogBuilder, status: Table | None) -> bool:
+    """Whether the sensors were simulated (SITL or hardware in the loop)."""
+    info = builder.messages.info
+    board = f"{info.get('ver_hw', '')} {info.get('sys_mcu', '')}".upper()
+    hil = status is not None and "hil_state" in status and bool((status["hil_state"] == 1).any())
+    truth = ("vehicle_attitude_groundtruth", 0) in builder.messages.tables
+    return hil or truth or "SITL" in board
+
+
+def setpoints(builder: LogBuilder) -> Attitude | None:
+    """The attitude set-point; old versions hold Euler angles beside or instead of ``q_d``."""
+    table = builder.messages.tables.get(("vehicle_attitude_setpoint", 0))
+    if table is None:
+        return None
+    q = columns(table, "q_d") if "q_d" in table else np.zeros((len(table), 4))
+    unset = ~(np.abs(np.sum(q**2, axis=1) - 1.0) < 0.1)
+    if unset.any() and "roll_body" in table:
+        euler = columns(table, "roll_body", "pitch_body", "yaw_body")
+        q = np.where(unset[:, None], rotation.from_euler(*euler.T), q)
+        unset = ~np.isfinite(q).all(axis=1)
+    if unset.all():
+        return None
+    return builder.attitude(stamps(table)[~unset], q[~unset], "vehicle_attitude_setpoint")
+
+
+def rate_setpoints(builder: LogBuilder) -> Stream | None:
+    """The body rate set-point in rad/s."""
+    table = builder.messages.tables.get(("vehicle_rates_setpoint", 0))
+    if table is None or "roll" not in table:
+        return None
+    rates = columns(table, "roll", "pitch", "yaw")
+    return builder.stream(stamps(table), rates, "rad/s", "vehicle_rates_setpoint", frame="FRD", allow_nan=True)
+
+
+def gnss(builder: LogBuilder) -> list[Gnss]:
+    """Receivers: ``vehicle_gps_position`` or ``sensor_gps``, whichever was logged faster."""
+    messages = builder.messages
+    counts = {n: max((len(messages[n, i]) for i in messages.instances(n)), default=0)
+              for n in ("vehicle_gps_position", "sensor_gps")}  # fmt: skip
+    name = max(counts, key=lambda n: counts[n])
+    if counts[name] == 0:
+        return []
+    return [g for g in (receiver(builder, name, i) for i in messages.instances(name)) if g is not None]
+
+
+def receiver(builder: LogBuilder, name: str, instance: int) -> Gnss | None:
+    """One receiver; positions are 1e-7 deg integers (mm) before 1.15 and double degrees (m) since."""
+    table = builder.messages[name, instance]
+    t_us = stamps(table)
+    source = f"{name}:{instance}"
+    if "latitude_deg" in table:
+        place = columns(table, "latitude_deg", "longitude_deg", "altitude_msl_m")
+    elif "lat" in table and "lon" in table and "alt" in table:
+        place = columns(table, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
+    else:
+        return None
+    fix = table["fix_type"].astype(np.int64)
+    index = builder.keep(t_us, source, (np.abs(place) <= [90.0, 180.0, 1e6]).all(axis=1))
+    if len(index) == 0:
+        return None
+    velocity = columns(table, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
+    if "vel_ned_valid" in table:
+        velocity[table["vel_ned_valid"] == 0] = np.nan
+    without = fix < 2
+    place[without], velocity[without] = np.nan, np.nan
+    yaw = columns(table, "heading")[:, 0] if "heading" in table else None
+    utc = table["time_utc_usec"].astype(np.int64)
+    return Gnss(
+        instance, builder.seconds(t_us[index]), source, place[index, 0], place[index, 1], place[index, 2],
+        velocity[index], *(accuracy(table, n)[index] for n in ("eph", "epv", "s_variance_m_s")), fix[index],
+        yaw[index] if yaw is not None and np.isfinite(yaw[index]).any() and yaw[index].any() else None,
+        utc[index] if (utc[index] > 0).any() else None,
+    )  # fmt: skip
+
+
+def accuracy(table: Table, column: str) -> NDArray[Any]:
+    """An accuracy column, NaN where the topic has none."""
+    return table.value(column) if column in table else np.full(len(table), np.nan)
+
+
+def utc_offset(receivers: list[Gnss]) -> float | None:
+    """Seconds that turn the log's clock into Unix time, from GNSS with a fix; None if it never told."""
+    for one in receivers:
+        if one.utc_us is None:
+            continue
+        good = (one.utc_us > YEAR_2000_US) & (one.utc_us < YEAR_2100_US) & (one.fix >= 2)
+        if good.any():
+            return float(np.median(one.utc_us[good] * 1e-6 - one.t[good]))
+    return None
+
+
+def baro(builder: LogBuilder) -> list[Stream]:
+    """Barometric altitude in m."""
+    for name in ("vehicle_air_data", "sensor_combined", "sensor_baro"):
+        column = "altitude" if name == "sensor_baro" else "baro_alt_meter"
+        tables = [builder.messages[name, i] for i in builder.messages.instances(name)]
+        tables = [t for t in tables if column in t]
+        if not tables:
+            continue
+        found = []
+        for table in tables:
+            t, x = stamps(table), table.value(column)
+            if name == "sensor_combined":
+                new = np.concatenate([[True], np.diff(x) != 0])
+                t, x = t[new], x[new]
+            found.append(builder.stream(t, x, "m", f"{name}:{table.instance}", limit=1e5))
+        return [f for f in found if f is not None]
+    return []
+
+
+def airspeed(builder: LogBuilder) -> Stream | None:
+    """True airspeed in m/s."""
+    for name in ("airspeed_validated", "airspeed"):
+        table = builder.messages.tables.get((name, 0))
+        if table is not None and "true_airspeed_m_s" in table:
+            stream = builder.stream(
+                stamps(table), table.value("true_airspeed_m_s"), "m/s", name, limit=1e3, allow_nan=True
+            )
+            if stream is not None:
+                return stream
+    return None
+
+
+def throttle(builder: LogBuilder) -> Stream | None:
+    """Demanded thrust 0 to 1: norm of the thrust set-point, in old versions the throttle control."""
+    for name, column in (
+        ("vehicle_thrust_setpoint", "xyz"), ("vehicle_rates_setpoint", "thrust_body"),
+        ("vehicle_attitude_setpoint", "thrust_body"), ("vehicle_rates_setpoint", "thrust"),
+        ("vehicle_attitude_setpoint", "thrust"),
+    ):  # fmt: skip
+        table = builder.messages.tables.get((name, 0))
+        if table is not None and column in table:
+            x = columns(table, column)
+            return builder.stream(stamps(table), np.sqrt(np.sum(x**2, axis=1)), "1", name, limit=10.0, allow_nan=True)
+    return None
+
+
+def rpm(builder: LogBuilder) -> Stream | None:
+    """Rotor speeds (n, rotors) in rev/min."""
+    table = builder.messages.tables.get(("esc_status", 0))
+    if table is None:
+        return None
+    names = [f"esc[{k}].esc_rpm" for k in range(16) if f"esc[{k}].esc_rpm" in table]
+    if not names:
+        return None
+    x = columns(table, *names)
+    turning = x.any(axis=0)
+    if not turning.any():
+        return None
+    return builder.stream(stamps(table), x[:, turning], "rpm", "esc_status", limit=1e6)
+
+
+def battery(builder: LogBuilder) -> Stream | None:
+    """Battery (n, 2): voltage in V and current in A, NaN where not measured."""
+    table = builder.messages.first("battery_status")
+    if table is None or "voltage_v" not in table:
+        return None
+    x = columns(table, "voltage_v", "current_a")
+    x[x < 0] = np.nan  # -1: no current sensor
+    return builder.stream(stamps(table), x, "V, A", "battery_status", limit=1e4, allow_nan=True)

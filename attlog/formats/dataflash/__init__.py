@@ -1,0 +1,1 @@
+"""ArduPilot's DataFlash, binary and text: reader, writer, clock, units."""

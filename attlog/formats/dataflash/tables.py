@@ -1,0 +1,155 @@
+"""Tables of DataFlash records: one per message and instance, columns decoded on demand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.formats.base import Damage, Field, Table
+from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index
+from attlog.formats.mapping import Records, gather
+
+INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
+"""Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0)."""
+
+
+def fields_of(fmt: Format, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
+    """The fields of a format by name, and its whole record as structured type."""
+    fields: dict[str, Field] = {}
+    places: dict[str, int] = {}
+    place = HEADER_LENGTH
+    for k, (letter, column) in enumerate(zip(fmt.letters, fmt.columns, strict=False)):
+        dtype = LETTER_DTYPES[letter]
+        if column:
+            # FILE.Data is file content, in which zeros count
+            kind = np.dtype("(64,)u1") if (fmt.name, letter) == ("FILE", "Z") else dtype
+            fields[column] = Field(column, kind, units[k] if k < len(units) else None, LETTER_SCALES.get(letter, 1.0))
+            places[column] = place
+        place += dtype.itemsize
+    record = np.dtype(
+        {
+            "names": list(fields),
+            "formats": [f.dtype for f in fields.values()],
+            "offsets": list(places.values()),
+            "itemsize": fmt.length,
+        }
+    )
+    return fields, record
+
+
+def _decoder(data: NDArray[np.uint8], record: np.dtype[Any]) -> Records:
+    return Records(lambda offsets: gather(data, offsets, record))
+
+
+def build_tables(
+    data: NDArray[np.uint8],
+    index: Index,
+    units: dict[int, tuple[str, tuple[str | None, ...]]] | None = None,
+    by_instance: bool = True,
+) -> dict[tuple[str, int], Table]:
+    """The tables of an index by (name, instance), in the order in which their first records stand in the file.
+
+    ``units`` gives for a layout its unit ids and the unit of each column.
+    """
+    units = units or {}
+    order = np.argsort(index.layout, kind="stable")
+    bounds = np.searchsorted(index.layout, np.arange(len(index.layouts) + 1, dtype=np.int16), sorter=order)
+    parts: dict[tuple[str, int], list[Table]] = {}
+    for k, fmt in enumerate(index.layouts):
+        if bounds[k] == bounds[k + 1] or not fmt.readable:
+            continue
+        offsets = index.offsets[order[bounds[k] : bounds[k + 1]]].astype(np.int64, copy=False)
+        ids, texts = units.get(k, ("", ()))
+        fields, record = fields_of(fmt, texts)
+        whole = Table(fmt.name, 0, fields, offsets, _decoder(data, record))
+        column = instance_column(fmt, ids) if by_instance else None
+        if column is None:
+            parts.setdefault((fmt.name, 0), []).append(whole)
+            continue
+        place = fmt.place(fmt.columns.index(column))
+        number = gather(data[place:], offsets, fields[column].dtype)
+        for instance in _distinct(number):
+            part = Table(fmt.name, instance, fields, offsets[number == instance], _decoder(data, record))
+            parts.setdefault((fmt.name, instance), []).append(part)
+    tables = {key: found[0] if len(found) == 1 else MixedTable(found) for key, found in parts.items()}
+    return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+
+
+def _distinct(number: NDArray[np.integer[Any]]) -> list[int]:
+    """The different values, ascending; bytes are counted instead of sorted."""
+    if number.dtype.itemsize == 1:
+        present = np.bincount(number.view(np.uint8), minlength=256).nonzero()[0]
+        return sorted(present.astype(np.uint8).view(number.dtype).tolist())
+    return np.unique(number).tolist()
+
+
+def instance_column(fmt: Format, unit_ids: str) -> str | None:
+    """The column that tells the instance, None if there is none."""
+    for letter, column, unit in zip(fmt.letters, fmt.columns, unit_ids, strict=False):
+        if unit == "#" and LETTER_DTYPES[letter].kind in "iu" and column:
+            return column
+    for letter, column in zip(fmt.letters, fmt.columns, strict=False):
+        if letter in "bB" and column in INSTANCE_COLUMNS:
+            return column
+    return None
+
+
+class MixedTable(Table):
+    """Records of one message whose layout changed inside the file, as in joined logs of two firmwares.
+
+    A column that not all layouts have, or have with another type or scale, reads
+    as float64 of the printed values, NaN where it does not exist. ``rows`` within
+    one layout gives that layout's plain table.
+    """
+
+    def __init__(self, parts: list[Table]) -> None:
+        self._parts = parts
+        fields: dict[str, Field] = {}
+        for part in parts:
+            for name, field in part.fields.items():
+                known = fields.setdefault(name, field)
+                if known.dtype.kind == field.dtype.kind == "S" and field.dtype.itemsize > known.dtype.itemsize:
+                    fields[name] = field
+        for name, field in fields.items():
+            same = all(name in p and (p.fields[name].dtype, p.fields[name].scale) == (field.dtype, field.scale)
+                       for p in parts)  # fmt: skip
+            if not same and field.dtype.kind in "iuf" and field.dtype.shape == ():
+                fields[name] = Field(name, np.dtype(np.float64), field.unit)
+        offsets = np.sort(np.concatenate([p.offsets for p in parts]))
+        super().__init__(parts[0].name, parts[0].instance, fields, offsets, self._mixed)
+
+    def _mixed(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+        dtype = self.fields[column].dtype
+        blank = np.nan if dtype.kind == "f" else 0
+        result = np.full((len(offsets), *dtype.shape), b"" if dtype.kind == "S" else blank, dtype.base)
+        for part in self._parts:
+            if column not in part:
+                continue
+            field = part.fields[column]
+            if (field.dtype.kind == "S", field.dtype.shape) != (dtype.kind == "S", dtype.shape):
+                continue  # the same name for something else
+            mine = np.isin(offsets, part.offsets, assume_unique=True)
+            inside = part.rows(np.isin(part.offsets, offsets, assume_unique=True))
+            as_stored = dtype.kind == "S" or (field.dtype, field.scale) == (dtype, self.fields[column].scale)
+            result[mine] = inside[column] if as_stored else inside.value(column)
+        return result
+
+    def rows(self, select: NDArray[Any] | slice) -> Table:
+        """The same message, only the selected records; a plain table if they share one layout."""
+        offsets = self.offsets[select]
+        parts = [p.rows(np.isin(p.offsets, offsets, assume_unique=True)) for p in self._parts]
+        parts = [p for p in parts if len(p)] or parts[:1]
+        return parts[0] if len(parts) == 1 else MixedTable(parts)
+
+
+def unreadable(index: Index) -> list[Damage]:
+    """What is lost to formats whose letters do not give their length."""
+    return [
+        Damage(fmt.offset, count * fmt.length,
+               f"{count} {fmt.name} records: the format {fmt.letters!r} does not have {fmt.length} bytes",
+               "framing goes on by the declared length")
+        for k, fmt in enumerate(index.layouts)
+        if not fmt.readable and (count := np.count_nonzero(index.layout == k))
+    ]  # fmt: skip

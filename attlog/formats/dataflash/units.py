@@ -1,0 +1,73 @@
+"""What FMTU, UNIT and MULT records say of the units of DataFlash columns."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.formats.base import Table
+from attlog.formats.dataflash.index import LETTER_SCALES, Index
+from attlog.formats.dataflash.tables import build_tables
+from attlog.formats.mapping import text_of
+
+_PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
+
+
+def units_of(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tuple[str | None, ...]]]:
+    """For each layout that FMTU describes: its unit ids, and the unit text of every column."""
+    describes = np.array([f.name in ("FMTU", "UNIT", "MULT") for f in index.layouts])
+    chosen = describes[index.layout].nonzero()[0]
+    some = Index(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64))
+    tables = build_tables(data, some, by_instance=False)
+    described = tables.get(("FMTU", 0))
+    if described is None or not {"FmtType", "UnitIds", "MultIds"} <= described.fields.keys():
+        return {}
+    names = {chr(i & 0xFF): text_of(t) for i, t in _pairs(tables.get(("UNIT", 0)), "Label")}
+    factors = {chr(i & 0xFF): float(m) for i, m in _pairs(tables.get(("MULT", 0)), "Mult")}
+    by_type: dict[int, list[int]] = {}
+    for k, fmt in enumerate(index.layouts):
+        by_type.setdefault(fmt.type, []).append(k)
+    unit_text = cache(_unit_text)  # the same few combinations in every message
+    result = {}
+    rows = zip(*(described[c].tolist() for c in ("FmtType", "UnitIds", "MultIds")), described.offsets, strict=True)
+    for kind, unit_ids, mult_ids, offset in rows:
+        mine = by_type.get(kind)
+        if not mine:
+            continue
+        fmt_at = max((k for k in mine if index.layouts[k].offset < offset), default=mine[0])
+        ids, mults = text_of(unit_ids), text_of(mult_ids)
+        letters = index.layouts[fmt_at].letters
+        texts = tuple(
+            unit_text(names.get(u, ""), u, factors.get(m, 0.0), m, LETTER_SCALES.get(letter, 1.0))
+            for letter, u, m in zip(letters, ids, mults.ljust(len(ids), "-"), strict=False)
+        )
+        result[fmt_at] = (ids, texts)
+    return result
+
+
+def _pairs(table: Table | None, column: str) -> list[tuple[int, Any]]:
+    """Id and value of UNIT or MULT records."""
+    if table is None or not {"Id", column} <= table.fields.keys():
+        return []
+    return list(zip(table["Id"].tolist(), table[column].tolist(), strict=True))
+
+
+def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: float) -> str | None:
+    """The unit of the printed number, None if the log does not tell.
+
+    Logged value times multiplier is in ``name``. The letter's scale is often part
+    of the multiplier already (c with B = 0.01, L with G = 1e-7) or the multiplier
+    is left at 1 beside a scaled letter: both mean that the printed number is in
+    ``name``. What remains becomes an SI prefix or a factor.
+    """
+    if unit_id in "-?#" or mult_id == "?" or not name:
+        return None
+    if mult_id == "-" or factor == 0.0 or (scale != 1.0 and factor == 1.0):
+        return name
+    rest = float(f"{factor / scale:.6g}")
+    if rest == 1.0:
+        return name
+    return _PREFIXES[rest] + name if rest in _PREFIXES else f"{rest:g} {name}"

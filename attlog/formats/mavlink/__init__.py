@@ -1,0 +1,1 @@
+"""MAVLink telemetry (tlog, raw captures): reader, writer, index of packets."""

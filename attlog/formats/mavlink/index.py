@@ -1,0 +1,285 @@
+"""Where the MAVLink packets of a tlog or a raw capture are, found by their checksums in one vectorised pass.
+
+Every ``fe`` (MAVLink 1) or ``fd`` (MAVLink 2) byte may begin a packet; one whose
+checksum over header, payload and the message's seed (CRC extra) is right, is one.
+So damage needs no resynchronisation: nothing before or behind a packet matters.
+Source: MAVLink guide, "Packet Serialization"; CRC-16/MCRF4XX.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.formats.base import Damage
+from attlog.formats.mapping import Offsets, gather, offset_type
+from attlog.formats.mavlink.compiled import compiled_packets, pays
+from attlog.limits import MAX_DAMAGE
+
+V1, V2 = 0xFE, 0xFD
+SIGNED = 0x01  # incompatibility flag of MAVLink 2: a signature of 13 bytes follows the checksum
+SIGNATURE_LENGTH = 13
+STAMP_LENGTH = 8  # big-endian u64 microseconds of the receiver before each packet of a tlog
+_CHUNK = 1 << 22  # bytes whose packets are sought at once, bounds the memory
+_PADDING = 16  # packets of up to this many bytes difference share one checksum pass
+_BATCH = 1 << 18  # bytes whose checksums are taken at once, stays in cache
+
+
+@dataclass(slots=True)
+class Packets:
+    """The packets of a file in file order: offset of the marker byte, message id and sender.
+
+    ``stamped`` tells a tlog (each packet behind its receiver time) from a raw capture.
+    """
+
+    offsets: Offsets
+    ids: NDArray[np.int32]
+    senders: NDArray[np.uint16]  # system * 256 + component
+    stamped: bool
+    unknown: Counter[int] = field(default_factory=Counter)
+    damage: list[Damage] = field(default_factory=list)
+    damage_bytes: int = 0
+
+
+@cache
+def _crc_table() -> NDArray[np.uint16]:
+    """The CRC-16/MCRF4XX state after two more bytes (65536), by state xor those bytes as little-endian word."""
+    byte = np.arange(256, dtype=np.uint32)
+    for _ in range(8):
+        byte = np.where(byte & 1, (byte >> 1) ^ 0x8408, byte >> 1)
+    state = np.arange(65536, dtype=np.uint32)
+    for _ in range(2):
+        state = (state >> 8) ^ byte[state & 0xFF]
+    return state.astype(np.uint16)
+
+
+def _crc_rows(rows: NDArray[np.uint8], pad: NDArray[np.int64], table: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """CRC-16/MCRF4XX of rows (n, k), k even, whose first ``pad`` (sorted) bytes do not count; changes ``rows``.
+
+    A state of zero does not change by zero bytes, so rows of many lengths go
+    together when the padding is zero and the start value 0xffff is put on the
+    first two bytes.
+    """
+    edges = [0, *(np.flatnonzero(np.diff(pad)) + 1).tolist(), len(rows)]
+    for begin, stop in pairwise(edges):
+        skipped = int(pad[begin]) if stop > begin else 0
+        rows[begin:stop, :skipped] = 0
+        rows[begin:stop, skipped : skipped + 2] ^= 0xFF
+    crc = np.zeros(len(rows), np.uint16)
+    for column in np.ascontiguousarray(rows.view("<u2").T):
+        column ^= crc
+        # every u16 is a valid index; wrap only spares numpy the check
+        table.take(column, out=crc, mode="wrap")
+    return crc
+
+
+def crc_of_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """CRC-16/MCRF4XX, the checksum of MAVLink, of each row of (n, k) bytes, k > 1."""
+    pad = rows.shape[1] % 2
+    padded = np.zeros((len(rows), rows.shape[1] + pad), np.uint8)
+    padded[:, pad:] = rows
+    return _crc_rows(padded, np.full(len(rows), pad), _crc_table())
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """What is known of the messages, arrays by message id: CRC extra (-1 unknown) and full payload size."""
+
+    seeds: NDArray[np.int16]
+    sizes: NDArray[np.int16]
+
+    def knows(self, number: int) -> bool:
+        """True for a message of the dialect."""
+        return number < len(self.seeds) and self.seeds[number] >= 0
+
+
+def _markers(data: NDArray[np.uint8], value: int, smallest: int, start: int) -> NDArray[np.int64]:
+    """The offsets of a marker byte from ``start`` on, for one chunk, behind which the smallest packet still fits."""
+    stop = min(start + _CHUNK, len(data) - smallest + 1)
+    return np.flatnonzero(data[start : max(stop, start)] == value) + start
+
+
+@dataclass(slots=True)
+class _Headers:
+    """The headers of known messages that marker bytes would begin, taken at their word."""
+
+    at: NDArray[np.int64]
+    covered: NDArray[np.int64]  # bytes from behind the marker to before the checksum
+    end: NDArray[np.int64]
+    ids: NDArray[np.int32]
+
+    def chosen(self, select: NDArray[Any]) -> _Headers:
+        """The selected ones."""
+        return _Headers(self.at[select], self.covered[select], self.end[select], self.ids[select])
+
+
+def _headers_v1(data: NDArray[np.uint8], catalogue: Catalogue, start: int) -> _Headers:
+    at = _markers(data, V1, 8, start)
+    limit = np.full(256, -1, np.int16)
+    limit[: len(catalogue.seeds)] = np.where(catalogue.seeds >= 0, catalogue.sizes, -1)[:256]
+    ids = data[at + 5]
+    length = data[at + 1]
+    possible = np.flatnonzero(length <= limit[ids])
+    at, ids, covered = at[possible], ids[possible], length[possible].astype(np.int64) + 5
+    headers = _Headers(at, covered, at + covered + 3, ids.astype(np.int32))
+    return headers.chosen(headers.end <= len(data))
+
+
+def _headers_v2(data: NDArray[np.uint8], catalogue: Catalogue, start: int) -> _Headers:
+    at = _markers(data, V2, 12, start)
+    at = at[data[at + 2] <= SIGNED]  # other incompatibility flags are not defined
+    ids = (gather(data, at + 6, np.dtype("<u4")) >> 8).astype(np.int32)  # behind the component: 24 bits
+    listed = np.flatnonzero(ids < len(catalogue.seeds))
+    known = listed[catalogue.seeds[ids[listed]] >= 0]
+    at, ids = at[known], ids[known]
+    covered = data[at + 1].astype(np.int64) + 9
+    headers = _Headers(at, covered, at + covered + 3 + SIGNATURE_LENGTH * data[at + 2].astype(np.int64), ids)
+    return headers.chosen(headers.end <= len(data))
+
+
+def _checked(data: NDArray[np.uint8], headers: _Headers, catalogue: Catalogue) -> NDArray[np.bool_]:
+    """True for the headers whose checksum is right."""
+    table = _crc_table()
+    good = np.zeros(len(headers.at), np.bool_)
+    if len(good) == 0:
+        return good
+    sent = gather(data, headers.at + 1 + headers.covered, np.dtype("<u2"))
+    seeds = catalogue.seeds[headers.ids].astype(np.uint8)
+    widths = (headers.covered + _PADDING) // _PADDING * _PADDING  # room for the covered bytes and the seed
+    early = headers.at + headers.covered + 2 < widths  # padding would reach before the beginning of the file
+    for k in np.flatnonzero(early).tolist():
+        begin = int(headers.at[k]) + 1
+        covered = np.append(data[begin : begin + int(headers.covered[k])], seeds[k])
+        good[k] = crc_of_rows(covered[np.newaxis])[0] == sent[k]
+    order = np.argsort(headers.covered.astype(np.uint16), kind="stable")
+    order = order[~early[order]]
+    sorted_widths = widths[order]
+    edges = [0, *(np.flatnonzero(np.diff(sorted_widths)) + 1).tolist(), len(order)]
+    for begin, stop in pairwise(edges):
+        width = int(sorted_widths[begin]) if stop > begin else _PADDING
+        step = max(_BATCH // width, 1)
+        for k in range(begin, stop, step):
+            mine = order[k : min(k + step, stop)]
+            covered = headers.covered[mine]
+            rows = gather(data, headers.at[mine] + covered + 2 - width, np.dtype((np.uint8, (width,))))
+            rows[:, -1] = seeds[mine]
+            good[mine] = _crc_rows(rows, width - 1 - covered, table) == sent[mine]
+    return good
+
+
+def _without_embedded(start: Offsets, end: Offsets) -> NDArray[np.bool_]:
+    """True for packets that do not begin inside an accepted one (a tunnelled packet is payload)."""
+    keep = np.ones(len(start), np.bool_)
+    reach = np.maximum.accumulate(end) if len(end) else end
+    inside = np.flatnonzero(start[1:] < reach[:-1]) + 1
+    for k in inside.tolist():
+        # the last packet kept before this one decides, not the furthest candidate
+        before = k - 1
+        while before >= 0 and not keep[before]:
+            before -= 1
+        limit = int(end[before]) if before >= 0 else -1
+        keep[k] = start[k] >= limit
+    return keep
+
+
+def _packets(data: NDArray[np.uint8], catalogue: Catalogue) -> tuple[Offsets, Offsets, NDArray[np.int32]]:
+    """Begin, end and message id of the packets with a right checksum, in file order."""
+    width = offset_type(len(data))
+    blocks = []
+    for first in range(0, max(len(data), 1), _CHUNK):
+        found = []
+        for headers in (_headers_v1(data, catalogue, first), _headers_v2(data, catalogue, first)):
+            found.append(headers.chosen(_checked(data, headers, catalogue)))
+        start = np.concatenate([h.at for h in found])
+        order = np.argsort(start, kind="stable")
+        end, ids = (np.concatenate(columns)[order] for columns in ([h.end for h in found], [h.ids for h in found]))
+        blocks.append((start[order].astype(width), end.astype(width), ids))
+    start, end, ids = (np.concatenate(columns) for columns in zip(*blocks, strict=True))
+    kept = _without_embedded(start, end)
+    if not kept.all():
+        start, end, ids = start[kept], end[kept], ids[kept]
+    return start, end, ids
+
+
+def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
+    """All packets of known messages with a right checksum.
+
+    Packets of unknown messages cannot be checked. They count as such where a
+    whole chain of them fills the space between two checked packets; any other
+    bytes are damage.
+    """
+    if pays(data):
+        start, end, ids = compiled_packets(data, catalogue.seeds, catalogue.sizes)
+    else:
+        start, end, ids = _packets(data, catalogue)
+    gaps = start[1:] - end[:-1]
+    if len(gaps):
+        stamped = np.count_nonzero(gaps == STAMP_LENGTH) > np.count_nonzero(gaps == 0)
+    else:
+        stamped = len(start) > 0 and int(start[0]) >= STAMP_LENGTH
+    if stamped and start[0] < STAMP_LENGTH:  # a file that begins inside a receiver time
+        start, end, ids = start[1:], end[1:], ids[1:]
+    place = np.where(data.take(start) == V2, np.uint8(5), np.uint8(3))
+    senders = gather(data, start + place, np.dtype(">u2")).astype(np.uint16)
+    packets = Packets(start, ids, senders, bool(stamped))
+    _account(data, packets, end, catalogue)
+    return packets
+
+
+def _account(data: NDArray[np.uint8], packets: Packets, end: Offsets, catalogue: Catalogue) -> None:
+    """Fills in what lies between the packets: unknown messages, wrong checksums or other damage."""
+    size = len(data)
+    stamp = STAMP_LENGTH if packets.stamped else 0
+    # where each packet should begin, and where it does; in front of the first and behind the last one too
+    begins = np.concatenate([np.zeros(1, end.dtype), end])
+    stops = np.append(packets.offsets - stamp, end.dtype.type(size))
+    torn = (stops[:-1] < begins[:-1]).nonzero()[0]
+    stops[torn] += stamp  # less than a receiver time between two packets is what damage left of one
+    holes = (stops != begins).nonzero()[0]
+    wrong: dict[int, list[tuple[int, int]]] = {}
+    for begin, stop in zip(begins[holes].tolist(), stops[holes].tolist(), strict=True):
+        chain = _chain(data, begin, stop, stamp)
+        for offset, after, number in chain:
+            if catalogue.knows(number):
+                wrong.setdefault(number, []).append((offset, after))
+            else:
+                packets.unknown[number] += 1
+        if chain:
+            continue
+        packets.damage_bytes += stop - begin
+        if len(packets.damage) < MAX_DAMAGE:
+            resumed = "end of file" if stop == size else f"next packet at {stop}"
+            packets.damage.append(
+                Damage(begin, stop - begin, f"{stop - begin} bytes without a packet of right checksum", resumed)
+            )
+    for number, found in wrong.items():
+        length = sum(after - offset for offset, after in found)
+        packets.damage_bytes += length
+        lost = f"{len(found)} packets of message {number} with a wrong checksum (damaged, or of another dialect)"
+        packets.damage.append(Damage(found[0][0], length, lost, "next packet"))
+    packets.damage.sort(key=lambda d: d.offset)
+    del packets.damage[MAX_DAMAGE:]
+
+
+def _chain(data: NDArray[np.uint8], begin: int, stop: int, stamp: int) -> list[tuple[int, int, int]]:
+    """Begin, end and message id of unchecked packets that fill a hole exactly; empty if there is no such chain."""
+    found = []
+    at = begin
+    while at < stop:
+        head = data[at + stamp : min(at + stamp + 10, stop)].tobytes()
+        if len(head) >= 8 and head[0] == V1:
+            after, number = at + stamp + 8 + head[1], head[5]
+        elif len(head) == 10 and head[0] == V2 and head[2] <= SIGNED:
+            after = at + stamp + 12 + head[1] + SIGNATURE_LENGTH * head[2]
+            number = int.from_bytes(head[7:10], "little")
+        else:
+            return []
+        found.append((at, after, number))
+        at = after
+    return found if at == stop else []

@@ -1,0 +1,243 @@
+"""Reads and writes MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
+
+MAVLink 1 and 2 may be mixed in one file. Layouts and CRC seeds come from
+pymavlink's ``ardupilotmega`` dialect, which contains ``common`` and so what PX4
+sends. Deliberate differences from pymavlink's reader: every packet with a right
+checksum is found wherever it begins, also behind damage, and nothing is
+reported in between; numbers stay as sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.errors import LogUnusable
+from attlog.formats.base import Boot, Field, Messages, ParamChange, Table, Text
+from attlog.formats.clock import restarts, times_before
+from attlog.formats.mapping import Records, gather, map_bytes, text_of
+from attlog.formats.mavlink.dialect import STAMP, catalogue, layout
+from attlog.formats.mavlink.index import STAMP_LENGTH, V2, Packets, index_packets
+from attlog.formats.mavlink.writer import write
+from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+
+__all__ = ["STAMP", "parameter_values", "read", "systems_of", "vehicle_of", "write"]
+
+PX4_AUTOPILOT = 12
+NO_AUTOPILOT = 8
+_GROUND_STATION = 6
+_TEXT_CHUNK = 50  # a STATUSTEXT that fills its field goes on in the next chunk
+
+CLOCK_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "SYSTEM_TIME")
+"""Messages whose ``time_boot_ms`` is the autopilot's clock at the moment of sending; they show restarts."""
+
+
+def read(path: str | Path, system: int | None = None) -> Messages:
+    """The messages of a tlog or raw MAVLink file, columns decoded on demand.
+
+    The instance of a table is ``system * 256 + component``. ``params``, ``texts``
+    and ``boots`` are those of one vehicle: ``system``, or the one that
+    :func:`vehicle_of` chooses; ``info["systems"]`` lists all, ``info["unknown"]``
+    counts messages that the dialect does not know. A tlog has the extra column
+    :data:`STAMP`. LogUnusable if no packet has a right checksum.
+    """
+    path = Path(path)
+    data = map_bytes(path)
+    packets = index_packets(data, catalogue())
+    if len(packets.offsets) == 0:
+        raise LogUnusable(f"{path}: no MAVLink packet with a right checksum, so there is nothing to decode.")
+    messages = Messages(
+        path, "tlog" if packets.stamped else "mavlink", len(data), _tables(data, packets),
+        damage=packets.damage, damage_bytes=packets.damage_bytes,
+    )  # fmt: skip
+    messages.info["systems"] = systems_of(messages)
+    messages.info["unknown"] = dict(sorted(packets.unknown.items()))
+    chosen = vehicle_of(messages) if system is None else system
+    messages.info["system"] = chosen
+    messages.boots = [Boot(0, len(data))]
+    if chosen is not None:
+        at, time = _timeline(messages, chosen)
+        messages.params = _params(messages, chosen, at, time)
+        messages.texts = _texts(messages, chosen, at, time)
+        edges = [0, *(int(at[k]) for k in restarts(time)), len(data)]
+        messages.boots = [Boot(a, b) for a, b in pairwise(edges)]
+    return messages
+
+
+# --- tables -----------------------------------------------------------------------------------------------------
+
+
+def _tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], Table]:
+    """The tables by message name and sender, in the order in which their first packets stand in the file."""
+    numbers, number = _ranked(packets.ids)
+    senders, sender = _ranked(packets.senders)
+    kinds = len(numbers) * len(senders)
+    keys = number.astype(np.min_scalar_type(kinds))  # 16 bits sort in linear time
+    keys *= keys.dtype.type(len(senders))
+    keys += sender
+    order = np.argsort(keys, kind="stable")
+    counts = np.bincount(keys, minlength=kinds)
+    ends = counts.cumsum()
+    tables: dict[tuple[str, int], Table] = {}
+    for k in counts.nonzero()[0].tolist():
+        offsets = packets.offsets[order[ends[k] - counts[k] : ends[k]]].astype(np.int64, copy=False)
+        instance = int(senders[k % len(senders)])
+        name, fields, record = layout(int(numbers[k // len(senders)]))
+        if packets.stamped:
+            fields = {STAMP: Field(STAMP, np.dtype(np.int64), "us"), **fields}
+        tables[name, instance] = Table(name, instance, fields, offsets, _decoder(data, record))
+    return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+
+
+def _ranked(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
+    """The different values, ascending, and the place among them of each value."""
+    present = np.bincount(values).nonzero()[0]
+    place = np.zeros(int(present[-1]) + 1, np.uint16)
+    place[present] = np.arange(len(present))
+    return present, place[values]
+
+
+def _decoder(data: NDArray[np.uint8], record: np.dtype[Any]) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
+    fields = Records(lambda offsets: payloads(data, offsets, record))
+
+    def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+        if column == STAMP:
+            return gather(data, offsets - STAMP_LENGTH, np.dtype(">u8")).astype(np.int64)
+        return fields(column, offsets)
+
+    return decode
+
+
+def payloads(data: NDArray[np.uint8], offsets: NDArray[np.int64], record: np.dtype[Any]) -> NDArray[Any]:
+    """The payloads of packets at some offsets as records; bytes that the sender left out are zero."""
+    size = record.itemsize
+    begin = offsets + np.where(data.take(offsets) == V2, np.uint8(10), np.uint8(6))
+    length = data[1:].take(offsets)
+    fits = begin <= len(data) - size
+    if fits.all():
+        raw = gather(data, begin, np.dtype((np.uint8, (size,))))
+    else:  # the last packets of a file may be shorter than the message is now
+        raw = np.zeros((len(offsets), size), np.uint8)
+        raw[fits] = gather(data, begin[fits], np.dtype((np.uint8, (size,))))
+        for k in (~fits).nonzero()[0].tolist():
+            rest = data[begin[k] : begin[k] + min(int(length[k]), size)]
+            raw[k, : len(rest)] = rest
+    if length.min(initial=size) < size:
+        shortest = int(length.min())
+        raw[:, shortest:] *= np.arange(shortest, size, dtype=np.uint8) < length[:, np.newaxis]
+    return raw.view(record).reshape(len(offsets))
+
+
+# --- systems, times, parameters, texts --------------------------------------------------------------------------
+
+
+def systems_of(messages: Messages) -> dict[int, dict[str, Any]]:
+    """Each system in the file: its components, packets, and what its autopilot's heartbeat says (None without)."""
+    systems: dict[int, dict[str, Any]] = {}
+    for (name, instance), table in messages.tables.items():
+        system = systems.setdefault(
+            instance >> 8, {"components": [], "packets": 0, "autopilot": None, "type": None, "component": None}
+        )
+        if instance & 0xFF not in system["components"]:
+            system["components"].append(instance & 0xFF)
+        system["packets"] += len(table)
+        if name == "HEARTBEAT":
+            flies = (table["autopilot"] != NO_AUTOPILOT) & (table["type"] != _GROUND_STATION)
+            # a companion may forward under its own component; the autopilot is the lowest that says it flies
+            if flies.any() and (system["component"] is None or instance & 0xFF < system["component"]):
+                k = int(np.argmax(flies))
+                system["component"] = instance & 0xFF
+                system["autopilot"] = int(table["autopilot"][k])
+                system["type"] = int(table["type"][k])
+    return dict(sorted(systems.items()))
+
+
+def vehicle_of(messages: Messages) -> int | None:
+    """The system to analyse: among those with an autopilot the one with most packets; None if nobody sent data."""
+    systems = messages.info.get("systems") or systems_of(messages)
+    flying = {s: d for s, d in systems.items() if d["autopilot"] is not None}
+    if not flying:
+        # a capture that lost its heartbeats: whoever sends an attitude is the vehicle
+        senders = {i >> 8 for n, i in messages.tables if n in CLOCK_MESSAGES}
+        flying = {s: systems[s] for s in senders}
+    return max(flying, key=lambda s: (flying[s]["packets"], -s), default=None)
+
+
+def _of_system(messages: Messages, name: str, system: int) -> list[Table]:
+    return [messages[name, i] for i in messages.instances(name) if i >> 8 == system]
+
+
+def _timeline(messages: Messages, system: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
+    component = messages.info["systems"].get(system, {}).get("component")
+    at, time = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for name in CLOCK_MESSAGES:
+        for table in _of_system(messages, name, system):
+            if component is None or table.instance & 0xFF == component:
+                at.append(table.offsets)
+                time.append(table["time_boot_ms"].astype(np.int64) * 1000)
+    offsets, times = np.concatenate(at), np.concatenate(time)
+    order = np.argsort(offsets)
+    order = order[times[order] > 0]  # SYSTEM_TIME of a ground station that answers under the vehicle's id is zero
+    return offsets[order], times[order]
+
+
+def _params(messages: Messages, system: int, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:
+    """PARAM_VALUE of a system; times are those of the last clock message before.
+
+    ArduPilot sends integers as float values, PX4 sends their bits in the float.
+    """
+    bitwise = messages.info["systems"].get(system, {}).get("autopilot") == PX4_AUTOPILOT
+    result = []
+    for table in _of_system(messages, "PARAM_VALUE", system):
+        names = [text_of(raw) for raw in table["param_id"].tolist()]
+        values = parameter_values(table["param_value"], table["param_type"], bitwise)
+        times = times_before(table.offsets, at, time)
+        for name, value, t_us, offset in zip(names, values, times, table.offsets.tolist(), strict=True):
+            result.append(ParamChange(name, value, t_us, False, offset))
+    result.sort(key=lambda p: p.offset)
+    return result[:MAX_PARAM_CHANGES]
+
+
+_INTEGER_PARAMETERS = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}  # MAV_PARAM_TYPE
+
+
+def parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8], bitwise: bool) -> list[float | int]:
+    """What PARAM_VALUE packets say: ints for integer types (their bits, or their float value), else floats."""
+    result: list[float | int] = values.tolist()
+    raw = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(len(values), 4)
+    for kind, name in _INTEGER_PARAMETERS.items():
+        mine = np.flatnonzero(types == kind)
+        width = np.dtype(name).itemsize
+        bits = np.ascontiguousarray(raw[mine, :width]).view(name).ravel().tolist()
+        for k, integer in zip(mine.tolist(), bits, strict=True):
+            if bitwise:
+                result[k] = integer
+            elif float(result[k]).is_integer():
+                result[k] = int(result[k])
+    return result
+
+
+def _texts(messages: Messages, system: int, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Text]:
+    """STATUSTEXT of a system with its severity; the chunks of a long MAVLink 2 text are joined."""
+    result: list[Text] = []
+    for table in _of_system(messages, "STATUSTEXT", system):
+        open_id, open_sequence = 0, -1
+        rows = zip(table["severity"].tolist(), table["text"].tolist(), table["id"].tolist(),
+                   table["chunk_seq"].tolist(), table.offsets.tolist(), times_before(table.offsets, at, time),
+                   strict=True)  # fmt: skip
+        for severity, raw, number, sequence, offset, t_us in rows:
+            text = text_of(raw)
+            if number != 0 and number == open_id and sequence == open_sequence + 1 and result:
+                before = result.pop()
+                text, offset, t_us = (before.text + text)[:MAX_TEXT_LENGTH], before.offset, before.t_us
+            result.append(Text(text, min(severity, 7), t_us, offset))
+            # a chunk that does not fill the field is the last one
+            open_id, open_sequence = (number, sequence) if len(raw) == _TEXT_CHUNK else (0, -1)
+    result.sort(key=lambda x: x.offset)
+    return result[:MAX_TEXTS]

@@ -1,0 +1,107 @@
+"""Reads PX4's sdlog2 logs of 2013 to 2016 (``.px4log``, sometimes ``.bin``).
+
+Framing and formats are those of DataFlash. A TIME record with ``StartTime`` (us
+since boot) opens a group; all records up to the next TIME have that time, which
+every table shows as the column :data:`TIME`. Source: PX4 Firmware v1.4,
+src/modules/sdlog2/sdlog2_messages.h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.errors import LogUnusable
+from attlog.formats.base import Boot, Field, Messages, ParamChange, Table
+from attlog.formats.clock import restarts, times_before
+from attlog.formats.dataflash.index import index_records
+from attlog.formats.dataflash.tables import build_tables, unreadable
+from attlog.formats.mapping import map_bytes, text_of
+
+TIME = "_t_us"
+"""Column with the boot time (us) of the group that a record belongs to, -1 before the first TIME record."""
+
+_HEAD = 1 << 16  # bytes at the beginning that hold all formats
+
+
+def is_px4log(path: str | Path) -> bool:
+    """True if a file with DataFlash framing is an sdlog2 log: it defines TIME with StartTime."""
+    return any(
+        fmt.name == "TIME" and fmt.letters == "Q" and fmt.columns in (("StartTime",), ())
+        for fmt in index_records(map_bytes(path)[:_HEAD]).layouts
+    )
+
+
+def read(path: str | Path) -> Messages:
+    """The messages of an sdlog2 log, columns decoded on demand; all instances are 0 (IMU1 is a name of its own).
+
+    LogUnusable if the file has no TIME record, since nothing else tells time.
+    """
+    path = Path(path)
+    data = map_bytes(path)
+    index = index_records(data)
+    tables = build_tables(data, index, by_instance=False)
+    clock = tables.get(("TIME", 0))
+    if clock is None or "StartTime" not in clock:
+        blank = not any(fmt.columns for fmt in index.layouts[1:])
+        why = (
+            "its formats name no columns" if blank else "it has no TIME record with StartTime, so no record has a time"
+        )
+        raise LogUnusable(f"{path}: this sdlog2 log cannot be decoded: {why}.")
+    at, time = clock.offsets, clock["StartTime"].astype(np.int64)
+    messages = Messages(
+        path,
+        "px4log",
+        len(data),
+        {key: _timed(table, at, time) for key, table in tables.items()},
+        damage=index.damage + unreadable(index),
+        damage_bytes=index.damage_bytes,
+    )
+    messages.params = _params(messages, at, time)
+    version = messages.first("VER")
+    if version is not None:
+        messages.info["VER"] = {name: text_of(version[name][0]) for name in version.fields if name != TIME}
+    edges = [0, *at[restarts(time)].tolist(), len(data)]
+    messages.boots = [Boot(a, b) for a, b in pairwise(edges)]
+    return messages
+
+
+def _timed(table: Table, at: NDArray[np.int64], time: NDArray[np.int64]) -> Table:
+    """The same table with the group's time as first column."""
+    fields = {TIME: Field(TIME, np.dtype(np.int64), "us"), **table.fields}
+    return Table(table.name, table.instance, fields, table.offsets, _with_time(table, at, time))
+
+
+def _with_time(
+    table: Table, at: NDArray[np.int64], time: NDArray[np.int64]
+) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
+    every = np.concatenate([[-1], time])
+
+    def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+        if column == TIME:
+            return every[np.searchsorted(at, offsets, side="right")]
+        if len(offsets) == len(table):
+            return table[column]
+        return table.rows(np.searchsorted(table.offsets, offsets))[column]
+
+    return decode
+
+
+def _params(messages: Messages, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:
+    """PARM records; those before the first TIME record have no time."""
+    table = messages.first("PARM")
+    if table is None or not {"Name", "Value"} <= table.fields.keys():
+        return []
+    rows = zip(
+        table["Name"].tolist(),
+        table["Value"].tolist(),
+        times_before(table.offsets, at, time),
+        table.offsets.tolist(),
+        strict=True,
+    )
+    return [ParamChange(text_of(name), value, t_us, False, offset) for name, value, t_us, offset in rows]

@@ -1,0 +1,1 @@
+"""PX4's ULog: reader, writer and what finds its records among damage."""

@@ -1,0 +1,385 @@
+"""PX4 logs (``.ulg``): read to lazy columns, write from columns.
+
+Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html. The file is
+mapped; one pass finds where every record lies (:mod:`attlog.formats.ulog.index`),
+a topic's bytes are gathered when the first of its columns is asked for.
+
+ULog has no checksums. A data record counts only when another record begins where
+it ends: the one before a damaged place is given up, and reading goes on at the
+next place where three records in a row make sense and the time is near.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from attlog.errors import LogUnusable, NotALog
+from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
+from attlog.formats.mapping import gather, map_bytes
+from attlog.formats.ulog.doubt import doubtful
+from attlog.formats.ulog.framing import ANCHOR_RECORDS, DATA, KINDS, Framing
+from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Offsets, Runs, Sizes, chain
+from attlog.formats.ulog.layout import Layout, Members, layout_of, parse_format
+from attlog.formats.ulog.records import (
+    FILE_HEADER,
+    LARGEST_UNKNOWN,
+    MAGIC,
+    SYNC_MARK,
+    info_value,
+    keyed,
+    parameter_value,
+    text,
+)
+from attlog.formats.ulog.topic import Topic
+from attlog.formats.ulog.writer import write
+from attlog.limits import (
+    MAX_DAMAGE,
+    MAX_FORMATS,
+    MAX_PARAM_CHANGES,
+    MAX_TEXT_LENGTH,
+    MAX_TEXTS,
+    MAX_TIME_JUMP_S,
+)
+
+__all__ = ["read", "write"]
+
+ENCRYPTED = b"ULogEnc"
+LONG_UNKNOWN = 300
+"""Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""
+
+
+def read(path: Path | str) -> Messages:
+    """The log as :class:`Messages` with ``(topic, multi id)`` keys, format ``ulog``.
+
+    LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable
+    if it is encrypted or needs a newer reader. Damage is listed, never raised.
+    """
+    path = Path(path)
+    data = map_bytes(path)
+    head = data[:FILE_HEADER].tobytes()
+    if head.startswith(ENCRYPTED):
+        raise LogUnusable(f"{path}: this ULog is encrypted; decrypt it with the key of the vehicle first")
+    if not head.startswith(MAGIC) or len(head) < FILE_HEADER:
+        raise NotALog(f"{path}: no ULog header at the start of the file")
+    return _Reader(path, data).messages()
+
+
+class _Reader:
+    """One walk over the file; ``messages`` turns what was found into the result."""
+
+    def __init__(self, path: Path, data: Bytes) -> None:
+        self.path, self.data, self.raw, self.size = path, data, memoryview(data), len(data)
+        self.sizes = Sizes()
+        self.framing = Framing(data, self.sizes, self._is_timely)
+        self.chain = chain(self.data, self.sizes)
+        self.topics: dict[tuple[str, int], Topic] = {}
+        self.params: list[ParamChange] = []
+        self.texts: list[Text] = []
+        self.info: dict[str, Any] = {}
+        self.dropouts: list[int] = []
+        self.damage: list[Damage] = []
+        self.damage_bytes = 0
+        self.damaged = False
+        self.boots: list[int] = []
+        self.unknown: dict[int, list[int]] = {}
+        self.runs: Runs = []
+        self.pending = 0
+        self.appended: list[int] = []
+        self._start_log(0)
+
+    def messages(self) -> Messages:
+        """Walk everything, then hand out the tables."""
+        position = FILE_HEADER
+        while position < self.size:
+            stop = next((a for a in self.appended if a > position), self.size)
+            position = self._walk(position, stop)
+        self._end_log()
+        tables = {
+            key: topic.table(self.data, *key)
+            for key, topic in sorted(self.topics.items())
+            if sum(map(len, topic.offsets))
+        }
+        if self.damaged:
+            tables = {key: kept for key, table in tables.items() if len(kept := self._without_doubtful(table))}
+        ends = [*self.boots[1:], self.size]
+        return Messages(
+            self.path, "ulog", self.size, tables, self.params, self.texts, self.info,
+            sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, self.dropouts,
+            [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)],
+        )  # fmt: skip
+
+    # The walk.
+
+    def _walk(self, position: int, stop: int) -> int:
+        """Read records up to ``stop``; returns ``stop`` or the place where the plan changed."""
+        plan, raw = self.appended, self.raw
+        while position < stop and self.appended is plan:
+            if position + HEADER <= stop and raw[position + 2] == DATA:
+                starts, ids = self.chain.follow(position, stop)
+                if len(starts):
+                    self._keep(starts, ids)
+                    position = self.framing.end(self.last)
+                    continue
+            if raw[position] == SYNC_MARK[0] and raw[position : position + len(SYNC_MARK)] == SYNC_MARK:
+                position += len(SYNC_MARK)
+                continue
+            following = self._record(position, stop)
+            position = self._resume(position, stop) if following is None else following
+        return position
+
+    def _keep(self, starts: Offsets, ids: Identifiers) -> None:
+        if self.pending >= self.chain.group:  # before and not after: the last record can still be given up
+            self._group()
+        self.runs.append((starts, ids))
+        self.pending += len(starts)
+        self.last = int(starts[-1])
+        self.recent = starts[-3:].tolist()
+
+    def _record(self, position: int, stop: int) -> int | None:
+        """Take in the record that is no known data; the next position, None where there is no record."""
+        if self.framing.is_header(position) and position + FILE_HEADER <= stop:
+            self._end_log()
+            self._start_log(position)
+            return position + FILE_HEADER
+        if position + 3 > stop or (end := self.framing.end(position)) > stop:
+            return None
+        kind = self.raw[position + 2]
+        payload = bytes(self.raw[position + 3 : end])
+        if kind == DATA or not self.framing.is_strict(position, payload):
+            return self._loose_record(position, end, stop, payload)
+        if not self.framing.leads_on(end, stop, 1):
+            return None
+        self._take(kind, payload, position)
+        return end
+
+    def _loose_record(self, position: int, end: int, stop: int, payload: bytes) -> int | None:
+        """Take in a record that could be chance: data of an unknown id, or not quite what its type demands."""
+        kind = self.raw[position + 2]
+        if kind == 0 or not payload or (not KINDS[kind] and len(payload) > LARGEST_UNKNOWN):
+            return None
+        if (kind == DATA and len(payload) < 2) or not self.framing.leads_on(end, stop, 2):
+            return None
+        may_hide_records = kind != DATA or len(payload) > LONG_UNKNOWN
+        if may_hide_records and self.framing.anchor(position + 1, end) < end:
+            return None
+        if kind == DATA:
+            self.unknown.setdefault(self.framing.identifier(position), []).append(position)
+        elif kind in b"IMFPQALC":
+            self._take(kind, payload, position)
+        return end
+
+    # Damage.
+
+    def _resume(self, position: int, stop: int) -> int:
+        """Give up the record that ended at ``position``, find the next good one and note the damage.
+
+        Where nothing more follows and the rest is the beginning of a record, the log
+        was cut off there and the record before is whole.
+        """
+        if self.framing.is_cut_off(position, stop) and self.framing.anchor(position + 1, stop) == stop:
+            resumed = "at the end of the file" if stop == self.size else f"at the appended data, byte {stop}"
+            self._damaged(position, stop, "a record that is cut off", resumed)
+            return stop
+        self.damaged = True
+        begin = position
+        if self.runs and self.framing.end(self.last) == position:
+            begin = self.last
+            self._drop_last()
+        here = self.framing.anchor(max(begin + 1, self.low), stop)
+        self.low = here
+        lost = f"{here - begin} bytes that are no records"
+        self._damaged(begin, here, lost, f"at byte {here}" if here < stop else "nothing behind it is readable")
+        return here
+
+    def _drop_last(self) -> None:
+        starts, ids = self.runs.pop()
+        self.pending -= 1
+        if len(starts) > 1:
+            self.runs.append((starts[:-1], ids[:-1]))
+        self.recent = self.runs[-1][0][-3:].tolist() if self.runs else []
+        self.last = self.recent[-1] if self.recent else 0
+
+    def _is_timely(self, start: int) -> bool:
+        """Whether the data record's time is near those of the last records."""
+        now = self._time_at(start)
+        before = [t for last in self.recent if (t := self._time_at(last)) is not None]
+        return now is None or not before or min(abs(now - t) for t in before) < MAX_TIME_JUMP_S * 1e6
+
+    def _without_doubtful(self, table: Table) -> Table:
+        """The table without the records that damage went through unseen."""
+        doubt = doubtful(table)
+        if not doubt.any():
+            return table
+        for start in table.offsets[doubt].tolist():
+            lost = f"a record of {table.name} with impossible numbers"
+            self._damaged(start, self.framing.end(start), lost, "behind it")
+        return table.rows(~doubt)
+
+    def _damaged(self, begin: int, end: int, lost: str, resumed: str) -> None:
+        self.damage_bytes += end - begin
+        if len(self.damage) < MAX_DAMAGE:
+            self.damage.append(Damage(begin, end - begin, lost, resumed))
+
+    def _end_log(self) -> None:
+        """Sort what is pending; give records whose subscription is lost to the one topic that they can be."""
+        self._group()
+        for identifier, starts in self.unknown.items():
+            sizes = {self.framing.end(start) - start - 3 for start in starts}
+            offsets = np.array(starts, np.int64)
+            found = self._only_topic_for(sizes, offsets) if identifier not in self.by_id else None
+            if found is not None:
+                name, layout = found
+                self._add((name, 0), layout, offsets)
+                lost = f"the subscription of id {identifier}; its {len(starts)} records can only be {name}"
+                self._damaged(starts[0], starts[0], lost, f"read as {name}")
+                continue
+            length = sum(self.framing.end(start) - start for start in starts)
+            lost = f"{len(starts)} records ({length} bytes) of id {identifier}, which no readable definition describes"
+            self._damaged(starts[0], starts[0], lost, "skipped one by one")
+            self.damage_bytes += length
+        self.unknown.clear()
+
+    def _only_topic_for(self, sizes: set[int], starts: Offsets) -> tuple[str, Layout] | None:
+        """The one format without subscription that has this size and rising times, None if there are none or more."""
+        if len(sizes) != 1 or len(starts) < ANCHOR_RECORDS:
+            return None
+        subscribed = {name for name, _, _ in self.by_id.values()}
+        fitting = []
+        for name in self.formats.keys() - subscribed:
+            layout = layout_of(name, self.formats)
+            if layout is None or layout.time_at is None or min(sizes) - 2 not in (layout.size, layout.full_size):
+                continue
+            times = gather(self.data[HEADER + layout.time_at :], starts, np.dtype("<u8")).astype(np.float64)
+            if (np.diff(times) >= 0).all() and times[-1] - times[0] < MAX_TIME_JUMP_S * 1e6:
+                fitting.append((name, layout))
+        return fitting[0] if len(fitting) == 1 else None
+
+    # What records mean.
+
+    def _start_log(self, position: int) -> None:
+        """A file header: a new power-up with its own definitions."""
+        self.formats: dict[str, Members] = {}
+        self.by_id: dict[int, tuple[str, int, Layout]] = {}
+        self.in_data = False
+        self.last = 0
+        self.recent: list[int] = []
+        self.low = 0
+        self.framing.checked = -1
+        self.runs.clear()
+        self.boots.append(position)
+        self.start_us = struct.unpack_from("<Q", self.raw, position + 8)[0]
+        self.sizes.smallest[:] = 0
+        self.chain.forget()
+        if position == 0:
+            self.info["ulog_version"] = self.raw[7]
+            self.info["ulog_start_us"] = self.start_us
+
+    def _take(self, kind: int, payload: bytes, position: int) -> None:
+        try:
+            match chr(kind):
+                case "P" | "Q":
+                    self._take_parameter(kind, payload, position)
+                case "F":
+                    self._take_format(payload)
+                case "A":
+                    self._take_subscription(payload, position)
+                case "I":
+                    key_type, name, raw = keyed(payload)
+                    self.info[name] = info_value(key_type, raw)
+                case "M":
+                    self._take_parts(payload)
+                case "L" | "C":
+                    self._take_text(kind, payload, position)
+                case "O":
+                    self.dropouts.append(struct.unpack_from("<H", payload)[0])
+                case "B":
+                    self._take_flags(payload, position)
+        except (IndexError, struct.error):
+            self._damaged(position, position + 3 + len(payload), f"a malformed {chr(kind)} record", "behind it")
+
+    def _take_format(self, payload: bytes) -> None:
+        parsed = parse_format(text(payload))
+        if parsed is not None and len(self.formats) < MAX_FORMATS:
+            self.formats[parsed[0]] = parsed[1]
+
+    def _take_subscription(self, payload: bytes, position: int) -> None:
+        self.in_data = True
+        multi, identifier = struct.unpack_from("<BH", payload)
+        name = text(payload[3:])
+        layout = layout_of(name, self.formats)
+        if layout is None:
+            return
+        if identifier in self.by_id and self.by_id[identifier] != (name, multi, layout):
+            self._group()
+        self.by_id[identifier] = (name, multi, layout)
+        if self.sizes.set(identifier, layout.size + 2, layout.full_size + 2):
+            self.chain.forget()
+
+    def _take_parts(self, payload: bytes) -> None:
+        key_type, name, raw = keyed(payload[1:])
+        value = info_value(key_type, raw)
+        parts = self.info.setdefault(name, [])
+        if not isinstance(parts, list):
+            return
+        if payload[0] and parts and type(parts[-1]) is type(value) and isinstance(value, str | bytes):
+            parts[-1] += value
+        elif len(parts) < MAX_TEXTS:
+            parts.append(value)
+
+    def _take_parameter(self, kind: int, payload: bytes, position: int) -> None:
+        key_type, name, raw = keyed(payload[1:] if kind == ord("Q") else payload)
+        value = parameter_value(key_type, raw)
+        if value is None or not name or len(self.params) >= MAX_PARAM_CHANGES:
+            return
+        is_default = kind == ord("Q")
+        changed = self.in_data and not is_default
+        t_us = (self._time_before(position) or self.start_us) if changed else None
+        self.params.append(ParamChange(name, value, t_us, is_default, position))
+
+    def _take_text(self, kind: int, payload: bytes, position: int) -> None:
+        self.in_data = True
+        at = 1 if kind == ord("L") else 3
+        if len(self.texts) < MAX_TEXTS:
+            t_us = struct.unpack_from("<Q", payload, at)[0]
+            level = min(max(payload[0] - ord("0"), 0), 7)
+            self.texts.append(Text(text(payload[at + 8 :])[:MAX_TEXT_LENGTH], level, t_us, position))
+
+    def _take_flags(self, payload: bytes, position: int) -> None:
+        if position != self.boots[-1] + FILE_HEADER:
+            return  # flags stand behind the header only, anything else is damage that looks like them
+        incompatible = payload[8:16]
+        if incompatible[0] & ~1 or any(incompatible[1:]):
+            raise LogUnusable(f"{self.path}: the log says that it needs a newer reader (incompatible flags "
+                              f"{incompatible.hex()}); update attlog")  # fmt: skip
+        if incompatible[0] & 1:
+            offsets = struct.unpack_from("<3Q", payload, 16)
+            self.appended = [a for a in offsets if position < a < self.size]
+
+    def _time_at(self, start: int) -> int | None:
+        """The stamp of a data record, None if its topic has none."""
+        known = self.by_id.get(self.framing.identifier(start))
+        if known is None or known[2].time_at is None:
+            return None
+        return int(struct.unpack_from("<Q", self.raw, start + HEADER + known[2].time_at)[0])
+
+    def _time_before(self, position: int) -> int | None:
+        """The stamp of the last data record before, None if there is none."""
+        return self._time_at(self.last) if self.last and self.last < position else None
+
+    # From starts to tables.
+
+    def _group(self) -> None:
+        """Sort the collected starts into their topics, file order within each."""
+        if not self.runs:
+            return
+        runs, self.runs, self.pending = self.runs, [], 0
+        for identifier, part in self.chain.by_id(runs):
+            name, multi, layout = self.by_id[identifier]
+            self._add((name, multi), layout, part)
+
+    def _add(self, key: tuple[str, int], layout: Layout, offsets: Offsets) -> None:
+        self.topics.setdefault(key, Topic([layout], [0])).add(layout, offsets)

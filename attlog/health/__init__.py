@@ -1,0 +1,31 @@
+"""Does physics agree with what the log says, and what can this log answer?"""
+
+from __future__ import annotations
+
+from attlog.flight.model import FlightLog
+from attlog.health import accelerometer, attitude, delay, gyro, magnetometer, timing
+from attlog.health.model import Answerable, Check
+from attlog.health.questions import answerable
+from attlog.reference import choose
+from attlog.reference.model import Reference
+from attlog.segments.model import Segments
+
+__all__ = ["Answerable", "Check", "answerable", "audit"]
+
+
+def audit(log: FlightLog, segments: Segments | None, reference: Reference | None = None) -> list[Check]:
+    """Every check of the log in a fixed order; ``segments`` None where there is no usable IMU.
+
+    ``reference`` is what the delay is measured against; where it is not given it is chosen.
+    """
+    phases = segments or Segments()
+    if reference is None and segments is not None and log.imu is not None:
+        reference = choose(log, segments)
+    return [
+        *timing.checks(log),
+        *delay.checks(log, reference),
+        *gyro.checks(log, phases),
+        *accelerometer.checks(log, phases),
+        *attitude.checks(log, phases),
+        *magnetometer.checks(log),
+    ]

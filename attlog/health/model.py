@@ -1,0 +1,41 @@
+"""What the audit says: checks with verdicts, and which questions a log can answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(slots=True)
+class Check:
+    """One physics check of the log: ``verdict`` is good, look, bad or cannot_judge."""
+
+    name: str
+    verdict: str
+    text: str
+    value: float | str | None = None
+    unit: str = ""
+    threshold: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Answerable:
+    """Whether one of the three questions (quiet, late, drifting) can be answered from this log.
+
+    ``reason`` is a sentence with the numbers; ``setting`` names what would log what is
+    missing, for the firmware that flew, empty where nothing is missing.
+    """
+
+    question: str
+    can: bool
+    reason: str
+    setting: str = ""
+
+
+def graded(value: float, good: float, look: float) -> str:
+    """The verdict of a size: good up to ``good``, look up to ``look``, else bad."""
+    return "good" if value <= good else "warn" if value <= look else "bad"
+
+
+def not_judged(name: str, why: str, threshold: str = "") -> Check:
+    """A check that cannot be made, with the reason."""
+    return Check(name, "cannot_judge", why, threshold=threshold)

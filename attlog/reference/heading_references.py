@@ -1,0 +1,135 @@
+"""Heading references: who else can tell in the air where the nose, or the path, pointed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.flight.model import Attitude, FlightLog, Gnss
+from attlog.reference import clock
+from attlog.reference.compare import interpolate
+from attlog.reference.model import HeadingReference, Reference, Row
+from attlog.segments import Segments, gaps, resets
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MAG_SMOOTHING_S = 1.0
+COURSE_SPEED_M_S = 5.0
+FIXED_WING = ("plane", "fixed", "wing", "glider")
+LEAST = 10
+
+
+def heading_references(
+    log: FlightLog, segments: Segments, reference: Reference, rows: list[Row]
+) -> dict[str, HeadingReference]:
+    """Headings by name: onboard, truth, mag, gnss_yaw, course, as far as the log has them.
+
+    Degrees on the log's clock; pieces end at gaps and at resets of the heading reference. An
+    attitude that was refused as reference is no heading reference either.
+    """
+    found: dict[str, HeadingReference] = {}
+    for name, attitude in (("onboard", log.attitudes.get(log.onboard or "")), ("truth", log.truth)):
+        if attitude is None or name in reference.refused:
+            continue
+        t, q, segment = _attitude(log, segments, reference, name, attitude)
+        if len(t) >= LEAST:
+            found[name] = HeadingReference(
+                name, t, np.degrees(rotation.to_euler(q)[:, 2]), segment, f"yaw of {attitude.source}"
+            )
+    for heading_reference in (_magnetic(log, reference, rows), _dual_antenna(log), _course(log)):
+        if heading_reference is not None:
+            found[heading_reference.name] = heading_reference
+    return found
+
+
+def _attitude(
+    log: FlightLog, segments: Segments, reference: Reference, name: str, attitude: Attitude
+) -> tuple[Array, Array, Index]:
+    """Times, attitudes and pieces of the onboard attitude or the truth; those of the reference are known already."""
+    if reference.kind == name and reference.name in ("", log.onboard):
+        return reference.t, reference.q, reference.segment
+    t, q, kept = clock.usable(attitude, reference.clock)
+    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    jumped = np.zeros(len(attitude.t), np.int64)
+    jumped[
+        resets.known(log, log.onboard or "", segments)[0] if name == "onboard" else resets.find(attitude, imu)[0]
+    ] = 1
+    return t, q, gaps.renumber(gaps.number(t), np.cumsum(jumped)[kept])
+
+
+def _magnetic(log: FlightLog, reference: Reference, rows: list[Row]) -> HeadingReference | None:
+    """Heading by the magnetometer, levelled with the reference's tilt (without reference: the first row's)."""
+    if log.mag is None:
+        return None
+    field = log.mags[log.mag].field
+    t, x = gaps.rising(field.t_best, field.x)
+    if reference.kind != "none":
+        q, _ = interpolate(reference.t, reference.q, reference.segment, t)
+        level = reference.source
+    elif rows:
+        q, _ = interpolate(rows[0].t, rows[0].q, gaps.number(rows[0].t), t)
+        level = rows[0].name
+    else:
+        return None
+    good = np.isfinite(q).all(axis=1) & np.any(x != 0, axis=1)
+    if np.count_nonzero(good) < LEAST:
+        return None
+    t, x, q = t[good], x[good], q[good]
+    roll_pitch = rotation.to_euler(q)
+    levelled = rotation.rotate(rotation.from_euler(roll_pitch[:, 0], roll_pitch[:, 1], np.zeros(len(t))), x)
+    north = reference.declination_deg or 0.0
+    segment = gaps.number(t)
+    heading = _smooth(t, -np.arctan2(levelled[:, 1], levelled[:, 0]), roll_pitch[:, 2], segment)
+    text = f"{field.source} levelled with the tilt of {level}, mean over {MAG_SMOOTHING_S:.0f} s"
+    text += f", declination {north:.1f} deg" if reference.declination_deg is not None else ", magnetic north"
+    return HeadingReference("mag", t, np.degrees(rotation.wrap(heading + np.radians(north))), segment, text)
+
+
+def _smooth(t: Array, heading: Array, turning: Array, segment: Index) -> Array:
+    """Headings (n,) rad low-passed by a centred mean over 1 s of their difference from ``turning``.
+
+    Averaging the difference and not the heading keeps turns as they were: the
+    magnetometer tells where north is, the levelling attitude how the nose moved.
+    """
+    off = np.exp(1j * (heading - turning))
+    total = np.concatenate([[0], np.cumsum(off)])
+    low = np.maximum(np.searchsorted(t, t - 0.5 * MAG_SMOOTHING_S), np.searchsorted(segment, segment))
+    high = np.minimum(
+        np.searchsorted(t, t + 0.5 * MAG_SMOOTHING_S, "right"), np.searchsorted(segment, segment, "right")
+    )
+    return turning + np.angle(total[high] - total[low])
+
+
+def _dual_antenna(log: FlightLog) -> HeadingReference | None:
+    """Heading by the first receiver with two antennas."""
+    for gnss in log.gnss:
+        if gnss.yaw is None:
+            continue
+        good = np.isfinite(gnss.yaw) & np.isfinite(gnss.t) & (gnss.fix >= 3)
+        if np.count_nonzero(good) >= LEAST:
+            t, yaw = gaps.rising(gnss.t[good], gnss.yaw[good, None])
+            heading = np.degrees(rotation.wrap(yaw[:, 0]))
+            return HeadingReference("gnss_yaw", t, heading, gaps.number(t), f"dual-antenna yaw of {gnss.source}")
+    return None
+
+
+def _course(log: FlightLog) -> HeadingReference | None:
+    """Course over ground of a fixed-wing aircraft above 5 m/s: the path's direction, not the nose's."""
+    if not any(word in log.vehicle.lower() for word in FIXED_WING):
+        return None
+    for gnss in log.gnss:
+        t, velocity = _moving(gnss)
+        if len(t) >= LEAST:
+            heading = np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0]))
+            text = f"course of {gnss.source} above {COURSE_SPEED_M_S:.0f} m/s; wind turns it off the heading"
+            return HeadingReference("course", t, heading, gaps.number(t), text)
+    return None
+
+
+def _moving(gnss: Gnss) -> tuple[Array, Array]:
+    """Times and horizontal velocities (m, 2) of a receiver with a 3D fix above 5 m/s."""
+    t, velocity = gaps.rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned[:, :2])
+    fast = np.hypot(velocity[:, 0], velocity[:, 1]) > COURSE_SPEED_M_S
+    return t[fast], velocity[fast]

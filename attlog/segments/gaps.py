@@ -1,0 +1,96 @@
+"""Gaps: where samples are missing, and the continuous segments between them, which no metric leaves."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.segments.model import Segment
+
+Array = NDArray[np.float64]
+
+GAP_MEDIANS = 5.0
+GAP_SECONDS = 0.05
+"""A gap is longer than 5 median intervals and longer than 50 ms (METRICS 1)."""
+
+RESTART_SECONDS = 0.5
+"""Up to here a filter integrates across a gap; beyond, it restarts."""
+
+
+def gap_limit(t: Array) -> float:
+    """The longest interval in s that is still no gap: max(5 median intervals, 50 ms)."""
+    dt = np.diff(t)
+    dt = dt[np.isfinite(dt) & (dt > 0)]
+    return max(GAP_MEDIANS * float(np.median(dt)), GAP_SECONDS) if len(dt) else GAP_SECONDS
+
+
+def rate(t: Array) -> float:
+    """Samples per second in Hz where there are samples: time lost in gaps does not count; 0 for fewer than two."""
+    dt = np.diff(t)
+    dt = dt[(dt > 0) & (dt <= gap_limit(t))]
+    return len(dt) / float(np.sum(dt)) if len(dt) else 0.0
+
+
+def number(t: Array, limit: float | None = None) -> NDArray[np.int64]:
+    """The number of the segment (n,) that each time belongs to; a gap or a backward step begins a new one."""
+    if len(t) == 0:
+        return np.zeros(0, np.int64)
+    dt = np.diff(t)
+    broken = ~((dt >= 0) & (dt <= (gap_limit(t) if limit is None else limit)))
+    return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
+
+
+def renumber(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Stretch numbers (n,) from 0 that rise by one wherever one of the given numbers (n,) changes."""
+    if len(numbers[0]) == 0:
+        return np.zeros(0, np.int64)
+    changed = np.any([np.diff(n) != 0 for n in numbers], axis=0)
+    return np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)
+
+
+def slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:
+    """Index ranges of neighbouring samples that are all inside and bear the same segment number (n,)."""
+    if len(inside) == 0:
+        return []
+    edges = np.flatnonzero((inside[1:] != inside[:-1]) | (np.diff(number) != 0)) + 1
+    bounds = [0, *edges.tolist(), len(inside)]
+    return [slice(a, b) for a, b in pairwise(bounds) if inside[a]]
+
+
+def rising(t: Array, x: Array) -> tuple[Array, Array]:
+    """The samples (m,), (m, k) that are finite and later than all before them; the arrays themselves if all are."""
+    good = np.isfinite(t) & np.isfinite(x).all(axis=1)
+    highest = np.maximum.accumulate(np.where(good, t, -np.inf))
+    good[1:] &= highest[1:] > highest[:-1]
+    return (t, x) if good.all() else (t[good], x[good])
+
+
+def find(t: Array) -> list[Segment]:
+    """Continuous segments and the gaps between them, of the times (n,) of the replayed IMU."""
+    if len(t) < 2:
+        return []
+    limit = gap_limit(t)
+    own = number(t, limit)
+    first = np.flatnonzero(np.concatenate([[True], np.diff(own) > 0]))
+    last = np.append(first[1:], len(t)) - 1
+    found = [
+        Segment("continuous", float(t[a]), float(t[b]), f"{b - a + 1} samples, no interval above {1e3 * limit:.0f} ms")
+        for a, b in zip(first, last, strict=True)
+        if t[b] > t[a]
+    ]
+    for a, b in zip(last[:-1], first[1:], strict=True):
+        seconds = float(t[b] - t[a])
+        if seconds > 0:
+            kind = "a filter restarts" if seconds > RESTART_SECONDS else "a filter integrates across"
+            found.append(Segment("gap", float(t[a]), float(t[b]), f"no IMU sample for {seconds:.3g} s; {kind}"))
+    return found
+
+
+def restarts(t: Array) -> Array:
+    """Times (k,) at which a filter has to start anew: the first sample, and those after gaps beyond 0.5 s."""
+    if len(t) == 0:
+        return np.zeros(0)
+    dt = np.diff(t)
+    return t[np.concatenate([[True], ~((dt >= 0) & (dt <= RESTART_SECONDS))])]

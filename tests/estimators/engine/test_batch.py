@@ -1,0 +1,97 @@
+"""Many parameter sets side by side give what one-by-one runs give."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog import rotation
+from attlog.errors import UsageError
+from attlog.estimators import base, get
+from attlog.estimators.engine.batch import estimate_batch, kernel
+
+G = 9.80665
+
+
+def flight(n: int = 3000) -> tuple[np.ndarray, ...]:
+    """Noisy motion at 200 Hz with a slow magnetometer, a short and a long gap."""
+    rng = np.random.default_rng(0)
+    t = np.arange(n) / 200.0
+    q = rotation.from_euler(0.4 * np.sin(t), 0.3 * np.sin(1.3 * t), 0.5 * t)
+    gyr = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-1]), q[1:])) * 200
+    gyr = np.vstack([gyr[:1], gyr]) + rng.normal(0, 0.02, (n, 3)) + 0.01
+    acc = rotation.rotate_inverse(q, [0, 0, -G]) + rng.normal(0, 1.0, (n, 3))
+    mag = rotation.rotate_inverse(q, [20.0, 0, 40.0])
+    mag[np.arange(n) % 9 != 0] = np.nan
+    keep = np.r_[0 : n // 3, n // 3 + 60 : n // 2, n // 2 + 200 : n]
+    return t[keep], gyr[keep], acc[keep], mag[keep]
+
+
+SETS = [{"kp": 0.1 + 0.2 * i, "ki": 0.002 * i} for i in range(19)]
+
+
+@pytest.mark.parametrize("name", ["mahony", "complementary"])
+def test_each_lane_equals_a_run_of_its_own_to_the_bit(name: str) -> None:
+    x = flight()
+    lanes = estimate_batch(get(name), SETS, *x)
+    assert len(lanes) == len(SETS)
+    for values, lane in zip(SETS, lanes, strict=True):
+        alone = attlog.estimate(name, *x, **values)
+        assert np.array_equal(lane.q, alone.q)
+        assert np.array_equal(lane.bias, alone.bias)
+        assert np.array_equal(lane.t, alone.t)
+        assert np.array_equal(lane.segment, alone.segment)
+        assert lane.skipped == alone.skipped
+
+
+def test_switches_declination_start_and_decimation_may_differ_or_be_given() -> None:
+    x = flight()
+    sets: list[dict[str, Any]] = [{}, {"mag_form": "vector"}, {"declination": 7.0}, {"init": "first"}, {"kp": 3.0}]
+    q0 = rotation.from_euler(0.1, 0.2, 0.3)
+    lanes = estimate_batch(get("mahony"), sets, *x, preset="xu-1.1", q0=q0, every=5, sampling="instant")
+    for values, lane in zip(sets, lanes, strict=True):
+        alone = attlog.estimate("mahony@xu-1.1", *x, q0=q0, every=5, sampling="instant", **values)
+        assert np.array_equal(lane.q, alone.q)
+
+
+def test_single_precision_stays_within_a_tenth_of_a_degree() -> None:
+    x = flight(20000)
+    double, single = (estimate_batch(get("mahony"), SETS[:3], *x, dtype=d) for d in ("float64", "float32"))
+    for a, b in zip(double, single, strict=True):
+        apart = np.rad2deg(rotation.total_angle(rotation.error(a.q, b.q)))
+        assert 0 < apart.max() < 0.1
+
+
+def vector_step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
+    """A step that works on whole arrays, as a plug-in may."""
+    turn = 0.5 * dt * gyr[0:3]
+    w = state[0]
+    state[0] = w - np.sum(state[1:4] * turn)
+    state[1:4] = state[1:4] + w * turn
+    state[0:4] = state[0:4] / np.sqrt(np.sum(state[0:4] ** 2))
+
+
+def test_a_step_that_cannot_be_rewritten_runs_one_by_one() -> None:
+    knob = base.Parameter("gain", 1.0, "1", 0, 2, "none", "test")
+    estimator = base.Estimator(
+        "whole", "", "", "", frozenset({"gyro"}), frozenset({"gyro"}), (knob, base.INIT), {},
+        start=lambda params, acc, mag, q0: q0, step=vector_step, origin="test",
+    )  # fmt: skip
+    assert kernel(estimator, {}, "float64") is None
+    x = flight()
+    lanes = estimate_batch(estimator, [{}, {"gain": 2.0}], *x)
+    assert np.array_equal(lanes[0].q, attlog.estimate(estimator, *x).q)
+
+
+def test_no_sets_no_samples_and_wrong_names_are_handled() -> None:
+    x = flight()
+    assert estimate_batch(get("mahony"), [], *x) == []
+    nothing = estimate_batch(get("mahony"), [{}, {}], *(a[:0] for a in x))
+    assert [e.q.shape for e in nothing] == [(0, 4), (0, 4)]
+    with pytest.raises(UsageError, match="did you mean kp"):
+        estimate_batch(get("mahony"), [{"kpp": 1}], *x)
+    with pytest.raises(UsageError, match="float16"):
+        estimate_batch(get("mahony"), [{}], *x, dtype="float16")  # type: ignore[arg-type]

@@ -1,0 +1,104 @@
+"""Compiled kernels are kept, shared, mended and done without."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from attlog.estimators.engine import cache
+
+SOURCE = "@njit('f8(f8)', cache=KEEP, error_model='numpy')\ndef f(x):\n    return x + {0}\n"
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A user's cache folder of its own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    forget()
+    yield tmp_path
+    forget()
+
+
+def forget() -> None:
+    """What a new process knows."""
+    cache.compiled.cache_clear()
+    cache._folder.cache_clear()
+
+
+def machine_code(home: Path) -> list[Path]:
+    return sorted(home.rglob("*.nbc"))
+
+
+def test_a_kernel_is_kept_and_found_again(home: Path) -> None:
+    assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
+    (kept,) = machine_code(home)
+    before = kept.stat().st_mtime_ns
+    forget()
+    again = cache.compiled(SOURCE.format(1.0), "f")
+    assert again(2.0) == 3.0
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert kept.stat().st_mtime_ns == before
+
+
+def test_other_source_is_another_kernel(home: Path) -> None:
+    assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
+    assert cache.compiled(SOURCE.format(2.0), "f")(2.0) == 4.0
+    assert len(machine_code(home)) == 2
+
+
+@pytest.mark.parametrize("pattern", ["*.nbc", "*.nbi", "k_*.py"])
+@pytest.mark.parametrize("keep", [0, 20])
+def test_a_truncated_file_is_replaced(home: Path, pattern: str, keep: int) -> None:
+    cache.compiled(SOURCE.format(1.0), "f")
+    (file,) = home.rglob(pattern)
+    whole = file.read_bytes()
+    file.write_bytes(whole[:keep])
+    forget()
+    assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
+    (file,) = home.rglob(pattern)
+    assert len(file.read_bytes()) > keep
+
+
+def test_without_a_user_folder_a_private_temporary_one_serves(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (home / "cache").write_text("a file where the folder should be")
+    monkeypatch.setattr("tempfile.tempdir", str(home))
+    assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
+    (kept,) = machine_code(home)
+    assert "attlog-kernels-" in str(kept)
+
+
+def test_a_folder_that_others_may_write_is_not_used(home: Path) -> None:
+    folder = home / "shared"
+    assert cache._usable(folder / "a")
+    folder.chmod(0o777)
+    assert not cache._usable(folder / "a")
+
+
+def test_without_any_folder_nothing_is_kept(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "_usable", lambda folder: False)
+    assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
+    assert machine_code(home) == []
+
+
+def test_a_real_error_is_raised_and_leaves_no_kernel(home: Path) -> None:
+    with pytest.raises(Exception, match="no_such_name"):
+        cache.compiled("@njit('f8(f8)', cache=KEEP)\ndef f(x):\n    return no_such_name\n", "f")
+    assert machine_code(home) == []
+
+
+@pytest.mark.slow
+def test_processes_may_compile_the_same_kernel_at_once(home: Path) -> None:
+    code = (
+        "import numpy as np, attlog; e = attlog.estimate('gyro', np.arange(9) / 100, np.ones((9, 3)));"
+        "print(repr(float(e.q[-1, 0])))"
+    )
+    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(4)]
+    told = {p.communicate()[0] for p in running}
+    assert [p.returncode for p in running] == [0, 0, 0, 0]
+    assert len(told) == 1
+    assert len(machine_code(home)) == 1

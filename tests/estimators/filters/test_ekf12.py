@@ -1,0 +1,158 @@
+"""The 12-state filter against a dense one written from the paper's matrices, and its covariance over a long run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.estimators import estimate, get
+from attlog.estimators.engine.cache import compiled
+from attlog.estimators.engine.generate import with_helpers
+from attlog.estimators.filters import ekf12
+from attlog.testing import Noise, flight, still
+from attlog.testing.subject import total_deg
+
+NOISE = Noise(gyro=1e-3, acc=0.05, mag=1e-6, bias=(0.01, -0.01, 0.02))
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def dynamics(x: np.ndarray, dt: float) -> np.ndarray:
+    """(6-8), one Euler step."""
+    w, w_dot, g, m = x.reshape(4, 3)
+    return np.concatenate([w + dt * w_dot, w_dot, g - dt * np.cross(w, g), m - dt * np.cross(w, m)])
+
+
+def transition(x: np.ndarray, dt: float) -> np.ndarray:
+    """F of (11), written out."""
+    w, _, g, m = x.reshape(4, 3)
+    one, none = np.eye(3), np.zeros((3, 3))
+    turn = one - dt * skew(w)
+    return np.block(
+        [
+            [one, dt * one, none, none],
+            [none, one, none, none],
+            [dt * skew(g), none, turn, none],
+            [dt * skew(m), none, none, turn],
+        ]
+    )
+
+
+def dense_step(
+    x: np.ndarray, p: np.ndarray, v: np.ndarray, dt: float, gyr: np.ndarray, acc: np.ndarray, mag: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Prediction and one joint update (13) with whole matrices; v are the parameters in their order."""
+    f = transition(x, dt)
+    q = np.repeat([0.0, v[3] ** 2 * dt, v[4] ** 2 * dt, v[5] ** 2 * dt], 3)
+    x, p = dynamics(x, dt), f @ p @ f.T + np.diag(q)
+    h = np.delete(np.eye(12), [3, 4, 5], axis=0)
+    r = np.diag(np.repeat([v[0] ** 2, v[1] ** 2, v[2] ** 2], 3) / dt)
+    z = np.concatenate([gyr, -acc, mag / np.linalg.norm(mag)])
+    k = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
+    return x + k @ (z - h @ x), (np.eye(12) - k @ h) @ p
+
+
+def parameters() -> np.ndarray:
+    e = get("ekf12")
+    return e.pack({p.name: p.default for p in e.parameters})
+
+
+def initial(m: object, params: np.ndarray) -> np.ndarray:
+    return ekf12.start(params, m.acc[0], m.mag[0], m.q[0])
+
+
+def test_the_printed_jacobian_is_the_numerical_one() -> None:
+    random = np.random.default_rng(4)
+    for _ in range(10):
+        x, dt = random.standard_normal(12) * np.repeat([2.0, 5.0, 9.8, 1.0], 3), 0.005
+        numerical = np.empty((12, 12))
+        for j in range(12):
+            h = np.zeros(12)
+            h[j] = 1e-3
+            numerical[:, j] = (dynamics(x + h, dt) - dynamics(x - h, dt)) / 2e-3
+        assert transition(x, dt) == pytest.approx(numerical, abs=1e-9)
+
+
+def test_the_sparse_prediction_is_the_dense_one() -> None:
+    random = np.random.default_rng(5)
+    state = np.zeros(233)
+    x = random.standard_normal(12)
+    root = random.standard_normal((12, 12))
+    state[4:16], state[16:160] = x, (root @ root.T).ravel()
+    ekf12.predict(state, np.zeros(6), 0.01)
+    f = transition(x, 0.01)
+    assert state[16:160].reshape(12, 12) == pytest.approx(f @ root @ root.T @ f.T, abs=1e-12)
+    assert state[4:16] == pytest.approx(dynamics(x, 0.01), abs=1e-15)
+
+
+def test_states_and_covariance_equal_an_independent_dense_filter() -> None:
+    m = flight(5.0, 200.0, noise=NOISE)
+    params = parameters()
+    state = initial(m, params)
+    x, p = state[4:16].copy(), state[16:160].reshape(12, 12).copy()
+    for k in range(1, len(m.t)):
+        ekf12.step(state, params, 0.005, m.gyr[k], m.acc[k], m.mag[k])
+        x, p = dense_step(x, p, params, 0.005, m.gyr[k], m.acc[k], m.mag[k])
+        assert state[4:16] == pytest.approx(x, abs=1e-8)
+    assert state[16:160].reshape(12, 12) == pytest.approx(p, abs=1e-8)
+
+
+def test_attitude_is_the_papers_three_angles() -> None:
+    """(5) and (12) with the signs that the docstring gives, from the filter's own g and M."""
+    m = flight(10.0, noise=NOISE)
+    e = estimate("ekf12", *m.sensors)
+    g, f = e.aux["gravity"], e.aux["field"]
+    roll = np.arctan2(g[:, 1], g[:, 2])
+    pitch = np.arctan2(-g[:, 0], np.hypot(g[:, 1], g[:, 2]))
+    heading = np.arctan2(
+        -(f[:, 1] * np.cos(roll) - f[:, 2] * np.sin(roll)),
+        f[:, 0] * np.cos(pitch) + f[:, 1] * np.sin(pitch) * np.sin(roll) + f[:, 2] * np.sin(pitch) * np.cos(roll),
+    )
+    assert total_deg(e.q, rotation.from_euler(roll, pitch, heading)).max() < 1e-6
+
+
+def test_the_rate_follows_the_gyro() -> None:
+    m = flight(10.0, 200.0)
+    e = estimate("ekf12", *m.sensors)
+    assert np.rad2deg(np.abs(e.aux["rate"][200:] - m.gyr[200:]).max()) < 0.5
+
+
+def test_the_bandwidth_does_not_depend_on_the_magnetometer_s_rate() -> None:
+    """Noise is a density: a heading error of 10 deg fades as fast at 100 Hz as at 10 Hz."""
+    m = still(4.0)
+    q0 = rotation.turn_about_down(m.q[0], np.deg2rad(10.0))
+    slow = np.full_like(m.mag, np.nan)
+    slow[::10] = m.mag[::10]
+    full = total_deg(estimate("ekf12", *m.sensors, q0=q0).q, m.q)
+    thin = total_deg(estimate("ekf12", m.t, m.gyr, m.acc, slow, q0=q0).q, m.q)
+    assert full[-1] < 6.0
+    assert abs(full[-1] - thin[-1]) < 0.5
+
+
+@pytest.mark.slow
+def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> None:
+    """Looked at every 1000 steps, in motion, with noise and a slow magnetometer."""
+    m = flight(50.0, 200.0, noise=NOISE)
+    mag = np.where((np.arange(len(m.t)) % 20 == 0)[:, None], m.mag, 0.0)
+    params = parameters()
+    loop = """
+@njit
+def million(state, params, gyr, acc, mag, out):
+    k = 0
+    for i in range(len(out)):
+        for _ in range(1000):
+            k = k + 1 if k + 1 < len(gyr) else 0
+            step(state, params, 0.005, gyr[k], acc[k], mag[k])
+        out[i] = state[16:160]
+"""
+    million = compiled(with_helpers({"step": ekf12.step}, jit=True) + loop, "million")
+    out = np.empty((1000, 144))
+    million(initial(m, params), params, m.gyr, m.acc, mag, out)
+    p = out.reshape(-1, 12, 12)
+    scale = np.sqrt(np.einsum("nii->ni", p))
+    p = p / scale[:, :, None] / scale[:, None, :]
+    assert np.abs(p - np.swapaxes(p, 1, 2)).max() < 1e-9
+    assert np.linalg.eigvalsh(p).min() > 1e-9

@@ -1,0 +1,306 @@
+"""ArduPilot logs of eras and settings: the best source, the unit that flew, trim, events, units."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+
+from attlog.flight.ardupilot import reader
+from attlog.flight.model import FlightLog
+from attlog.flight.modes import ARDUPILOT_MODES
+from attlog.flight.utc import gps_time_us
+from attlog.formats.base import ParamChange, Text
+from tests.flight.fake import gravity, messages, micros
+
+N, RATE = 1000, 50.0
+RATE_XYZ = (0.1, -0.2, 0.3)
+BANNER = Text("ArduCopter V4.6.2 (1ebd4d99)", 6, 9_000_000)
+
+
+def imu(n: int = N, rate: float = RATE, rates: tuple[float, ...] = RATE_XYZ, **extra: Any) -> dict[str, Any]:
+    acc = gravity(n)
+    return {
+        "TimeUS": micros(n, rate),
+        **{f"Gyr{a}": np.full(n, r, np.float32) for a, r in zip("XYZ", rates, strict=True)},
+        **{f"Acc{a}": acc[:, k] for k, a in enumerate("XYZ")},
+        **extra,
+    }
+
+
+def att(n: int = 200, rate: float = 10.0, **angles: float) -> dict[str, Any]:
+    return {"TimeUS": micros(n, rate)} | {
+        c: np.full(n, angles.get(c, 0.0), np.float32) for c in ("DesRoll", "Roll", "DesPitch", "Pitch", "DesYaw", "Yaw")
+    }
+
+
+def read(tables: dict[tuple[str, int], Any], params: Any = (), texts: Any = (BANNER,), **asked: Any) -> FlightLog:
+    return reader.read(messages("dataflash", tables, params, texts), **asked)
+
+
+def test_imu_is_instantaneous_and_late_by_its_low_pass_at_that_time() -> None:
+    params = [ParamChange("INS_GYRO_FILTER", 20.0, 1), ParamChange("INS_GYRO_FILTER", 80.0, 9_000_000),
+              ParamChange("INS_GYRO_FILTER", 5.0, 12_000_000), ParamChange("INS_ACCEL_FILTER", 10.0, 1)]  # fmt: skip
+    log = read({("IMU", 0): imu()}, params)
+    gyro = log.imus[log.imu].gyro
+    assert gyro.sampling == "instant"
+    assert gyro.delay == pytest.approx(math.sqrt(2) / (2 * math.pi * 80))
+    assert log.imus[log.imu].acc.delay == pytest.approx(math.sqrt(2) / (2 * math.pi * 10))
+    assert log.param("INS_GYRO_FILTER") == 80
+    assert log.param("INS_GYRO_FILTER", 5.0) == 5
+    assert str(log.firmware) == "ArduPilot Copter 4.6.2"
+
+
+def test_the_unit_of_the_primary_core_by_the_mask_is_replayed() -> None:
+    core = {"TimeUS": micros(100, 5), "PI": np.where(np.arange(100) < 10, 0, 1).astype(np.int8)}
+    tables = {("IMU", 0): imu(), ("IMU", 1): imu(), ("IMU", 2): imu(rates=(0.5, 0, 0)), ("XKF4", 0): core}
+    log = read(tables, {"EK3_IMU_MASK": 6})
+    assert log.imus[log.imu].index == 2
+    assert log.imu_that_flew.value == [1, 2]
+    assert "lane_switch" in {p.code for p in log.problems}
+    assert "XKF4.PI" in log.choices["imu"]
+    assert read(tables, {"EK3_IMU_MASK": 6}, imu=0).imus[0].index == 0
+
+
+def test_the_ekf_that_flies_decides_where_two_families_run() -> None:
+    def core(primary: int) -> dict[str, Any]:
+        return {"TimeUS": micros(100, 5), "PI": np.full(100, primary, np.int8)}
+
+    tables = {("IMU", 0): imu(), ("IMU", 1): imu(), ("XKF4", 0): core(0), ("NKF4", 0): core(1)}
+    masks = {"EK2_IMU_MASK": 3, "EK3_IMU_MASK": 3}
+    assert read(tables, masks | {"AHRS_EKF_TYPE": 2}).imu == 1
+    assert read(tables, masks | {"AHRS_EKF_TYPE": 3}).imu == 0
+
+
+def test_old_names_are_units_of_their_own() -> None:
+    log = read({("IMU", 0): imu(), ("IMU2", 0): imu(rates=(1.0, 0, 0))})
+    assert [(i.index, i.gyro.source) for i in log.imus] == [(0, "IMU"), (1, "IMU2")]
+
+
+def test_increments_of_log_replay_come_first_with_the_time_of_their_frame() -> None:
+    n, dt = 500, 0.0025
+    frames = {"TimeUS": micros(n, 400)}
+    risi = {c: np.full(n, v, np.float32) for c, v in
+            (("DVX", 0.0), ("DVY", 0.0), ("DVZ", -9.81 * dt), ("DAX", 0.1 * dt), ("DAY", -0.2 * dt), ("DAZ", 0.3 * dt),
+             ("DVDT", dt), ("DADT", dt))}  # fmt: skip
+    made = messages("dataflash", {("RFRH", 0): frames, ("RISI", 0): risi, ("IMU", 0): imu()}, (), [BANNER])
+    made.tables["RISI", 0].offsets[:] = made.tables["RFRH", 0].offsets + 50  # each behind its own frame
+    log = reader.read(made)
+    unit = log.imus[log.imu]
+    assert (unit.gyro.source, unit.gyro.sampling) == ("RISI:0", "interval")
+    assert unit.gyro.rate == pytest.approx(400, rel=0.01)
+    np.testing.assert_allclose(unit.gyro.x[5], RATE_XYZ, rtol=1e-5)
+    np.testing.assert_allclose(unit.acc.x[5], [0, 0, -9.81], rtol=1e-5)
+
+
+def test_compass_and_receiver_of_log_replay_stand_in_for_missing_records() -> None:
+    n = 200
+    frames = {"TimeUS": micros(n, 50, 5_000_000_000)}
+    compass = {"LU": (frames["TimeUS"] // 100_000 * 100_000 % 2**32).astype(np.uint32), "UFY": np.ones(n, np.uint8)}
+    compass |= {c: np.full(n, v, np.float32) for c, v in (("FX", 200.0), ("FY", 0.0), ("FZ", 400.0))}
+    place = {"TS": (frames["TimeUS"] // 200_000 * 200).astype(np.uint32), "Lat": np.full(n, 473_977_000, np.int32),
+             "Lon": np.full(n, 85_456_000, np.int32), "Alt": np.full(n, 48_800, np.int32)}  # fmt: skip
+    place |= {c: np.full(n, 0.5, np.float32) for c in ("VX", "VY", "VZ", "HA", "VA", "SA")}
+    tables = {("RFRH", 0): frames, ("RMGI", 0): compass, ("RGPJ", 0): place}
+    made = messages(
+        "dataflash", tables | {("IMU", 0): imu() | {"TimeUS": micros(N, RATE, 5_000_000_000)}}, (), [BANNER]
+    )
+    for name in ("RMGI", "RGPJ"):
+        made.tables[name, 0].offsets[:] = made.tables["RFRH", 0].offsets + 50
+    log = reader.read(made)
+    mag = log.mags[log.mag].field
+    assert mag.rate == pytest.approx(10, rel=0.05), "only new values count"
+    np.testing.assert_allclose(mag.x[0], [2e-5, 0, 4e-5], rtol=1e-6)
+    assert abs(mag.t[0]) < 0.2, "the 32-bit clock has wrapped"
+    np.testing.assert_allclose([log.gnss[0].lat[0], log.gnss[0].lon[0], log.gnss[0].alt[0]], [47.3977, 8.5456, 488])
+
+
+def test_imt_increments_are_preferred_from_100_hz_and_raw_samples_from_400_hz() -> None:
+    def imt(rate: float) -> dict[str, Any]:
+        n, dt = 500, 1 / rate
+        columns = {"TimeUS": micros(n, rate), "DelT": dt, "DelvT": dt, "DelaT": dt, "DelAX": 0.1 * dt, "DelAY": 0.0,
+                   "DelAZ": 0.0, "DelVX": 0.0, "DelVY": 0.0, "DelVZ": -9.81 * dt}  # fmt: skip
+        return {c: v if isinstance(v, np.ndarray) else np.full(n, v, np.float32) for c, v in columns.items()}
+
+    def sensor(name: str, rate: float, values: tuple[float, ...]) -> dict[str, Any]:
+        n = 1200
+        t = micros(n, rate)
+        return {"TimeUS": t + np.uint64(900), "SampleUS": t} | {
+            f"{name}{a}": np.full(n, v, np.float32) for a, v in zip("XYZ", values, strict=True)
+        }
+
+    assert read({("IMU", 0): imu(), ("IMT", 0): imt(200.0)}).imus[0].gyro.source == "IMT"
+    assert read({("IMU", 0): imu(), ("IMT", 0): imt(50.0)}).imus[0].gyro.source == "IMU"
+    fast = {
+        ("IMU", 0): imu(),
+        ("GYR", 0): sensor("Gyr", 1000, (0.2, 0, 0)),
+        ("ACC", 0): sensor("Acc", 1000, (0, 0, -9.8)),
+    }
+    unit = read(fast, {"INS_GYRO_FILTER": 20.0}).imus[0]
+    assert (unit.gyro.source, unit.filtered, unit.gyro.delay) == ("GYR:0", "none", 0.0)
+    assert unit.gyro.t[0] == pytest.approx(0.0)
+    filtered = read(fast, {"INS_GYRO_FILTER": 20.0, "INS_RAW_LOG_OPT": 5}).imus[0]
+    assert filtered.gyro.delay > 0.011
+    slow = {
+        ("IMU", 0): imu(),
+        ("GYR", 0): sensor("Gyr", 100, (0.2, 0, 0)),
+        ("ACC", 0): sensor("Acc", 100, (0, 0, -9.8)),
+    }
+    assert read(slow).imus[0].gyro.source == "IMU"
+
+
+def test_quaternions_of_the_cores_hold_no_trim_and_euler_records_do() -> None:
+    quaternion = {"TimeUS": micros(50, 10), **{f"Q{k + 1}": np.full(50, float(k == 0), np.float32) for k in range(4)}}
+    euler = {k: v for k, v in att().items() if not k.startswith("Des")}
+    tables = {("IMU", 0): imu(), ("ATT", 0): att(), ("XKQ", 0): quaternion, ("XKF1", 0): euler, ("XKF1", 1): euler,
+              ("AHR2", 0): euler}  # fmt: skip
+    log = read(tables)
+    assert {n: a.has_trim for n, a in log.attitudes.items()} == {
+        "ATT": True,
+        "AHR2": True,
+        "XKQ.0": False,
+        "XKF1.1": True,  # XKF1.0 is the same attitude as XKQ.0
+    }
+    assert log.onboard == "ATT"
+
+
+def test_the_fast_attitude_record_is_the_one_that_flew() -> None:
+    log = read({("IMU", 0): imu(), ("ATT", 0): att(), ("ANG", 0): att(1600, 80.0)})
+    assert log.onboard == "ANG"
+    assert log.setpoints.source == "ANG.Des"
+
+
+def test_angles_in_hundredths_tell_their_step() -> None:
+    coarse = att() | {"Roll": np.round(np.random.default_rng(1).normal(0, 5, 200), 2)}
+    fine = att() | {"Roll": np.random.default_rng(1).normal(0, 5, 200)}
+    assert read({("IMU", 0): imu(), ("ATT", 0): coarse}).attitudes["ATT"].step_deg == 0.01
+    assert read({("IMU", 0): imu(), ("ATT", 0): fine}).attitudes["ATT"].step_deg == 0.0
+
+
+def test_resets_stand_where_yaw_was_reset_and_where_another_estimator_took_over() -> None:
+    yaw = np.where(np.arange(200) < 50, 10.0, np.where(np.arange(200) < 120, 20.0, 30.0))
+    columns = att() | {"Yaw": yaw, "AEKF": np.where(np.arange(200) < 50, 0, 3).astype(np.uint8)}
+    events = {"TimeUS": np.array([10_000_000 + 11_950_000], np.uint64), "Id": np.array([62], np.uint8)}
+    log = read({("IMU", 0): imu(), ("ATT", 0): columns, ("EV", 0): events})
+    assert log.attitudes["ATT"].resets.tolist() == [50, 120]
+
+
+def test_armed_and_landed_follow_the_events_and_begin_on_the_ground() -> None:
+    events = {"TimeUS": np.array([15, 17, 25, 28], np.uint64) * 1_000_000, "Id": np.array([10, 28, 18, 11], np.uint8)}
+    log = read({("IMU", 0): imu(), ("EV", 0): events})
+    assert [log.armed.at(t) for t in (0, 6, 19)] == [False, True, False]
+    assert [log.landed.at(t) for t in (0, 8, 16)] == [True, False, True]
+
+
+def test_gps_week_time_is_not_taken_for_the_boot_clock() -> None:
+    n = 50
+    columns = {
+        "Status": np.full(n, 3, np.uint8), "TimeMS": 7_959_200 + 200 * np.arange(n),
+        "Week": np.full(n, 1815, np.uint16),
+        "Lat": np.full(n, 30.15), "Lng": np.full(n, -97.95), "Alt": np.full(n, 283.0), "Spd": np.full(n, 2.0),
+        "GCrs": np.full(n, 90.0), "VZ": np.full(n, 0.5), "T": 10_000 + 200 * np.arange(n),
+    }  # fmt: skip
+    old = imu()
+    old["TimeMS"] = (old.pop("TimeUS") // 1000).astype(np.uint32)
+    log = read({("IMU", 0): old, ("GPS", 0): columns}, texts=())
+    assert log.gnss[0].t[0] == pytest.approx(0.0)
+    np.testing.assert_allclose(log.gnss[0].vel_ned[0], [0, 2, 0.5], atol=1e-12)
+    assert log.utc_offset == pytest.approx(315_964_800 + 1815 * 604_800 + 7959.2 - 16)
+
+
+def test_gps_week_and_leap_seconds_give_the_calendar() -> None:
+    # 2016-12-31 23:59:59 and 2017-01-01 00:00:00 UTC lie two GPS seconds apart: a leap second between them
+    week, before, after = np.array([1930]), np.array([17_000]), np.array([18_000])
+    assert gps_time_us(week, after)[0] == 1_483_228_800 * 10**6
+    assert gps_time_us(np.array([0]), before)[0] == 0
+
+
+def test_rate_setpoints_in_hundredths_of_a_degree_are_recognised_by_the_gyro() -> None:
+    rng = np.random.default_rng(3)
+    truth = rng.normal(0, 0.5, (N, 3))
+    tables: dict[tuple[str, int], Any] = {("IMU", 0): imu() | {f"Gyr{a}": truth[:, k] for k, a in enumerate("XYZ")}}
+    for factor in (1.0, 100.0):
+        measured = np.degrees(truth) * factor
+        rate = {"TimeUS": micros(N, RATE)}
+        for k, (des, act) in enumerate((("RDes", "R"), ("PDes", "P"), ("YDes", "Y"))):
+            rate |= {des: measured[:, k], act: measured[:, k]}
+        log = read(tables | {("RATE", 0): rate})
+        np.testing.assert_allclose(log.rate_setpoints.x, truth, rtol=1e-9)
+
+
+def test_a_compass_that_shows_only_its_offsets_is_dead() -> None:
+    n = 100
+    offsets = {"OfsX": -36, "OfsY": 1, "OfsZ": -56}
+    columns = {"TimeUS": micros(n, 10)} | {c: np.full(n, v, np.int16) for c, v in offsets.items()}
+    columns |= {f"Mag{a}": columns[f"Ofs{a}"] for a in "XYZ"}
+    log = read({("IMU", 0): imu(), ("MAG", 0): columns})
+    assert log.mag is None
+    assert "mag_only_offsets" in {p.code for p in log.problems}
+
+
+def test_a_compass_that_never_changes_while_the_vehicle_turns_is_dead() -> None:
+    n = 100
+    columns = {"TimeUS": micros(n, 10)} | {f"Mag{a}": np.full(n, 200, np.int16) for a in "XYZ"}
+    swinging = imu() | {"GyrZ": np.sin(np.arange(N) / 20).astype(np.float32)}
+    assert read({("IMU", 0): swinging, ("MAG", 0): columns}).mag is None
+    assert read({("IMU", 0): imu(), ("MAG", 0): columns}).mag == 0, "at rest a constant field is possible"
+
+
+def test_mag_counts_are_milligauss() -> None:
+    n = 100
+    columns = {"TimeUS": micros(n, 10)} | {
+        f"Mag{a}": np.full(n, v, np.int16) for a, v in zip("XYZ", (200, 0, 400), strict=True)
+    }
+    np.testing.assert_allclose(read({("IMU", 0): imu(), ("MAG", 0): columns}).mags[0].field.x[0], [2e-5, 0, 4e-5])
+
+
+def test_a_log_without_any_time_says_so() -> None:
+    columns = imu()
+    del columns["TimeUS"]
+    log = read({("IMU", 0): columns}, texts=())
+    assert log.imu is None
+    assert {"no_clock", "no_imu"} <= {p.code for p in log.problems}
+
+
+def test_slow_imu_names_the_setting_of_the_firmware() -> None:
+    assert "INS_RAW_LOG_OPT" in read({("IMU", 0): imu(500, 25.0)}).problems[0].text
+    old = read({("IMU", 0): imu(500, 25.0)}, texts=(Text("APM:Copter V3.4.6 (e707341b)", 6, 0),))
+    assert "LOG_BITMASK" in old.problems[0].text
+    assert "INS_RAW_LOG_OPT" not in old.problems[0].text
+
+
+@pytest.mark.parametrize(
+    ("family", "theirs"),
+    [("copter", mavutil.mode_mapping_acm), ("plane", mavutil.mode_mapping_apm), ("rover", mavutil.mode_mapping_rover),
+     ("sub", mavutil.mode_mapping_sub)],
+)  # fmt: skip
+def test_mode_names_agree_with_pymavlink(family: str, theirs: dict[int, str]) -> None:
+    def letters(name: str) -> str:
+        return name.replace("_", "").upper()
+
+    ours = ARDUPILOT_MODES[family]
+    common = {n: (letters(ours[n]), letters(theirs[n])) for n in ours.keys() & theirs.keys()}
+    assert len(common) > 8
+    assert {n: pair for n, pair in common.items() if pair[0] != pair[1]} == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "firmware", "vehicle"),
+    [
+        ("AntennaTracker V4.5.0 (abcdef12)", "ArduPilot Tracker 4.5.0", "tracker"),
+        ("Blimp V4.6.0-dev (abcdef12)", "ArduPilot Blimp 4.6.0-dev", "blimp"),
+        ("APM:Copter V3.5.4 (284349c3)", "ArduPilot Copter 3.5.4", "multirotor"),
+    ],
+)
+def test_every_firmware_says_who_it_is(text: str, firmware: str, vehicle: str) -> None:
+    log = read({("IMU", 0): imu()}, texts=(Text(text, 6, 9_000_000),))
+    assert (str(log.firmware), log.vehicle) == (firmware, vehicle)
+
+
+@pytest.mark.parametrize("value", [-1e30, 1e30, math.nan, math.inf])
+def test_an_impossible_cutoff_is_unknown(value: float) -> None:
+    unit = read({("IMU", 0): imu()}, [ParamChange("INS_GYRO_FILTER", value, 1)]).imus[0]
+    assert (unit.filtered, unit.gyro.delay) == ("unknown", 0.0)

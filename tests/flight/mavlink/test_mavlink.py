@@ -1,0 +1,138 @@
+"""Telemetry: whose packets, on which clock, in which units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog import flight, rotation
+from attlog.errors import LogUnusable, UsageError
+from attlog.flight.mavlink import reader
+from attlog.flight.model import FlightLog
+from attlog.formats.mavlink import writer
+from tests.flight.fake import messages
+
+UNIX = 1_700_000_000_000_000
+ME = 1 * 256 + 1
+
+
+def systems(autopilot: int, kind: int = 2) -> dict[str, Any]:
+    return {"systems": {1: {"autopilot": autopilot, "type": kind, "component": 1, "components": [1], "packets": 9}},
+            "system": 1}  # fmt: skip
+
+
+def clock(n: int, rate: float, latency: np.ndarray | float = 0.0) -> dict[str, Any]:
+    boot = (5000 + np.round(np.arange(n) * 1e3 / rate)).astype(np.uint32)
+    return {"time_boot_ms": boot, "_t_us": UNIX + boot.astype(np.int64) * 1000 + np.int64(latency * np.ones(n))}
+
+
+def raw_imu(n: int, rate: float) -> dict[str, Any]:
+    columns = clock(n, rate)
+    del columns["time_boot_ms"]
+    columns["time_usec"] = (5_000_000 + np.round(np.arange(n) * 1e6 / rate)).astype(np.uint64)
+    values = {"xacc": 0, "yacc": 0, "zacc": -1000, "xgyro": 100, "ygyro": -200, "zgyro": 300, "xmag": 200, "ymag": 0,
+              "zmag": 400}  # fmt: skip
+    return columns | {c: np.full(n, v, np.int16) for c, v in values.items()}
+
+
+def attitude(n: int, rate: float, latency: np.ndarray | float = 0.0) -> dict[str, Any]:
+    yaw = 0.5 * np.sin(np.arange(n) / rate)
+    return clock(n, rate, latency) | {"roll": np.zeros(n), "pitch": np.zeros(n), "yaw": yaw}
+
+
+def read(tables: dict[tuple[str, int], Any], autopilot: int = 3, system: int | None = None) -> FlightLog:
+    return reader.read(messages("tlog", tables, info=systems(autopilot)), None, None, system)
+
+
+def test_ardupilot_counts_are_milli_units_on_the_message_clock() -> None:
+    log = read({("RAW_IMU", ME): raw_imu(500, 50), ("ATTITUDE", ME): attitude(100, 10)})
+    imu = log.imus[log.imu]
+    np.testing.assert_allclose(imu.gyro.x[0], [0.1, -0.2, 0.3])
+    np.testing.assert_allclose(imu.acc.x[0], [0, 0, -9.80665])
+    np.testing.assert_allclose(log.mags[0].field.x[0], [2e-5, 0, 4e-5])
+    assert log.t0_us == 5_000_000
+    assert log.attitudes["ATTITUDE"].has_trim
+
+
+def test_px4_sends_si_units_and_its_raw_imu_is_left_alone() -> None:
+    si = {"zacc": -9.81, "xgyro": 0.1, "ygyro": 0.0, "zgyro": 0.0, "xmag": 0.2, "ymag": 0.0, "zmag": 0.4}
+    highres = raw_imu(500, 50) | {c: np.full(500, v, np.float32) for c, v in si.items()}
+    log = read({("HIGHRES_IMU", ME): highres, ("RAW_IMU", ME): raw_imu(500, 50), ("ATTITUDE", ME): attitude(9, 10)}, 12)
+    assert log.imus[log.imu].gyro.source == "HIGHRES_IMU"
+    np.testing.assert_allclose(log.imus[0].acc.x[0], [0, 0, -9.81], rtol=1e-6)
+    np.testing.assert_allclose(log.mags[0].field.x[0], [2e-5, 0, 4e-5], rtol=1e-6)
+    assert not log.attitudes["ATTITUDE"].has_trim
+    assert log.firmware.name == "PX4"
+
+
+def test_truth_without_a_clock_gets_the_packets_time_mapped_to_the_boot_clock() -> None:
+    rng = np.random.default_rng(4)
+    n, rate = 500, 25.0
+    t = np.arange(n) / rate
+    q = rotation.from_euler(0.1 * np.sin(t), 0.0, 0.3 * t)
+    latency = rng.exponential(3000, n)
+    truth = {"_t_us": UNIX + 5_000_000 + np.int64(t * 1e6 + latency)} | {f"q{k + 1}": q[:, k] for k in range(4)}
+    clocks = attitude(1000, 50, rng.exponential(3000, 1000))
+    made = messages("tlog", {("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): clocks, ("SIM_STATE", ME): truth},
+                    info=systems(3))  # fmt: skip
+    made.tables["ATTITUDE", ME].offsets[:] = 1000 + 100 * np.arange(1000)
+    made.tables["SIM_STATE", ME].offsets[:] = 1050 + 200 * np.arange(n)
+    log = reader.read(made, None, None, None)
+    yaw = rotation.to_euler(log.truth.q)[:, 2]
+    late = np.median(log.truth.t - np.unwrap(yaw) / 0.3)
+    assert abs(late) < 0.002
+    assert log.simulated
+
+
+def test_a_rate_below_ten_hertz_is_refused_with_what_to_do() -> None:
+    log = read({("RAW_IMU", ME): raw_imu(100, 4), ("ATTITUDE", ME): attitude(100, 4)})
+    assert log.imu is None
+    problem = next(p for p in log.problems if p.code == "imu_rate_too_low")
+    assert "4.0 Hz" in problem.text
+    assert "SD card" in problem.text
+
+
+def test_an_unknown_system_and_a_file_without_vehicle_are_refused() -> None:
+    tables = {("RAW_IMU", ME): raw_imu(100, 50)}
+    with pytest.raises(UsageError, match="system 7"):
+        read(tables, system=7)
+    with pytest.raises(LogUnusable, match="no vehicle"):
+        reader.read(messages("tlog", tables, info={"systems": {}, "system": None}), None, None, None)
+
+
+def test_a_unit_that_sends_zeros_is_named_and_not_used() -> None:
+    dead = {k: v if k in ("_t_us", "time_usec") else np.zeros_like(v) for k, v in raw_imu(500, 50).items()}
+    log = read({("RAW_IMU", ME): dead, ("ATTITUDE", ME): attitude(100, 10)})
+    assert log.imu is None
+    assert "imu_all_zero" in {p.code for p in log.problems}
+
+
+def test_heartbeats_tell_arming_mode_and_vehicle() -> None:
+    n = 20
+    beats = {"_t_us": UNIX + 5_000_000 + 1_000_000 * np.arange(n), "type": np.full(n, 2, np.uint8),
+             "base_mode": np.where(np.arange(n) < 10, 81, 209).astype(np.uint8),
+             "custom_mode": np.where(np.arange(n) < 15, 0, 9).astype(np.uint32)}  # fmt: skip
+    log = read({("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): attitude(400, 20), ("HEARTBEAT", ME): beats})
+    assert log.vehicle == "quadrotor"
+    assert log.armed.value == [False, True]
+    assert log.mode.value == ["STABILIZE", "LAND"]
+
+
+def test_of_two_vehicles_in_a_file_the_one_asked_for_is_read(tmp_path: Path) -> None:
+    tables: dict[tuple[str, int], Any] = {}
+    for system, rate in ((1, 50.0), (2, 25.0)):
+        me = system * 256 + 1
+        beats = {"_t_us": UNIX + 5_000_000 + 500_000 * np.arange(20), "autopilot": np.full(20, 3, np.uint8),
+                 "type": np.full(20, system, np.uint8)}  # fmt: skip
+        tables |= {("RAW_IMU", me): raw_imu(500, rate), ("ATTITUDE", me): attitude(100, 10), ("HEARTBEAT", me): beats}
+    path = tmp_path / "two.tlog"
+    writer.write(path, tables)
+    first, second = flight.read(path), flight.read(path, system=2)
+    assert (first.vehicle, second.vehicle) == ("fixed wing", "quadrotor")
+    assert second.imus[0].gyro.rate == pytest.approx(25, rel=0.01)
+    assert "several_systems" in {p.code for p in first.problems}
+    with pytest.raises(UsageError, match="system 9"):
+        flight.read(path, system=9)

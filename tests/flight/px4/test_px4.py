@@ -1,0 +1,235 @@
+"""PX4 logs of eras and profiles: the best source, the unit that flew, resets, compasses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.flight.model import FlightLog
+from attlog.flight.px4 import reader
+from attlog.flight.px4.calibration import calibrate
+from tests.flight.fake import gravity, level, messages, micros
+
+N, RATE = 1000, 200.0
+RATE_XYZ = np.array([0.1, -0.2, 0.3])
+
+
+def combined(n: int = N, rate: float = RATE, dt_us: int = 5000) -> dict[str, Any]:
+    return {
+        "timestamp": micros(n, rate),
+        "gyro_rad": np.tile(RATE_XYZ, (n, 1)).astype(np.float32),
+        "gyro_integral_dt": np.full(n, dt_us, np.uint32),
+        "accelerometer_timestamp_relative": np.zeros(n, np.int32),
+        "accelerometer_m_s2": gravity(n),
+        "accelerometer_integral_dt": np.full(n, dt_us, np.uint32),
+    }
+
+
+def increments(n: int, rate: float, device: int, angle: np.ndarray = RATE_XYZ) -> dict[str, Any]:
+    dt = 1 / rate
+    return {
+        "timestamp": micros(n, rate) + np.uint64(1500),
+        "timestamp_sample": micros(n, rate),
+        "gyro_device_id": np.full(n, device, np.uint32),
+        "accel_device_id": np.full(n, device + 1, np.uint32),
+        "delta_angle": np.tile(angle * dt, (n, 1)).astype(np.float32),
+        "delta_velocity": gravity(n) * np.float32(dt),
+        "delta_angle_dt": np.full(n, round(dt * 1e6), np.uint32),
+        "delta_velocity_dt": np.full(n, round(dt * 1e6), np.uint32),
+    }
+
+
+def read(tables: dict[tuple[str, int], Any], params: Any = (), **asked: Any) -> FlightLog:
+    return reader.read(
+        messages("ulog", tables, params, info={"sys_name": "PX4", "ver_sw_release": 0x010F01FF}), **asked
+    )
+
+
+def test_a_combined_sample_is_a_mean_over_the_interval_before() -> None:
+    log = read({("sensor_combined", 0): combined()})
+    assert log.imus[log.imu].gyro.sampling == "interval"
+    assert log.imus[log.imu].gyro.t[0] == 0
+    assert log.t0_us == 10_000_000
+    assert str(log.firmware) == "PX4 1.15.1"
+
+
+def test_integration_time_is_seconds_as_float_and_microseconds_as_integer() -> None:
+    old = combined(dt_us=5000) | {"gyro_integral_dt": np.full(N, 0.005, np.float32)}
+    for columns in (old, combined()):
+        log = read({("sensor_combined", 0): columns})
+        assert log.imu == 0
+        assert not log.problems or all(p.code != "imu_decimated" for p in log.problems)
+
+
+def test_a_decimated_sensor_combined_is_told_and_refused_below_ten_hertz() -> None:
+    log = read({("sensor_combined", 0): combined(200, 9.6, 4000)})
+    assert log.imu is None
+    assert {"imu_decimated", "imu_rate_too_low"} <= {p.code for p in log.problems}
+    assert "SDLOG_PROFILE" in " ".join(p.text for p in log.problems)
+
+
+def test_fast_increments_of_the_unit_that_flew_are_preferred_and_divided_by_their_own_time() -> None:
+    tables = {
+        ("sensor_combined", 0): combined(),
+        ("vehicle_imu", 0): increments(N, RATE, 11),
+        ("vehicle_imu", 1): increments(N, RATE, 22, 2 * RATE_XYZ),
+        ("sensor_selection", 0): {"timestamp": micros(1, 1), "gyro_device_id": np.array([22], np.uint32)},
+    }
+    log = read(tables)
+    imu = log.imus[log.imu]
+    assert (imu.index, imu.gyro.source) == (1, "vehicle_imu:1")
+    np.testing.assert_allclose(imu.gyro.x, np.tile(2 * RATE_XYZ, (N, 1)), rtol=1e-6)
+    np.testing.assert_allclose(imu.dt, 0.005)
+    assert log.imu_that_flew.value == [1]
+    assert read(tables, imu=0).imus[0].gyro.source == "vehicle_imu:0"
+    assert read(tables, imu=7).imu is None
+
+
+def test_slow_increments_do_not_replace_sensor_combined() -> None:
+    tables = {("sensor_combined", 0): combined(), ("vehicle_imu", 0): increments(10, 2.0, 11),
+              ("vehicle_imu", 1): increments(10, 2.0, 22)}  # fmt: skip
+    log = read(tables)
+    assert [i.gyro.source for i in log.imus] == ["sensor_combined", "vehicle_imu:1"]
+    assert log.imus[log.imu].gyro.source == "sensor_combined"
+
+
+def fifo(batches: int, per_batch: int, dt_us: float, value: tuple[int, int, int], device: int) -> dict[str, Any]:
+    jitter = np.random.default_rng(1).integers(-40, 40, batches)
+    end = (10_000_000 + np.round(np.arange(1, batches + 1) * per_batch * dt_us) + jitter).astype(np.uint64)
+    axes = {a: np.tile(np.array([v], np.int16), (batches, 32)) for a, v in zip("xyz", value, strict=True)}
+    return {
+        "timestamp": end + np.uint64(200), "timestamp_sample": end, "device_id": np.full(batches, device, np.uint32),
+        "dt": np.full(batches, dt_us, np.float32), "scale": np.full(batches, 0.001, np.float32),
+        "samples": np.full(batches, per_batch, np.uint8), **axes,
+    }  # fmt: skip
+
+
+def test_fifo_samples_are_spread_over_time_calibrated_and_turned_into_the_body() -> None:
+    params = {
+        "CAL_GYRO0_ID": 11,
+        "CAL_GYRO0_XOFF": 0.1,
+        "SENS_BOARD_ROT": 4,
+        "CAL_ACC0_ID": 12,
+        "CAL_ACC0_ZSCALE": 1.01,
+    }
+    tables = {
+        ("sensor_gyro_fifo", 0): fifo(300, 8, 125.0, (1000, 200, 300), 11),
+        ("sensor_accel_fifo", 0): fifo(300, 4, 250.0, (0, 0, -9000), 12),
+        ("sensor_combined", 0): combined(),
+    }
+    log = read(tables, params)
+    imu = log.imus[log.imu]
+    assert imu.gyro.source == "sensor_gyro_fifo:0"
+    assert imu.gyro.rate == pytest.approx(8000, rel=0.01)
+    assert (np.diff(imu.gyro.t) > 0).all()
+    assert "time_backward" not in {p.code for p in log.problems}
+    np.testing.assert_allclose(imu.gyro.x[50], [-0.9, -0.2, 0.3], atol=1e-6)  # yaw 180: x and y change sign
+    np.testing.assert_allclose(imu.acc.x[50], [0, 0, -9.09], atol=1e-5)
+
+
+def test_the_board_rotation_is_not_applied_to_what_px4_has_turned_already() -> None:
+    """``sensor_combined``, ``vehicle_imu``, ``vehicle_magnetometer`` are in the body frame: turning them is twice."""
+    turned = {"SENS_BOARD_ROT": 4, "SENS_BOARD_X_OFF": 5.0, "CAL_GYRO0_ID": 11, "CAL_GYRO0_XOFF": 0.1}
+    field = {"timestamp": micros(200, 40), "timestamp_sample": micros(200, 40),
+             "magnetometer_ga": np.tile(np.array([0.2, 0.1, 0.4], np.float32), (200, 1))}  # fmt: skip
+    imus = {"sensor_combined": combined(), "vehicle_imu": increments(N, RATE, 11)}
+    for name, columns in imus.items():
+        tables = {(name, 0): columns, ("vehicle_magnetometer", 0): field}
+        plain, told = read(tables), read(tables, turned)
+        assert told.imus[told.imu].gyro.source.startswith(name)
+        np.testing.assert_allclose(told.imus[told.imu].gyro.x[5], RATE_XYZ, rtol=1e-5)
+        np.testing.assert_array_equal(told.imus[told.imu].acc.x, plain.imus[plain.imu].acc.x)
+        np.testing.assert_allclose(told.mags[told.mag].field.x[5], np.array([0.2, 0.1, 0.4]) * 1e-4, rtol=1e-5)
+
+
+def test_a_gyro_fifo_alone_takes_the_acceleration_of_the_voted_unit() -> None:
+    tables = {("sensor_gyro_fifo", 0): fifo(300, 8, 125.0, (1000, 200, 300), 11), ("sensor_combined", 0): combined()}
+    log = read(tables)
+    assert log.imus[log.imu].acc.source == "sensor_combined"
+    np.testing.assert_allclose(log.imus[log.imu].acc.x[100], [0, 0, -9.81], atol=1e-6)
+
+
+def attitude(n: int, counter: np.ndarray, q: np.ndarray | None = None) -> dict[str, Any]:
+    return {"timestamp": micros(n, 20), "q": level(n) if q is None else q.astype(np.float32),
+            "quat_reset_counter": counter.astype(np.uint8)}  # fmt: skip
+
+
+def test_the_reset_counter_marks_the_step_also_when_it_wraps() -> None:
+    counter = np.concatenate([np.full(20, 255), np.full(30, 0)])
+    log = read({("sensor_combined", 0): combined(), ("vehicle_attitude", 0): attitude(50, counter)})
+    assert log.attitudes["vehicle_attitude"].resets.tolist() == [20]
+
+
+def test_another_estimator_instance_is_a_reset_even_without_the_counter() -> None:
+    q = rotation.from_euler(0, 0, np.where(np.arange(100) < 60, 0.0, 0.1))
+    selector = {"timestamp": micros(5, 1), "primary_instance": np.array([0, 0, 0, 1, 1], np.uint8),
+                "last_instance_change": np.array([0, 0, 0, 13_000_000, 13_000_000], np.uint64)}  # fmt: skip
+    tables = {("sensor_combined", 0): combined(), ("vehicle_attitude", 0): attitude(100, np.zeros(100), q),
+              ("estimator_selector_status", 0): selector}  # fmt: skip
+    log = read(tables)
+    assert log.attitudes["vehicle_attitude"].resets.tolist() == [60]
+    assert "estimator_instance_changed" in {p.code for p in log.problems}
+
+
+def test_a_raw_compass_is_calibrated_by_its_device_and_a_disabled_one_is_not_used() -> None:
+    raw = {"timestamp": micros(20, 1), "device_id": np.full(20, 77, np.uint32),
+           **{a: np.full(20, v, np.float32) for a, v in zip("xyz", (0.3, 0.1, 0.5), strict=True)}}  # fmt: skip
+    params = {"CAL_MAG1_ID": 77, "CAL_MAG1_XOFF": 0.1, "CAL_MAG1_ROT": 2, "CAL_MAG1_PRIO": 50}
+    log = read({("sensor_combined", 0): combined(), ("sensor_mag", 0): raw}, params)
+    np.testing.assert_allclose(log.mags[log.mag].field.x[0], np.array([-0.1, 0.2, 0.5]) * 1e-4, atol=1e-9)  # yaw 90
+    log = read({("sensor_combined", 0): combined(), ("sensor_mag", 0): raw}, params | {"CAL_MAG1_PRIO": 0})
+    assert log.mag is None
+    assert "mag_disabled" in {p.code for p in log.problems}
+    assert (
+        read({("sensor_combined", 0): combined(), ("sensor_mag", 0): raw}, params | {"CAL_MAG1_PRIO": 0}, mag=0).mag
+        == 0
+    )
+
+
+def test_calibration_is_rotation_times_symmetric_gain_times_offset_corrected() -> None:
+    values = {"CAL_MAG0_ID": 5, "CAL_MAG0_XOFF": 0.1, "CAL_MAG0_YOFF": -0.2, "CAL_MAG0_XSCALE": 1.1,
+              "CAL_MAG0_XODIAG": 0.02, "CAL_MAG0_YODIAG": 0.03, "CAL_MAG0_ZODIAG": 0.04, "CAL_MAG0_ROT": 8}  # fmt: skip
+    gain = np.array([[1.1, 0.02, 0.03], [0.02, 1, 0.04], [0.03, 0.04, 1]])
+    expected = np.diag([1, -1, -1]) @ gain @ (np.array([0.3, 0.4, 0.5]) - [0.1, -0.2, 0])
+    body, known = calibrate("MAG", values, 5, np.array([[0.3, 0.4, 0.5]]))
+    assert known
+    np.testing.assert_allclose(body[0], expected, atol=1e-12)
+
+
+def test_a_compass_inside_sensor_combined_counts_only_new_values_at_their_own_time() -> None:
+    columns = combined()
+    field = np.repeat(np.random.default_rng(2).normal(0.3, 0.01, (N // 4, 3)), 4, axis=0).astype(np.float32)
+    columns |= {"magnetometer_ga": field, "magnetometer_timestamp_relative": np.full(N, -10_000, np.int32)}
+    log = read({("sensor_combined", 0): columns})
+    mag = log.mags[log.mag].field
+    assert mag.rate == pytest.approx(50, rel=0.02)
+    assert mag.t[0] == pytest.approx(-0.01)
+    assert np.median(mag.x) == pytest.approx(0.3e-4, rel=0.02)
+
+
+@pytest.mark.parametrize("new", [True, False])
+def test_positions_are_degrees_and_metres_in_both_eras(new: bool) -> None:
+    place = (47.3977, 8.5456, 488.0)
+    columns: dict[str, Any] = {"timestamp": micros(20, 5), "time_utc_usec": micros(20, 5, 1_700_000_000_000_000)}
+    columns["fix_type"] = np.full(20, 3, np.uint8)
+    for name in ("eph", "epv", "s_variance_m_s", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s"):
+        columns[name] = np.full(20, 0.5, np.float32)
+    names = ("latitude_deg", "longitude_deg", "altitude_msl_m") if new else ("lat", "lon", "alt")
+    for name, value, factor in zip(names, place, (1, 1, 1) if new else (1e7, 1e7, 1e3), strict=True):
+        columns[name] = np.full(20, value * factor, np.float64 if new else np.int32)
+    log = read({("sensor_combined", 0): combined(), ("vehicle_gps_position", 0): columns})
+    got = log.gnss[0]
+    np.testing.assert_allclose([got.lat[0], got.lon[0], got.alt[0]], place, atol=1e-6)
+    assert log.utc_offset == pytest.approx(1_700_000_000)
+
+
+def test_a_switch_of_the_gyro_in_flight_is_told() -> None:
+    selection = {"timestamp": micros(2, 0.5), "gyro_device_id": np.array([11, 22], np.uint32)}
+    tables = {("sensor_combined", 0): combined(), ("vehicle_imu", 0): increments(10, 2.0, 11),
+              ("vehicle_imu", 1): increments(10, 2.0, 22), ("sensor_selection", 0): selection}  # fmt: skip
+    log = read(tables)
+    assert log.imu_that_flew.value == [0, 1]
+    assert "imu_switched" in {p.code for p in log.problems}

@@ -1,0 +1,262 @@
+"""The audit names the fault that was put into a good log, and stays quiet on good ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import flight, rotation, segments
+from attlog.errors import AttlogError
+from attlog.flight.model import FlightLog, Mag
+from attlog.flight.settings import how_to_log
+from attlog.health import answerable, audit
+from attlog.health.accelerometer import mounting_hint
+from attlog.health.model import Check
+from tests.conftest import SAMPLES, corpus_logs, corpus_root
+
+
+@cache
+def good(name: str) -> FlightLog:
+    return flight.read(SAMPLES / name)
+
+
+def checks(log: FlightLog) -> dict[str, Check]:
+    phases = segments.build(log) if log.imu is not None else None
+    return {c.name: c for c in audit(log, phases)}
+
+
+def with_fault(change: Callable[[FlightLog], None], name: str = "px4_steps.ulg") -> dict[str, Check]:
+    log = deepcopy(good(name))
+    change(log)
+    return checks(log)
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
+def test_a_good_log_passes_every_check(name: str) -> None:
+    found = checks(good(name))
+    assert {c.verdict for c in found.values()} <= {"good", "warn"}
+    assert found["gyro against attitude"].verdict == "good"
+    assert found["gravity"].verdict == "good"
+    assert found["gravity direction"].value < 0.5
+    assert found["field against attitude"].value < 5
+
+
+def test_every_check_has_a_sentence_a_threshold_and_a_known_verdict() -> None:
+    for check in checks(good("px4_steps.ulg")).values():
+        assert check.text.endswith(".")
+        assert check.threshold
+        assert check.verdict in ("good", "warn", "bad", "cannot_judge")
+
+
+def test_swapped_gyro_axes_are_named() -> None:
+    def swap(log: FlightLog) -> None:
+        log.imus[0].gyro.x = log.imus[0].gyro.x[:, [1, 0, 2]]
+
+    check = with_fault(swap)["gyro against attitude"]
+    assert check.verdict == "bad"
+    assert "x is the attitude's y" in check.text
+    assert "y is the attitude's x" in check.text
+
+
+def test_a_reversed_gyro_axis_is_named() -> None:
+    def reverse(log: FlightLog) -> None:
+        log.imus[0].gyro.x = log.imus[0].gyro.x * [1, -1, 1]
+
+    check = with_fault(reverse)["gyro against attitude"]
+    assert check.verdict == "bad"
+    assert "reversed sign about y" in check.text
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.5, "bad"), (1.1, "warn"), (1.0, "good"), (np.pi / 180, "bad")])
+def test_a_wrong_gyro_scale_is_seen(factor: float, verdict: str) -> None:
+    def scale(log: FlightLog) -> None:
+        log.imus[0].gyro.x = log.imus[0].gyro.x * factor
+
+    check = with_fault(scale)["gyro against attitude"]
+    # a gyro in degrees looks like a vehicle that hardly turns, which cannot pass as good
+    assert check.verdict == verdict or (factor < 0.1 and check.verdict == "cannot_judge")
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.35, "bad"), (1.05, "warn"), (1.0, "good"), (1 / 9.81, "bad")])
+def test_a_wrong_accelerometer_scale_is_seen_and_said(factor: float, verdict: str) -> None:
+    def scale(log: FlightLog) -> None:
+        log.imus[0].acc.x = log.imus[0].acc.x * factor
+
+    found = with_fault(scale)
+    check = found.get("gravity") or found["gravity in flight"]
+    assert check.verdict == verdict
+    if factor == 0.35:
+        assert "0.3" in check.text
+
+
+def test_an_accelerometer_scale_is_seen_without_rest_in_the_log() -> None:
+    def cut(log: FlightLog) -> None:
+        imu = log.imus[0]
+        flown = (imu.gyro.t > 25) & (imu.gyro.t < 70)
+        for stream in (imu.gyro, imu.acc):
+            stream.t, stream.x = stream.t[flown], stream.x[flown] * (0.8 if stream is imu.acc else 1.0)
+
+    assert with_fault(cut)["gravity in flight"].verdict == "bad"
+
+
+def test_a_sensor_mounted_upside_down_is_named() -> None:
+    def turn(log: FlightLog) -> None:
+        for stream in (log.imus[0].gyro, log.imus[0].acc):
+            stream.x = stream.x * [1, -1, -1]
+
+    check = with_fault(turn)["gravity direction"]
+    assert check.verdict == "bad"
+    assert "roll 180 deg" in check.text
+
+
+def test_the_hint_finds_a_quarter_turn() -> None:
+    up = np.tile([0.0, 0.0, -1.0], (20, 1))
+    measured = rotation.rotate_inverse(rotation.from_euler(np.pi / 2, 0, 0), up)
+    assert "roll 90 deg" in mounting_hint(measured, up)
+    assert "mounting or the onboard" in mounting_hint(np.tile([0.6, 0.0, -0.8], (20, 1)), up)
+
+
+def test_zero_and_stuck_sensors_are_named() -> None:
+    def zero(log: FlightLog) -> None:
+        log.imus[0].gyro.x = log.imus[0].gyro.x * 0
+
+    def stuck(log: FlightLog) -> None:
+        log.imus[0].acc.x = log.imus[0].acc.x.copy()
+        log.imus[0].acc.x[:, 1] = 0.3
+
+    assert "all values are zero" in with_fault(zero)["gyro"].text
+    assert "axis y is constant" in with_fault(stuck)["gravity"].text
+
+
+def test_a_dead_magnetometer_is_named() -> None:
+    def freeze(log: FlightLog) -> None:
+        frozen = deepcopy(log.mags[0].field)
+        frozen.x[:] = frozen.x[0]
+        log.mags.append(Mag(1, frozen))
+
+    check = with_fault(freeze)["magnetometer 1"]
+    assert check.verdict == "bad"
+    assert "never change" in check.text
+
+
+def test_a_turned_compass_moves_against_the_attitude() -> None:
+    def turn(log: FlightLog) -> None:
+        field = log.mags[log.mag].field
+        field.x = field.x[:, [1, 0, 2]] * [-1, 1, 1]
+
+    found = with_fault(turn)
+    assert found["declination"].verdict == "bad"
+    assert abs(found["declination"].value) > 60
+
+
+def test_a_field_in_the_wrong_unit_is_bad() -> None:
+    def tenfold(log: FlightLog) -> None:
+        log.mags[log.mag].field.x = log.mags[log.mag].field.x * 10
+
+    assert with_fault(tenfold)["field"].verdict == "bad"
+
+
+def test_a_late_gyro_is_measured() -> None:
+    def late(log: FlightLog) -> None:
+        for stream in (log.imus[0].gyro, log.imus[0].acc):
+            stream.t = stream.t + 0.03
+
+    assert checks(good("px4_steps.ulg"))["delay"].value == pytest.approx(0.0, abs=0.5)
+    found = with_fault(late)["delay"]
+    assert found.verdict == "bad"
+    assert found.value == pytest.approx(30.0, abs=1.0)
+
+
+def test_a_low_pass_is_confirmed_by_the_rates() -> None:
+    found = checks(good("copter_steps_stabilize.bin"))["delay"]
+    assert found.verdict == "good"
+    assert found.value == pytest.approx(2.8, abs=0.5)
+
+
+def test_lost_samples_show_as_gaps() -> None:
+    def lose(log: FlightLog) -> None:
+        imu = log.imus[0]
+        keep = ~((imu.gyro.t > 40) & (imu.gyro.t < 43))
+        for stream in (imu.gyro, imu.acc):
+            stream.t, stream.x = stream.t[keep], stream.x[keep]
+
+    check = with_fault(lose)["gaps"]
+    assert check.verdict == "warn"
+    assert "3.0" in check.text
+
+
+def test_the_three_questions_are_answerable_on_a_good_log() -> None:
+    log = good("px4_steps.ulg")
+    phases = segments.build(log)
+    questions = {a.question: a for a in answerable(log, phases, audit(log, phases))}
+    assert list(questions) == ["quiet", "late", "drifting"]
+    assert all(a.can for a in questions.values())
+
+
+def test_a_log_without_imu_names_the_setting_for_every_question(corpus: Path) -> None:
+    log = flight.read(corpus / "logs" / "bin_plane_4.2.3_noimu_cut.bin")
+    found = answerable(log, None, audit(log, None))
+    assert not any(a.can for a in found)
+    assert all("LOG_BITMASK" in a.reason + a.setting for a in found)
+
+
+def test_no_rest_names_what_logs_it() -> None:
+    log = deepcopy(good("px4_steps.ulg"))
+    imu = log.imus[0]
+    flown = (imu.gyro.t > 25) & (imu.gyro.t < 70)
+    for stream in (imu.gyro, imu.acc):
+        stream.t, stream.x = stream.t[flown], stream.x[flown]
+    phases = segments.build(log)
+    quiet = answerable(log, phases, audit(log, phases))[0]
+    assert not quiet.can
+    assert "SDLOG_MODE" in quiet.setting
+
+
+@pytest.mark.parametrize(
+    ("firmware", "version", "what", "word"),
+    [
+        ("PX4", "1.6.5", "imu", "logger_topics.txt"),
+        ("PX4", "1.15.0", "imu", "SDLOG_PROFILE"),
+        ("PX4", "1.15.0", "rest", "SDLOG_MODE"),
+        ("ArduPilot", "Copter 4.6.2", "fast_imu", "INS_RAW_LOG_OPT"),
+        ("ArduPilot", "Copter 3.6.8", "fast_imu", "bit 19"),
+        ("ArduPilot", "Plane 4.2.3", "mag", "bit 10"),
+        ("ArduPilot", "Copter 4.0", "mag", "bit 13"),
+        ("ArduPilot", "Copter 4.0", "rest", "LOG_DISARMED"),
+    ],
+)
+def test_settings_are_those_of_the_firmware(firmware: str, version: str, what: str, word: str) -> None:
+    assert word in how_to_log(firmware, version, what)
+
+
+# --- false alarms on simulated flights --------------------------------------------------------------------------
+
+SIMULATED = [p for p in corpus_logs() if corpus_root() is not None and "sitl" in str(p.parent)]
+INJECTED = {"px4_magfault.ulg": {"field against attitude"}, "copter_mag_fault.bin": {"field against attitude"}}
+"""Compass faults that the simulator put in, seen by the audit or nearly so."""
+
+
+@pytest.mark.parametrize("path", SIMULATED, ids=lambda p: p.name)
+def test_only_injected_faults_are_bad_in_simulated_flights(path: Path) -> None:
+    found = checks(flight.read(path))
+    bad = {c.name for c in found.values() if c.verdict == "bad"}
+    assert bad <= INJECTED.get(path.name, set())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", corpus_logs(), ids=lambda p: p.name)
+def test_every_log_is_audited_without_a_traceback(path: Path) -> None:
+    try:
+        log = flight.read(path)
+    except AttlogError:
+        return
+    phases = segments.build(log) if log.imu is not None else None
+    found = audit(log, phases)
+    assert found
+    assert len(answerable(log, phases, found)) == 3
+    assert all(c.value is None or isinstance(c.value, int | float | str) for c in found)

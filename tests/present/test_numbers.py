@@ -1,0 +1,63 @@
+"""Numbers as people read them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from attlog.present.numbers import duration, interval, listed, number, quantity
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (0.0123, "deg", "0.012"),
+        (0.0996, "deg", "0.10"),
+        (0.123, "deg", "0.12"),
+        (0.996, "deg", "1.0"),
+        (12.34, "deg", "12.3"),
+        (0.0001, "deg", "<0.001"),
+        (-0.0001, "deg", "−<0.001"),
+        (0.0, "deg", "0.000"),
+        (-1.234, "deg/min", "−1.2"),
+        (0.123, "deg/min", "+0.12"),
+        (0.0, "deg/min", "0.00"),
+        (-0.001, "deg/min", "0.00"),
+        (12.4, "ms", "+12"),
+        (-0.4, "ms", "0"),
+        (99.7, "%", "100"),
+        (1.004, "1", "1.00"),
+        (12345.0, "ns", "12,345"),
+        (None, "deg", ""),
+        (math.nan, "deg", ""),
+        (math.inf, "ms", ""),
+    ],
+)
+def test_decimals_follow_the_unit(value, unit, text):
+    assert number(value, unit) == text
+
+
+def test_degrees_stand_close_and_words_apart():
+    assert quantity(0.5, "deg") == "0.50°"
+    assert quantity(-3.2, "deg/min") == "−3.2°/min"
+    assert quantity(12, "ms") == "+12 ms"
+    assert quantity(None, "ms") == ""
+
+
+def test_intervals():
+    assert interval((-6.7, -2.71), "deg/min") == "−6.7 to −2.7"
+    assert interval(None, "deg") == ""
+    assert interval((math.nan, 1.0), "deg") == ""
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.42, "0.4 s"), (36.2, "36 s"), (242.6, "4.0 min"), (7500.0, "2 h 05 min"), (None, ""), (3599.0, "60.0 min")],
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_lists():
+    assert [listed(x) for x in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == ["", "a", "a and b", "a, b and c"]

@@ -1,0 +1,66 @@
+"""Runs end at gaps, restarts at longer ones, and nothing else counts as a gap."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog.segments import gaps
+
+
+def at_rate(rate: float, seconds: float, start: float = 0.0) -> np.ndarray:
+    """Regular times."""
+    return start + np.arange(0, seconds, 1 / rate)
+
+
+def kinds(t: np.ndarray) -> list[tuple[str, float, float]]:
+    """Kind, start and end of what is found."""
+    return [(s.kind, round(s.t0, 3), round(s.t1, 3)) for s in sorted(gaps.find(t), key=lambda s: s.t0)]
+
+
+def test_a_log_without_gap_is_one_run():
+    assert kinds(at_rate(200, 10)) == [("continuous", 0.0, 9.995)]
+
+
+@pytest.mark.parametrize(("rate", "limit"), [(400, 0.05), (200, 0.05), (50, 0.1), (25, 0.2), (10, 0.5)])
+def test_a_gap_is_longer_than_five_intervals_and_than_fifty_milliseconds(rate, limit):
+    assert gaps.gap_limit(at_rate(rate, 20)) == pytest.approx(limit)
+    head = at_rate(rate, 5)
+    below = np.concatenate([head, head + head[-1] + 0.98 * limit])
+    above = np.concatenate([head, head + head[-1] + 1.02 * limit])
+    assert [k for k, _, _ in kinds(below)] == ["continuous"]
+    assert [k for k, _, _ in kinds(above)] == ["continuous", "gap", "continuous"]
+
+
+def test_a_gap_says_how_long_it_is_and_what_a_filter_does_there():
+    t = np.concatenate([at_rate(100, 5), at_rate(100, 5, 5.2), at_rate(100, 5, 20)])
+    found = [s for s in gaps.find(t) if s.kind == "gap"]
+    assert "integrates across" in found[0].why
+    assert "restarts" in found[1].why
+    np.testing.assert_allclose(gaps.restarts(t), [0.0, 20.0])
+
+
+def test_time_that_goes_back_ends_a_run():
+    t = np.concatenate([at_rate(100, 5), at_rate(100, 5)])
+    assert [k for k, _, _ in kinds(t)] == ["continuous", "continuous"]
+    np.testing.assert_array_equal(np.unique(gaps.number(t)), [0, 1])
+
+
+def test_nothing_and_a_single_sample_have_no_run():
+    assert gaps.find(np.zeros(0)) == []
+    assert gaps.find(np.zeros(1)) == []
+    assert len(gaps.number(np.zeros(0))) == 0
+
+
+def test_samples_that_are_not_finite_or_not_later_are_left_out():
+    t = np.array([0.0, 1.0, 1.0, np.nan, 0.5, 2.0, 3.0])
+    x = np.array([[0.0], [1.0], [9.0], [9.0], [9.0], [np.nan], [3.0]])
+    kept_t, kept_x = gaps.rising(t, x)
+    np.testing.assert_array_equal(kept_t, [0.0, 1.0, 3.0])
+    np.testing.assert_array_equal(kept_x[:, 0], [0.0, 1.0, 3.0])
+
+
+def test_the_rate_does_not_count_the_time_lost_in_gaps():
+    assert gaps.rate(np.concatenate([at_rate(50, 10), at_rate(50, 10, 100)])) == pytest.approx(50.0)
+    assert gaps.rate(np.array([0.0, 0.1, 0.3, 0.4])) == pytest.approx(7.5)
+    assert gaps.rate(np.zeros(1)) == 0.0
