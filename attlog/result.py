@@ -45,6 +45,8 @@ __all__ = [
 SCHEMA = "attlog-result/1"
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
+ANSWER_KEEPS = tuple(f.name for f in dataclasses.fields(Answer) if not f.metadata.get("json", True))
+"""Fields of an answer that are not in the JSON."""
 
 
 @dataclass(slots=True)
@@ -166,9 +168,14 @@ class Result:
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None."""
+    """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None.
+
+    Fields whose metadata says ``json: False`` are left out.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {
+            f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if f.metadata.get("json", True)
+        }
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

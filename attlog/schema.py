@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any, get_type_hints
 
-from pydantic import create_model
+from pydantic import ConfigDict, create_model
+from pydantic.json_schema import GenerateJsonSchema
 
-from attlog.result import MEASURED_TIMES, SCHEMA, Result
+from attlog.result import ANSWER_KEEPS, MEASURED_TIMES, SCHEMA, Result
+
+_TYPES = ConfigDict(arbitrary_types_allowed=True)
+
+
+class _Generator(GenerateJsonSchema):
+    """Accepts arrays and functions, which only fields hold that stay out of the document."""
+
+    def handle_invalid_for_json_schema(self, schema: Any, error_info: str) -> dict[str, Any]:
+        return {}
 
 
 def schema() -> dict[str, Any]:
@@ -16,7 +27,9 @@ def schema() -> dict[str, Any]:
     and the figures' traces are not part of the document.
     """
     fields = {name: (hint, ...) for name, hint in get_type_hints(Result).items() if name not in ("traces", "schema")}
-    document = create_model("Result", **fields).model_json_schema(mode="serialization")  # type: ignore[call-overload]
+    model = create_model("Result", __config__=_TYPES, **fields)  # type: ignore[call-overload]
+    document: dict[str, Any] = model.model_json_schema(mode="serialization", schema_generator=_Generator)
+    _drop_hidden(document)
     document["properties"] = {"schema": {"const": SCHEMA}} | document["properties"]
     for part in (document, *document.get("$defs", {}).values()):
         if "properties" in part:
@@ -25,3 +38,13 @@ def schema() -> dict[str, Any]:
     document["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     document["title"] = "attlog result"
     return document
+
+
+def _drop_hidden(document: dict[str, Any]) -> None:
+    """Take out the fields of an answer that are not in the JSON, and the definitions that only they use."""
+    parts = document["$defs"]
+    for name in ANSWER_KEEPS:
+        del parts["Answer"]["properties"][name]
+    while unused := [name for name in parts if f'"#/$defs/{name}"' not in json.dumps(document)]:
+        for name in unused:
+            del parts[name]

@@ -45,7 +45,7 @@ def command(
     window: Annotated[
         str | None,
         typer.Option(
-            metavar="W", help="all, rest, rest.long, idle, armed, airborne, hover or T0:T1 (s). [default: all]"
+            metavar="W", help="all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). [default: all]"
         ),
     ] = None,
     score_from: Annotated[

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from attlog.metrics.units import UnitValues
+
 CODES = (
     "no_rest",
     "rest_too_short",
@@ -36,7 +38,8 @@ class Answer:
     With a value: ``n`` independent pieces of evidence over ``seconds``, ``ci95`` the
     95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
     the value is shown but may not be "best"; ``reason`` then says why. ``detail``
-    holds what the report shows beside it (per-axis values, slopes, flags).
+    holds what the report shows beside it (per-axis values, slopes, flags). ``units`` is what
+    the ranking pairs with other rows; it does not leave the process (not in the JSON).
     """
 
     value: float | None
@@ -50,6 +53,7 @@ class Answer:
     reason: str | None = None
     ranked: bool = True
     detail: dict[str, Any] = field(default_factory=dict)
+    units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={"json": False})
 
     def __post_init__(self) -> None:
         if self.value is None:

@@ -52,12 +52,32 @@ def build(log: FlightLog) -> Segments:
         notes["idle"] = why
     if parts is not None and imu is not None:
         found += impact.find(log, imu, airborne, impact.lying(log, parts, lying), t1)
+    found = [s for whole in found for s in _cut_at_impact(whole, found)]
+    found += _cruise(found)
     if onboard is not None:
         found += [
             Segment("reset", float(onboard.t[i - 1]), float(onboard.t[i]), why)
             for i, why in zip(*resets.find(onboard, imu), strict=True)
         ]
     return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes)
+
+
+def _cut_at_impact(whole: Segment, found: list[Segment]) -> list[Segment]:
+    """A rest is none after an impact but a wreck, and flight, hover and idling end with it."""
+    blow = min((s.t0 for s in found if s.kind == "impact"), default=np.inf)
+    if whole.t1 <= blow or whole.kind not in ("rest.long", "rest.short", "idle", "airborne", "hover"):
+        return [whole]
+    if whole.kind.startswith("rest"):
+        return [Segment("wreck", whole.t0, whole.t1, f"lies still after an impact at {blow:.1f} s")]
+    return [] if whole.t0 >= blow else [Segment(whole.kind, whole.t0, blow, whole.why)]
+
+
+def _cruise(found: list[Segment]) -> list[Segment]:
+    """Flight without hover."""
+    hovering = [(s.t0, s.t1) for s in found if s.kind == "hover"]
+    flying = [(s.t0, s.t1) for s in found if s.kind == "airborne"]
+    moving = spans.intersect(flying, spans.complement(hovering, -np.inf, np.inf))
+    return [Segment("cruise", a, b, "in the air, and not hovering") for a, b in moving]
 
 
 def _windows(imu: Imu) -> windows.Windows | None:

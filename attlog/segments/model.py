@@ -11,8 +11,11 @@ from attlog.segments import spans
 
 Array = NDArray[np.float64]
 
-KINDS = ("continuous", "rest.long", "rest.short", "idle", "armed", "airborne", "hover", "impact", "reset", "gap")
-WINDOWS = ("all", "rest", "rest.long", "idle", "armed", "airborne", "hover")
+KINDS = (
+    "continuous", "rest.long", "rest.short", "idle", "armed", "airborne", "hover", "cruise",
+    "impact", "wreck", "reset", "gap",
+)  # fmt: skip
+WINDOWS = ("all", "rest", "rest.long", "idle", "armed", "airborne", "hover", "cruise")
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,3 +104,10 @@ def test_what_follows_at_once_is_not_zero_seconds_later():
         told.append(segments.build(log).of("impact")[0].why)
     assert "at once it was disarmed" in told[0]
     assert "2.0 s later it was disarmed" in told[1]
+
+
+def test_rest_after_an_impact_is_a_wreck_and_no_rest():
+    found = segments.build(blow(flight(), CRASH, tumble_dps=600.0))
+    assert found.of("wreck")
+    assert all(s.t0 >= CRASH for s in found.of("wreck"))
+    assert all(s.t1 <= CRASH + 0.1 for kind in ("rest", "airborne", "idle", "hover", "cruise") for s in found.of(kind))

@@ -164,3 +164,12 @@ def test_segments_move_with_the_clock(shift, yaw):
     b = segments.build(still_log(t + shift, armed=moved))
     assert [s.kind for s in a.segments] == [s.kind for s in b.segments]
     np.testing.assert_allclose([s.t0 + shift for s in a.segments], [s.t0 for s in b.segments], atol=0.51)
+
+
+def test_flight_is_hover_or_cruise_and_never_both():
+    found = segments.build(flight())
+    air, hover, cruise = (found.spans(w) for w in ("airborne", "hover", "cruise"))
+    assert hover
+    assert cruise
+    assert spans.intersect(hover, cruise) == []
+    assert spans.seconds(hover) + spans.seconds(cruise) == pytest.approx(spans.seconds(air))
