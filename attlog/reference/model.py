@@ -124,6 +124,8 @@ class Row:
     """Heading that was taken out of ``q`` (of its first segment), None where the heading is the row's own."""
     steps: list[AlignmentStep] = field(default_factory=list)
     """What was done to this row alone: trim, heading offset."""
+    imu: int | None = None
+    """Position in ``FlightLog.imus`` of the unit that was replayed; None: the log's own choice."""
 
 
 @dataclass(slots=True)
