@@ -19,7 +19,7 @@ def answers(est, seconds=36.0, kind="yaw"):
 
 
 def short_by(t, q, share):
-    """Falls short by ``share(since)`` of each turn from 0.5 s after its start on, and is right again before the next."""
+    """Falls short by ``share(since)`` of each turn from 0.5 s after its start on, right again before the next."""
     yaw = np.unwrap(rotation.to_euler(q)[:, 2])
     starts = np.arange(3.0, 33.0, 3.0)
     since = t - starts[np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)]

@@ -72,9 +72,9 @@ def test_a_first_order_lag_of_50_ms_is_told_as_an_independent_fit_tells_it():
     assert found.gain == pytest.approx(gain, abs=3e-3)
 
 
-def thrust_flight(kp, hz=200.0, mag=False, delay=0.0):
+def thrust_flight(kp, hz=100.0, mag=False):
     """A multirotor whose accelerometer shows thrust alone, and a filter of gain kp that takes it for gravity."""
-    t, q = motion("steps", 40.0)
+    t, q = motion("steps", 25.0)
     at = np.arange(0.5, t[-1] - 0.5, 1.0 / hz)
     exact = rotation.slerp(t, q, at)
     f = np.tile([0.0, 0.0, -9.80665], (len(at), 1)) + 0.02 * np.sin(7.0 * at)[:, None]
