@@ -1,11 +1,13 @@
-# Everything a stranger needs: `make demo` shows a report, `make test` proves the code.
+# Everything a stranger needs: `make demo` shows a report, `make test` proves the code, `make check` is what CI asks first.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALL := $(shell command -v uv >/dev/null 2>&1 && echo "uv pip install --quiet --compile-bytecode --python $(BIN)/python" || echo "$(BIN)/python -m pip install --quiet --disable-pip-version-check")
 CORES := $(shell $(PYTHON) -c "import os; print(len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count())")
+# $(call install,WHAT): uv where it is on PATH and works, else pip.
+install = (command -v uv >/dev/null 2>&1 && uv pip install --quiet --compile-bytecode --python $(BIN)/python -e $(1)) \
+	|| $(BIN)/python -m pip install --quiet --disable-pip-version-check -e $(1)
 
-.PHONY: demo test test-all lint benchmarks clean
+.PHONY: demo test test-all test-rights check format docs benchmarks clean
 
 demo: $(VENV)/installed
 	$(BIN)/attlog analyze sample_logs/copter_yaw_turns.bin -o reports
@@ -16,8 +18,22 @@ test: $(VENV)/installed-test
 test-all: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n $(CORES)
 
-lint: $(VENV)/installed-test
-	$(BIN)/ruff check attlog tests benchmarks
+# What depends on file permissions, as a user who has no special rights (root would skip it).
+test-rights: $(VENV)/installed-test
+	ATTLOG_REQUIRE_RIGHTS=1 $(BIN)/python -m pytest -m rights -p no:cacheprovider
+
+check: $(VENV)/installed-check
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/mkdocs build --strict --quiet --site-dir $(VENV)/site
+
+format: $(VENV)/installed-check
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+docs: $(VENV)/installed-check
+	$(BIN)/mkdocs build --strict --site-dir site
 
 benchmarks: $(VENV)/installed-test
 	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
@@ -26,12 +42,16 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: pyproject.toml $(VENV)/bin/python
-	$(INSTALL) -e .
+	$(call install,.)
 	touch $@
 
 $(VENV)/installed-test: pyproject.toml $(VENV)/bin/python
-	$(INSTALL) -e ".[test]"
+	$(call install,".[test]")
 	touch $@ $(VENV)/installed
 
+$(VENV)/installed-check: pyproject.toml $(VENV)/bin/python
+	$(call install,".[check]")
+	touch $@ $(VENV)/installed-test $(VENV)/installed
+
 clean:
-	rm -rf $(VENV) build dist
+	rm -rf $(VENV) build dist site

@@ -55,7 +55,7 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
                 rows.append(row)
         for row in reference.onboard_rows(log, phases, ref):
             rows.append(row)
-            estimator_rows.append(_table_row(row))
+            estimator_rows.append(_table_row(row, title=row.estimator))
     with clock("metrics"):
         case = metrics.Case(log, phases, ref, rows, reference.heading_references(log, phases, ref, rows))
         by_name = {row.name: row for row in rows}
@@ -242,11 +242,15 @@ def _replayed(
     )
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
-    return row, _table_row(row, spec.estimator.name, spec.preset, parameters)
+    return row, _table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
 
 
 def _table_row(
-    row: Row, estimator: str = "", preset: str | None = None, parameters: dict[str, ParameterValue] | None = None
+    row: Row,
+    estimator: str = "",
+    preset: str | None = None,
+    parameters: dict[str, ParameterValue] | None = None,
+    title: str = "",
 ) -> EstimatorRow:
     return EstimatorRow(
         row.name,
@@ -263,6 +267,7 @@ def _table_row(
         row.causal,
         row.uses_mag,
         row.start,
+        title,
     )
 
 

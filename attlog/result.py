@@ -27,6 +27,21 @@ from attlog.segments.model import Segment
 if TYPE_CHECKING:
     import pandas
 
+__all__ = [
+    "AlignmentStep",
+    "Answer",
+    "Check",
+    "EstimatorRow",
+    "ParameterValue",
+    "Problem",
+    "ReferenceSummary",
+    "Result",
+    "Segment",
+    "Trace",
+    "Verdict",
+]
+"""The whole contract: what stands in a result comes from here for those above it, wherever it is defined."""
+
 SCHEMA = "attlog-result/1"
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
@@ -46,7 +61,11 @@ class ParameterValue:
 
 @dataclass(slots=True)
 class EstimatorRow:
-    """One line of the table: who, with which parameters, and every answer by window."""
+    """One line of the table: who, with which parameters, and every answer by window.
+
+    ``title`` is what the source calls itself: the first line of an estimator's
+    docstring, or the message that an onboard attitude comes from.
+    """
 
     name: str
     kind: str
@@ -62,6 +81,7 @@ class EstimatorRow:
     causal: bool = True
     uses_mag: bool = True
     start_s: float = 0.0
+    title: str = ""
 
 
 @dataclass(slots=True)

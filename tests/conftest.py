@@ -14,6 +14,15 @@ ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_logs"
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Tests marked ``rights`` skip for a user who may do everything; ATTLOG_REQUIRE_RIGHTS makes that a failure."""
+    if item.get_closest_marker("rights") is None or getattr(os, "geteuid", lambda: 0)() != 0:
+        return
+    if os.environ.get("ATTLOG_REQUIRE_RIGHTS"):
+        pytest.fail("this user may read and write everything")
+    pytest.skip("this user may read and write everything; make test-rights as another user")
+
+
 def corpus_root() -> Path | None:
     """The corpus folder, None where the tests have to do without."""
     named = os.environ.get("ATTLOG_CORPUS")

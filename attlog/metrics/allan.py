@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.evidence import within
 from attlog.metrics.noise import rest_spans, why_no_rest
 from attlog.reference.model import Row
@@ -96,6 +96,13 @@ def angles(row: Row, segment: slice) -> Array:
     return np.degrees(np.column_stack([body[:, :2], heading]))
 
 
+@per_row
+def of_heading(case: Case, row: Row, segment: slice) -> Deviation:
+    """The Allan deviation of the rate of a row's heading, deg/s, over a segment of its samples."""
+    step = float(row.t[segment.stop - 1] - row.t[segment.start]) / (segment.stop - segment.start - 1)
+    return deviation(angles(row, segment)[:, 2], step)
+
+
 def random_walk(d: Deviation) -> tuple[float, float]:
     """The deviation interpolated at 1 s (rate units) and the slope of the curve around it on logarithmic axes."""
     near = (d.tau >= WALK_TAU_S[0]) & (d.tau <= WALK_TAU_S[1]) & (d.sigma > 0)
@@ -118,8 +125,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     if length < SHORTEST_S:
         reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
         return {m.name: missing("rest_too_short", reason, m.unit, window) for m in METRICS}
-    step = length / (len(t) - 1)
-    d = case.cached(f"allan:{row.name}:{segment}", lambda: deviation(angles(row, segment)[:, 2], step))
+    d = of_heading(case, row, segment)
     found = {"allan_arw_deg_per_sqrt_h": _walk(d, length, window), "allan_bias_deg_per_h": _floor(d, length, window)}
     return {name: follow.unrank_frozen(case, row, "heading", answer) for name, answer in found.items()}
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeVar
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
 
 from attlog.flight.model import FlightLog
 from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import Segments
 
-__all__ = ["Case", "HeadingReference", "Metric", "applies_to", "paragraph"]
+__all__ = ["Case", "HeadingReference", "Metric", "applies_to", "paragraph", "per_case", "per_row"]
 
 T = TypeVar("T")
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,24 +36,67 @@ class Metric:
 
 @dataclass(slots=True)
 class Case:
-    """All that metrics see of one log. ``heading_references``: headings by name for drift in the air."""
+    """All that metrics see of one log. ``heading_references``: headings by name for drift in the air.
+
+    ``rows`` are those of one evaluation; everything else is the same for all of them.
+    """
 
     log: FlightLog
     segments: Segments
     reference: Reference
     rows: list[Row]
     heading_references: dict[str, HeadingReference] = field(default_factory=dict)
-    cache: dict[str, Any] = field(default_factory=dict)
-    """What :meth:`cached` has computed."""
+    of_log: dict[Hashable, Any] = field(default_factory=dict, repr=False)
+    """What functions marked :func:`per_case` have found."""
+    of_row: WeakKeyDictionary[Row, dict[Hashable, Any]] = field(default_factory=WeakKeyDictionary, repr=False)
+    """What functions marked :func:`per_row` have found, kept as long as the row lives."""
 
-    def cached(self, key: str, compute: Callable[[], T]) -> T:
-        """What ``compute`` returns, computed at the first call only: for what rows, windows or metrics share.
+    def forget(self) -> None:
+        """Drop what was computed, after a change to the log or to a row."""
+        self.of_log.clear()
+        self.of_row.clear()
 
-        ``key`` begins with the name of the metric's file and names all that the value depends on.
-        """
-        if key not in self.cache:
-            self.cache[key] = compute()
-        return self.cache[key]
+
+def per_case(compute: Callable[Concatenate[Case, P], T]) -> Callable[Concatenate[Case, P], T]:
+    """A function of a case (and of values such as spans) that is computed once for each of them.
+
+    For what rows, windows or metrics share; it must not look at ``case.rows``.
+    """
+
+    @functools.wraps(compute)
+    def shared(case: Case, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        key = (compute, *map(_frozen, args), *((name, _frozen(kwargs[name])) for name in sorted(kwargs)))
+        if key not in case.of_log:
+            case.of_log[key] = compute(case, *args, **kwargs)
+        found: T = case.of_log[key]
+        return found
+
+    return shared
+
+
+def per_row(compute: Callable[Concatenate[Case, Row, P], T]) -> Callable[Concatenate[Case, Row, P], T]:
+    """A function of a case and one of its rows (and of values such as spans) that is computed once for each."""
+
+    @functools.wraps(compute)
+    def shared(case: Case, row: Row, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        known = case.of_row.setdefault(row, {})
+        key = (compute, *map(_frozen, args), *((name, _frozen(kwargs[name])) for name in sorted(kwargs)))
+        if key not in known:
+            known[key] = compute(case, row, *args, **kwargs)
+        found: T = known[key]
+        return found
+
+    return shared
+
+
+def _frozen(value: Any) -> Hashable:
+    """A value as part of a key: lists become tuples, slices their bounds; anything else must be hashable itself."""
+    if isinstance(value, list):
+        return tuple(map(_frozen, value))
+    if isinstance(value, slice):
+        return (slice, value.start, value.stop, value.step)
+    key: Hashable = value
+    return key
 
 
 def applies_to(window: str, *names: str) -> bool:

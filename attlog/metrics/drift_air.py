@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import drift
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, HeadingReference, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, HeadingReference, Metric, applies_to, paragraph, per_row
 from attlog.metrics.drift_rest import bias_beside
 from attlog.metrics.rmse import why_never_airborne
 from attlog.reference.model import Row
@@ -77,9 +77,10 @@ def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array,
 def error_blocks(case: Case, row: Row, name: str, window: str) -> drift.Blocks | None:
     """1 s means of the heading error against a heading reference, airborne and scored; None where the heading reference is absent."""
     spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
-    return case.cached(f"drift_air:{row.name}:{name}:{spans}", lambda: _error_blocks(case, row, name, spans))
+    return _error_blocks(case, row, name, spans)
 
 
+@per_row
 def _error_blocks(case: Case, row: Row, name: str, spans: list[tuple[float, float]]) -> drift.Blocks | None:
     reference, heading_reference = case.reference, case.heading_references.get(name)
     if name == reference.kind and row.errors is not None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog import earth, rotation
 from attlog.metrics import drift, follow
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.evidence import within
 from attlog.metrics.noise import rest_spans, why_no_rest
 from attlog.reference import clock
@@ -29,13 +29,10 @@ METRICS: tuple[Metric, ...] = (
 )
 
 
+@per_row
 def rest_blocks(case: Case, row: Row, span: tuple[float, float]) -> drift.Blocks:
     """1 s means of the row's heading in deg during one rest, relative to its mean there."""
-    return case.cached(f"drift_rest:{row.name}:{span}", lambda: _rest_blocks(case, row, span))
-
-
-def _rest_blocks(case: Case, row: Row, span: tuple[float, float]) -> drift.Blocks:
-    pieces = within(row.t, span, case.cached(f"drift_rest:pieces:{row.name}", lambda: row_pieces(case, row)))
+    pieces = within(row.t, span, row_pieces(case, row))
     t, e, label = [], [], []
     for k, segment in enumerate(pieces):
         q = row.q[segment]
@@ -48,6 +45,7 @@ def _rest_blocks(case: Case, row: Row, span: tuple[float, float]) -> drift.Block
     return drift.block_means(np.concatenate(t), np.concatenate(e), np.concatenate(label))
 
 
+@per_row
 def row_pieces(case: Case, row: Row) -> NDArray[np.int64]:
     """Stretches of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
     attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import lag, probe, steps
 from attlog.metrics.answer import Answer
-from attlog.metrics.base import Case
+from attlog.metrics.base import Case, per_row
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -57,16 +57,13 @@ def regression_gain(t: Array, q_est: Array, q_ref: Array, segment: NDArray[np.in
     return gains
 
 
+@per_row
 def verdict(case: Case, row: Row, axis: str) -> Verdict:
     """Whether a row follows motion about roll, pitch or heading: by its steps, else by regression, else by a probe.
 
     One gain of 0.8 to 1.2 is enough: acceleration bends real filters in steps (gain
     0.75), the probe then shows that they are not frozen.
     """
-    return case.cached(f"follow:{row.name}:{axis}", lambda: _verdict(case, row, axis))
-
-
-def _verdict(case: Case, row: Row, axis: str) -> Verdict:
     found: list[str] = []
     for gain, how in _gains(case, row, ("roll", "pitch", "heading").index(axis)):
         if LOW <= gain <= HIGH:
@@ -84,7 +81,7 @@ def _gains(case: Case, row: Row, axis: int) -> Iterator[tuple[float, str]]:
     step = lag.fits(case, row, "all").get(steps.AXES[axis])
     if step is not None and step.events >= lag.MIN_EVENTS:
         yield step.gain, f"in {step.events} steps"
-    regression = case.cached(f"follow:{row.name}:regression", lambda: _regression(row))
+    regression = _regression(case, row)
     if np.isfinite(regression[axis]):
         yield float(regression[axis]), "by regression on the reference's rate"
     probed = probe.gains(case, row)
@@ -100,7 +97,8 @@ def unrank_frozen(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
     return answer
 
 
-def _regression(row: Row) -> Array:
+@per_row
+def _regression(case: Case, row: Row) -> Array:
     if row.errors is None or len(row.errors.t) < 2:
         return np.full(4, np.nan)
     e = row.errors

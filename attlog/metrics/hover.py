@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.evidence import seconds, within
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
@@ -56,7 +56,8 @@ class Powers:
     near_pct: float
 
 
-def _powers(row: Row, spans: list[Span]) -> Powers:
+@per_row
+def _powers(case: Case, row: Row, spans: list[Span]) -> Powers:
     powers, near, total = [], 0, 0
     pieces = [p for span in spans for p in within(row.t, span, row.segment) if np.isfinite(row.q[p]).all()]
     for segment in pieces:
@@ -84,7 +85,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     spans = intersect(spans, [(row.start + 5.0, math.inf)])
     if not spans:
         return {name: missing("not_covered", f"no hover in window {window}", "deg", window)}
-    found = case.cached(f"hover:{row.name}:{spans}", lambda: _powers(row, spans))
+    found = _powers(case, row, spans)
     powers = found.powers
     if not powers:
         reason = f"no hover of {WINDOW_S:.0f} s without a gap at {MIN_RATE_HZ:.0f} Hz or more"

@@ -9,7 +9,7 @@ import numpy as np
 from attlog.metrics import angle_fit, steps
 from attlog.metrics.angle_fit import Fit
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case, per_row
 from attlog.metrics.event_pairs import Track
 from attlog.metrics.rmse import why_never_airborne, why_no_errors
 from attlog.reference.model import Row
@@ -66,12 +66,19 @@ def fits(case: Case, row: Row, window: str) -> dict[str, Fit]:
     events = steps.in_window(case, scored_events(case, row), window)
     if not events:
         return {}
-    r = case.reference
-    reference = case.cached("lag:reference", lambda: Track(r.t, r.q, r.segment))
-    return case.cached(
-        f"lag:{row.name}:{[(e.axis, e.onset) for e in events]}",
-        lambda: angle_fit.by_axis(Track(row.t, row.q, row.segment), reference, events),
-    )
+    return fits_of(case, row, events)
+
+
+@per_row
+def fits_of(case: Case, row: Row, events: list[steps.Event]) -> dict[str, Fit]:
+    """The fits of a row over these events, per axis and ``all``."""
+    return angle_fit.by_axis(Track(row.t, row.q, row.segment), reference_track(case), events)
+
+
+@per_case
+def reference_track(case: Case) -> Track:
+    """The reference as what all rows are compared with."""
+    return Track(case.reference.t, case.reference.q, case.reference.segment)
 
 
 def scored_events(case: Case, row: Row) -> list[steps.Event]:
@@ -79,7 +86,7 @@ def scored_events(case: Case, row: Row) -> list[steps.Event]:
     errors = row.errors
     if errors is None or len(errors.t) == 0:
         return []
-    events = steps.of_trial(case)
+    events = steps.of_reference(case)
     at = np.clip(np.searchsorted(errors.t, [e.onset for e in events]), 0, len(errors.t) - 1)
     return [e for e, i in zip(events, at, strict=True) if errors.scored[i]]
 

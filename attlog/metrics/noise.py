@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case, per_row
 from attlog.metrics.evidence import seconds, within
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
@@ -179,12 +179,9 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     return answers
 
 
+@per_row
 def measured(case: Case, row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
     """The windows of a row within spans of rest, and its noise about roll, pitch, the vertical and body z."""
-    return case.cached(f"noise:{row.name}:{spans}", lambda: _measured(row, spans))
-
-
-def _measured(row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
     windows = windows_in(row.t, row.q, spans, row.segment)
     residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
     found = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
@@ -215,12 +212,9 @@ def _answer(
     return follow.unrank_frozen(case, row, axis, answer)
 
 
+@per_case
 def input_noise(case: Case, spans: list[Span]) -> dict[str, list[float]]:
     """The same statistic of the replayed gyro (deg/s) and accelerometer (m/s^2) in the same windows, per body axis."""
-    return case.cached(f"noise:input:{spans}", lambda: _input_noise(case, spans))
-
-
-def _input_noise(case: Case, spans: list[Span]) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     if case.log.imu is None:
         return found
@@ -234,6 +228,7 @@ def _input_noise(case: Case, spans: list[Span]) -> dict[str, list[float]]:
     return found
 
 
+@per_case
 def quantisation_floor_deg(case: Case) -> list[float]:
     """The angle noise in deg per body axis that the steps of the replayed gyro's logged values can hide.
 
@@ -242,10 +237,6 @@ def quantisation_floor_deg(case: Case) -> list[float]:
     straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
     logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
     """
-    return case.cached("noise:hidden", lambda: _quantisation_floor_deg(case))
-
-
-def _quantisation_floor_deg(case: Case) -> list[float]:
     gyro = None if case.log.imu is None else case.log.imus[case.log.imu].gyro
     if gyro is None or len(gyro.t) < 2:
         return [0.0] * 3

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog import estimators, rotation
 from attlog.errors import AttlogError
-from attlog.metrics.base import Case
+from attlog.metrics.base import Case, per_row
 from attlog.metrics.evidence import within
 from attlog.reference.model import Row
 
@@ -29,15 +29,12 @@ def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
     return rate, rotation.rotate_inverse(rotation.from_rotvec(turned), vectors)
 
 
+@per_row
 def gains(case: Case, row: Row) -> Array | None:
     """How much of the pulse the row's filter shows at its end, about body x, y, z; None where it cannot be replayed.
 
     Real filters show 1.00, accelerometer-only ones 0.2 to 0.7, a frozen one 0.
     """
-    return case.cached(f"probe:{row.name}", lambda: _gains(case, row))
-
-
-def _gains(case: Case, row: Row) -> Array | None:
     rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
     if row.kind != "replay" or rest is None or case.log.imu is None:
         return None

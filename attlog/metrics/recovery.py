@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog import earth
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, paragraph
+from attlog.metrics.base import Case, Metric, paragraph, per_case
 from attlog.metrics.rmse import why_no_errors
 from attlog.reference.model import Row
 from attlog.segments.spans import Span
@@ -73,12 +73,9 @@ def time_back(t: Array, error: Array, disturbance: Span) -> float | None:
     return None
 
 
+@per_case
 def disturbances(case: Case) -> dict[str, Span]:
     """The largest disturbance of accelerometer and of magnetometer in scored flight, where there is one."""
-    return case.cached("recovery", lambda: _disturbances(case))
-
-
-def _disturbances(case: Case) -> dict[str, Span]:
     log, found = case.log, {}
     if log.imu is not None:
         acc = log.imus[log.imu].acc

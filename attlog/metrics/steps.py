@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics.base import Case
-from attlog.reference.model import Reference
+from attlog.metrics.base import Case, per_case
 
 Array = NDArray[np.float64]
 
@@ -56,12 +55,10 @@ def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[Event]:
     return sorted(events, key=lambda e: e.onset)
 
 
-def of_trial(case: Case) -> list[Event]:
+@per_case
+def of_reference(case: Case) -> list[Event]:
     """The events of the reference that every row is judged by: after the scoring start, before the end."""
-    return case.cached("steps", lambda: _scored(case.reference))
-
-
-def _scored(reference: Reference) -> list[Event]:
+    reference = case.reference
     found = find(reference.t, reference.q, reference.segment) if len(reference.t) else []
     return [e for e in found if e.begin >= reference.scoring_start and e.end <= reference.end]
 

@@ -86,9 +86,9 @@ class Errors:
     q_ref: Array
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False, weakref_slot=True)
 class Row:
-    """One line of the comparison: a replayed estimate or an onboard attitude, aligned.
+    """One line of the comparison: a replayed estimate or an onboard attitude, aligned. A row equals only itself.
 
     ``name`` as in DESIGN 6 (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q``
     are at the row's own times with trim, declination and heading offset applied.

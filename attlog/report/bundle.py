@@ -67,7 +67,9 @@ def bundle_notice(folder: Path = FOLDER) -> str | None:
     """What to tell the user where reports have to carry the full bundle; None where all is well."""
     if bundle(folder).small:
         return None
+    source = Path(__file__).parents[2]
+    where = source if (source / "hatch_build.py").is_file() else "FOLDER_OF_THE_SOURCE"
     return (
         "reports carry the full plotly.js (1.5 MB more, slower to open) because the small one could not be fetched "
-        "when attlog was installed; reinstall with network (pip install --force-reinstall --no-deps attlog) to get it"
+        f"when attlog was installed; with network, this fetches it: pip install --force-reinstall --no-deps {where}"
     )

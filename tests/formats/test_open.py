@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +47,7 @@ def test_missing_file_folder_and_device_cannot_be_read(tmp_path: Path) -> None:
         assert caught.value.exit_code == 66
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read everything")
+@pytest.mark.rights
 def test_file_without_permission_cannot_be_read(tmp_path: Path) -> None:
     path = tmp_path / "locked.ulg"
     path.write_bytes(b"x")

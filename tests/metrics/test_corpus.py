@@ -40,7 +40,7 @@ def row_of(case, name):
     ],
 )
 def test_the_commanded_movements_are_found(corpus, name, roll, pitch, yaw):
-    events = steps.of_trial(trial_of(corpus / "sitl" / name))
+    events = steps.of_reference(trial_of(corpus / "sitl" / name))
     found = [sum(e.axis == axis for e in events) for axis in range(3)]
     assert np.abs(np.array(found) - [roll, pitch, yaw]).max() <= 1
 

@@ -148,7 +148,7 @@ def test_traces_have_the_columns_that_the_figures_draw(case):
     step = next(t for t in found if t.figure == "step")
     axis, _, onset = step.key.partition("@")
     assert axis in ("roll", "pitch", "yaw")
-    assert any(abs(float(onset) - event.onset) < 0.01 for event in steps.of_trial(case))
+    assert any(abs(float(onset) - event.onset) < 0.01 for event in steps.of_reference(case))
     assert step.columns["ref"][-1] > step.columns["ref"][0]
     np.testing.assert_allclose(step.columns["est"], step.columns["ref"], atol=0.5)
 

@@ -176,7 +176,7 @@ def test_a_filter_that_never_moved_is_ranked_by_a_probe_and_only_if_it_can_be_re
         np.testing.assert_allclose(probe.gains(case, row), 1.0, atol=0.03)
         assert noise.compute(case, row, "rest")["noise_roll_deg"].ranked
     rows[0].estimator = "unknown-file"
-    case.cache.clear()
+    case.forget()
     assert not noise.compute(case, rows[0], "rest")["noise_roll_deg"].ranked
 
 
@@ -232,5 +232,5 @@ def test_a_users_file_is_probed_itself_also_where_it_bears_the_name_of_a_built_i
     case, row = telemetry(3e-3, 1e-3)
     for name, gain in (("mahony", 1.0), (str(file), 0.0)):
         row.estimator = name
-        case.cache.clear()
+        case.forget()
         np.testing.assert_allclose(probe.gains(case, row), gain, atol=0.1)  # half a sample of 10 Hz

@@ -21,6 +21,7 @@ import pytest
 from attlog.report import bundle_notice, write_report
 from attlog.report.bundle import FOLDER, SMALL, bundle
 from attlog.report.page import render
+from tests.report.browser import own_bytes
 from tests.report.conftest import make_result
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -155,7 +156,7 @@ def test_the_full_bundle_draws_under_its_policy(visit, tmp_path):
     assert page.complaints == []
     assert page.requests == [path.as_uri()]
     assert [name for name, drawn in page.figures().items() if not drawn] == []
-    assert path.stat().st_size < 3_000_000
+    assert own_bytes(path) < 2_400_000
 
 
 def test_shared_reports_load_one_bundle_from_their_folder_and_nothing_else(visit, tmp_path):

@@ -1,0 +1,79 @@
+"""What metrics share of a case: computed once, for the right row, and gone with it."""
+
+import gc
+
+import numpy as np
+import pytest
+
+from attlog.metrics.base import Case, per_case, per_row
+from attlog.reference.model import Row
+from tests.metrics import flights
+
+
+@pytest.fixture
+def calls() -> list[str]:
+    return []
+
+
+def row(name: str) -> Row:
+    t = np.arange(0.0, 1.0, 0.1)
+    return flights.row(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), name)
+
+
+def test_what_rows_share_is_computed_once_for_equal_spans(calls: list[str]) -> None:
+    @per_case
+    def total(case: Case, spans: list[tuple[float, float]], scale: float = 1.0) -> float:
+        calls.append("total")
+        return scale * sum(b - a for a, b in spans)
+
+    case = flights.case([], [])
+    assert [total(case, [(0.0, 1.0)]), total(case, [(0.0, 1.0)])] == [1.0, 1.0]
+    assert len(calls) == 1
+    assert total(case, [(0.0, 2.0)]) == 2.0
+    assert total(case, [(0.0, 2.0)], scale=3.0) == 6.0
+    assert total(flights.case([], []), [(0.0, 1.0)]) == 1.0
+    assert len(calls) == 4
+
+
+def test_rows_of_one_name_are_different_rows(calls: list[str]) -> None:
+    """Two evaluations of one case may both hold a row ``mahony``."""
+
+    @per_row
+    def first(case: Case, row: Row, segment: slice) -> float:
+        calls.append(row.name)
+        return float(row.t[segment][0])
+
+    a, b = row("mahony"), row("mahony")
+    b.t = b.t + 5.0
+    case = flights.case([a, b], [])
+    assert [first(case, r, slice(0, 3)) for r in (a, b, a)] == [0.0, 5.0, 0.0]
+    assert first(case, a, slice(2, 3)) == pytest.approx(0.2)
+    assert len(calls) == 3
+
+
+def test_functions_do_not_share_what_they_found() -> None:
+    @per_case
+    def one(case: Case) -> int:
+        return 1
+
+    @per_case
+    def two(case: Case) -> int:
+        return 2
+
+    case = flights.case([], [])
+    assert (one(case), two(case)) == (1, 2)
+
+
+def test_what_was_found_for_a_row_goes_with_the_row() -> None:
+    """A sweep evaluates thousands of rows on one case."""
+
+    @per_row
+    def size(case: Case, row: Row) -> int:
+        return len(row.t)
+
+    case, own = flights.case([], []), row("mahony")
+    assert size(case, own) == 10
+    assert len(case.of_row) == 1
+    del own
+    gc.collect()
+    assert len(case.of_row) == 0
