@@ -240,6 +240,7 @@ def _replayed(
         parameters={k: v for k, (v, _) in resolved.items()},
         uses_mag=uses_mag,
     )
+    row.imu = imu
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
     return row, _table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)

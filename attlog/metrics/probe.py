@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog import estimators, rotation
 from attlog.errors import AttlogError
 from attlog.metrics.base import Case, per_row
-from attlog.metrics.evidence import within
+from attlog.metrics.evidence import imu_of, within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -35,13 +35,14 @@ def gains(case: Case, row: Row) -> Array | None:
 
     Real filters show 1.00, accelerometer-only ones 0.2 to 0.7, a frozen one 0.
     """
+    imu = imu_of(case, row)
     rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
-    if row.kind != "replay" or rest is None or case.log.imu is None:
+    if row.kind != "replay" or rest is None or imu is None:
         return None
-    imu = case.log.imus[case.log.imu]
     pieces = within(imu.gyro.t, (max(rest.t0, rest.t1 - LONGEST_S), rest.t1))
     segment = max(pieces, key=lambda p: p.stop - p.start, default=slice(0, 0))
     t, gyro, acc = imu.gyro.t[segment], imu.gyro.x[segment], imu.acc.x[segment]
+    sampling = imu.gyro.sampling
     if len(t) < 20 or t[-1] - t[0] < SETTLE_S + PULSE_S:
         return None
     mag = None
@@ -51,7 +52,8 @@ def gains(case: Case, row: Row) -> Array | None:
         mag = estimators.place(t, field.t_best[near], field.x[near])
 
     def end(gyro: Array, acc: Array, mag: Array | None) -> Array:
-        return estimators.estimate(estimator, t, gyro, acc, mag, sampling=imu.gyro.sampling, **row.parameters).q[-1]
+        found = estimators.estimate(estimator, t, gyro, acc, mag, sampling=sampling, **row.parameters)
+        return np.asarray(found.q[-1])
 
     try:
         estimator = estimators.get(row.estimator)
