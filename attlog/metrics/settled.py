@@ -23,12 +23,12 @@ SHORTEST_S = 2.0
 
 
 @per_case
-def settling(case: Case) -> list[Span]:
-    """Spans in which no row is settled: after the first sample, after a restart, after the motors stop."""
+def settling(case: Case, phase: str) -> list[Span]:
+    """Spans in which no row is settled: after the first sample, after a restart, at rest also after the motors stop."""
     continuous = case.segments.spans("all")
     starts = gaps.restarts(np.array([x for span in continuous for x in span])[::2]) if continuous else np.zeros(0)
     found = [(float(t), float(t) + START_S) for t in starts]
-    for kind in ("armed", "airborne", "idle"):
+    for kind in ("armed", "airborne", "idle") if phase == "rest" else ():
         found += [(t1, t1 + MOTORS_S) for _, t1 in case.segments.spans(kind)]
     return found
 
@@ -61,7 +61,7 @@ def phase_of(case: Case, window: str) -> str | None:
 def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
     """Spans of a phase inside a window, within continuous segments, settled; in the air also scored."""
     spans: list[Span] = []
-    allowed = complement(settling(case), -math.inf, math.inf)
+    allowed = complement(settling(case, phase), -math.inf, math.inf)
     if phase in ("hover", "cruise"):
         reference = case.reference
         allowed = intersect(allowed, complement(reference.unscored, reference.scoring_start, reference.end))

@@ -22,9 +22,7 @@ def by_units(sigmas, first=0, **detail):
 
     whole = on(ids)
     units = UnitValues("log_variance", ids, values, on)
-    return Answer(
-        whole.value, "deg", "hover", len(ids), 5.0 * len(ids), whole.ci95, "", detail=detail, units=units
-    )
+    return Answer(whole.value, "deg", "hover", len(ids), 5.0 * len(ids), whole.ci95, "", detail=detail, units=units)
 
 
 def test_rows_whose_intervals_lie_apart_are_told_apart():
