@@ -56,10 +56,10 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         "place": place(log),
         "seconds": None
         if segments is None
-        else {kind: sum(s.seconds for s in segments.of(kind)) for kind in ("airborne", "rest", "armed")},
+        else {kind: segments.seconds(kind) for kind in ("airborne", "rest", "armed")},
         "timeline": {
             "modes": _intervals(log.mode, log.seconds),
-            "armed": _true_intervals(log.armed, log.seconds),
+            "armed": [] if segments is None else [[s.t0, s.t1] for s in segments.of("armed")],
             "airborne": [] if segments is None else [[s.t0, s.t1] for s in segments.of("airborne")],
             "texts": [[t, level, text] for t, level, text in log.texts],
         },
@@ -102,10 +102,6 @@ def _intervals(line: TimeLine | None, end: float) -> list[list[Any]]:
             out[-1][1] = t
         out.append([t, max(end, t), value])
     return [[a, b, str(v)] for a, b, v in out if b > a]
-
-
-def _true_intervals(line: TimeLine | None, end: float) -> list[list[float]]:
-    return [[a, b] for a, b, value in _intervals(line, end) if value == "True"]
 
 
 def _changed(log: FlightLog) -> dict[str, list[Any]]:

@@ -68,7 +68,8 @@ def _show(report: dict[str, Any], out: Console, verbose: int) -> None:
         line = "none" if sensor is None else f"{sensor['source']} at {sensor['rate_hz']:.1f} Hz"
         out.print(f"  {what:<9} {escape(line)}" + (f"  [dim]{escape(reason)}[/]" if reason else ""))
     if log["seconds"]:
-        out.print("  " + ", ".join(f"{kind} {seconds:.1f} s" for kind, seconds in log["seconds"].items()))
+        told = (f"{k} {'unknown' if s is None else f'{s:.1f} s'}" for k, s in log["seconds"].items())
+        out.print("  " + ", ".join(told))
 
     if report["audit"]:
         table = Table(

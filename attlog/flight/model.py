@@ -188,6 +188,7 @@ class FlightLog:
     the reason for each choice stands in ``choices`` (quantity -> sentence).
     ``attitudes`` maps source names to attitudes; ``onboard`` names the one that flew.
     ``setpoints`` is the attitude set-point, ``rate_setpoints`` a stream in rad/s.
+    ``motors`` (n, motors) are the outputs to them, 0 stopped to 1 full, where the log tells which outputs these are.
     ``utc_offset`` (s) turns ``t`` into Unix time where GNSS told it.
     """
 
@@ -216,6 +217,7 @@ class FlightLog:
     landed: TimeLine | None = None
     mode: TimeLine | None = None
     throttle: Stream | None = None
+    motors: Stream | None = None
     rpm: Stream | None = None
     battery: Stream | None = None
     params: dict[str, TimeLine] = field(default_factory=dict)

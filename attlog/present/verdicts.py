@@ -101,7 +101,7 @@ def unranked(judged: list[Judged]) -> list[tuple[str, str]]:
 def cannot(result: Result, without: list[tuple[str, str, str]], nothing: str) -> str:
     """The sentence for a question that no row answers: the commonest reason and what a pilot can do."""
     code, reason = commonest(without)
-    flew = (result.log.get("seconds") or {}).get("airborne", 1.0) > 0
+    flew = (result.log.get("seconds") or {}).get("airborne") != 0
     advice = f" {ADVICE[code]}" if code in ADVICE and flew else ""
     return f"Cannot be judged: {reason or nothing}{switch(result, code)}.{advice}"
 

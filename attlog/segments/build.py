@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight.model import FlightLog, Imu
-from attlog.segments import flags, gaps, hover, impact, resets, rest, spans, windows
+from attlog.segments import flags, flying, gaps, hover, impact, motion, resets, rest, spans, windows
 from attlog.segments.model import Segment, Segments
 from attlog.segments.spans import Span
 
@@ -16,11 +16,11 @@ MOVING_M_S = 3.0
 def build(log: FlightLog) -> Segments:
     """Runs, gaps, rests, idling, arming, flight, hover, impact and resets of a log, each with its reason.
 
-    A log without usable IMU has the continuous segments of its onboard attitude and what the flags
-    tell, and the notes say so.
+    Without an IMU to replay the first one still tells stillness, however slow; without any there are the
+    continuous segments of the onboard attitude and what the flags tell, and the notes say so.
     """
     notes: dict[str, str] = {}
-    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    imu = next(iter(log.imus), None) if log.imu is None or log.imu >= len(log.imus) else log.imus[log.imu]
     onboard = log.attitudes.get(log.onboard or "")
     clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
     clock = clock[np.isfinite(clock)]
@@ -30,28 +30,37 @@ def build(log: FlightLog) -> Segments:
             "no IMU to replay: continuous segments are those of the onboard attitude, and nothing tells rest"
         )
     if not found:
-        return Segments([], notes)
+        return Segments([], notes, ("armed", "airborne"))
     t0, t1 = float(np.min(clock)), float(np.max(clock))
 
+    whole = _between_pauses(found, t0, t1)
     armed = flags.armed(log, t0, t1)
     parts = _windows(imu) if imu is not None else None
-    still = rest.still(parts) if parts is not None else None
+    motors = flags.motors(log, armed, t0, t1)
+    still = rest.still(parts, motors) if parts is not None else None
     lying = windows.join(parts, still) if parts is not None and still is not None else []
-    airborne = flags.airborne(log, armed, lying, t0, t1)
+    seen = flying.evidence(log, armed.spans if armed.known else None, t0, t1)
+    airborne = flags.airborne(log, armed, seen, parts, lying, t0, t1)
+    for phase in (armed, airborne, motors):
+        phase.spans = spans.intersect(phase.spans, whole)
     found += [Segment("armed", a, b, armed.why) for a, b in armed.spans]
     found += [Segment("airborne", a, b, airborne.why) for a, b in airborne.spans]
-    notes["armed"], notes["airborne"] = armed.why, airborne.why
+    notes["armed"], notes["airborne"], notes["idle"] = armed.why, airborne.why, motors.why
 
     if parts is not None and still is not None:
-        moving = np.nan_to_num(hover.speed_m_s(log, parts.middle)) > MOVING_M_S
-        rests = rest.rests(parts, still, airborne, armed, moving)
-        notes["rest"] = _rest_note(rests, rest.rate_limit(parts), armed, airborne)
-        motors, why = _motors(log, armed, t0, t1)
+        moving = np.nan_to_num(motion.speed_m_s(log, parts.middle)) > MOVING_M_S
+        if seen is not None and not armed.known:
+            moving |= np.interp(parts.middle, seen.t, np.abs(seen.climb)) > flying.CLIMB_M_S
+        rests = rest.rests(parts, still, airborne, motors, flags.busy(armed, motors), moving)
+        notes["rest"] = _rest_note(rests, rest.largest_limit(parts, motors), armed, airborne)
         resting = [(s.t0, s.t1) for s in rests]
-        found += rests + rest.idles(parts, still, airborne, motors, resting, why) + hover.find(log, parts, airborne)
-        notes["idle"] = why
+        found += rests + rest.idles(parts, still, airborne, motors, resting)
+        found += hover.find(log, parts, airborne)
     if parts is not None and imu is not None:
-        found += impact.find(log, imu, airborne, impact.lying(log, parts, lying), t1)
+        lies = impact.lying(log, parts, lying)
+        lost = impact.losses(log, imu, airborne, lies, [b for _, b in whole])
+        found += [Segment("loss_of_control", loss.t0, loss.t1, loss.why) for loss in lost]
+        found += impact.find(log, imu, airborne, lies, lost, t1)
     found = [s for whole in found for s in _cut_at_impact(whole, found)]
     found += _cruise(found)
     if onboard is not None:
@@ -59,7 +68,15 @@ def build(log: FlightLog) -> Segments:
             Segment("reset", float(onboard.t[i - 1]), float(onboard.t[i]), why)
             for i, why in zip(*resets.find(onboard, imu), strict=True)
         ]
-    return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes)
+    unknown = tuple(name for name, phase in (("armed", armed), ("airborne", airborne)) if not phase.known)
+    return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes, unknown)
+
+
+def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
+    """The time of [t0, t1] without the gaps after which filters restart: nothing is known there, so no span crosses."""
+    return spans.complement(
+        [(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > gaps.RESTART_SECONDS], t0, t1
+    )
 
 
 def _cut_at_impact(whole: Segment, found: list[Segment]) -> list[Segment]:
@@ -89,18 +106,6 @@ def _windows(imu: Imu) -> windows.Windows | None:
     if not good.all():
         t, gyro, acc = t[good], gyro[good], acc[good]
     return windows.build(t, gyro, acc) if len(t) >= 10 else None
-
-
-def _motors(log: FlightLog, armed: flags.Phase, t0: float, t1: float) -> tuple[list[Span], str]:
-    """When motors turned: RPM, else arming, else throttle; and which of them says so."""
-    if armed.known:
-        return armed.spans, "armed"
-    for name, stream, limit in (("RPM", log.rpm, 100.0), ("throttle", log.throttle, 0.05)):
-        if stream is not None and len(stream.t) > 1:
-            turning = np.nanmax(np.nan_to_num(stream.x.reshape(len(stream.t), -1)), axis=1) > limit
-            held = zip(stream.t[:-1], stream.t[1:], turning[:-1], strict=True)
-            return spans.merge((float(a), float(b)) for a, b, on in held if on), f"motors turn by {name}"
-    return [], "nothing tells whether motors turned"
 
 
 def _rest_note(rests: list[Segment], limit: float, armed: flags.Phase, airborne: flags.Phase) -> str:

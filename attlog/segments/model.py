@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 KINDS = (
     "continuous", "rest.long", "rest.short", "idle", "armed", "airborne", "hover", "cruise",
-    "impact", "wreck", "reset", "gap",
+    "loss_of_control", "impact", "wreck", "reset", "gap",
 )  # fmt: skip
 WINDOWS = ("all", "rest", "rest.long", "idle", "armed", "airborne", "hover", "cruise")
 
@@ -35,10 +35,18 @@ class Segment:
 
 @dataclass(slots=True)
 class Segments:
-    """All segments of a log. ``notes`` says how flags and sensors were weighed, by kind."""
+    """All segments of a log. ``notes`` says how flags and sensors were weighed, by kind.
+
+    ``unknown`` names the phases (armed, airborne) that nothing in the log tells: no segment of them means nothing.
+    """
 
     segments: list[Segment] = field(default_factory=list)
     notes: dict[str, str] = field(default_factory=dict)
+    unknown: tuple[str, ...] = ()
+
+    def seconds(self, kind: str) -> float | None:
+        """Total length of a kind in s, None where the log cannot tell."""
+        return None if kind in self.unknown else float(sum(s.seconds for s in self.of(kind)))
 
     def of(self, kind: str) -> list[Segment]:
         """Segments of a kind in time order; ``rest`` means long and short."""

@@ -41,21 +41,37 @@ def rate_limit(windows: Windows) -> float:
     return float(np.clip(FLOORS * floor, RATE_STD_LOW_DPS, RATE_STD_HIGH_DPS))
 
 
-def still(windows: Windows) -> Mask:
-    """Windows (m,) as still as a surface: little noise, and a mean rate like that of the other still windows around."""
-    quiet = (windows.rate_std < rate_limit(windows)) & (windows.force_std < FORCE_STD_M_S2)
+def largest_limit(windows: Windows, motors: Phase) -> float:
+    """The largest standard deviation of the gyro that counts as rest in a log, deg/s."""
+    return RATE_STD_HIGH_DPS if motors.measured else rate_limit(windows)
+
+
+def still(windows: Windows, motors: Phase) -> Mask:
+    """Windows (m,) as still as a surface: little noise, and a mean rate like that of the other still windows around.
+
+    The limit is capped because a calm hover is nearly as quiet. Where outputs show motors that stand still no
+    hover is possible, and the cap alone is the limit.
+    """
+    limit = np.full(len(windows.t0), rate_limit(windows))
+    if motors.measured:
+        limit[~spans.overlaps(windows.t0, windows.t1, motors.spans)] = RATE_STD_HIGH_DPS
+    quiet = (windows.rate_std < limit) & (windows.force_std < FORCE_STD_M_S2)
     quiet &= windows.force > ALIVE_M_S2
     around = _median_around(windows, quiet)
     off = np.sqrt(np.sum((windows.rate - around) ** 2, axis=1))
-    return quiet & (off < MEAN_RATE_DPS)
+    steady: Mask = quiet & (off < MEAN_RATE_DPS)
+    return steady
 
 
-def rests(windows: Windows, still: Mask, airborne: Phase, armed: Phase, moving: Mask) -> list[Segment]:
-    """Rest of both classes. ``moving`` marks windows in which GNSS shows travel."""
-    forbidden = [*airborne.spans, *armed.spans]
+def rests(
+    windows: Windows, still: Mask, airborne: Phase, motors: Phase, busy: list[Span], moving: Mask
+) -> list[Segment]:
+    """Rest of both classes. ``moving`` marks windows in which GNSS shows travel, or height a climb."""
+    forbidden = [*airborne.spans, *busy]
     passed = still & ~moving & ~spans.overlaps(windows.t0, windows.t1, forbidden)
-    limit = rate_limit(windows)
-    known = [name for name, phase in (("not armed", armed), ("not airborne", airborne)) if phase.known]
+    limit = largest_limit(windows, motors)
+    known = ["not airborne"] if airborne.known else []
+    known += [f"not {motors.why}" if motors.why == "armed" else "motors stand still"] if motors.known else []
     found = []
     for t0, t1 in join(windows, passed):
         if t1 - t0 < SHORT_S:
@@ -68,20 +84,18 @@ def rests(windows: Windows, still: Mask, airborne: Phase, armed: Phase, moving: 
     return found
 
 
-def idles(
-    windows: Windows, still: Mask, airborne: Phase, motors: list[Span], rests: list[Span], why: str
-) -> list[Segment]:
-    """Stretches on the ground with motors turning, outside rest; none where nothing tells flight from ground."""
+def idles(windows: Windows, still: Mask, airborne: Phase, motors: Phase, rests: list[Span]) -> list[Segment]:
+    """Spans on the ground with motors turning, outside rest; none where nothing tells flight from ground."""
     if not airborne.known:
         return []
     offset = np.median(windows.rate[still], axis=0) if still.any() else np.zeros(3)
     limit = IDLE_RATE_DPS if still.any() else IDLE_OFFSET_DPS
     slow = np.sqrt(np.sum((windows.rate - offset) ** 2, axis=1)) < limit
-    turning = spans.overlaps(windows.t0, windows.t1, motors)
+    turning = spans.overlaps(windows.t0, windows.t1, motors.spans)
     passed = slow & turning & ~spans.overlaps(windows.t0, windows.t1, airborne.spans)
-    allowed = spans.intersect(motors, spans.complement(rests, -np.inf, np.inf))
+    allowed = spans.intersect(motors.spans, spans.complement(rests, -np.inf, np.inf))
     return [
-        Segment("idle", t0, t1, f"{why}, on the ground, mean rate under {limit:.0f} deg/s")
+        Segment("idle", t0, t1, f"{motors.why}, on the ground, mean rate under {limit:.0f} deg/s")
         for t0, t1 in spans.intersect(join(windows, passed), allowed)
         if t1 - t0 >= IDLE_S
     ]

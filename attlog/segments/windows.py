@@ -21,7 +21,7 @@ BLOCK = 2048
 
 @dataclass(slots=True)
 class Windows:
-    """Statistics of the IMU in windows [t0, t1], (m,) and (m, 3); ``segment`` numbers the continuous segment a window lies in.
+    """Statistics of the IMU in windows [t0, t1], (m,) and (m, 3); ``segment`` numbers continuous segments.
 
     ``rate`` is the mean body rate, ``rate_std`` the standard deviation of the gyro
     (rms of the three axes), ``rate_rms`` the rms of the rate's length, all in deg/s;

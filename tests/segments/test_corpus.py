@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import segments
+from attlog import formats, segments
 from attlog.errors import AttlogError
 from attlog.segments import resets, spans
 from tests.conftest import corpus_logs, corpus_root
@@ -64,6 +64,36 @@ def test_a_simulated_flight_rests_idles_flies_and_rests_again(path):
     first, last = found.of("continuous")[0].t0, found.of("continuous")[-1].t1
     ground = spans.complement(armed, first, last)
     assert spans.seconds(rest) > 0.9 * spans.seconds(ground) - 1.5
+
+
+def true_height(path: Path, t0_us: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s and true height in m above the start, by the simulator."""
+    messages = formats.open(path)
+    for name, column, sign, clock in (
+        ("SIM", "Alt", 1, "TimeUS"),
+        ("vehicle_local_position_groundtruth", "z", -1, "timestamp"),
+    ):
+        table = messages.first(name)
+        if table is not None and column in table:
+            t, x = 1e-6 * (np.asarray(table[clock], np.float64) - t0_us), sign * table.value(column)
+            return t, x - np.median(x[(t > 0) & (t < 5)])
+    pytest.skip("no true height")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SIMULATED, ids=lambda p: p.name)
+def test_a_simulated_flight_is_airborne_where_the_truth_is_and_never_rests_there(path):
+    """Take-off within 2 s, touch-down within 4.5 s (PX4 waits before it says "landed")."""
+    log = readable(path)
+    t, x = true_height(path, log.t0_us)
+    up = t[x > 0.1]
+    found = segments.build(log)
+    assert len(found.of("airborne")) == 1
+    start, end = found.spans("airborne")[0]
+    assert up[0] - 2.0 <= start <= up[0] + 0.5
+    assert up[-1] - 0.5 <= end <= up[-1] + 4.5
+    assert spans.intersect(found.spans("rest"), [(up[0], up[-1])]) == []
+    assert found.of("loss_of_control") == []
 
 
 @pytest.mark.slow

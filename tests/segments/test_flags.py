@@ -78,7 +78,7 @@ def test_landed_throughout_a_flight_that_climbs_is_refuted():
     stuck = TimeLine(np.array([0.0]), [True], "vehicle_land_detected")
     found, why = airborne(landed=stuck, throttle=throttle(), baro=[height()])
     assert spans.seconds(spans.intersect(found, [(TAKE_OFF, LANDED)])) > 38
-    assert "says landed throughout, yet" in why
+    assert "s more by throttle (CTUN.ThO) with a climb by BARO:0" in why
 
 
 @pytest.mark.parametrize("vehicle", ["rover", "boat", "submarine"])

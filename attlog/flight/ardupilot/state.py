@@ -25,8 +25,12 @@ FRAMES = {
     8: "single rotor", 9: "coaxial helicopter", 11: "helicopter", 12: "dodecarotor", 13: "helicopter",
 }  # fmt: skip
 """FRAME_CLASS of Copter."""
-ARMED, DISARMED, LAND_MAYBE, LANDED, NOT_LANDED = 10, 11, 17, 18, 28
-"""Event ids of EV records (ArduPilot AP_Logger LogEvent)."""
+ARMED, DISARMED, LANDED, NOT_LANDED = 10, 11, 18, 28
+"""Event ids of EV records (ArduPilot AP_Logger LogEvent). 17, LAND_COMPLETE_MAYBE, comes in flight: it lands nobody."""
+MOTOR_FUNCTIONS = (*range(33, 41), *range(82, 86))
+"""SERVOn_FUNCTION of motors 1 to 12."""
+MOTORS = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8, "dodecarotor": 12}
+"""How many of the first outputs are motors where no parameter tells."""
 SOFTWARE = {0: "plane", 10: "copter", 20: "rover", 40: "sub"}
 """SYSID_SW_TYPE."""
 FAMILY_RECORDS = (("copter", ("MOTB", "PSCD", "PSC")), ("plane", ("AETR", "TECS", "LAND")), ("rover", ("STER", "THR")))
@@ -114,6 +118,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.baro = builder.attempt("BARO", lambda: baro(builder, clock), [])
     log.airspeed = builder.attempt("ARSP", lambda: airspeed(builder, clock), None)
     log.throttle = builder.attempt("Throttle", lambda: throttle(builder, clock, family), None)
+    log.motors = builder.attempt("Motor outputs", lambda: motors(builder, clock, log.vehicle, values), None)
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder, clock), None)
     log.battery = builder.attempt("The battery", lambda: battery(builder, clock), None)
     log.texts = builder.texts(lambda offset: int(clock.at(np.array([offset]))[0]))
@@ -150,7 +155,7 @@ def with_start(builder: LogBuilder, t_us: np.ndarray, values: list[bool], source
 
 
 def landed(builder: LogBuilder, clock: Clock, arming: TimeLine | None) -> TimeLine | None:
-    """On the ground or not: copter events 17, 18 and 28, or STAT.isFlying of planes.
+    """On the ground or not: copter events 18 and 28, or STAT.isFlying of planes.
 
     Before the first event a disarmed vehicle stands on the ground.
     """
@@ -158,7 +163,7 @@ def landed(builder: LogBuilder, clock: Clock, arming: TimeLine | None) -> TimeLi
     events = messages.first("EV")
     if events is not None and "Id" in events:
         ids = events["Id"].astype(np.int64)
-        mine = np.isin(ids, (LAND_MAYBE, LANDED, NOT_LANDED))
+        mine = np.isin(ids, (LANDED, NOT_LANDED))
         if mine.any():
             line = with_start(builder, clock.of(events)[mine], (ids[mine] != NOT_LANDED).tolist(), "EV")
             if line is not None and arming is not None and not arming.at(float(line.t[0])) and not line.value[0]:
@@ -326,6 +331,24 @@ def throttle(builder: LogBuilder, clock: Clock, family: str) -> Stream | None:
         scale = 0.01 if family in ("plane", "rover") else (1e-3 if column == "ThrOut" else 1.0)
         return builder.stream(clock.of(table), x * scale, "1", f"{name}.{column}", limit=10.0, allow_nan=True)
     return None
+
+
+def motors(builder: LogBuilder, clock: Clock, vehicle: str, values: dict[str, float]) -> Stream | None:
+    """Outputs to the motors of a multirotor (n, motors), 0 stopped to 1 full, by RCOU and its limits."""
+    table = builder.messages.first("RCOU")
+    if table is None or vehicle not in MOTORS or own_time(table) is None:
+        return None
+    numbers = [n for n in range(1, 17) if values.get(f"SERVO{n}_FUNCTION") in MOTOR_FUNCTIONS]
+    numbers = numbers or list(range(1, MOTORS[vehicle] + 1))
+    prefix = next((p for p in ("C", "Ch", "Chan") if f"{p}{numbers[0]}" in table), None)
+    throttle_channel = int(values.get("RCMAP_THROTTLE", 3))
+    low = values.get("MOT_PWM_MIN") or values.get(f"RC{throttle_channel}_MIN")
+    high = values.get("MOT_PWM_MAX") or values.get(f"RC{throttle_channel}_MAX")
+    if prefix is None or not low or not high or high - low < 100.0:
+        return None
+    names = [f"{prefix}{n}" for n in numbers if f"{prefix}{n}" in table]
+    share = np.clip((columns(table, *names) - low) / (high - low), 0.0, 1.0)
+    return builder.stream(clock.of(table), share, "1", "RCOU")
 
 
 def rpm(builder: LogBuilder, clock: Clock) -> Stream | None:
