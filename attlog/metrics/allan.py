@@ -116,7 +116,10 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
         return {m.name: missing("rest_too_short", reason, m.unit, window) for m in METRICS}
     d = of_heading(case, row, segment)
-    found = {"allan_arw_deg_per_sqrt_h": _walk(d, length, window), "allan_bias_deg_per_h": _floor(d, length, window)}
+    found = {
+        "allan_arw_deg_per_sqrt_h": _walk(d, length, window),
+        "allan_bias_deg_per_h": floor_answer(d, length, window),
+    }
     return {name: follow.unrank_frozen(case, row, "heading", answer) for name, answer in found.items()}
 
 
@@ -134,7 +137,8 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
     )  # fmt: skip
 
 
-def _floor(d: Deviation, length: float, window: str) -> Answer:
+def floor_answer(d: Deviation, length: float, window: str) -> Answer:
+    """The bias instability by the floor of a deviation over a rest of ``length`` s, where that is long enough."""
     lowest = int(np.argmin(d.sigma))
     tau, unit = float(d.tau[lowest]), "deg/h"
     if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:

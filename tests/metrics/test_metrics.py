@@ -21,8 +21,9 @@ UNITS = {
     "deg_per_h": "deg/h", "dps": "deg/s", "ns": "ns",
 }  # fmt: skip
 NAMED = (
-    "total_rmse_deg heading_median_deg inclination_p95_deg total_max_deg noise_tilt_deg noise_roll_deg "
-    "noise_pitch_deg noise_heading_deg noise_p2p_deg lag_roll_ms lag_pitch_ms lag_yaw_ms lag_ms step_gain_roll distortion_roll_pct "
+    "total_rmse_deg heading_median_deg inclination_p95_deg total_max_deg "
+    "noise_tilt_deg noise_roll_deg noise_pitch_deg noise_heading_deg noise_p2p_deg "
+    "lag_roll_ms lag_pitch_ms lag_yaw_ms lag_ms step_gain_roll distortion_roll_pct "
     "overshoot_pct settling_s drift_rest_deg_per_min "
     "drift_air_deg_per_min.onboard drift_air_deg_per_min.course wander_deg "
     "allan_arw_deg_per_sqrt_h allan_bias_deg_per_h convergence_s recovery_s hover_jitter_deg gyro_bias_error_dps "
@@ -45,8 +46,8 @@ def made_up(turn=0.0, seed=0):
         )
     rows[1].bias = np.zeros((len(at), 3)) + 1e-3
     segments = [
-        Segment("continuous", 0, 132), Segment("rest.long", 0, 71), Segment("airborne", 74, 131), Segment("armed", 72, 132),
-        Segment("hover", 74, 82), Segment("cruise", 82, 131), Segment("idle", 71, 73),
+        Segment("continuous", 0, 132), Segment("rest.long", 0, 71), Segment("airborne", 74, 131),
+        Segment("armed", 72, 132), Segment("hover", 74, 82), Segment("cruise", 82, 131), Segment("idle", 71, 73),
     ]  # fmt: skip
     reference = t[::16], rotation.turn_about_down(q, turn)[::16]
     case = flights.case(rows, segments, reference, scoring_start=15.0)

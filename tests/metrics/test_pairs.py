@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from attlog.metrics import pairs, ranking
 from attlog.metrics.answer import Answer
 from attlog.metrics.quantiles import student_two_sided
-from attlog.metrics.units import Summary, UnitValues, ids_of
+from attlog.metrics.units import UnitValues, ids_of
 
 
 def units(kind, values, first=0):
