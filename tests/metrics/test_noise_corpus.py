@@ -68,7 +68,7 @@ RESTS = (
 
 
 def test_two_windows_of_a_rest_tell_the_others_and_not_by_being_wide(corpus):
-    """Share of chunks of 10 s of rest whose interval, and whose interval of half the width, holds the others: 94 and 81 %."""
+    """Share of chunks of 10 s whose interval, and whose interval of half the width, holds the others: 94 and 81 %."""
     whole, half = [], []
     for name in RESTS:
         case = trial_of(corpus / "sitl" / name, ",".join(FILTERS))
