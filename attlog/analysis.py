@@ -62,7 +62,7 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
         for table_row in estimator_rows:
             if table_row.name in by_name:
                 table_row.metrics = metrics.compute(case, by_name[table_row.name], windows)
-        best = metrics.best({r.name: r.metrics for r in estimator_rows}, rows)
+        ranking = metrics.rank({r.name: r.metrics for r in estimator_rows}, rows)
     with clock("audit"):
         checks = audit(log, phases, ref)
     result = Result(
@@ -75,7 +75,9 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(ref),
         estimators=estimator_rows,
-        best=best,
+        best=ranking.best,
+        worst=ranking.worst,
+        ranked=ranking.ranked,
         definitions={
             name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
             for name, m in metrics.definitions().items()
@@ -240,7 +242,7 @@ def _replayed(
         parameters={k: v for k, (v, _) in resolved.items()},
         uses_mag=uses_mag,
     )
-    row.imu = next(k for k, unit in enumerate(log.imus) if unit is imu)
+    row.imu = imu
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
     return row, _table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)

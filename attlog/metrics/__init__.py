@@ -16,6 +16,7 @@ from attlog.metrics import (
     hover,
     lag,
     leak,
+    level,
     noise,
     ranking,
     recovery,
@@ -36,10 +37,10 @@ __all__ = [
     "HeadingReference",
     "Metric",
     "Trace",
-    "best",
     "compute",
     "definitions",
     "missing",
+    "rank",
     "traces",
 ]
 
@@ -60,10 +61,11 @@ def compute(case: Case, row: Row, windows: Sequence[str]) -> dict[str, dict[str,
     """Answers of one row: window -> metric id -> Answer. A metric that means nothing in a window is left out there.
 
     ``detail["coverage_pct"]`` stands beside comparisons of a row that was scored on less
-    than 95 % of its time.
+    than 95 % of its time. A row that gravity does not correct is a baseline: it is ranked nowhere.
     """
     table: dict[str, dict[str, Answer]] = {}
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
+    uncorrected = level.why_not(case, row)
     for window in windows:
         answers = table.setdefault(window, {})
         for question in QUESTIONS:
@@ -71,9 +73,11 @@ def compute(case: Case, row: Row, windows: Sequence[str]) -> dict[str, dict[str,
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):
                 answer.detail["coverage_pct"] = row.coverage_pct
+            if uncorrected and answer.ranked:
+                answer.ranked, answer.reason = False, uncorrected
     return table
 
 
-def best(table: dict[str, dict[str, dict[str, Answer]]], rows: Sequence[Row]) -> dict[str, dict[str, list[str]]]:
-    """Who leads each column: window -> metric id -> row names (row name -> window -> metric id -> Answer comes in)."""
-    return ranking.best(table, rows, definitions())
+def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:
+    """Who is best and worst in each column; values of ranked rows move to the units that all of them have."""
+    return ranking.rank(table, rows, definitions())

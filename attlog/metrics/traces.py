@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import allan, controller, drift, drift_air, drift_rest, step_curves, step_evidence, steps
 from attlog.metrics.base import Case
-from attlog.metrics.evidence import within
-from attlog.metrics.noise import deviations, rest_spans
+from attlog.metrics.evidence import deviations, within
+from attlog.metrics.settled import rest_spans
 from attlog.metrics.trace import Trace
 from attlog.reference.model import Row
 
@@ -66,7 +66,7 @@ def rest(case: Case, row: Row) -> list[Trace]:
     for number, span in enumerate(rest_spans(case, row, "rest")):
         for segment in within(row.t, span, row.segment)[:1]:
             if np.isfinite(row.q[segment]).all():
-                columns = deviations(row.q[segment])[:, (0, 1, 3)]
+                columns = deviations(row.q[segment])
                 found.append(
                     Trace("rest", row.name, row.t[segment], _named(columns, ("roll", "pitch", "heading")), str(number))
                 )
@@ -111,7 +111,7 @@ def allan_curves(case: Case, row: Row) -> list[Trace]:
         return []
     step = float(row.t[segment.stop - 1] - row.t[segment.start]) / (segment.stop - segment.start - 1)
     found = []
-    for axis, angle in zip(("roll", "pitch", "heading"), allan.angles(row, segment).T, strict=True):
+    for axis, angle in zip(("roll", "pitch", "heading"), deviations(row.q[segment]).T, strict=True):
         d = allan.of_average(angle, step)
         columns = {"tau": d.tau, "deviation": d.sigma, "low": d.low, "high": d.high}
         found.append(Trace("allan", row.name, d.tau, columns, axis))
