@@ -56,6 +56,20 @@ FAMILY_OF_TYPE = {
 """ArduPilot's firmware family for a vehicle type; it decides what a mode number means."""
 
 
+WITHOUT_ATTITUDE = frozenset(
+    ("manual", "acro", "rattitude", "training", "flip", "throw", "turtle", "qacro", "learning", "steering", "hold",
+     "simple", "dock", "motor_detect", "initialising", "termination", "ready")
+)  # fmt: skip
+"""Modes in which nobody commands an attitude: rates, servos or wheels are steered, or nothing is."""
+HOLDS_ATTITUDE = frozenset(("Hold",))
+"""PX4 writes Hold for holding a position in the air; HOLD is a rover that stands."""
+
+
+def commands_attitude(mode: str) -> bool:
+    """Whether the attitude set-point of a mode means anything; modes that are not known command one."""
+    return mode in HOLDS_ATTITUDE or mode.lower() not in WITHOUT_ATTITUDE
+
+
 def vehicle_name(mav_type: int) -> str:
     """The vehicle for a MAV_TYPE number, "unknown" where it is none."""
     return MAV_TYPES.get(mav_type, "unknown")
