@@ -45,11 +45,7 @@ def read(
     LogUnreadable if it cannot be opened. A log without usable IMU is returned with
     ``imu`` None and the reason among ``problems``.
     """
-    messages = formats.open(path)
-    if system is not None and messages.format in ("tlog", "mavlink"):
-        from attlog.formats.mavlink import reader
-
-        messages = reader.read(path, system)
+    messages = formats.open(path, system)
     boots = max(len(messages.boots), 1)
     chosen = choose_boot(messages) if boot is None else boot
     if not 0 <= chosen < boots:
