@@ -24,7 +24,7 @@ from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.health import Check, audit
 from attlog.metrics.base import Case, per_case
-from attlog.present.verdicts import verdicts
+from attlog.present.sentences import verdicts
 from attlog.reference.model import Reference, Row
 from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments

@@ -9,6 +9,7 @@ JSON file.
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,6 +45,9 @@ __all__ = [
 
 SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 2
 SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
+NOT_UTF8 = re.compile("[\ud800-\udfff]")
+"""Bytes of a file name that are not UTF-8, as Python keeps them: UTF-8 cannot hold them, a JSON escape can."""
+
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
 
@@ -142,6 +146,7 @@ class Result:
     def to_json(self, path: str | Path | None = None, deterministic: bool = False) -> str:
         """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be."""
         text = json.dumps(self.to_dict(deterministic), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+        text = NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
             from attlog.output import write_atomic
 
