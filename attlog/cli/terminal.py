@@ -25,7 +25,7 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     def shown(text: str) -> str:
         return stand_in(text, encoding)
 
-    yield Line(shown(clean(str(result.log.get("name") or "log"))), "bold")
+    yield Line(shown(clean(stand_in(str(result.log.get("name") or "log"), "utf-8"))), "bold")
     for verdict in result.verdicts:
         yield from wrapped(f"  {verdict.question:<10}", shown(typeset(verdict.sentence)), width)
     table = comparison(result, window, width, shown)

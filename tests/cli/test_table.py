@@ -78,3 +78,9 @@ def test_the_best_are_marked_and_what_may_not_be_ranked_is_told_apart():
     assert "*" in next(line for line in lines(result) if line.startswith("Gyro"))
     gyro.status, result.best = "diverged", {}
     assert "~" in next(line for line in lines(result) if line.startswith("Gyro"))
+
+
+def test_a_file_name_that_is_not_utf8_is_printed_escaped():
+    result = make_result()
+    result.log["name"] = "a\udcffb.bin"
+    assert next(printed(result, "all", 80, "utf-8")).text == "a\\xffb.bin"
