@@ -49,7 +49,7 @@ def open(path: Path | str, system: int | None = None) -> Messages:
     data, lost = content(path)
     messages = entry.read(path, data, system)
     if lost is not None:
-        messages.damage = [*messages.damage[: MAX_DAMAGE - 1], lost]
+        messages.damage = [lost, *messages.damage[: MAX_DAMAGE - 1]]  # the cause of what is missing stands first
     return messages
 
 

@@ -82,7 +82,7 @@ def unpack(path: Path, into: BinaryIO) -> Damage | None:
         raise LogUnreadable(f"{path}: cannot be unpacked ({error.strerror or error})") from error
     if unpacking.lost is None:
         return None
-    return Damage(written, 0, unpacking.lost, "nothing behind it can be unpacked")
+    return Damage(written, 0, unpacking.lost, "nowhere, nothing behind it can be unpacked")
 
 
 class Unpacking:
