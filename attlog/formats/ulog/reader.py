@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from attlog.errors import LogUnusable, NotALog
-from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
+from attlog.formats.base import Boot, Damage, Messages, Table
 from attlog.formats.mapping import map_bytes
 from attlog.formats.ulog.clock import RecordClock, rise
+from attlog.formats.ulog.content import Content
 from attlog.formats.ulog.detect import ENCRYPTED
 from attlog.formats.ulog.doubt import doubtful
 from attlog.formats.ulog.framing import ANCHOR_RECORDS, DATA, KINDS, Framing
@@ -31,9 +31,6 @@ from attlog.formats.ulog.records import (
     LARGEST_UNKNOWN,
     MAGIC,
     SYNC_MARK,
-    info_value,
-    keyed,
-    parameter_value,
     text,
 )
 from attlog.formats.ulog.topic import Topic
@@ -41,9 +38,6 @@ from attlog.formats.ulog.writer import write
 from attlog.limits import (
     MAX_DAMAGE,
     MAX_FORMATS,
-    MAX_PARAM_CHANGES,
-    MAX_TEXT_LENGTH,
-    MAX_TEXTS,
 )
 
 __all__ = ["read", "write"]
@@ -78,10 +72,7 @@ class _Reader:
         self.framing = Framing(data, self.sizes, lambda start: self.clock.is_timely(start, self.recent))
         self.chain = chain(self.data, self.sizes)
         self.topics: dict[tuple[str, int], Topic] = {}
-        self.params: list[ParamChange] = []
-        self.texts: list[Text] = []
-        self.info: dict[str, Any] = {}
-        self.dropouts: list[int] = []
+        self.content = Content(self._time_before)
         self.damage: list[Damage] = []
         self.damage_bytes = 0
         self.damaged = False
@@ -109,9 +100,10 @@ class _Reader:
         if self.damaged:
             tables = {key: kept for key, table in tables.items() if len(kept := self._without_doubtful(table))}
         ends = [*self.boots[1:], self.size]
+        content = self.content
         return Messages(
-            self.path, "ulog", self.size, tables, self.params, self.texts, self.info,
-            sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, self.dropouts,
+            self.path, "ulog", self.size, tables, content.params, content.texts, content.info,
+            sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, content.dropouts_ms,
             [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)],
         )  # fmt: skip
 
@@ -261,38 +253,25 @@ class _Reader:
         self.formats: dict[str, Members] = {}
         self.by_id: dict[int, tuple[str, int, Layout]] = {}
         self.clock.forget()
-        self.in_data = False
         self.last, self.low, self.recent = 0, 0, []
         self.framing.checked = -1
         self.segments.clear()
         self.boots.append(position)
-        self.start_us = struct.unpack_from("<Q", self.raw, position + 8)[0]
+        self.content.start(self.raw[position + 7], struct.unpack_from("<Q", self.raw, position + 8)[0])
         self.sizes.smallest[:] = 0
         self.chain.forget()
-        if position == 0:
-            self.info["ulog_version"] = self.raw[7]
-            self.info["ulog_start_us"] = self.start_us
 
     def _take(self, kind: int, payload: bytes, position: int) -> None:
         try:
             match chr(kind):
-                case "P" | "Q":
-                    self._take_parameter(kind, payload, position)
                 case "F":
                     self._take_format(payload)
                 case "A":
-                    self._take_subscription(payload, position)
-                case "I":
-                    key_type, name, raw = keyed(payload)
-                    self.info[name] = info_value(key_type, raw)
-                case "M":
-                    self._take_parts(payload)
-                case "L" | "C":
-                    self._take_text(kind, payload, position)
-                case "O":
-                    self.dropouts.append(struct.unpack_from("<H", payload)[0])
+                    self._take_subscription(payload)
                 case "B":
                     self._take_flags(payload, position)
+                case _:
+                    self.content.take(kind, payload, position)
         except (IndexError, struct.error):
             self._damaged(position, position + 3 + len(payload), f"a malformed {chr(kind)} record", "behind it")
 
@@ -301,8 +280,8 @@ class _Reader:
         if parsed is not None and len(self.formats) < MAX_FORMATS:
             self.formats[parsed[0]] = parsed[1]
 
-    def _take_subscription(self, payload: bytes, position: int) -> None:
-        self.in_data = True
+    def _take_subscription(self, payload: bytes) -> None:
+        self.content.in_data = True
         multi, identifier = struct.unpack_from("<BH", payload)
         name = text(payload[3:])
         layout = layout_of(name, self.formats)
@@ -314,35 +293,6 @@ class _Reader:
         self.clock.subscribe(identifier, layout)
         if self.sizes.set(identifier, layout.size + 2, layout.full_size + 2):
             self.chain.forget()
-
-    def _take_parts(self, payload: bytes) -> None:
-        key_type, name, raw = keyed(payload[1:])
-        value = info_value(key_type, raw)
-        parts = self.info.setdefault(name, [])
-        if not isinstance(parts, list):
-            return
-        if payload[0] and parts and type(parts[-1]) is type(value) and isinstance(value, str | bytes):
-            parts[-1] += value
-        elif len(parts) < MAX_TEXTS:
-            parts.append(value)
-
-    def _take_parameter(self, kind: int, payload: bytes, position: int) -> None:
-        key_type, name, raw = keyed(payload[1:] if kind == ord("Q") else payload)
-        value = parameter_value(key_type, raw)
-        if value is None or not name or len(self.params) >= MAX_PARAM_CHANGES:
-            return
-        is_default = kind == ord("Q")
-        changed = self.in_data and not is_default
-        t_us = (self._time_before(position) or self.start_us) if changed else None
-        self.params.append(ParamChange(name, value, t_us, is_default, position))
-
-    def _take_text(self, kind: int, payload: bytes, position: int) -> None:
-        self.in_data = True
-        at = 1 if kind == ord("L") else 3
-        if len(self.texts) < MAX_TEXTS:
-            t_us = struct.unpack_from("<Q", payload, at)[0]
-            level = min(max(payload[0] - ord("0"), 0), 7)
-            self.texts.append(Text(text(payload[at + 8 :])[:MAX_TEXT_LENGTH], level, t_us, position))
 
     def _take_flags(self, payload: bytes, position: int) -> None:
         if position != self.boots[-1] + FILE_HEADER:
