@@ -56,7 +56,7 @@ def bundle(folder: Path = FOLDER) -> Bundle:
             raise EOFError(f"{SMALL} is empty")
         return Bundle(f"plotly-basic-{version}.min.js", script, packed, (EMPTY_STYLE,), True)
     except (OSError, EOFError, IndexError):
-        from plotly.offline import get_plotlyjs, get_plotlyjs_version  # type: ignore[import-untyped]
+        from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
         script = get_plotlyjs().encode("utf-8")
         packed = gzip.compress(script, 9, mtime=0)
