@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import attlog
-from attlog import estimators, metrics, reference, segments
+from attlog import estimators, inputs, metrics, reference, segments
 from attlog.config import Config
 from attlog.errors import AttlogError, LogUnusable, PluginError, UsageError
 from attlog.flight import read
@@ -275,11 +275,8 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
     log, ref = case.log, case.reference
     mag = None if log.mag is None else log.mags[log.mag]
     uses_mag = mag is not None and "mag" in spec.estimator.uses
-    resolved = spec.resolved()
-    declination = None
-    if uses_mag and "declination" in resolved and resolved["declination"][1] == "default":
-        declination = ref.declination_deg or 0.0
-        resolved["declination"] = (declination, "log" if ref.declination_deg is not None else "default")
+    facts = inputs.facts_of(log, case.segments, imu, ref.declination_deg)
+    resolved = spec.resolved(facts)
     t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
         spec,
@@ -289,7 +286,8 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
         estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
         sampling=imu.gyro.sampling,
         dt=imu.dt,
-        declination=declination,
+        aids=inputs.aids_of(log, case.segments),
+        log=facts,
     )
     row = reference.replayed(
         log,

@@ -1,10 +1,10 @@
-"""A filter's functions rewritten for many lanes: the same arithmetic, side by side in one array.
+"""A filter's functions rewritten for many parameter sets: the same arithmetic, side by side in one array.
 
-Two kinds of array arguments disappear. One that differs between lanes (``state``,
-``params``, ``mag``) becomes a row number of one work array ``W`` of ``LANES`` columns:
-``state[i]`` turns into ``W[(state + i) * LANES + l]``, so that the loop over lanes reads
+Two kinds of array arguments disappear. One that differs between the sets (``state``,
+``params``, ``mag``) becomes a row number of one array ``BATCH_`` of ``SETS_`` columns:
+``state[i]`` turns into ``BATCH_[(state + i) * SETS_ + set_]``, so that the loop over sets reads
 and writes neighbours, which is what the compiler needs for vector registers. One that
-all lanes share (``gyr``, ``acc``) becomes three numbers, ``acc[0]`` turns into ``acc_0``.
+all sets share (``gyr``, ``acc``) becomes three numbers, ``acc[0]`` turns into ``acc_0``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 
-LEADING = ("W", "l")
+BATCH, SETS, SET = "BATCH_", "SETS_", "set_"
+LEADING = (BATCH, SET)
 ROW, SHARED = "row", "shared"
 
 Kinds = dict[str, dict[str, str]]
@@ -21,11 +22,15 @@ Kinds = dict[str, dict[str, str]]
 def expand(source: str, entry: Mapping[str, Mapping[int, str]], fixed: Mapping[int, float]) -> str | None:
     """The source with its functions rewritten, or None if an array is used other than element by element.
 
+    None also for source that has one of our own names already.
+
     ``entry`` names the functions that the loop calls and the kinds of their array arguments
     by position; those of helpers follow from the calls. ``fixed`` gives the elements of the
-    array ``params`` that are the same in all lanes: they become constants.
+    array ``params`` that are the same in all sets: they become constants.
     """
     module = ast.parse(source)
+    if _names(module) & {BATCH, SETS, SET}:
+        return None
     functions = {f.name: f for f in module.body if isinstance(f, ast.FunctionDef)}
     kinds: Kinds = {n: {functions[n].args.args[i].arg: k for i, k in a.items()} for n, a in entry.items()}
     if not _spread(functions, kinds):
@@ -40,6 +45,13 @@ def expand(source: str, entry: Mapping[str, Mapping[int, str]], fixed: Mapping[i
             ast.arg(n) for a in function.args.args for n in _spelled(a.arg, kinds.get(name, {}))
         ]
     return ast.unparse(ast.fix_missing_locations(module))
+
+
+def _names(module: ast.Module) -> set[str]:
+    """Every name in a source: of variables, arguments and functions."""
+    nodes = list(ast.walk(module))
+    found = {n.id for n in nodes if isinstance(n, ast.Name)} | {n.arg for n in nodes if isinstance(n, ast.arg)}
+    return found | {n.name for n in nodes if isinstance(n, ast.FunctionDef)}
 
 
 def _spelled(name: str, kinds: Mapping[str, str]) -> list[str]:
@@ -93,7 +105,7 @@ def _is_element(node: ast.AST, kinds: Mapping[str, str]) -> bool:
 
 
 class _Rewrite(ast.NodeTransformer):
-    """Array elements to elements of ``W`` or to numbers, calls with the leading arguments."""
+    """Array elements to elements of ``BATCH_`` or to numbers, calls with the leading arguments."""
 
     def __init__(
         self,
@@ -117,10 +129,8 @@ class _Rewrite(ast.NodeTransformer):
         if name == "params" and isinstance(node.slice, ast.Constant) and node.slice.value in self.fixed:
             return ast.Constant(self.fixed[node.slice.value])
         row = ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), node.slice)
-        index = ast.BinOp(
-            ast.BinOp(row, ast.Mult(), ast.Name("LANES", ast.Load())), ast.Add(), ast.Name("l", ast.Load())
-        )
-        return ast.Subscript(ast.Name("W", ast.Load()), index, node.ctx)
+        index = ast.BinOp(ast.BinOp(row, ast.Mult(), ast.Name(SETS, ast.Load())), ast.Add(), ast.Name(SET, ast.Load()))
+        return ast.Subscript(ast.Name(BATCH, ast.Load()), index, node.ctx)
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         if _is_call(node, self.functions):
