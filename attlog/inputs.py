@@ -74,12 +74,13 @@ def aids_of(log: FlightLog, segments: Segments) -> Aids:
 
 def _position(g: Gnss) -> Measured | None:
     place = np.column_stack([g.lat, g.lon, g.alt])
-    place[(g.fix < FIX_3D) | ~np.isfinite(place[:, :2]).all(axis=1)] = np.nan
+    place[(g.fix < FIX_3D) | ~np.isfinite(g.lat + g.lon)] = np.nan
     return _measured(g.t, place, np.column_stack([g.h_acc, g.v_acc]))
 
 
 def _velocity(g: Gnss) -> Measured | None:
-    velocity = np.where((g.fix >= FIX_3D)[:, None] & np.isfinite(g.vel_ned[:, :2]).all(axis=1)[:, None], g.vel_ned, np.nan)
+    velocity = np.array(g.vel_ned, np.float64)
+    velocity[(g.fix < FIX_3D) | ~np.isfinite(velocity[:, 0] + velocity[:, 1])] = np.nan
     return _measured(g.t, velocity, np.asarray(g.s_acc, np.float64))
 
 

@@ -168,7 +168,7 @@ class Estimator:
     @property
     def outputs(self) -> int:
         """How many leading entries of the state are kept for every sample."""
-        return max([4, *(s.stop for s in self.slices.values())])
+        return max(4, *(int(s.stop) for s in self.slices.values()), 4)
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name. UsageError with a suggestion if there is none."""

@@ -43,7 +43,7 @@ PRESETS: dict[str, dict[str, float | str]] = {"example": {"acc_rejection": 10.0,
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping[str, float | str]) -> Estimate:
-    """The attitude at ``t`` (n,) of one run without gaps; ``mag`` has NaN rows where there is no sample."""
+    """The attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where there is no sample."""
     import imufusion
 
     step = np.diff(t)
@@ -78,7 +78,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
 
 
 def propagated(t: Array, gyr: Array, mag: Array) -> Array:
-    """The field (n, 3) at every sample: the last one propagated with the gyro for at most 1.5 of its periods, else 0."""
+    """The field (n, 3) at every sample: the last one propagated with the gyro for up to 1.5 of its periods, else 0."""
     new = np.flatnonzero(np.isfinite(mag).all(axis=1))
     field = np.zeros_like(mag)
     if len(new) == 0:

@@ -45,7 +45,7 @@ TO_FRD = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping[str, float | str]) -> Estimate:
-    """The attitude at ``t`` (n,) of one run without gaps; ``mag`` has NaN rows where there is no sample."""
+    """The attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where there is no sample."""
     from vqf import VQF
 
     u = uniform(t, gyr, acc, mag)
