@@ -270,12 +270,24 @@ def _imus(log: FlightLog, config: Config) -> dict[str, Imu]:
     return {f"/imu{imu.index}": imu for imu in log.imus}
 
 
+@per_case
+def _facts(case: Case, suffix: str) -> estimators.LogFacts:
+    """What the log tells about parameters of filters that replay this unit."""
+    return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.declination_deg)
+
+
+@per_case
+def _aids(case: Case) -> estimators.Aids:
+    """What the log holds beside inertial and magnetic samples."""
+    return inputs.aids_of(case.log, case.segments)
+
+
 def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[Row, EstimatorRow]:
     """Run one estimator over one IMU and align what comes out."""
     log, ref = case.log, case.reference
     mag = None if log.mag is None else log.mags[log.mag]
     uses_mag = mag is not None and "mag" in spec.estimator.uses
-    facts = inputs.facts_of(log, case.segments, imu, ref.declination_deg)
+    facts = _facts(case, suffix)
     resolved = spec.resolved(facts)
     t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
@@ -286,7 +298,7 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
         estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
         sampling=imu.gyro.sampling,
         dt=imu.dt,
-        aids=inputs.aids_of(log, case.segments),
+        aids=_aids(case),
         log=facts,
     )
     row = reference.replayed(

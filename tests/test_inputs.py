@@ -10,7 +10,6 @@ import pytest
 
 import attlog
 from attlog import inputs, segments
-from attlog.config import Config
 from attlog.flight.model import Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.segments.model import Segment, Segments
 
@@ -155,18 +154,18 @@ def step(state, params, dt, gyr, acc, mag, aid):
 
 
 def test_an_analysis_gives_a_plug_in_the_aids_and_parameters_of_the_log(tmp_path: Path) -> None:
-    from attlog.analysis import run_rows
+    from attlog.analysis import prepare, run_rows
 
     file = tmp_path / "mine.py"
     file.write_text(PLUGIN)
     path = SAMPLES / "copter_yaw_turns.bin"
-    result = attlog.analyze(path, Config.build({"estimators": [str(file)]}))
+    result = attlog.analyze(path, {"estimators": [str(file)]})
     row = next(r for r in result.estimators if r.name == "mine")
     assert row.status == "ok"
     log = attlog.read(path)
     assert (row.parameters["kp"].value, row.parameters["kp"].origin) == (log.param("AHRS_RP_P"), "log")
     assert row.parameters["declination"].origin == "log"
-    rerun = run_rows(log, Config.build({"estimators": [str(file)]}))[0]
+    rerun = run_rows(prepare(log), [str(file)])[0]
     fixes = np.count_nonzero((log.gnss[0].fix >= 3) & (log.gnss[0].t > rerun.t[0]) & (log.gnss[0].t <= rerun.t[-1]))
     assert rerun.bias is not None
     assert rerun.bias[-1, 0] == pytest.approx(1e-6 * fixes)
