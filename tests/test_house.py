@@ -23,7 +23,7 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "estimators.base": set(),
     "estimators.aids": {"estimators.base"},
     "estimators.engine": {"estimators.base", "estimators.aids"},
-    "estimators.filters": {"estimators.engine", "estimators.base", "estimators.aids", "estimators.api"},
+    "estimators.filters": {"estimators.engine", "estimators.base", "estimators.aids", "estimators.propagate"},
     "estimators": {"estimators.engine", "estimators.filters"},
     "segments": {"flight"},
     "reference": {"flight", "segments", "estimators"},

@@ -7,6 +7,7 @@ from attlog.estimators.api import DEFAULT, Row, estimate, items, parse, select
 from attlog.estimators.base import Estimate, Estimator, LogFacts, LogInfo, Parameter
 from attlog.estimators.engine.loop import not_compiled
 from attlog.estimators.engine.samples import place
+from attlog.estimators.propagate import propagated
 from attlog.estimators.registry import get, names
 
 __all__ = [
@@ -26,5 +27,6 @@ __all__ = [
     "not_compiled",
     "parse",
     "place",
+    "propagated",
     "select",
 ]

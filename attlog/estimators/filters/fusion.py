@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 
 from attlog import rotation
-from attlog.estimators.api import estimate
 from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.engine.samples import HOLD_PERIODS
 from attlog.estimators.engine.uniform import typical_size
 from attlog.estimators.engine.vectors import GRAVITY
+from attlog.estimators.propagate import propagated
 
 SOURCE = "Madgwick 2014, chapter 7; package imufusion"
 NEEDS = {"gyro", "acc"}
@@ -75,18 +74,3 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     if not has_mag:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
     return Estimate(t=t, q=q)
-
-
-def propagated(t: Array, gyr: Array, mag: Array) -> Array:
-    """The field (n, 3) at every sample: the last one propagated with the gyro for up to 1.5 of its periods, else 0."""
-    new = np.flatnonzero(np.isfinite(mag).all(axis=1))
-    field = np.zeros_like(mag)
-    if len(new) == 0:
-        return field
-    q = estimate("gyro", t, gyr, q0=[1.0, 0.0, 0.0, 0.0]).q
-    last = np.searchsorted(new, np.arange(len(t)), side="right") - 1
-    source = new[np.maximum(last, 0)]
-    period = float(np.median(np.diff(t[new]))) if len(new) > 1 else 0.0
-    use = (last >= 0) & (t - t[source] <= HOLD_PERIODS * period)
-    field[use] = rotation.rotate_inverse(q[use], rotation.rotate(q[source[use]], mag[source[use]]))
-    return field
