@@ -85,7 +85,8 @@ def evaluate(
     rows: list[Row] = []
     estimator_rows: list[EstimatorRow] = []
     with clock("estimators"):
-        for row, table_row in _replays(case, settings["estimators"]):
+        chosen = _specs(settings["estimators"], case.log)
+        for row, table_row in _replays(case, chosen):
             estimator_rows.append(table_row)
             if row is not None:
                 rows.append(row)
@@ -106,7 +107,7 @@ def evaluate(
         command=command,
         config=settings,
         log=dict(_described(case)),
-        problems=case.log.problems + _problems(case.reference, estimator_rows),
+        problems=case.log.problems + _problems(case.reference, estimator_rows) + _slow(chosen, rows),
         audit=list(checks),
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
@@ -154,6 +155,16 @@ def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
     return refused + [
         Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"
     ]
+
+
+def _slow(chosen: Mapping[str, estimators.Row | PluginError], rows: list[Row]) -> list[Problem]:
+    """Plug-ins that ran in plain Python."""
+    ran = {row.name.partition("/imu")[0] for row in rows}
+    why = {
+        n: estimators.not_compiled(s.estimator) for n, s in chosen.items() if isinstance(s, estimators.Row) and n in ran
+    }
+    text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
+    return [Problem("estimator_not_compiled", "note", f"{n}: {text} ({w}).") for n, w in why.items() if w]
 
 
 def _read(path: str | Path, config: Config) -> FlightLog:
@@ -237,9 +248,10 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
     return rows
 
 
-def _replays(case: Case, specs: Sequence[str]) -> Iterator[tuple[Row | None, EstimatorRow]]:
-    """Each named estimator as a row; one that fails is a table row with status ``failed``."""
-    chosen = _specs(specs, case.log)
+def _replays(
+    case: Case, chosen: Mapping[str, estimators.Row | PluginError]
+) -> Iterator[tuple[Row | None, EstimatorRow]]:
+    """Each chosen estimator as a row; one that fails is a table row with status ``failed``."""
     for suffix, imu in case.imus.items():
         for name, spec in chosen.items():
             try:

@@ -69,3 +69,12 @@ def test_a_batch_of_a_step_in_c_equals_runs_one_by_one(folder: Path) -> None:
     steps = get(str(folder / "steps.py"))
     for one, kp in zip(estimate_batch(steps, [{"kp": 0.5}, {"kp": 2.0}], *m.sensors), (0.5, 2.0), strict=True):
         assert np.array_equal(one.q, attlog.estimate(steps, *m.sensors, kp=kp).q)
+
+
+def test_an_analysis_says_that_a_step_in_c_is_slow(folder: Path) -> None:
+    log = Path(__file__).parents[2] / "sample_logs" / "copter_yaw_turns.bin"
+    result = attlog.analyze(log, {"estimators": ["gyro", *(str(folder / n) for n in ("steps.py", "segments.py"))]})
+    notes = [p.text for p in result.problems if p.code == "estimator_not_compiled"]
+    assert len(notes) == 1
+    assert notes[0].startswith("steps: its step runs in plain Python")
+    assert {r.name: r.status for r in result.estimators}["steps"] == "ok"

@@ -3,7 +3,7 @@
     e    = v x d + heading error        each left out while it is larger than its rejection angle
     q'   = q (x) (0, w + gain e)/2       gain ramps down from 10 in the first 3 s
 
-Source: Madgwick 2014 (PhD thesis, chapter 7), package ``imufusion``.
+Source: Madgwick2014, chapter 7, package ``imufusion``.
 
 This is an adapter: NED convention, deg/s and g, each sample with its own period. Rejection is
 off by default, as in the package: an uncorrected gyro bias b leaves an error of b / gain, and where
@@ -24,7 +24,7 @@ from attlog.estimators.engine.uniform import typical_size
 from attlog.estimators.engine.vectors import GRAVITY
 from attlog.estimators.propagate import propagated
 
-SOURCE = "Madgwick 2014, chapter 7; package imufusion"
+SOURCE = "Madgwick2014 chapter 7; package imufusion"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4}
