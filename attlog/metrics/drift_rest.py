@@ -9,11 +9,9 @@ from attlog import earth, rotation
 from attlog.metrics import drift, follow
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.evidence import within
-from attlog.metrics.noise import rest_spans, why_no_rest
-from attlog.reference import clock
+from attlog.metrics.evidence import row_segments, within
+from attlog.metrics.settled import rest_spans, why_none
 from attlog.reference.model import Row
-from attlog.segments import resets
 
 Array = NDArray[np.float64]
 
@@ -32,7 +30,7 @@ METRICS: tuple[Metric, ...] = (
 @per_row
 def rest_blocks(case: Case, row: Row, span: tuple[float, float]) -> drift.Blocks:
     """1 s means of the row's heading in deg during one rest, relative to its mean there."""
-    pieces = within(row.t, span, row_pieces(case, row))
+    pieces = within(row.t, span, row_segments(case, row))
     t, e, label = [], [], []
     for k, segment in enumerate(pieces):
         q = row.q[segment]
@@ -46,17 +44,6 @@ def rest_blocks(case: Case, row: Row, span: tuple[float, float]) -> drift.Blocks
 
 
 @per_row
-def row_pieces(case: Case, row: Row) -> NDArray[np.int64]:
-    """Stretches of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
-    attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
-    if attitude is None:
-        return row.segment
-    jumped = np.zeros(len(attitude.t), np.int64)
-    jumped[resets.known(case.log, row.estimator, case.segments)[0]] = 1
-    _, _, kept = clock.usable(attitude, case.reference.clock)
-    return row.segment + np.cumsum(jumped)[kept]
-
-
 def records(case: Case, row: Row, window: str) -> list[drift.Drift]:
     """The drift of each rest of the window, in time order."""
     return [drift.slope(b) for b in (rest_blocks(case, row, s) for s in rest_spans(case, row, window)) if len(b.t)]
@@ -68,7 +55,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {}
     found = records(case, row, window)
     if not found:
-        code, reason = why_no_rest(case, window, rest_spans(case, row, window))
+        code, reason = why_none(case, "rest", window)
         return {"drift_rest_deg_per_min": missing(code, reason, "deg/min", window)}
     answer = drift.answer(drift.together(found), window, "rest")
     answer.detail |= bias_beside(row, answer.value, rest_spans(case, row, window)) | heading_change(case, row, window)

@@ -12,8 +12,8 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.drift_air import error_blocks
 from attlog.metrics.drift_rest import rest_blocks
-from attlog.metrics.noise import rest_spans
 from attlog.metrics.rmse import root_mean_square, why_no_errors
+from attlog.metrics.settled import rest_spans
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]

@@ -169,7 +169,7 @@ def test_a_refused_attitude_is_no_heading_reference_and_every_comparison_says_wh
 
 def test_wander_is_what_the_mean_drift_leaves():
     t, _ = turning(0.0)
-    swing = np.radians(0.2) * np.sin(2 * np.pi * t / 12.0)
+    swing = np.radians(0.2) * np.sin(2 * np.pi * t / 6.0)
     row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.05) * t + swing))
     answer = wander.compute(flights.case([row], REST), row, "rest")["wander_deg"]
     assert answer.value == pytest.approx(0.2 / np.sqrt(2), rel=0.1)
