@@ -11,12 +11,13 @@ from attlog.metrics.angle_fit import Fit
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case, per_row
 from attlog.metrics.event_pairs import Track
+from attlog.metrics.evidence import STEP_EVENTS, STEP_REFERENCE_HZ
 from attlog.metrics.rmse import why_never_airborne, why_no_errors
 from attlog.reference.model import Row
 
 AXES = (*steps.AXES, "all")
-MIN_EVENTS = 3
-MIN_REFERENCE_HZ = 5.0
+MIN_EVENTS = STEP_EVENTS
+MIN_REFERENCE_HZ = STEP_REFERENCE_HZ
 GAIN = (0.95, 1.05)
 MAX_DISTORTION = 0.05
 MAX_RESIDUAL_DEG = 0.5

@@ -13,7 +13,7 @@ from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case, per_row
-from attlog.metrics.evidence import seconds, within
+from attlog.metrics.evidence import NOISE_REST_S, REST_SETTLE_S, seconds, within
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
 
@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 
 WINDOW_S = 5.0
 """Longer swings are wander, which the Allan deviation and the drift describe."""
-SETTLE_S = 5.0
+SETTLE_S = REST_SETTLE_S
 """Rest counts from this long after the row's own start (METRICS 2.6)."""
-SHORTEST_S = 2.0
+SHORTEST_S = NOISE_REST_S
 MIN_SAMPLES = 8
 STEP_SAMPLES = 20_000
 """Gyro samples of the whole log that are enough to see the step of its values."""

@@ -24,8 +24,6 @@ CLIMB_M = 1.0
 STUCK_CLIMB_M = 5.0
 """A climb by this much while the land detector says "landed" refutes it."""
 
-GROUND_VEHICLES = ("rover", "boat", "ship", "sub", "car", "antenna", "tracker")
-
 
 @dataclass(slots=True)
 class Phase:
@@ -55,7 +53,7 @@ def armed(log: FlightLog, t0: float, t1: float) -> Phase:
 
 def airborne(log: FlightLog, armed: Phase, still: list[Span], t0: float, t1: float) -> Phase:
     """When the vehicle flew: the land detector checked by arming, stillness and height; else throttle with climb."""
-    if any(word in log.vehicle.lower() for word in GROUND_VEHICLES):
+    if not log.kind.flies:
         return Phase(True, [], f"a {log.vehicle} does not fly")
     climb = _throttle_and_climb(log, armed, t0, t1)
     if log.landed is None or not log.landed.value:

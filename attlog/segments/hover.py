@@ -22,7 +22,7 @@ STALE_S = 1.5
 
 def find(log: FlightLog, windows: Windows, airborne: Phase) -> list[Segment]:
     """Stretches of at least 3 s with rate < 10 deg/s rms, tilt < 20 deg and speed < 1 m/s where it is known."""
-    if not airborne.spans or any(w in log.vehicle.lower() for w in ("plane", "fixed", "rover", "boat")):
+    if not airborne.spans or not log.kind.hovers:
         return []
     wholly = ~spans.overlaps(windows.t0, windows.t1, spans.complement(airborne.spans, -np.inf, np.inf))
     slow = windows.rate_rms < RATE_DPS

@@ -23,7 +23,6 @@ TILT_DEG = 90.0
 END_S, LOST_S = 10.0, 3.0
 LYING_DEG, LYING_DPS, LYING_S = 60.0, 10.0, 3.0
 """Thresholds proposed, not measured: the logs in hand hold few crashes (METRICS 1)."""
-FIXED_WING = ("plane", "fixed", "wing", "vtol")
 CRASH = re.compile(r"\bcrash(ed)?\b(?!.{0,2}(check|dump|log|catcher))", re.IGNORECASE)
 
 
@@ -54,7 +53,7 @@ def find(log: FlightLog, imu: Imu, airborne: Phase, lying: list[Span], t1: float
 
 def lying(log: FlightLog, windows: Windows, still: list[Span]) -> list[Span]:
     """Stretches as still as a surface, and those of at least 3 s in which a rotorcraft lies beyond 60 deg of tilt."""
-    if any(word in log.vehicle.lower() for word in FIXED_WING):
+    if log.kind.winged:
         return still
     overturned = (windows.rate_rms < LYING_DPS) & (hover.tilt_deg(log, windows.middle) > LYING_DEG)
     return still + [(a, b) for a, b in join(windows, overturned) if b - a >= LYING_S]
