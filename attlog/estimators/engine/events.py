@@ -37,12 +37,12 @@ class Events:
     table: Array
 
 
-def events(estimator: Estimator, aids: Aids | None, t: Array, begin: NDArray[np.int64]) -> Events:
+def events(estimator: Estimator, aids: Aids | None, t: Array) -> Events:
     """The aids that the estimator uses, each at the first sample at or after its time.
 
-    ``t`` (n,) rising, ``begin`` the first index of each segment. Of several between two
-    samples the newest is kept. The first sample of a segment has no step, so what arrived
-    until then, and in the gap before, is left out; so is what comes after the last sample.
+    ``t`` (n,) rising. Of several between two samples the newest is kept. The loop takes no
+    step at the first sample of a segment, so what arrived until then, and in the gap before,
+    is left out; so is what comes after the last sample.
     """
     aids = aids or Aids()
     quiet = np.zeros(len(t), np.int64)
@@ -60,19 +60,16 @@ def events(estimator: Estimator, aids: Aids | None, t: Array, begin: NDArray[np.
     ):
         if name in estimator.uses and m is not None:
             arrivals += _arrivals(m, parts, t)
-    stepped = np.ones(len(t), bool)
-    stepped[begin] = False
     hit = np.zeros(len(t), bool)
     for at, _, _ in arrivals:
         hit[at] = True
-    where = np.flatnonzero(hit & stepped)
+    where = np.flatnonzero(hit)
     table = np.vstack([base, base[quiet[where]]])
     row = quiet.copy()
     row[where] = len(base) + np.arange(len(where))
     for at, column, values in arrivals:
-        good = stepped[at]
         # Samples come in the order of time, so the newest overwrites the older ones.
-        table[row[at[good]], column] = values[good]
+        table[row[at], column] = values
     return Events(row, quiet, table)
 
 

@@ -1,7 +1,7 @@
 """The shared loop: runs a filter's step over cleaned samples and keeps its outputs.
 
 Time is its business, not the filter's: :mod:`attlog.estimators.engine.samples` says what happens to
-gaps and bad samples; between samples of a slow magnetometer the last vector is turned on
+gaps and bad samples; between samples of a slow magnetometer the last vector is propagated
 with the bias-corrected gyro; after a long gap the filter starts anew. A step that numba
 cannot compile (one that calls a C library, for instance) runs in plain Python.
 """
@@ -81,7 +81,7 @@ def run(
         return _whole_segments(estimator, samples, values, q0, aids or Aids())
     params = estimator.pack(values)
     advance = kernel(estimator)
-    told = events(estimator, aids, samples.t, samples.begin) if estimator.aided else None
+    told = events(estimator, aids, samples.t) if estimator.aided else None
     bounds = np.append(samples.begin, len(samples.t)).tolist()
     chunks, kept, spent = [], [], 0.0
     for number, (a, b) in enumerate(pairwise(bounds)):
@@ -214,7 +214,7 @@ def _try_plainly(estimator: Estimator) -> None:
     params = estimator.pack(values)
     state = initial_state(estimator, still, 0, 2, params, values, None)
     out = np.empty((2, estimator.outputs))
-    told = events(estimator, None, still.t, still.begin)
+    told = events(estimator, None, still.t)
     extra = (told.row, told.quiet, told.table) if estimator.aided else ()
     data = (still.dt, still.substeps, still.gyr, still.acc, still.mag, still.use, 1, out)
     _twin(estimator)(state, params, *data, *extra)
