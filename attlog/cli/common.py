@@ -21,7 +21,10 @@ def _no_color(wanted: bool) -> None:
 
 
 Log = Annotated[
-    Path, typer.Argument(metavar="LOG", help="A flight log: .ulg, .bin, .log, .tlog (told apart by content).")
+    Path,
+    typer.Argument(
+        metavar="LOG", readable=False, help="A flight log: .ulg, .bin, .log, .tlog (told apart by content)."
+    ),
 ]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Say more; -vv shows a traceback for a bug.")]
@@ -39,7 +42,10 @@ def console(stderr: bool = False) -> Console:
     from rich.console import Console
 
     stream = sys.stderr if stderr else sys.stdout
-    return Console(stderr=stderr, highlight=False, soft_wrap=False, width=None if stream.isatty() else 160)
+    width = None if stream.isatty() else 160
+    if os.environ.get("NO_COLOR"):
+        return Console(stderr=stderr, highlight=False, soft_wrap=False, width=width, color_system=None)
+    return Console(stderr=stderr, highlight=False, soft_wrap=False, width=width)
 
 
 def existing(path: Path) -> Path:
