@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +50,7 @@ NOT_UTF8 = re.compile("[\ud800-\udfff]")
 
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
-ANSWER_KEEPS = tuple(f.name for f in dataclasses.fields(Answer) if f.metadata.get(NOT_IN_JSON))
+ANSWER_KEEPS = tuple(f.name for f in fields(Answer) if f.metadata.get(NOT_IN_JSON))
 """Fields of an answer that are not in the JSON."""
 
 
