@@ -15,12 +15,14 @@ from attlog.metrics import (
     drift_rest,
     hover,
     lag,
+    leak,
     level,
     noise,
     ranking,
     recovery,
     rmse,
     settling,
+    step_error,
     wander,
 )
 from attlog.metrics.answer import Answer, missing
@@ -43,13 +45,13 @@ __all__ = [
 ]
 
 QUESTIONS: tuple[ModuleType, ...] = (
-    noise, lag, settling, drift_rest, drift_air, wander, rmse,
+    noise, lag, step_error, leak, settling, drift_rest, drift_air, wander, rmse,
     allan, convergence, recovery, hover, bias, cost, controller,
 )  # fmt: skip
 MEASURED = cost
 """The question that is answered by running the filter again, not from the log."""
 FULL_COVERAGE_PCT = 95.0
-COMPARED = ("total_", "heading_", "inclination_", "lag_", "drift_air_")
+COMPARED = ("total_", "heading_", "inclination_", "lag_", "step_error_", "drift_air_")
 
 
 def definitions() -> dict[str, Metric]:
