@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -28,7 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "segments": {"flight"},
     "reference": {"flight", "segments", "estimators"},
     "metrics": {"flight", "segments", "reference", "estimators", "plain"},
-    "health": {"flight", "segments", "reference", "metrics.evidence"},
+    "health": {"flight", "segments", "reference", "metrics.evidence", "metrics.steps"},
     "config": {"estimators"},
     "plain": set(),
     "inputs": {"flight", "segments", "estimators"},
@@ -106,6 +107,19 @@ def test_the_files_form_no_circle() -> None:
         if module not in gather
     }
     TopologicalSorter(graph).prepare()
+
+
+FIRMWARE_WORDS = re.compile(r"PX4|ArduPilot|AHRS_|COMPASS_|SDLOG|LOG_[BD]|INS_|EKF2_|\b(dataflash|ulog|tlog)\b")
+ABOVE_FLIGHT = ("segments", "reference", "metrics", "health", "present", "report", "analysis", "inspection", "summary")
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if within(m, set(ABOVE_FLIGHT))])
+def test_knowledge_of_firmwares_ends_at_flight(module: str) -> None:
+    """No sentence, parameter name or comparison above ``flight`` names a firmware or a format; docstrings may."""
+    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    said = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
+    texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in said]
+    assert [t for t in texts if isinstance(t, str) and FIRMWARE_WORDS.search(t)] == []
 
 
 @pytest.mark.parametrize("command", [["--help"], ["--version"], ["analyze", "--help"], ["estimators", "--help"]])

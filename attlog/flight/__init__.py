@@ -75,21 +75,21 @@ def read(
 def read_messages(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
     """The flight in one power-up's messages, by the reader for who wrote them."""
     if messages.format == "ulog":
-        from attlog.flight.px4 import reader
+        from attlog.flight.px4 import reader as px4
 
-        return reader.read(messages, imu, mag)
+        return px4.read(messages, imu, mag)
     if messages.format in ("dataflash", "dataflash_text"):
-        from attlog.flight.ardupilot import reader
+        from attlog.flight.ardupilot import reader as ardupilot
 
-        return reader.read(messages, imu, mag)
+        return ardupilot.read(messages, imu, mag)
     if messages.format == "px4log":
         from attlog.flight.px4 import sdlog2
 
         return sdlog2.read(messages, imu, mag)
     if messages.format in ("tlog", "mavlink"):
-        from attlog.flight.mavlink import reader
+        from attlog.flight.mavlink import reader as mavlink
 
-        return reader.read(messages, imu, mag, system)
+        return mavlink.read(messages, imu, mag, system)
     raise LogUnusable(f"{messages.path}: there is no flight reader for the format {messages.format!r}")
 
 

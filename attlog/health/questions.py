@@ -1,99 +1,100 @@
-"""Which of the three questions a log can answer, and what would be needed for the others."""
+"""Which of the three questions a log can answer, and what would be needed for the others.
+
+The limits are those by which the metrics answer or refuse: ``metrics/evidence.py``
+and the step events of ``metrics/steps.py``.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from attlog.flight.model import FlightLog, Imu
-from attlog.flight.settings import how_to_log
+from attlog.flight.model import FlightLog
 from attlog.health.model import Answerable, Check
+from attlog.metrics.evidence import (
+    DRIFT_RECORD_S,
+    DRIFT_SLACK_S,
+    NOISE_REST_S,
+    REST_SETTLE_S,
+    STEP_EVENTS,
+    STEP_REFERENCE_HZ,
+)
+from attlog.metrics.steps import scored
+from attlog.reference.model import Reference
 from attlog.segments.model import Segments
-
-REST_S = 2.0
-"""Shortest rest in which noise is measured (docs/metrics.md)."""
-DRIFT_REST_S, DRIFT_AIR_S = 20.0, 20.0
-"""Shortest record of a drift: four groups of 5 s (docs/metrics.md)."""
-SLOW_REFERENCE_HZ = 5.0
-STROKE_DEG, STROKE_YAW_DEG = 5.0, 10.0
-EVENTS = 3
+from attlog.segments.spans import Span, intersect
 
 
-def answerable(log: FlightLog, segments: Segments | None, checks: list[Check]) -> list[Answerable]:
-    """The three questions in the order of the report, each with a reason and the setting that is missing."""
-    if log.imu is None:
+def answerable(
+    log: FlightLog, segments: Segments | None, checks: list[Check], reference: Reference | None = None
+) -> list[Answerable]:
+    """The three questions in the order of the report, each with a reason and the setting that is missing.
+
+    ``reference`` is what filters would be compared with (``attlog.reference.choose``), None where there is none.
+    """
+    imu = log.replay_imu
+    if imu is None:
         reason = next((p.text for p in log.problems if p.severity == "error"), "There is no usable IMU in this log.")
-        setting = setting_for(log, "imu")
+        setting = "" if log.imus else log.advice("imu")
         setting = "" if setting in reason else setting
         return [Answerable(q, False, reason, setting) for q in ("quiet", "late", "drifting")]
     phases = segments or Segments()
     broken = [c for c in checks if c.verdict == "bad" and c.name in ("gyro", "gravity")]
     if broken:
         return [Answerable(q, False, broken[0].text, "") for q in ("quiet", "late", "drifting")]
-    imu = log.imus[log.imu]
-    return [quiet(log, phases), late(log, imu), drifting(log, phases)]
+    rests = intersect(phases.spans("rest"), [(float(imu.gyro.t[0]) + REST_SETTLE_S, math.inf)])
+    return [quiet(log, rests), late(log, reference), drifting(log, phases, rests, reference)]
 
 
-def setting_for(log: FlightLog, what: str) -> str:
-    """The sentence on the setting that would log what is missing, for this firmware."""
-    telemetry = log.format in ("tlog", "mavlink")
-    return how_to_log(log.firmware.name, log.firmware.version, what, telemetry)
-
-
-def quiet(log: FlightLog, segments: Segments) -> Answerable:
-    """Static noise needs rest with motors off."""
-    rests = [s.seconds for s in segments.of("rest")]
-    longest = max(rests, default=0.0)
-    if longest < REST_S:
-        reason = "The vehicle never stands still with motors off for 2 s while the log runs."
-        return Answerable("quiet", False, reason, setting_for(log, "rest"))
+def quiet(log: FlightLog, rests: list[Span]) -> Answerable:
+    """Static noise needs rest with motors off, ``rests`` that count."""
+    seconds = [b - a for a, b in rests]
+    longest = max(seconds, default=0.0)
+    if longest < NOISE_REST_S:
+        reason = f"The vehicle never stands still with motors off for {NOISE_REST_S:.0f} s while the log runs"
+        reason += f" and filters have settled ({REST_SETTLE_S:.0f} s)."
+        return Answerable("quiet", False, reason, log.advice("rest"))
     if len(rests) == 1:
-        return Answerable("quiet", True, f"1 rest of {longest:.1f} s.")
-    return Answerable("quiet", True, f"{len(rests)} rests, {sum(rests):.1f} s in all, the longest {longest:.1f} s.")
+        return Answerable("quiet", True, f"1 usable rest of {longest:.1f} s.")
+    return Answerable(
+        "quiet", True, f"{len(rests)} usable rests, {sum(seconds):.1f} s in all, the longest {longest:.1f} s."
+    )
 
 
-def late(log: FlightLog, imu: Imu) -> Answerable:
-    """Lag needs an attitude of at least 5 Hz to compare with, and quick turns."""
-    reference = log.truth or log.attitudes.get(log.onboard or "")
-    if reference is None:
-        return Answerable("late", False, "There is no attitude to compare with.", setting_for(log, "attitude"))
-    name = "truth" if log.truth is not None else log.onboard
-    if reference.rate < SLOW_REFERENCE_HZ:
-        reason = f"{name} is logged at {reference.rate:.1f} Hz; lag needs {SLOW_REFERENCE_HZ:.0f} Hz."
-        return Answerable("late", False, reason, setting_for(log, "attitude"))
-    turns = strokes(imu)
-    if max(turns) < EVENTS:
-        reason = f"Quick turns about x, y, z: {turns[0]}, {turns[1]}, {turns[2]}; {EVENTS} about one axis are needed."
-        return Answerable("late", False, reason, "Fly quick attitude steps of 15 deg and more in Stabilize.")
-    counted = f"Quick turns about x, y, z: {turns[0]}, {turns[1]}, {turns[2]}"
+def late(log: FlightLog, reference: Reference | None) -> Answerable:
+    """Lag needs an attitude of at least 5 Hz to compare with, and quick movements of it."""
+    if reference is None or reference.kind == "none":
+        refused = "" if reference is None or not reference.fault else f" {reference.fault}."
+        known = log.truth is not None or log.onboard is not None
+        setting = "" if refused or known else log.advice("attitude")
+        return Answerable("late", False, f"There is no attitude to compare with.{refused}", setting)
+    name = reference.name or reference.source
+    if reference.rate < STEP_REFERENCE_HZ:
+        reason = f"{name} is logged at {reference.rate:.1f} Hz; lag needs {STEP_REFERENCE_HZ:.0f} Hz."
+        return Answerable("late", False, reason, log.advice("attitude", reference.rate))
+    events = scored(reference)
+    counts = [sum(e.axis == axis for e in events) for axis in range(3)]
+    counted = "Quick movements in roll, pitch, yaw: " + ", ".join(map(str, counts))
+    if len(events) < STEP_EVENTS:
+        advice = "Fly quick attitude steps of 15 deg and more in Stabilize." if log.kind.hovers else ""
+        return Answerable("late", False, f"{counted}; {STEP_EVENTS} are needed.", advice)
     return Answerable("late", True, f"{counted}; compared with {name} at {reference.rate:.0f} Hz.")
 
 
-def strokes(imu: Imu) -> tuple[int, int, int]:
-    """About how many separate turns of more than 5 deg (yaw 10) within a second the gyro shows, per axis."""
-    t, x = imu.gyro.t, imu.gyro.x - np.median(imu.gyro.x, axis=0)
-    dt = np.minimum(np.diff(t, prepend=t[0]), 0.1)
-    angle = np.degrees(np.cumsum(x * dt[:, None], axis=0))
-    later = np.searchsorted(t, t + 1.0) - 1
-    counts = []
-    for axis, least in enumerate((STROKE_DEG, STROKE_DEG, STROKE_YAW_DEG)):
-        quick = np.abs(angle[later, axis] - angle[:, axis]) >= least
-        starts = np.flatnonzero(np.diff(quick.astype(np.int8), prepend=0) == 1)
-        counts.append(len(starts))
-    return counts[0], counts[1], counts[2]
-
-
-def drifting(log: FlightLog, segments: Segments) -> Answerable:
-    """Yaw drift needs a long rest, or flight with a heading reference of the heading."""
-    rest = max((s.seconds for s in segments.of("rest")), default=0.0)
-    air = sum(s.seconds for s in segments.of("airborne"))
-    heading_references = [w for w, there in (("truth", log.truth is not None), ("onboard attitude", log.onboard is not None),
-                                    ("magnetometer", log.mag is not None),
-                                    ("GNSS yaw", any(g.yaw is not None for g in log.gnss))) if there]  # fmt: skip
-    if rest >= DRIFT_REST_S:
-        return Answerable("drifting", True, f"The longest rest has {rest:.1f} s; in the air: {air:.1f} s.")
-    if air >= DRIFT_AIR_S and heading_references:
+def drifting(log: FlightLog, segments: Segments, rests: list[Span], reference: Reference | None) -> Answerable:
+    """Yaw drift needs a long rest, or scored flight with a heading to compare with."""
+    needed = DRIFT_RECORD_S - DRIFT_SLACK_S
+    rest = max((b - a for a, b in rests), default=0.0)
+    begin = -math.inf if reference is None else reference.scoring_start
+    air = sum(b - a for a, b in intersect(segments.spans("airborne"), [(begin, math.inf)]))
+    headings = [w for w, there in (("truth", log.truth is not None), ("onboard attitude", log.onboard is not None),
+                                   ("magnetometer", log.mag is not None),
+                                   ("GNSS yaw", any(g.yaw is not None for g in log.gnss))) if there]  # fmt: skip
+    if rest >= needed:
+        return Answerable("drifting", True, f"The longest usable rest has {rest:.1f} s; in the air: {air:.1f} s.")
+    if air >= needed and headings:
         return Answerable(
-            "drifting", True, f"{air:.1f} s in the air against {', '.join(heading_references)}; rest: {rest:.1f} s."
+            "drifting", True, f"{air:.1f} s in the air against {', '.join(headings)}; rest: {rest:.1f} s."
         )
-    reason = f"The longest rest has {rest:.1f} s and the flight {air:.1f} s; {DRIFT_REST_S:.0f} s of either are needed."
-    return Answerable("drifting", False, reason, setting_for(log, "rest"))
+    reason = f"The longest usable rest has {rest:.1f} s and the flight {air:.1f} s; "
+    reason += f"{DRIFT_RECORD_S:.0f} s of either are needed."
+    return Answerable("drifting", False, reason, log.advice("rest"))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
+from attlog.metrics.evidence import DRIFT_RECORD_S, DRIFT_SLACK_S
 from attlog.metrics.quantiles import chi_square, student
 
 Array = NDArray[np.float64]
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 BLOCK_S = 1.0
 MIN_GROUPS = 4
 MIN_BLOCKS = 3
-SHORTEST_S = 20.0
+SHORTEST_S = DRIFT_RECORD_S
 """4 groups of 5 s."""
 LONG_S = 120.0
 NOT_MEASURABLE = 5.0
@@ -102,7 +103,7 @@ def slope(blocks: Blocks) -> Drift:
                 slopes.append(60.0 * _line(blocks.t[at], blocks.e[at]))
                 spans.append((float(blocks.t[at[0]]), float(blocks.t[at[-1]])))
     found = Drift(None, None, np.array(slopes), spans, record)
-    if len(slopes) < MIN_GROUPS or record < SHORTEST_S - 0.5:
+    if len(slopes) < MIN_GROUPS or record < SHORTEST_S - DRIFT_SLACK_S:
         return found
     found.value = float(np.mean(slopes))
     found.ci95 = interval.of_mean(slopes)
@@ -179,7 +180,7 @@ def _line(t: Array, e: Array) -> float:
 def too_short(found: Drift, heading_reference: str) -> str:
     """Why a record gives no drift: its time, or the pieces it is broken into."""
     what = "of usable rest" if heading_reference == "rest" else f"of flight comparable with {heading_reference}"
-    if found.seconds < SHORTEST_S - 0.5:
+    if found.seconds < SHORTEST_S - DRIFT_SLACK_S:
         return f"{found.seconds:.0f} s {what}; {SHORTEST_S:.0f} s are needed"
     return f"{found.seconds:.0f} s {what} in pieces too short for {MIN_GROUPS} slopes"
 

@@ -54,7 +54,7 @@ def says(
         return f"{where}, {wander_part(replayed, at_rest)}." + onboard_part(shown, "deg/min")
     if rest_without and air_without:
         (code, why_rest), (_, why_air) = commonest(rest_without), commonest(air_without)
-        return f"Cannot be judged. At rest: {why_rest}{switch(result, code)}. In the air: {why_air}."
+        return f"Cannot be judged. At rest: {why_rest}.{switch(result, code)} In the air: {why_air}."
     nothing = "neither a rest nor a flight is long enough to tell a drift from wander"
     return cannot(result, rest_without + air_without, nothing)
 

@@ -14,23 +14,19 @@ ADVICE = {
 }
 """What a pilot can do about a code whose reason does not say it."""
 
-LOGGED_BEFORE_ARMING = {"ArduPilot": "LOG_DISARMED", "PX4": "SDLOG_MODE"}
-"""The parameter that makes an autopilot log before it is armed."""
-
 
 def cannot(result: Result, without: list[Absent], nothing: str) -> str:
     """The sentence for a question that no row answers: the commonest reason and what a pilot can do."""
     code, reason = commonest(without)
     flew = (result.log.get("seconds") or {}).get("airborne") != 0
     advice = f" {ADVICE[code]}" if code in ADVICE and flew else ""
-    return f"Cannot be judged: {reason or nothing}{switch(result, code)}.{advice}"
+    return f"Cannot be judged: {reason or nothing}.{switch(result, code)}{advice}"
 
 
 def switch(result: Result, code: str) -> str:
-    """In brackets, the parameter by which this autopilot logs its rest before arming; empty for other codes."""
-    name = str((result.log.get("firmware") or {}).get("name") or "")
-    found = next((p for maker, p in LOGGED_BEFORE_ARMING.items() if name.startswith(maker)), "")
-    return f" (parameter {found})" if found and code in ("no_rest", "rest_too_short") else ""
+    """How this vehicle would log its rest before arming, as a sentence after a blank; empty for other codes."""
+    advice = str((result.log.get("advice") or {}).get("rest") or "")
+    return f" {advice}" if advice and code in ("no_rest", "rest_too_short") else ""
 
 
 def commonest(without: list[Absent]) -> tuple[str, str]:
