@@ -16,7 +16,8 @@ def schema() -> dict[str, Any]:
     and the figures' traces are not part of the document.
     """
     fields = {name: (hint, ...) for name, hint in get_type_hints(Result).items() if name not in ("traces", "schema")}
-    document = create_model("Result", **fields).model_json_schema(mode="serialization")  # type: ignore[call-overload]
+    model = create_model("Result", **fields)  # type: ignore[call-overload]
+    document: dict[str, Any] = model.model_json_schema(mode="serialization")
     document["properties"] = {"schema": {"const": SCHEMA}} | document["properties"]
     for part in (document, *document.get("$defs", {}).values()):
         if "properties" in part:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from attlog.config import Config
     from attlog.fleet.one import Written
     from attlog.result import Result
+
+BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared": "shared"}
+"""Where reports have plotly from."""
 
 
 def command(
@@ -89,7 +92,7 @@ def command(
     """Re-run attitude filters on each LOG and compare them with the onboard attitude: a report, a JSON, a table."""
     if json not in (None, "-"):
         raise UsageError(f"--json {json}: only - (standard output); files are written to the folder of -o")
-    if plotly != "inline" and plotly != "shared":
+    if plotly not in BUNDLES:
         raise UsageError(f"--plotly {plotly}: use inline or shared")
     options = {
         "estimators": estimators,
@@ -117,7 +120,7 @@ def command(
             existing(log)
             done = analyze_to_files(
                 log, settings, output, name,
-                command=" ".join(["attlog", *sys.argv[1:]]), plotly=plotly, deterministic=deterministic,
+                command=" ".join(["attlog", *sys.argv[1:]]), plotly=BUNDLES[plotly], deterministic=deterministic,
             )  # fmt: skip
             if json == "-":
                 print(_json_text(done.result, deterministic, one_line=len(logs) > 1))

@@ -60,7 +60,7 @@ def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) 
     """Answers of one row: window -> metric id -> Answer. A metric that means nothing in a window is left out there.
 
     ``cost=False`` leaves out what has to be measured by running the filter again.
-    ``detail["coverage_pct"]`` stands beside comparisons of a row that was scored on less
+    ``coverage_pct`` stands beside comparisons of a row that was scored on less
     than 95 % of its time.
     """
     table: dict[str, dict[str, Answer]] = {}
@@ -71,7 +71,7 @@ def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) 
             answers |= question.compute(case, row, window)
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):
-                answer.detail["coverage_pct"] = row.coverage_pct
+                answer.coverage_pct = row.coverage_pct
     return table
 
 

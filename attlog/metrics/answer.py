@@ -35,8 +35,12 @@ class Answer:
 
     With a value: ``n`` independent pieces of evidence over ``seconds``, ``ci95`` the
     95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
-    the value is shown but may not be "best"; ``reason`` then says why. ``detail``
-    holds what the report shows beside it (per-axis values, slopes, flags).
+    the value is shown but may not be "best"; ``reason`` then says why. For ranking, in
+    the value's own unit: ``floor``, the difference below which two values are the same;
+    ``counts_as_zero_below``, the size that cannot be told from zero; ``resolution``, by
+    which the interval is widened on both sides. ``coverage_pct`` is the share of the time
+    that a comparison stands on where that is not nearly all; ``each`` the value of every
+    single event. ``detail`` holds more for people (slopes, flags); nothing is computed from it.
     """
 
     value: float | None
@@ -50,6 +54,11 @@ class Answer:
     reason: str | None = None
     ranked: bool = True
     detail: dict[str, Any] = field(default_factory=dict)
+    floor: float = 0.0
+    counts_as_zero_below: float = 0.0
+    resolution: float = 0.0
+    coverage_pct: float | None = None
+    each: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         if self.value is None:

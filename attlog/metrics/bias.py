@@ -51,11 +51,11 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     if len(errors) == 0:
         return {name: missing(*why_no_rest(case, window, spans), unit, window)}
     lengths = np.sqrt(np.sum(errors**2, axis=1))
-    reason = None if len(errors) > 1 else "one window of rest gives no interval"
+    unsure = None if len(errors) > 1 else "one window of rest gives no interval"
     return {
         name: Answer(
             float(np.mean(lengths)), unit, window, len(errors), seconds(gyro.t, windows), interval.of_mean(lengths),
-            f"mean over {len(errors)} windows", reason=reason, ranked=reason is None,
+            f"mean over {len(errors)} windows", reason=unsure, ranked=unsure is None,
             detail={"mean_error_dps": [float(x) for x in np.mean(errors, axis=0)]},
         )
     }  # fmt: skip

@@ -87,7 +87,7 @@ def response(windows: Windows) -> tuple[Array, Array]:
     step = np.cumsum(np.roll(impulse, -first)[: len(t)])
     step -= 0.5 * np.roll(impulse, -first)[: len(t)]  # a sample's impulse is centred on its time
     level = float(np.mean(step[t >= 0.8 * RESPONSE_S]))
-    return t, step / level if level > 0 else np.full(len(t), np.nan)
+    return t, np.asarray(step / (level if level > 0 else np.nan), np.float64)
 
 
 def features(t: Array, step: Array) -> Array:

@@ -59,6 +59,6 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         step = 1.0 / case.reference.rate if case.reference.rate > 0 else 0.0
         answers["convergence_s"] = Answer(
             row.convergence_s, "s", window, 1, length, None, "first time from which the error stays small",
-            reason="one event of this record", ranked=False, detail={"resolution": step},
+            reason="one event of this record", ranked=False, resolution=step,
         )  # fmt: skip
     return {m.name: answers[m.name] for m in METRICS}

@@ -176,25 +176,21 @@ def _lag_answer(case: Case, row: Row, window: str, found: Fit, method: str, shar
     delay = input_delay(case, row)
     lag = found.delay - delay
     half_sample = 0.5 * sample_step(case, row)
-    detail = shared | {
-        "fitted_ms": 1000 * found.delay,
-        "input_delay_ms": 1000 * delay,
-        "each_ms": [1000 * float(x - delay) for x in found.each],
-        "resolution": 1000 * found.shape_s,
-        "counts_as_zero_below": 1000 * half_sample,
-    }
+    detail = shared | {"fitted_ms": 1000 * found.delay, "input_delay_ms": 1000 * delay}
+    each = [1000 * float(x - delay) for x in found.each]
     if found.at_edge:
         reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
-        return missing("lag_at_edge", reason, "ms", window, **detail)
+        return Answer(None, "ms", window, code="lag_at_edge", reason=reason, detail=detail, each=each)
     may_be_early = case.reference.kind == "onboard" or not row.causal
     why = bent(found, lag, -math.inf if may_be_early else -half_sample)
     if why is not None:
-        return missing("not_a_pure_delay", why, "ms", window, **detail)
+        return Answer(None, "ms", window, code="not_a_pure_delay", reason=why, detail=detail, each=each)
     low, high = found.delay_ci95 or (found.delay, found.delay)
     reason = None if row.causal else "looks ahead in time: its lag is no merit"
     return Answer(
         1000 * lag, "ms", window, found.events, found.seconds, (1000 * (low - delay), 1000 * (high - delay)), method,
-        reason=reason, ranked=reason is None, detail=detail,
+        reason=reason, ranked=reason is None, detail=detail, each=each,
+        counts_as_zero_below=1000 * half_sample, resolution=1000 * found.shape_s,
     )  # fmt: skip
 
 

@@ -206,8 +206,8 @@ def _answer(
     answer = Answer(
         sigma, "deg", window, max(1, round(noise.n)), duration, (low, high), noise.method, reason=reason,
         ranked=reason is None,
-        detail=shared
-        | {"effective_samples": noise.n, "step_deg": row.step_deg, "floor_deg": max(row.step_deg / 2.0, hidden)},
+        detail=shared | {"effective_samples": noise.n, "step_deg": row.step_deg},
+        floor=max(row.step_deg / 2.0, hidden),
     )  # fmt: skip
     return follow.unrank_frozen(case, row, axis, answer)
 

@@ -51,7 +51,8 @@ def gains(case: Case, row: Row) -> Array | None:
         mag = estimators.place(t, field.t_best[near], field.x[near])
 
     def end(gyro: Array, acc: Array, mag: Array | None) -> Array:
-        return estimators.estimate(estimator, t, gyro, acc, mag, sampling=imu.gyro.sampling, **row.parameters).q[-1]
+        found = estimators.estimate(estimator, t, gyro, acc, mag, sampling=imu.gyro.sampling, **row.parameters)
+        return np.asarray(found.q[-1])
 
     try:
         estimator = estimators.get(row.estimator)

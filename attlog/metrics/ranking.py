@@ -23,24 +23,19 @@ def may_be_best(row: Row) -> bool:
 
 
 def distance(answer: Answer, better: str) -> tuple[float, float, float]:
-    """(low, value, high) of how far an answer is from perfect: smaller is better whatever ``better`` says.
-
-    ``detail["counts_as_zero_below"]`` is the value that cannot be told from zero;
-    ``detail["resolution"]`` widens the interval (the shape of a lag).
-    """
+    """(low, value, high) of how far an answer is from perfect: smaller is better whatever ``better`` says."""
     value = answer.value if answer.value is not None else float("nan")
     low, high = answer.ci95 if answer.ci95 is not None else (value, value)
     if better == "high":
         value, low, high = -value, -high, -low
     if better == "one":
         value, low, high = value - 1.0, low - 1.0, high - 1.0
-    widen = float(answer.detail.get("resolution", 0.0))
-    low, high = min(low, value) - widen, max(high, value) + widen
+    low, high = min(low, value) - answer.resolution, max(high, value) + answer.resolution
     if better in ("low", "high"):
         return low, value, high
     near = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
     size = abs(value)
-    if size < float(answer.detail.get("counts_as_zero_below", 0.0)):
+    if size < answer.counts_as_zero_below:
         size = near = 0.0
     return near, size, max(abs(low), abs(high))
 
@@ -48,7 +43,7 @@ def distance(answer: Answer, better: str) -> tuple[float, float, float]:
 def leaders(answers: Mapping[str, Answer], better: str) -> list[str]:
     """The rows that share the lead: the smallest distance and all whose interval meets the leader's.
 
-    Differences below the larger ``detail["floor_deg"]`` of the two are ties as well.
+    Differences below the larger ``floor`` of the two are ties as well.
     """
     ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}
     if len(ranked) < MIN_ROWS:
@@ -59,7 +54,7 @@ def leaders(answers: Mapping[str, Answer], better: str) -> list[str]:
 
     def ties(name: str) -> bool:
         near, size, _ = found[name]
-        floor = max(float(ranked[n].detail.get("floor_deg", 0.0)) for n in (name, first))
+        floor = max(ranked[name].floor, ranked[first].floor)
         return near <= best_high or size - best < floor
 
     return [name for name in found if ties(name)]

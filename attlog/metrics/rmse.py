@@ -99,7 +99,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         values = np.abs(getattr(errors, angle)[good])
         for name in STATISTICS:
             value, ci95 = statistic(values, name, groups)
-            reason = None
+            reason: str | None = None
             if name == "max":
                 reason = "an extreme of this record has no interval"
             elif ci95 is None:
@@ -116,7 +116,8 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
                 f"{STATISTICS[name]}, {len(groups)} groups" if groups else STATISTICS[name],
                 reason=reason,
                 ranked=reason is None,
-                detail={"samples": int(good.sum()), "floor_deg": case.reference.floor_deg},
+                detail={"samples": int(good.sum())},
+                floor=case.reference.floor_deg,
             )
     return answers
 

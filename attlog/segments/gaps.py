@@ -93,4 +93,5 @@ def restarts(t: Array) -> Array:
     if len(t) == 0:
         return np.zeros(0)
     dt = np.diff(t)
-    return t[np.concatenate([[True], ~((dt >= 0) & (dt <= RESTART_SECONDS))])]
+    anew: NDArray[np.bool_] = np.concatenate([[True], ~((dt >= 0) & (dt <= RESTART_SECONDS))])
+    return np.asarray(t[anew])

@@ -7,8 +7,8 @@ from attlog.metrics.ranking import leaders
 from tests.metrics import flights
 
 
-def answer(value, low, high, ranked=True, **detail):
-    return Answer(value, "deg", "all", 10, 10.0, (low, high), "", ranked=ranked, detail=detail)
+def answer(value, low, high, ranked=True, **more):
+    return Answer(value, "deg", "all", 10, 10.0, (low, high), "", ranked=ranked, **more)
 
 
 def test_a_separated_interval_wins_alone_and_overlapping_ones_share():
@@ -18,7 +18,7 @@ def test_a_separated_interval_wins_alone_and_overlapping_ones_share():
 
 
 def test_differences_below_the_floor_are_ties():
-    column = {"a": answer(0.001, 0.0009, 0.0011, floor_deg=0.005), "b": answer(0.004, 0.0039, 0.0041, floor_deg=0.005)}
+    column = {"a": answer(0.001, 0.0009, 0.0011, floor=0.005), "b": answer(0.004, 0.0039, 0.0041, floor=0.005)}
     assert leaders(column, "low") == ["a", "b"]
 
 
