@@ -83,7 +83,7 @@ def response(windows: Windows) -> tuple[Array, Array]:
     power = np.sum(np.abs(x) ** 2, axis=0)
     impulse = np.fft.irfft(np.sum(np.conj(x) * y, axis=0) / (power + REGULARISED * np.max(power)), 2 * n)
     first, last = -round(BEFORE_S / windows.step), round(RESPONSE_S / windows.step)
-    t = windows.step * np.arange(first, last + 1)
+    t = np.asarray(windows.step * np.arange(first, last + 1), np.float64)
     step = np.cumsum(np.roll(impulse, -first)[: len(t)])
     step -= 0.5 * np.roll(impulse, -first)[: len(t)]  # a sample's impulse is centred on its time
     level = float(np.mean(step[t >= 0.8 * RESPONSE_S]))

@@ -99,13 +99,13 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         values = np.abs(getattr(errors, angle)[good])
         for name in STATISTICS:
             value, ci95 = statistic(values, name, groups)
-            reason: str | None = None
+            unsure: str | None = None
             if name == "max":
-                reason = "an extreme of this record has no interval"
+                unsure = "an extreme of this record has no interval"
             elif ci95 is None:
-                reason = f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
+                unsure = f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
             elif angle != "inclination" and offset_note:
-                reason = offset_note
+                unsure = offset_note
             answers[f"{angle}_{name}_deg"] = Answer(
                 value,
                 "deg",
@@ -114,8 +114,8 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
                 duration,
                 ci95,
                 f"{STATISTICS[name]}, {len(groups)} groups" if groups else STATISTICS[name],
-                reason=reason,
-                ranked=reason is None,
+                reason=unsure,
+                ranked=unsure is None,
                 detail={"samples": int(good.sum())},
                 floor=case.reference.floor_deg,
             )
