@@ -42,8 +42,9 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "testing": {"estimators"},
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis"},
+    "fleet": {"config", "analysis", "result", "report"},
     "cli": BELOW_THE_RESULT
-    | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present"},
+    | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present", "fleet"},
 }
 LATE_UPWARDS = {("result", "report")}
 """The one import against the flow: ``Result.to_html``."""
