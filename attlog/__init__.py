@@ -5,20 +5,37 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
-__all__ = ["analyze", "estimate", "read"]
+__all__ = ["AttlogError", "Config", "Result", "analyze", "estimate", "evaluate", "prepare", "read"]
 
 if TYPE_CHECKING:
-    from attlog.analysis import analyze
+    from attlog.analysis import analyze, evaluate, prepare
+    from attlog.config import Config
+    from attlog.errors import AttlogError
     from attlog.estimators import estimate
     from attlog.flight import read
+    from attlog.result import Result
 
-_HOMES = {"analyze": "attlog.analysis", "estimate": "attlog.estimators", "read": "attlog.flight"}
+_HOMES = {
+    "AttlogError": "attlog.errors",
+    "Config": "attlog.config",
+    "Result": "attlog.result",
+    "analyze": "attlog.analysis",
+    "estimate": "attlog.estimators",
+    "evaluate": "attlog.analysis",
+    "prepare": "attlog.analysis",
+    "read": "attlog.flight",
+}
 
 
 def __getattr__(name: str) -> Any:
-    """The public functions, imported when first used: ``import attlog`` stays light."""
+    """The public names, imported when first used: ``import attlog`` stays light."""
     if name not in _HOMES:
         raise AttributeError(f"module 'attlog' has no attribute {name!r}")
     from importlib import import_module
 
     return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """What completion offers: the public names also before their first use."""
+    return sorted({*globals(), *__all__})

@@ -1,6 +1,7 @@
-"""The one pipeline: a log in, a :class:`~attlog.result.Result` out.
+"""The one pipeline: a log in, a :class:`~attlog.result.Result` out, in two halves.
 
-read -> segments -> reference -> estimators -> rows -> metrics -> best -> verdicts.
+prepare: read -> segments -> reference -> heading references. evaluate: estimators ->
+rows -> metrics -> best -> verdicts, as often as wanted on what was prepared once.
 Each stage lives in its own room; this file only hands things on and keeps the time.
 """
 
@@ -8,9 +9,10 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +22,8 @@ from attlog.config import Config
 from attlog.errors import AttlogError, LogUnusable, PluginError, UsageError
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
-from attlog.health import audit
+from attlog.health import Check, audit
+from attlog.metrics.base import Case, per_case
 from attlog.present.verdicts import verdicts
 from attlog.reference.model import Reference, Row
 from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
@@ -28,18 +31,18 @@ from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
 
 
-def analyze(source: str | Path | FlightLog, config: Config | None = None, *, command: str = "") -> Result:
-    """Everything attlog can say about one log.
+def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
+    """A log made ready for :func:`evaluate`: all that does not depend on which filters are compared.
 
-    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`. LogUnreadable
-    or LogUnusable (no inertial data, encrypted, not a log) if there is nothing to
-    analyse, UsageError for an unknown estimator, parameter, reference or window. A
-    plug-in that fails becomes a row with ``status = "failed"``; the others finish.
+    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`; a mapping is
+    checked like a configuration file. LogUnreadable or LogUnusable (no inertial data,
+    encrypted, not a log) if there is nothing to analyse, UsageError for a sensor,
+    reference or window that is not there.
     """
-    config = config or Config()
+    config = Config.of(config)
     clock = Stopwatch()
     with clock("read"):
-        log = source if isinstance(source, FlightLog) else _read(source, config)
+        log = _given(source, config) if isinstance(source, FlightLog) else _read(source, config)
     if log.imu is None:
         raise LogUnusable(_why_no_imu(log))
     with clock("segments"):
@@ -47,44 +50,102 @@ def analyze(source: str | Path | FlightLog, config: Config | None = None, *, com
         windows = _windows(config, phases)
     with clock("reference"):
         ref = reference.choose(log, phases, reference_options(config))
-    rows, estimator_rows = [], []
+        headings = reference.heading_references(log, phases, ref)
+    return Case(
+        log,
+        phases,
+        ref,
+        heading_references=headings,
+        imus=_imus(log, config),
+        windows=windows,
+        settings=config.resolved(),
+        timing=clock.seconds,
+    )
+
+
+def evaluate(
+    case: Case,
+    specs: str | Sequence[str] | None = None,
+    *,
+    traces: bool = False,
+    cost: bool = False,
+    command: str = "",
+) -> Result:
+    """What the filters named by ``specs`` (those of the configuration if None) are worth on a prepared log.
+
+    ``traces``: keep the arrays that figures are drawn from. ``cost``: measure what each
+    filter costs, which takes longer than running it. UsageError for an unknown
+    estimator or parameter; a plug-in that fails becomes a row with ``status =
+    "failed"``, the others finish. One case may be evaluated many times.
+    """
+    if isinstance(specs, str):
+        specs = estimators.items(specs)
+    settings = case.settings if specs is None else case.settings | {"estimators": list(specs)}
+    clock = Stopwatch(case.timing)
+    rows: list[Row] = []
+    estimator_rows: list[EstimatorRow] = []
     with clock("estimators"):
-        for row, table_row in _replays(log, phases, ref, config):
+        for row, table_row in _replays(case, settings["estimators"]):
             estimator_rows.append(table_row)
             if row is not None:
                 rows.append(row)
-        for row in reference.onboard_rows(log, phases, ref):
+        for row in _onboard(case):
             rows.append(row)
             estimator_rows.append(_table_row(row, title=row.estimator))
     with clock("metrics"):
-        case = metrics.Case(log, phases, ref, rows, reference.heading_references(log, phases, ref, rows))
+        seen = case.looked_at_with(rows)
         by_name = {row.name: row for row in rows}
         for table_row in estimator_rows:
             if table_row.name in by_name:
-                table_row.metrics = metrics.compute(case, by_name[table_row.name], windows)
+                table_row.metrics = metrics.compute(seen, by_name[table_row.name], case.windows, cost=cost)
         best = metrics.best({r.name: r.metrics for r in estimator_rows}, rows)
     with clock("audit"):
-        checks = audit(log, phases, ref)
+        checks = _checks(case)
     result = Result(
         attlog=versions(),
         command=command,
-        config=config.resolved(),
-        log=describe(log, phases),
-        problems=log.problems + _problems(ref, estimator_rows),
-        audit=checks,
-        segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
-        reference=summarize(ref),
+        config=settings,
+        log=dict(_described(case)),
+        problems=case.log.problems + _problems(case.reference, estimator_rows),
+        audit=list(checks),
+        segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
+        reference=summarize(case.reference),
         estimators=estimator_rows,
         best=best,
         definitions={
             name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
             for name, m in metrics.definitions().items()
         },
-        traces=metrics.traces(case, rows),
+        traces=metrics.traces(seen, rows) if traces else [],
     )
     result.verdicts = verdicts(result)
     result.timing = clock.seconds
     return result
+
+
+def analyze(
+    source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
+) -> Result:
+    """Everything attlog can say about one log: :func:`prepare` and :func:`evaluate`, with traces and costs.
+
+    Raises what the two raise.
+    """
+    return evaluate(prepare(source, config), traces=True, cost=True, command=command)
+
+
+@per_case
+def _onboard(case: Case) -> list[Row]:
+    return reference.onboard_rows(case.log, case.segments, case.reference)
+
+
+@per_case
+def _checks(case: Case) -> list[Check]:
+    return audit(case.log, case.segments, case.reference)
+
+
+@per_case
+def _described(case: Case) -> dict[str, Any]:
+    return describe(case.log, case.segments)
 
 
 def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
@@ -106,11 +167,22 @@ def _read(path: str | Path, config: Config) -> FlightLog:
     return log
 
 
-class Stopwatch:
-    """Seconds of wall time per stage."""
+def _given(log: FlightLog, config: Config) -> FlightLog:
+    """A flight that was read before. UsageError for settings that reading it would have needed."""
+    chosen = {"boot": log.boot, "imu": None if log.imu is None else log.imus[log.imu].index}
+    chosen["mag"] = None if log.mag is None else log.mags[log.mag].index
+    for name in ("boot", "imu", "mag", "system", "params"):
+        asked = getattr(config, name)
+        if asked not in (None, "all", chosen.get(name)) and not (asked == "none" and log.mag is None):
+            raise UsageError(f"{name} is chosen when the log is read: attlog.read(path, {name}={asked!r})")
+    return log
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+
+class Stopwatch:
+    """Seconds of wall time per stage, added to those of earlier stages."""
+
+    def __init__(self, earlier: Mapping[str, float] | None = None) -> None:
+        self.seconds: dict[str, float] = dict(earlier or {})
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
@@ -154,38 +226,34 @@ def summarize(ref: Reference) -> ReferenceSummary:
     return ReferenceSummary(ref.kind, ref.source, ref.rate, ref.floor_deg, texts[ref.kind], ref.steps)
 
 
-def run_rows(log: FlightLog, config: Config) -> list[Row]:
-    """The aligned attitudes of the configured estimators only; the first failure is raised."""
-    phases = segments.build(log)
-    ref = reference.choose(log, phases, reference_options(config))
+def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
+    """The aligned attitudes of the named estimators only; the first failure is raised."""
     rows = []
-    for imu, suffix in _imus(log, config):
-        for spec in _specs(config, log).values():
+    for suffix, imu in case.imus.items():
+        for spec in _specs(specs, case.log).values():
             if isinstance(spec, PluginError):
                 raise spec
-            rows.append(_replayed(log, phases, ref, imu, spec, suffix, config)[0])
+            rows.append(_replayed(case, imu, spec, suffix)[0])
     return rows
 
 
-def _replays(
-    log: FlightLog, phases: Segments, ref: Reference, config: Config
-) -> Iterator[tuple[Row | None, EstimatorRow]]:
-    """Each configured estimator as a row; one that fails is a table row with status ``failed``."""
-    specs = _specs(config, log)
-    for imu, suffix in _imus(log, config):
-        for name, spec in specs.items():
+def _replays(case: Case, specs: Sequence[str]) -> Iterator[tuple[Row | None, EstimatorRow]]:
+    """Each named estimator as a row; one that fails is a table row with status ``failed``."""
+    chosen = _specs(specs, case.log)
+    for suffix, imu in case.imus.items():
+        for name, spec in chosen.items():
             try:
                 if isinstance(spec, PluginError):
                     raise spec
-                yield _replayed(log, phases, ref, imu, spec, suffix, config)
+                yield _replayed(case, imu, spec, suffix)
             except AttlogError as error:
                 yield None, _failed(name + suffix, error)
 
 
-def _specs(config: Config, log: FlightLog) -> dict[str, estimators.Row | PluginError]:
+def _specs(specs: Sequence[str], log: FlightLog) -> dict[str, estimators.Row | PluginError]:
     """Name -> row to run, each once; a plug-in that cannot be loaded is its error. UsageError for unknown names."""
     found: dict[str, estimators.Row | PluginError] = {}
-    for item in config.estimators:
+    for item in specs:
         try:
             for row in estimators.select(item, mag=log.mag is not None):
                 found.setdefault(row.name, row)
@@ -194,24 +262,17 @@ def _specs(config: Config, log: FlightLog) -> dict[str, estimators.Row | PluginE
     return found
 
 
-def _imus(log: FlightLog, config: Config) -> list[tuple[Imu, str]]:
-    """The units to replay, with what their rows are called after the estimator's name."""
+def _imus(log: FlightLog, config: Config) -> dict[str, Imu]:
+    """The units to replay, by what their rows are called after the estimator's name."""
     assert log.imu is not None
     if config.imu != "all":
-        return [(log.imus[log.imu], "")]
-    return [(imu, f"/imu{imu.index}") for imu in log.imus]
+        return {"": log.imus[log.imu]}
+    return {f"/imu{imu.index}": imu for imu in log.imus}
 
 
-def _replayed(
-    log: FlightLog,
-    phases: Segments,
-    ref: Reference,
-    imu: Imu,
-    spec: estimators.Row,
-    suffix: str,
-    config: Config,
-) -> tuple[Row, EstimatorRow]:
+def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[Row, EstimatorRow]:
     """Run one estimator over one IMU and align what comes out."""
+    log, ref = case.log, case.reference
     mag = None if log.mag is None else log.mags[log.mag]
     uses_mag = mag is not None and "mag" in spec.estimator.uses
     resolved = spec.resolved()
@@ -219,7 +280,7 @@ def _replayed(
     if uses_mag and "declination" in resolved and resolved["declination"][1] == "default":
         declination = ref.declination_deg or 0.0
         resolved["declination"] = (declination, "log" if ref.declination_deg is not None else "default")
-    t = imu.gyro.t_best if config.clock == "sample" else imu.gyro.t
+    t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
         spec,
         t,
@@ -232,7 +293,7 @@ def _replayed(
     )
     row = reference.replayed(
         log,
-        phases,
+        case.segments,
         ref,
         estimate,
         name=spec.name + suffix,
@@ -275,15 +336,15 @@ def _failed(name: str, error: AttlogError) -> EstimatorRow:
     return EstimatorRow(name, "replay", name, None, {}, {}, {}, None, "failed", str(error))
 
 
-def _windows(config: Config, phases: Segments) -> list[str]:
+def _windows(config: Config, phases: Segments) -> tuple[str, ...]:
     """The standard windows and the one asked for. UsageError for an unknown one."""
     if config.window is None or config.window in WINDOWS:
-        return list(WINDOWS)
+        return WINDOWS
     try:
         phases.spans(config.window)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    return [*WINDOWS, config.window]
+    return (*WINDOWS, config.window)
 
 
 def _why_no_imu(log: FlightLog) -> str:

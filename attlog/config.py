@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -54,6 +55,13 @@ class Config(BaseModel):
         if value in ("auto", "truth", "onboard", "none") or value.startswith("onboard:"):
             return value
         raise ValueError("use auto, truth, onboard, onboard:NAME (such as onboard:AHR2) or none")
+
+    @classmethod
+    def of(cls, config: Config | Mapping[str, Any] | None) -> Config:
+        """A configuration from itself, a mapping with the same names, or None for the defaults. UsageError as below."""
+        if isinstance(config, Config):
+            return config
+        return cls.build(dict(config or {}), origin="config")
 
     @classmethod
     def build(cls, values: dict[str, Any], origin: str = "options") -> Config:

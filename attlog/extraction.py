@@ -120,10 +120,9 @@ def streams(log: FlightLog) -> Iterator[Extract]:
 
 def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
     """The attitudes of re-run estimators at IMU rate, one table per row specification."""
-    from attlog.analysis import run_rows
-    from attlog.config import Config
+    from attlog.analysis import prepare, run_rows
 
-    for row in run_rows(log, Config.build({"estimators": specs})):
+    for row in run_rows(prepare(log, {"estimators": specs}), specs):
         table = _attitude(f"estimate_{_word(row.name)}", row.t, row.q, row.name)
         if row.bias is not None:
             for k, axis in enumerate("xyz"):

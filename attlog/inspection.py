@@ -8,7 +8,7 @@ from typing import Any
 from attlog import formats, segments
 from attlog.flight import read
 from attlog.health import answerable, audit
-from attlog.result import plain
+from attlog.plain import plain
 from attlog.summary import describe
 
 

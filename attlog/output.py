@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+import secrets
 from pathlib import Path
+from typing import BinaryIO
 
 from attlog.errors import OutputError
 
@@ -12,26 +12,32 @@ from attlog.errors import OutputError
 def write_atomic(path: Path, data: str | bytes) -> None:
     """Write through a temporary file in the same folder and rename; an old file survives any failure.
 
-    OutputError says what could not be written and why.
+    The file gets the rights that any new file of the process gets there. OutputError
+    says what could not be written and why.
     """
     raw = data.encode("utf-8") if isinstance(data, str) else data
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name[:40]}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
+        file, temporary = _new_file_beside(path)
+        with file:
             file.write(raw)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
+        temporary.replace(path)
+    except BaseException as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         raise OutputError(
             f"{path}: cannot be written ({error.strerror or error}); choose another place with -o"
         ) from error
 
 
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
+def _new_file_beside(path: Path) -> tuple[BinaryIO, Path]:
+    """A file that did not exist before; the system itself applies umask and inherited rights, unlike ``mkstemp``."""
+    while True:
+        place = path.with_name(f".{path.name[:40]}.{secrets.token_hex(6)}")
+        try:
+            return place.open("xb"), place
+        except FileExistsError:
+            continue

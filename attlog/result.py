@@ -8,19 +8,19 @@ JSON file.
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from attlog.errors import LogUnreadable, UsageError
 from attlog.flight.model import Problem
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
 from attlog.metrics.trace import Trace
+from attlog.plain import NOT_IN_JSON, Misfit, plain, restored, without
 from attlog.reference.model import AlignmentStep
 from attlog.segments.model import Segment
 
@@ -42,11 +42,10 @@ __all__ = [
 ]
 """The whole contract: what stands in a result comes from here for those above it, wherever it is defined."""
 
-SCHEMA = "attlog-result/1"
+SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 2
+SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
-ANSWER_KEEPS = tuple(f.name for f in dataclasses.fields(Answer) if not f.metadata.get("json", True))
-"""Fields of an answer that are not in the JSON."""
 
 
 @dataclass(slots=True)
@@ -133,12 +132,11 @@ class Result:
     health: list[dict[str, Any]] = field(default_factory=list)
     timing: dict[str, float] = field(default_factory=dict)
     schema: str = SCHEMA
-    traces: list[Trace] = field(default_factory=list)
+    traces: list[Trace] = field(default_factory=list, metadata={NOT_IN_JSON: True})
 
     def to_dict(self, deterministic: bool = False) -> dict[str, Any]:
         """The JSON document as plain Python; ``deterministic`` drops measured times."""
-        names = [f.name for f in dataclasses.fields(self) if f.name not in ("traces", "schema")]
-        document = {"schema": self.schema} | {name: plain(getattr(self, name)) for name in names}
+        document: dict[str, Any] = {"schema": self.schema} | plain(self)
         return without(document, MEASURED_TIMES) if deterministic else document
 
     def to_json(self, path: str | Path | None = None, deterministic: bool = False) -> str:
@@ -149,6 +147,22 @@ class Result:
 
             write_atomic(Path(path), text)
         return text
+
+    @classmethod
+    def load(cls, path: str | Path) -> Result:
+        """The result that ``to_json`` wrote to ``path``, without traces: those are not in the file.
+
+        LogUnreadable if the file cannot be opened, UsageError for what is no result of
+        this schema, with the place. A file written without measured times reads back
+        with none: ``to_json(deterministic=True)`` gives its text again.
+        """
+        document = _document(Path(path))
+        try:
+            return restored(cls, document, may_lack=MEASURED_TIMES)
+        except Misfit as misfit:
+            raise UsageError(f"{path}: not a result of attlog: {misfit}") from None
+        except RecursionError:
+            raise UsageError(f"{path}: not a result of attlog: nested too deeply") from None
 
     def to_html(self, path: str | Path, **options: Any) -> None:
         """Write the self-contained report. OutputError if it cannot be written."""
@@ -167,34 +181,33 @@ class Result:
         return pandas.DataFrame.from_dict(rows, orient="index")
 
 
-def plain(value: Any) -> Any:
-    """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None.
+def _document(path: Path) -> dict[str, Any]:
+    """The JSON object in a file, of the schema that this version writes. Errors as in ``Result.load``."""
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except OSError as error:
+        raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path}: not a result of attlog: no UTF-8 text at byte {error.start}") from None
+    try:
+        document = json.loads(text, parse_constant=_no_number)
+    except json.JSONDecodeError as error:
+        cut = " (the file ends there: it was cut off)" if error.pos >= len(text.rstrip()) else ""
+        where = f"line {error.lineno}, column {error.colno}"
+        raise UsageError(f"{path}: not valid JSON: {error.msg} in {where}{cut}") from None
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{path}: not a result of attlog: {error}") from None
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if not isinstance(schema, str) or not schema.startswith(SCHEMA_NAME):
+        raise UsageError(f"{path}: not a result of attlog: it has no schema {SCHEMA_NAME}N")
+    if schema != SCHEMA:
+        number = schema.removeprefix(SCHEMA_NAME)
+        newer = number.isdecimal() and int(number) > SCHEMA_NUMBER
+        what = "a newer attlog wrote it; update attlog" if newer else "analyse the log again with this version"
+        raise UsageError(f"{path}: holds {schema[:40]} and this attlog reads {SCHEMA}: {what}")
+    found: dict[str, Any] = document
+    return found
 
-    Fields whose metadata says ``json: False`` are left out.
-    """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {
-            f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if f.metadata.get("json", True)
-        }
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [plain(v) for v in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    return str(value)
 
-
-def without(value: Any, keys: tuple[str, ...]) -> Any:
-    """The document with the named keys left out at every level."""
-    if isinstance(value, dict):
-        return {k: without(v, keys) for k, v in value.items() if k not in keys}
-    if isinstance(value, list):
-        return [without(v, keys) for v in value]
-    return value
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no number of JSON")

@@ -25,7 +25,8 @@ def normalize(q: ArrayLike) -> Array:
 
 def conjugate(q: ArrayLike) -> Array:
     """The inverse rotation of unit quaternions (..., 4)."""
-    return np.asarray(q, np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+    inverse: Array = np.asarray(q, np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
@@ -149,14 +150,15 @@ def mean(q: ArrayLike) -> Array:
 
 
 def error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
-    """e = q_est (x) conj(q_ref): the error seen in earth axes (METRICS, "Angles")."""
+    """e = q_est (x) conj(q_ref): the error seen in earth axes (``docs/metrics.md``)."""
     return multiply(q_est, conjugate(q_ref))
 
 
 def total_angle(e: ArrayLike) -> Array:
     """Total error in rad, 0 to pi: 2 atan2(|e_vec|, |e0|)."""
     e = np.asarray(e, np.float64)
-    return 2.0 * np.arctan2(np.sqrt(np.sum(e[..., 1:] ** 2, axis=-1)), np.abs(e[..., 0]))
+    angle: Array = 2.0 * np.arctan2(np.sqrt(np.sum(e[..., 1:] ** 2, axis=-1)), np.abs(e[..., 0]))
+    return angle
 
 
 def heading_angle(e: ArrayLike) -> Array:
@@ -168,7 +170,8 @@ def heading_angle(e: ArrayLike) -> Array:
 def inclination_angle(e: ArrayLike) -> Array:
     """Tilt error in rad, 0 to pi: 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
     e = np.asarray(e, np.float64)
-    return 2.0 * np.arctan2(np.hypot(e[..., 1], e[..., 2]), np.hypot(e[..., 0], e[..., 3]))
+    angle: Array = 2.0 * np.arctan2(np.hypot(e[..., 1], e[..., 2]), np.hypot(e[..., 0], e[..., 3]))
+    return angle
 
 
 def wrap(angle: ArrayLike) -> Array:

@@ -23,7 +23,9 @@ WIDTH = 100
 
 
 def command(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Flight logs: .ulg, .bin, .log, .tlog.")],
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", readable=False, help="Flight logs: .ulg, .bin, .log, .tlog.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for reports and JSON.")] = Path(
         "reports"
     ),

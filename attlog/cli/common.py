@@ -21,7 +21,10 @@ def _no_color(wanted: bool) -> None:
 
 
 Log = Annotated[
-    Path, typer.Argument(metavar="LOG", help="A flight log: .ulg, .bin, .log, .tlog (told apart by content).")
+    Path,
+    typer.Argument(
+        metavar="LOG", readable=False, help="A flight log: .ulg, .bin, .log, .tlog (told apart by content)."
+    ),
 ]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Say more; -vv shows a traceback for a bug.")]

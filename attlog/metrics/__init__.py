@@ -45,6 +45,8 @@ QUESTIONS: tuple[ModuleType, ...] = (
     noise, lag, settling, drift_rest, drift_air, wander, rmse,
     allan, convergence, recovery, hover, bias, cost, controller,
 )  # fmt: skip
+MEASURED = cost
+"""The question that is answered by running the filter again, not from the log."""
 FULL_COVERAGE_PCT = 95.0
 COMPARED = ("total_", "heading_", "inclination_", "lag_", "drift_air_")
 
@@ -54,9 +56,10 @@ def definitions() -> dict[str, Metric]:
     return {metric.name: metric for question in QUESTIONS for metric in question.METRICS}
 
 
-def compute(case: Case, row: Row, windows: Sequence[str]) -> dict[str, dict[str, Answer]]:
+def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) -> dict[str, dict[str, Answer]]:
     """Answers of one row: window -> metric id -> Answer. A metric that means nothing in a window is left out there.
 
+    ``cost=False`` leaves out what has to be measured by running the filter again.
     ``detail["coverage_pct"]`` stands beside comparisons of a row that was scored on less
     than 95 % of its time.
     """
@@ -64,7 +67,7 @@ def compute(case: Case, row: Row, windows: Sequence[str]) -> dict[str, dict[str,
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
     for window in windows:
         answers = table.setdefault(window, {})
-        for question in QUESTIONS:
+        for question in QUESTIONS if cost else [q for q in QUESTIONS if q is not MEASURED]:
             answers |= question.compute(case, row, window)
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from attlog.metrics.units import UnitValues
+from attlog.plain import NOT_IN_JSON
 
 CODES = (
     "no_rest",
@@ -53,7 +54,7 @@ class Answer:
     reason: str | None = None
     ranked: bool = True
     detail: dict[str, Any] = field(default_factory=dict)
-    units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={"json": False})
+    units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={NOT_IN_JSON: True})
 
     def __post_init__(self) -> None:
         if self.value is None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, Imu
 from attlog.reference.model import HeadingReference, Reference, Row
-from attlog.segments.model import Segments
+from attlog.segments.model import WINDOWS, Segments
 
 __all__ = ["Case", "HeadingReference", "Metric", "applies_to", "paragraph", "per_case", "per_row"]
 
@@ -36,20 +36,32 @@ class Metric:
 
 @dataclass(slots=True)
 class Case:
-    """All that metrics see of one log. ``heading_references``: headings by name for drift in the air.
+    """One log made ready for any set of filters: nothing in it but ``rows`` depends on a filter.
 
-    ``rows`` are those of one evaluation; everything else is the same for all of them.
+    ``heading_references``: headings by name for drift in the air. ``imus``: the units to
+    replay, by what their rows are called after the filter's name ("" for the only one).
+    ``windows``: those to answer for. ``settings``: the resolved configuration as plain
+    values, for the result. ``timing``: seconds by stage of making it ready. ``rows``
+    are those of one evaluation.
     """
 
     log: FlightLog
     segments: Segments
     reference: Reference
-    rows: list[Row]
+    rows: list[Row] = field(default_factory=list)
     heading_references: dict[str, HeadingReference] = field(default_factory=dict)
+    imus: dict[str, Imu] = field(default_factory=dict)
+    windows: tuple[str, ...] = WINDOWS
+    settings: dict[str, Any] = field(default_factory=dict)
+    timing: dict[str, float] = field(default_factory=dict)
     of_log: dict[Hashable, Any] = field(default_factory=dict, repr=False)
     """What functions marked :func:`per_case` have found."""
     of_row: WeakKeyDictionary[Row, dict[Hashable, Any]] = field(default_factory=WeakKeyDictionary, repr=False)
     """What functions marked :func:`per_row` have found, kept as long as the row lives."""
+
+    def looked_at_with(self, rows: list[Row]) -> Case:
+        """The same case with the rows of one evaluation; what was found of the log is shared, not computed again."""
+        return replace(self, rows=rows)
 
     def forget(self) -> None:
         """Drop what was computed, after a change to the log or to a row."""

@@ -98,7 +98,7 @@ def _build(
     log: FlightLog, imu: Imu | None, segments: Segments, options: Options,
     kind: Kind, name: str, attitude: Attitude, why: str,
 ) -> Reference:  # fmt: skip
-    which: clock.Clock = "publication" if options.clock == "publication" else "sample"
+    which = _clock(options)
     t, q, kept = clock.usable(attitude, which)
     gap_segment = _gap_segments(t, segments)
     found, sentences = resets.known(log, name, segments) if kind == "onboard" else resets.find(attitude, imu)
@@ -131,11 +131,15 @@ def _build(
     return reference
 
 
+def _clock(options: Options) -> clock.Clock:
+    return "publication" if options.clock == "publication" else "sample"
+
+
 def _without(log: FlightLog, imu: Imu | None, segments: Segments, options: Options, why: str) -> Reference:
     """No reference: only questions at rest can be answered."""
     zero = np.zeros(0)
     index = np.zeros(0, np.int64)
-    reference = Reference("none", "", zero, np.zeros((0, 4)), index, index)
+    reference = Reference("none", "", zero, np.zeros((0, 4)), index, index, clock=_clock(options))
     north = declination.step(log, options.declination)
     reference.declination_deg = north.value if isinstance(north.value, float) else None
     start = _score(reference, _imu_times(imu, zero), segments, options)

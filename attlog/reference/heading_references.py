@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
-from attlog.flight.model import Attitude, FlightLog, Gnss
+from attlog import estimators, rotation
+from attlog.errors import AttlogError
+from attlog.flight.model import Attitude, FlightLog, Gnss, Imu
 from attlog.reference import clock
 from attlog.reference.compare import interpolate
-from attlog.reference.model import HeadingReference, Reference, Row
+from attlog.reference.model import HeadingReference, Reference
 from attlog.segments import Segments, gaps, resets
 
 Array = NDArray[np.float64]
@@ -17,13 +18,13 @@ Index = NDArray[np.int64]
 
 MAG_SMOOTHING_S = 1.0
 COURSE_SPEED_M_S = 5.0
+LEVELLED_BY = "mahony"
+"""Its tilt levels the magnetometer where there is no reference, whichever filters are compared."""
 FIXED_WING = ("plane", "fixed", "wing", "glider")
 LEAST = 10
 
 
-def heading_references(
-    log: FlightLog, segments: Segments, reference: Reference, rows: list[Row]
-) -> dict[str, HeadingReference]:
+def heading_references(log: FlightLog, segments: Segments, reference: Reference) -> dict[str, HeadingReference]:
     """Headings by name: onboard, truth, mag, gnss_yaw, course, as far as the log has them.
 
     Degrees on the log's clock; pieces end at gaps and at resets of the heading reference. An
@@ -38,7 +39,7 @@ def heading_references(
             found[name] = HeadingReference(
                 name, t, np.degrees(rotation.to_euler(q)[:, 2]), segment, f"yaw of {attitude.source}"
             )
-    for heading_reference in (_magnetic(log, reference, rows), _dual_antenna(log), _course(log)):
+    for heading_reference in (_magnetic(log, reference), _dual_antenna(log), _course(log)):
         if heading_reference is not None:
             found[heading_reference.name] = heading_reference
     return found
@@ -59,8 +60,8 @@ def _attitude(
     return t, q, gaps.renumber(gaps.number(t), np.cumsum(jumped)[kept])
 
 
-def _magnetic(log: FlightLog, reference: Reference, rows: list[Row]) -> HeadingReference | None:
-    """Heading by the magnetometer, levelled with the reference's tilt (without reference: the first row's)."""
+def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
+    """Heading by the magnetometer, levelled with the reference's tilt (without reference: that of LEVELLED_BY)."""
     if log.mag is None:
         return None
     field = log.mags[log.mag].field
@@ -68,9 +69,13 @@ def _magnetic(log: FlightLog, reference: Reference, rows: list[Row]) -> HeadingR
     if reference.kind != "none":
         q, _ = interpolate(reference.t, reference.q, reference.segment, t)
         level = reference.source
-    elif rows:
-        q, _ = interpolate(rows[0].t, rows[0].q, gaps.number(rows[0].t), t)
-        level = rows[0].name
+    elif log.imu is not None:
+        try:
+            own, tilt = _tilt(log.imus[log.imu], reference.clock)
+        except AttlogError:
+            return None  # an IMU that no filter can be run on levels nothing
+        q, _ = interpolate(own, tilt, gaps.number(own), t)
+        level = LEVELLED_BY
     else:
         return None
     good = np.isfinite(q).all(axis=1) & np.any(x != 0, axis=1)
@@ -85,6 +90,13 @@ def _magnetic(log: FlightLog, reference: Reference, rows: list[Row]) -> HeadingR
     text = f"{field.source} levelled with the tilt of {level}, mean over {MAG_SMOOTHING_S:.0f} s"
     text += f", declination {north:.1f} deg" if reference.declination_deg is not None else ", magnetic north"
     return HeadingReference("mag", t, np.degrees(rotation.wrap(heading + np.radians(north))), segment, text)
+
+
+def _tilt(imu: Imu, which: clock.Clock) -> tuple[Array, Array]:
+    """Times and attitudes of an IMU alone; only their tilt means anything."""
+    t = imu.gyro.t_best if which == "sample" else imu.gyro.t
+    found = estimators.estimate(LEVELLED_BY, t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+    return found.t, found.q
 
 
 def _smooth(t: Array, heading: Array, turning: Array, segment: Index) -> Array:

@@ -23,7 +23,7 @@ def trial_of(path, names="gyro", clock="sample"):
         found = estimators.estimate(spec, imu.gyro.t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
         rows.append(reference.replayed(log, phases, ref, found, name=spec.name, estimator=spec.estimator.name))
     rows += reference.onboard_rows(log, phases, ref)
-    return metrics.Case(log, phases, ref, rows, reference.heading_references(log, phases, ref, rows))
+    return metrics.Case(log, phases, ref, rows, reference.heading_references(log, phases, ref))
 
 
 def row_of(case, name):

@@ -10,7 +10,7 @@ from attlog import metrics, rotation
 from attlog.flight.model import Imu, Stream
 from attlog.metrics import steps
 from attlog.metrics.answer import CODES
-from attlog.result import plain
+from attlog.plain import plain
 from attlog.segments.model import WINDOWS, Segment
 from tests.conftest import ROOT
 from tests.metrics import flights

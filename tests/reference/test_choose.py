@@ -102,7 +102,7 @@ def test_a_truth_that_gravity_contradicts_gives_way_to_the_onboard_attitude():
     assert reference.source == "ATT"
     assert "truth refused: SIM disagrees with gravity" in reference.steps[0].text
     assert list(reference.refused) == ["truth"]
-    assert list(heading_references(log, segments.build(log), reference, [])) == ["onboard"]
+    assert list(heading_references(log, segments.build(log), reference)) == ["onboard"]
 
 
 def test_a_truth_that_never_moves_while_the_gyro_turns_is_none():

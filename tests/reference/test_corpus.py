@@ -60,9 +60,9 @@ def test_the_declination_seen_by_truth_is_the_simulators(row):
     true = float(row["declination_true"])
     assert seen_deg(log, reference) == pytest.approx(true, abs=0.5)
     assert reference.declination_deg == pytest.approx(true, abs=2.2)
-    heading = heading_references(log, found, reference, [])["mag"].heading_deg - reference.declination_deg + true
-    heading_reference = heading_references(log, found, reference, [])["mag"]
-    truth = heading_references(log, found, reference, [])["truth"]
+    heading = heading_references(log, found, reference)["mag"].heading_deg - reference.declination_deg + true
+    heading_reference = heading_references(log, found, reference)["mag"]
+    truth = heading_references(log, found, reference)["truth"]
     at = np.interp(heading_reference.t, truth.t, np.unwrap(np.radians(truth.heading_deg)))
     off = np.degrees(np.angle(np.exp(1j * (np.radians(heading) - at))))
     assert abs(np.median(off[heading_reference.t > reference.scoring_start])) < 0.5
@@ -113,5 +113,5 @@ def test_every_log_gets_a_reference_or_a_reason(path):
     assert np.all(np.diff(reference.t) > 0)
     for row in onboard_rows(log, found, reference):
         assert row.errors is None or np.isfinite(row.errors.total).all()
-    for heading_reference in heading_references(log, found, reference, []).values():
+    for heading_reference in heading_references(log, found, reference).values():
         assert np.isfinite(heading_reference.heading_deg).all()

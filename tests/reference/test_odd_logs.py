@@ -82,5 +82,5 @@ def test_nothing_in_a_log_breaks_the_comparison(log, e):
     for row in rows:
         assert row.coverage_pct is None or 0 <= row.coverage_pct <= 100
         assert row.errors is None or np.isfinite(row.errors.heading).all()
-    for heading_reference in heading_references(log, found, reference, rows).values():
+    for heading_reference in heading_references(log, found, reference).values():
         assert np.isfinite(heading_reference.heading_deg).all()

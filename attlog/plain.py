@@ -1,0 +1,206 @@
+"""Dataclasses as plain JSON values, and back: the types of the fields are the contract, checked on the way in."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import types
+import typing
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+Build = Callable[[Any], Any]
+
+NOT_IN_JSON = "not in json"
+"""Metadata of a field that stays out of the document: ``field(metadata={NOT_IN_JSON: True})``."""
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = [f.name for f in dataclasses.fields(value) if not f.metadata.get(NOT_IN_JSON)]
+        return {name: plain(getattr(value, name)) for name in fields}
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(v) for v in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def without(value: Any, keys: tuple[str, ...]) -> Any:
+    """The document with the named keys left out at every level."""
+    if isinstance(value, dict):
+        return {k: without(v, keys) for k, v in value.items() if k not in keys}
+    if isinstance(value, list):
+        return [without(v, keys) for v in value]
+    return value
+
+
+class Misfit(ValueError):
+    """A plain value that is not what the field's type says; ``place`` names it from the top of the document."""
+
+    def __init__(self, what: str, place: str = "") -> None:
+        super().__init__(what)
+        self.what, self.place = what, place
+
+    def __str__(self) -> str:
+        return f"{self.place.lstrip('.') or 'the document'}: {self.what}"
+
+    def within(self, place: str) -> Misfit:
+        """The same misfit, seen from one level up."""
+        return Misfit(self.what, place + self.place)
+
+
+def restored(cls: type[T], value: Any, *, may_lack: tuple[str, ...] = ()) -> T:
+    """The dataclass that :func:`plain` made ``value`` of.
+
+    Misfit where a key is missing, unknown or of another type; the keys ``may_lack``
+    take their default, or None, at every level. A null for a number is NaN.
+    """
+    found: T = _dataclass(cls, may_lack)(value)
+    return found
+
+
+@functools.cache
+def _builder(hint: Any, may_lack: tuple[str, ...]) -> Build:
+    """What checks a plain value and makes it an instance of a type; made once for each type."""
+    if hint is Any:
+        return _as_it_is
+    if hint is float:
+        return _number
+    if hint in (int, str, bool):
+        return functools.partial(_exactly, hint)
+    if dataclasses.is_dataclass(hint):
+        return _dataclass(typing.cast(type, hint), may_lack)
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        others = tuple(_builder(a, may_lack) for a in args if a is not types.NoneType)
+        return functools.partial(_one_of, others, types.NoneType in args)
+    if origin is typing.Literal:
+        return functools.partial(_word, args)
+    if origin is list:
+        return functools.partial(_list, _builder(args[0], may_lack))
+    if origin is tuple:
+        return functools.partial(_tuple, tuple(_builder(a, may_lack) for a in args))
+    if origin is dict and args[0] is str:
+        return functools.partial(_dict, _builder(args[1], may_lack))
+    raise TypeError(f"{hint} is no type of a JSON document")
+
+
+@functools.cache
+def _dataclass(cls: type, may_lack: tuple[str, ...]) -> Build:
+    hints = typing.get_type_hints(cls)
+    names = [f.name for f in dataclasses.fields(cls) if not f.metadata.get(NOT_IN_JSON)]
+    builders = {name: _builder(hints[name], may_lack) for name in names}
+    has_default = {
+        f.name
+        for f in dataclasses.fields(cls)
+        if f.default is not dataclasses.MISSING or f.default_factory is not dataclasses.MISSING
+    }
+    optional = set(may_lack)
+
+    def build(value: Any) -> Any:
+        if not isinstance(value, dict):
+            raise Misfit(f"{_kind(value)} instead of an object")
+        if value.keys() - builders.keys():
+            raise Misfit("unknown key", f".{min(value.keys() - builders.keys())}")
+        found = {}
+        for name, make in builders.items():
+            if name in value:
+                try:
+                    found[name] = make(value[name])
+                except Misfit as misfit:
+                    raise misfit.within(f".{name}") from None
+            elif name not in optional:
+                raise Misfit("is missing", f".{name}")
+            elif name not in has_default:
+                found[name] = None
+        try:
+            return cls(**found)
+        except ValueError as error:
+            raise Misfit(str(error)) from None
+
+    return build
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+def _number(value: Any) -> Any:
+    if value is None:
+        return math.nan
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise Misfit(f"{_kind(value)} instead of a number")
+    return value
+
+
+def _exactly(kind: type, value: Any) -> Any:
+    if type(value) is not kind:
+        raise Misfit(f"{_kind(value)} instead of {WORDS[kind]}")
+    return value
+
+
+def _one_of(others: tuple[Build, ...], may_be_none: bool, value: Any) -> Any:
+    if value is None and may_be_none:
+        return None
+    misfits = []
+    for make in others:
+        try:
+            return make(value)
+        except Misfit as misfit:
+            misfits.append(misfit)
+    raise misfits[0] if len(misfits) == 1 else Misfit(" and ".join(m.what for m in misfits), misfits[0].place)
+
+
+def _word(words: tuple[Any, ...], value: Any) -> Any:
+    if value not in words:
+        raise Misfit(f"{value!r} instead of one of {', '.join(map(repr, words))}")
+    return value
+
+
+def _list(make: Build, value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise Misfit(f"{_kind(value)} instead of a list")
+    return [_at(make, item, f"[{k}]") for k, item in enumerate(value)]
+
+
+def _tuple(makes: tuple[Build, ...], value: Any) -> tuple[Any, ...]:
+    if not isinstance(value, list) or len(value) != len(makes):
+        raise Misfit(f"{_kind(value)} instead of a list of {len(makes)}")
+    return tuple(_at(make, item, f"[{k}]") for k, (make, item) in enumerate(zip(makes, value, strict=True)))
+
+
+def _dict(make: Build, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise Misfit(f"{_kind(value)} instead of an object")
+    return {key: _at(make, item, f".{key}") for key, item in value.items()}
+
+
+def _at(make: Build, value: Any, place: str) -> Any:
+    try:
+        return make(value)
+    except Misfit as misfit:
+        raise misfit.within(place) from None
+
+
+WORDS: dict[type, str] = {
+    type(None): "null", bool: "true or false", int: "a whole number", float: "a number", str: "a text",
+    list: "a list", dict: "an object",
+}  # fmt: skip
+
+
+def _kind(value: Any) -> str:
+    return WORDS.get(type(value), type(value).__name__)

@@ -1,0 +1,125 @@
+"""One log, two halves: what is prepared once serves any number of evaluations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog import analysis
+from attlog.errors import UsageError
+from attlog.metrics.base import Case
+from attlog.result import Answer, Result
+
+LOG = Path(__file__).parent.parent / "sample_logs" / "copter_steps_stabilize.bin"
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    return attlog.prepare(LOG)
+
+
+def answers(result: Result, name: str) -> dict[str, dict[str, Answer]]:
+    return next(row.metrics for row in result.estimators if row.name == name)
+
+
+def test_a_second_evaluation_prepares_nothing_again(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = attlog.evaluate(case, ["mahony"])
+
+    def again(*_: object, **__: object) -> None:
+        raise AssertionError("prepared again")
+
+    for module, names in (
+        (analysis, ("read", "describe", "audit")),
+        (analysis.segments, ("build",)),
+        (analysis.reference, ("choose", "heading_references", "onboard_rows")),
+    ):
+        for name in names:
+            monkeypatch.setattr(module, name, again)
+    second = attlog.evaluate(case, ["madgwick"])
+    assert [r.name for r in first.estimators][:2] == ["mahony", "onboard"]
+    assert [r.name for r in second.estimators][:2] == ["madgwick", "onboard"]
+    assert answers(first, "onboard") == answers(second, "onboard")
+    assert (first.log, first.audit, first.reference) == (second.log, second.audit, second.reference)
+
+
+def test_a_filter_gets_the_same_answers_alone_as_among_others(case: Case) -> None:
+    """But for what compares it with the others: ranking of headings, costs."""
+    alone = answers(attlog.evaluate(case, "mahony"), "mahony")
+    among = answers(attlog.evaluate(case, "madgwick,mahony,ekf12"), "mahony")
+    values = {(w, m): (a.value, a.ci95) for w, found in alone.items() for m, a in found.items()}
+    assert values == {(w, m): (a.value, a.ci95) for w, found in among.items() for m, a in found.items()}
+    assert sum(v is not None for v, _ in values.values()) > 10
+
+
+def test_two_evaluations_of_one_name_with_other_parameters_do_not_mix(case: Case, tmp_path: Path) -> None:
+    """Nothing is remembered by a row's name: a tuned file keeps its name and changes its filter."""
+    file = tmp_path / "mine.py"
+    noise = []
+    for gain in ("0.0", "5.0"):
+        file.write_text(
+            '"""Gyro with a pull towards one axis."""\nimport numpy as np\n'
+            "def start(params, acc, mag, q0):\n    return q0\n"
+            "def step(state, params, dt, gyr, acc, mag):\n"
+            "    x, y, z = 0.5 * dt * gyr\n    a, b, c, d = state[0:4]\n"
+            f"    x += 0.001 * {gain} * acc[0]\n"
+            "    state[0] -= b * x + c * y + d * z\n    state[1] += a * x + c * z - d * y\n"
+            "    state[2] += a * y - b * z + d * x\n    state[3] += a * z + b * y - c * x\n"
+        )
+        result = attlog.evaluate(case, [str(file)])
+        noise.append(answers(result, result.estimators[0].name)["all"]["total_rmse_deg"].value)
+    assert noise[0] is not None and noise[1] is not None and noise[0] != noise[1]
+
+
+def test_traces_and_costs_come_when_asked_for(case: Case) -> None:
+    bare = attlog.evaluate(case, "mahony")
+    full = attlog.evaluate(case, "mahony", traces=True, cost=True)
+    assert (bare.traces, "cost_ns" in answers(bare, "mahony")["all"]) == ([], False)
+    assert {"attitude", "difference"} <= {t.figure for t in full.traces}
+    assert answers(full, "mahony")["all"]["cost_ns"].value
+
+
+def test_analyze_is_both_halves() -> None:
+    whole, halves = attlog.analyze(LOG, {"estimators": "mahony"}), attlog.evaluate(attlog.prepare(LOG), "mahony")
+    assert whole.traces
+    assert "cost_ns" in answers(whole, "mahony")["all"]
+    for window, found in answers(halves, "mahony").items():
+        assert {m: a.value for m, a in found.items()} == {
+            m: a.value for m, a in answers(whole, "mahony")[window].items() if not m.startswith("cost")
+        }
+    assert whole.config == halves.config
+    assert list(whole.timing) == ["read", "segments", "reference", "estimators", "metrics", "audit"]
+
+
+def test_a_configuration_may_be_a_mapping() -> None:
+    settings = {"reference": "none", "window": "1:5", "imu": "all"}
+    prepared = attlog.prepare(LOG, settings)
+    assert prepared.reference.kind == "none"
+    assert "1:5" in prepared.windows
+    assert list(prepared.imus) == [f"/imu{imu.index}" for imu in prepared.log.imus]
+    assert prepared.settings == attlog.prepare(LOG, attlog.Config.build(settings)).settings
+    with pytest.raises(UsageError, match="did you mean 'window'"):
+        attlog.analyze(LOG, {"windows": "1:5"})
+
+
+def test_without_a_reference_all_evaluations_have_the_same_heading_references() -> None:
+    """The magnetometer has to be levelled by something: not by whichever filter comes first."""
+    prepared = attlog.prepare(LOG, {"reference": "none"})
+    heading = prepared.heading_references["mag"]
+    onboard = prepared.heading_references["onboard"]
+    flown = np.interp(heading.t, onboard.t, np.degrees(np.unwrap(np.radians(onboard.heading_deg))))
+    off = (heading.heading_deg - flown + 180.0) % 360.0 - 180.0
+    assert np.median(np.abs(off - np.median(off))) < 3.0
+    attlog.evaluate(prepared, ["gyro"])
+    assert prepared.heading_references["mag"] is heading
+
+
+@pytest.mark.parametrize("settings", [{"imu": 7}, {"mag": "none"}, {"boot": 3}, {"params": "x.param"}])
+def test_a_log_that_was_read_cannot_be_read_otherwise(settings: dict[str, object]) -> None:
+    log = attlog.read(LOG)
+    with pytest.raises(UsageError, match="chosen when the log is read"):
+        attlog.prepare(log, settings)
+    assert log.imu is not None
+    assert attlog.prepare(log, {"imu": log.imus[log.imu].index}).log is log

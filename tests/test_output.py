@@ -1,0 +1,75 @@
+"""Files appear whole or not at all, with the rights of any other new file."""
+
+from __future__ import annotations
+
+import os
+import stat
+import threading
+from pathlib import Path
+
+import pytest
+
+from attlog.errors import OutputError
+from attlog.output import write_atomic
+
+POSIX = pytest.mark.skipif(os.name != "posix", reason="rights as POSIX knows them")
+
+
+@POSIX
+@pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
+def test_rights_are_those_of_a_plain_open(umask: int, tmp_path: Path) -> None:
+    before = os.umask(umask)
+    try:
+        (tmp_path / "plain").write_bytes(b"")
+        write_atomic(tmp_path / "ours", b"x")
+    finally:
+        os.umask(before)
+    modes = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("plain", "ours")]
+    assert modes[0] == modes[1]
+
+
+@POSIX
+def test_umask_is_never_touched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another thread that creates a file in that moment would get the rights 0o666."""
+
+    def forbidden(_: int) -> int:
+        raise AssertionError("umask belongs to the whole process")
+
+    monkeypatch.setattr(os, "umask", forbidden)
+    write_atomic(tmp_path / "file", "text")
+    assert (tmp_path / "file").read_text() == "text"
+
+
+def test_an_old_file_survives_a_failure_and_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("old")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OutputError, match="No space left"):
+        write_atomic(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_interrupt_leaves_no_temporary_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomic(tmp_path / "report.html", "new")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_several_writers_of_one_file_leave_one_whole_file(tmp_path: Path) -> None:
+    path, contents = tmp_path / "a", [bytes([k]) * 200_000 for k in range(8)]
+    writers = [threading.Thread(target=write_atomic, args=(path, content)) for content in contents]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert path.read_bytes() in contents
+    assert list(tmp_path.iterdir()) == [path]
