@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from attlog.metrics.answer import Answer
 from attlog.present.numbers import SIGNED, number
-from attlog.present.verdicts import AIR, REST, best_heading_reference, find
+from attlog.present.verdicts import AIR, REST, quoted_heading_reference, find
 from attlog.report.table import WORDS
 from attlog.result import EstimatorRow, Result
 
@@ -38,7 +38,7 @@ def comparison_table(result: Result, window: str) -> Table:
     columns = []
     for metrics, heading, home in COLUMNS:
         if metrics[0].startswith("drift_air"):
-            metrics = (f"{metrics[0]}.{best_heading_reference(result)}",)
+            metrics = (f"{metrics[0]}.{quoted_heading_reference(result)}",)
         windows = home if window == "all" else (window,)
         cells = [_cell(result, row, metrics, windows) for row in result.estimators]
         if any(has_value for _, has_value in cells):

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from attlog.flight.model import FlightLog, Imu
 from attlog.flight.settings import how_to_log
 from attlog.health.model import Answerable, Check
+from attlog.reference.scoring import start_and_unscored
+from attlog.segments.gaps import restarts
 from attlog.segments.model import Segments
+from attlog.segments.settled import DRIFT_AFTER_START_S, settled
+from attlog.segments.spans import complement, intersect, seconds
 
 REST_S = 2.0
 """Shortest rest in which noise is measured (docs/metrics.md)."""
-DRIFT_REST_S, DRIFT_AIR_S = 20.0, 20.0
-"""Shortest record of a drift: four groups of 5 s (docs/metrics.md)."""
+DRIFT_REST_S, DRIFT_AIR_S = 8.0, 20.0
+"""Shortest record of a drift at rest after settling, and in the air (docs/metrics.md)."""
 SLOW_REFERENCE_HZ = 5.0
 STROKE_DEG, STROKE_YAW_DEG = 5.0, 10.0
 EVENTS = 3
@@ -30,7 +36,7 @@ def answerable(log: FlightLog, segments: Segments | None, checks: list[Check]) -
     if broken:
         return [Answerable(q, False, broken[0].text, "") for q in ("quiet", "late", "drifting")]
     imu = log.imus[log.imu]
-    return [quiet(log, phases), late(log, imu), drifting(log, phases)]
+    return [quiet(log, phases), late(log, imu), drifting(log, phases, imu)]
 
 
 def setting_for(log: FlightLog, what: str) -> str:
@@ -82,18 +88,27 @@ def strokes(imu: Imu) -> tuple[int, int, int]:
     return counts[0], counts[1], counts[2]
 
 
-def drifting(log: FlightLog, segments: Segments) -> Answerable:
-    """Yaw drift needs a long rest, or flight with a heading reference of the heading."""
-    rest = max((s.seconds for s in segments.of("rest")), default=0.0)
-    air = sum(s.seconds for s in segments.of("airborne"))
-    heading_references = [w for w, there in (("truth", log.truth is not None), ("onboard attitude", log.onboard is not None),
-                                    ("magnetometer", log.mag is not None),
-                                    ("GNSS yaw", any(g.yaw is not None for g in log.gnss))) if there]  # fmt: skip
-    if rest >= DRIFT_REST_S:
-        return Answerable("drifting", True, f"The longest rest has {rest:.1f} s; in the air: {air:.1f} s.")
-    if air >= DRIFT_AIR_S and heading_references:
+def drifting(log: FlightLog, segments: Segments, imu: Imu) -> Answerable:
+    """Yaw drift needs a rest that is long enough after settling, or flight with a heading reference."""
+    starts = restarts(imu.gyro.t_best)
+    usable = [settled([s], segments, starts.tolist(), DRIFT_AFTER_START_S) for s in segments.spans("rest")]
+    rest = max((seconds(spans) for spans in usable), default=0.0)
+    begin, unscored = start_and_unscored(imu.gyro.t_best, None)
+    end = min((s.t0 for s in segments.of("impact")), default=math.inf)
+    flown = intersect(segments.spans("airborne"), complement(unscored, begin, end))
+    air = seconds(flown)
+    known = (
+        ("truth", log.truth is not None), ("onboard attitude", log.onboard is not None),
+        ("magnetometer", log.mag is not None), ("GNSS yaw", any(g.yaw is not None for g in log.gnss)),
+    )  # fmt: skip
+    references = ", ".join(name for name, there in known if there)
+    if rest >= DRIFT_REST_S - 0.5:
         return Answerable(
-            "drifting", True, f"{air:.1f} s in the air against {', '.join(heading_references)}; rest: {rest:.1f} s."
+            "drifting", True, f"The longest rest has {rest:.0f} s after settling; in the air: {air:.0f} s."
         )
-    reason = f"The longest rest has {rest:.1f} s and the flight {air:.1f} s; {DRIFT_REST_S:.0f} s of either are needed."
+    if air >= DRIFT_AIR_S - 0.5 and references:
+        reason = f"{air:.0f} s in the air against {references}; rest after settling: {rest:.0f} s."
+        return Answerable("drifting", True, reason)
+    reason = f"The longest rest has {rest:.0f} s after settling, {DRIFT_REST_S:.0f} are needed; "
+    reason += f"the flight {air:.0f} s after the scoring start, {DRIFT_AIR_S:.0f} are needed."
     return Answerable("drifting", False, reason, setting_for(log, "rest"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,10 @@ HEADING_REFERENCES = {
     "gnss_yaw": "the heading of a dual-antenna GNSS receiver",
     "course": "the direction of the GNSS velocity of a plane (wind-compensated where its text says so)",
 }
+QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "course")
+"""Which heading reference is quoted: the first of these by which any replayed row has a value."""
+AGREEMENT = ("onboard", "mag")
+"""Quoted as agreement with it: it shares its sensors with the rows."""
 ABSENT = {
     "onboard": ("not_applicable", "the onboard attitude is not logged"),
     "truth": ("no_reference", "the log holds no ground truth"),
@@ -46,18 +51,27 @@ METRICS: tuple[Metric, ...] = tuple(
         "zero",
         ("airborne", name),
         paragraph(
-            f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start: 1 s block
-            means, cut at gaps and at resets of the heading reference; groups of a quarter of the record (a sixth from 120 s
-            on), each with its own offset; value = mean of the group slopes, interval = t over them. It says how the
-            row drifts away from this heading reference: a drift of the heading reference counts too."""
+            f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start, from 20 s on:
+            1 s block means, cut at gaps and at resets of the heading reference; one group for each 10 s of the
+            record, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The
+            drift is told where the interval excludes zero, else bounded by its larger end. It says how the row drifts
+            away from this heading reference: a drift of the heading reference counts too."""
         ),
     )
     for name, words in HEADING_REFERENCES.items()
 )
 
 
+def quoted(by: Mapping[str, bool]) -> str | None:
+    """The heading reference that a sentence quotes, None for none.
+
+    ``by``: name -> whether any replayed row has a value against it, whatever it ranks. With truth no other is quoted.
+    """
+    return next((name for name in QUOTED if by.get(name)), None)
+
+
 def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
-    """The row's heading minus the heading reference's in deg at the heading reference's times, and the segment of each; both (n,).
+    """The row's heading minus the reference's in deg at the reference's times, and the segment of each; both (n,).
 
     NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
     """
@@ -75,7 +89,7 @@ def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array,
 
 
 def error_blocks(case: Case, row: Row, name: str, window: str) -> drift.Blocks | None:
-    """1 s means of the heading error against a heading reference, airborne and scored; None where the heading reference is absent."""
+    """1 s means of the heading error against a heading reference, airborne and scored; None where it is absent."""
     spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
     return _error_blocks(case, row, name, spans)
 
@@ -124,7 +138,11 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
         return missing(
             "not_covered", f"there is no scored flight in common with {HEADING_REFERENCES[name]}", "deg/min", window
         )
-    answer = drift.answer(drift.slope(blocks), window, name)
+    found = drift.slope(blocks)
+    if found.value is None:
+        reason = f"flight comparable with {name}: {drift.too_short(found, drift.SHORTEST_AIR_S)}"
+        return missing("record_too_short", reason, "deg/min", window)
+    answer = drift.answer(found, window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
     if name in case.heading_references and case.heading_references[name].text:
         answer.detail["heading reference"] = case.heading_references[name].text

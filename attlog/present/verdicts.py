@@ -3,7 +3,7 @@
 Sentences are made by rule from the answers of a Result, never by hand: first the
 answer, then the number, then who is worst and by what factor, then the onboard
 attitude. What may not be ranked is never named as best, and an interval across
-zero reads "no drift that differs from zero", never "no drift".
+zero reads "no drift told, less than X", never "no drift".
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ from collections import Counter
 from dataclasses import dataclass
 
 from attlog.metrics.answer import Answer
+from attlog.metrics.drift_air import AGREEMENT, QUOTED, quoted
 from attlog.present.numbers import duration, interval, listed, quantity
 from attlog.result import EstimatorRow, Result, Verdict
 
 REST = ("rest", "rest.long", "all")
 AIR = ("airborne", "all", "armed")
-HEADING_REFERENCES = ("truth", "smoother", "onboard", "gnss_yaw", "mag", "course")
-"""The order in which a heading reference in the air is believed."""
-
 SITUATIONS = ("at rest", "in the air")
 """Where the heading may drift; reasons of the third question start with it."""
 
@@ -279,7 +277,7 @@ def bent_part(bent: list[str], of: int) -> str:
 
 
 def drifting(result: Result) -> Verdict:
-    """How fast does the heading drift: at rest against standing still, in the air against the best heading reference."""
+    """How fast does the heading drift: at rest against standing still, in the air against a heading reference."""
     rest, rest_without = split([(row, find(row, "drift_rest_deg_per_min", REST)) for row in result.estimators])
     heading_reference, air, air_without = air_drift(result)
     shown = rest if any(j.ranked for j in rest) or not air else air
@@ -308,26 +306,26 @@ def drifting(result: Result) -> Verdict:
         verdict.sentence = " ".join(said)
     elif replayed:
         where = "At rest" if shown is rest else f"In the air against {heading_reference_name(heading_reference)}"
-        verdict.sentence = f"{where}, {wander_part(replayed, where)}." + onboard_drift(shown)
+        verdict.sentence = f"{unranked_part(replayed, where)}." + onboard_drift(shown)
     elif rest_without and air_without:
         (code, at_rest), (_, in_air) = commonest(rest_without), commonest(air_without)
         verdict.sentence = f"Cannot be judged. At rest: {at_rest}{switch(result, code)}. In the air: {in_air}."
     else:
-        nothing = "neither a rest nor a flight is long enough to tell a drift from wander"
+        nothing = "neither a rest nor a flight is long enough"
         verdict.sentence = cannot(result, rest_without + air_without, nothing)
     return verdict
 
 
-def wander_part(replayed: list[Judged], where: str) -> str:
-    """Why no filter's drift can be told, and what would help."""
-    lost = [j.row.name for j in replayed if j.row.status != "ok"]
-    halves = [0.5 * (j.answer.ci95[1] - j.answer.ci95[0]) for j in replayed if j.answer.ci95 and j.row.status == "ok"]
-    if not halves:
-        return f"no filter's drift can be ranked: {lost_part(replayed)}"
-    surest = quantity(min(halves), "deg/min", signed=False)
-    says = f"no filter's drift can be told from its wander: the surest is known to ±{surest}"
-    says += f"; a longer {'rest' if where == 'At rest' else 'flight'} would narrow it"
-    return says + (f". {lost_part(replayed)}" if lost else "")
+def unranked_part(replayed: list[Judged], where: str) -> str:
+    """Why no filter's drift is compared: rests that disagree, or filters that lost their way."""
+    ranges = [
+        j.answer.detail["range"] for j in replayed if j.row.status == "ok" and not j.answer.detail.get("agree", True)
+    ]
+    if ranges:
+        low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
+        return f"{where}, the rests disagree: drifts from {quantity(low, 'deg/min')} to {quantity(high, 'deg/min')}"
+    lost = lost_part(replayed)
+    return f"{where}, no filter's drift can be ranked{f': {lost}' if lost else ''}"
 
 
 def lost_part(judged: list[Judged]) -> str:
@@ -336,22 +334,18 @@ def lost_part(judged: list[Judged]) -> str:
     return ", ".join(f"{counted(names)} {SHORT[state]}" for state, names in states.items() if names)
 
 
-def best_heading_reference(result: Result) -> str:
-    """The first heading reference of HEADING_REFERENCES by which a filter's drift in the air is ranked, else has a value."""
-    best, most = "onboard", 0
-    for heading_reference in HEADING_REFERENCES:
-        judged, _ = split(
-            [(row, find(row, f"drift_air_deg_per_min.{heading_reference}", AIR)) for row in result.estimators]
-        )
-        says = max((1 + (j.row.kind == "replay") + j.ranked for j in judged), default=0)
-        if says > most:
-            best, most = heading_reference, says
-    return best
+def quoted_heading_reference(result: Result) -> str:
+    """The heading reference that the sentence quotes: the first by which any replayed row has a value."""
+    replayed = [row for row in result.estimators if row.kind == "replay"]
+    answers = {name: [find(row, f"drift_air_deg_per_min.{name}", AIR) for row in replayed] for name in QUOTED}
+    return quoted({n: any(a is not None and a.value is not None for a in found) for n, found in answers.items()}) or (
+        "onboard"
+    )
 
 
 def air_drift(result: Result) -> tuple[str, list[Judged], list[tuple[str, str, str]]]:
-    """The best heading reference of the heading in the air, with the rows by it."""
-    heading_reference = best_heading_reference(result)
+    """The heading reference that is quoted for the air, with the rows by it."""
+    heading_reference = quoted_heading_reference(result)
     metric = f"drift_air_deg_per_min.{heading_reference}"
     judged, without = split([(row, find(row, metric, AIR)) for row in result.estimators])
     return heading_reference, judged, without
@@ -365,14 +359,14 @@ def drift_part(judged: list[Judged], where: str, brief: bool) -> str:
     drifts = [j for j in ranked if not (j.answer.ci95 and j.answer.ci95[0] <= 0 <= j.answer.ci95[1])]
     still = [j for j in ranked if j not in drifts]
     if not drifts:
-        who = f"{ranked[0].row.name} shows no" if len(ranked) == 1 else f"none of {len(ranked)} filters shows a"
-        says = f"{where}, {who} drift that differs from zero (at most {quantity(ranked[-1].value, 'deg/min')})"
+        who = f"of {ranked[0].row.name}" if len(ranked) == 1 else f"of any of {len(ranked)} filters"
+        says = f"{where}, no drift {who} is told: less than {bound(ranked)}"
     else:
         worst = drifts[-1]
         says = f"{where}, {worst.row.name} drifts {'most: ' if len(ranked) > 1 else ''}"
         says += f"{quantity(worst.value, 'deg/min')}{worst.interval}"
         if still:
-            says += f"; {some(still, len(ranked))} {'shows' if len(still) == 1 else 'show'} none that differs from zero"
+            says += f"; none told of {some(still, len(ranked))}: less than {bound(still)}"
         elif len(ranked) > 1:
             says += f"; least: {drifts[0].row.name}, {quantity(drifts[0].value, 'deg/min')}{drifts[0].interval}"
     unsure = [j.row.name for j in judged if j.row.kind == "replay" and j.row.status == "ok" and not j.ranked]
@@ -380,10 +374,16 @@ def drift_part(judged: list[Judged], where: str, brief: bool) -> str:
     if brief and unsure + lost:
         says += f"; {counted(unsure + lost)} cannot be judged"
     elif unsure:
-        says += f"; {counted(unsure)} wander{'s' if len(unsure) == 1 else ''} too much to tell a drift"
+        says += f"; {counted(unsure)} cannot be judged"
     if lost and not brief:
         says += f"; {lost_part([j for j in judged if j.row.kind == 'replay'])}"
     return says + "." + onboard_drift(judged)
+
+
+def bound(judged: list[Judged]) -> str:
+    """What the drifts of all these rows stay below: the largest end of their intervals."""
+    ends = [abs(end) for j in judged for end in (j.answer.ci95 or (j.value, j.value))]
+    return quantity(max(ends), "deg/min", signed=False)
 
 
 def onboard_drift(judged: list[Judged]) -> str:
@@ -412,14 +412,14 @@ def against_whom(result: Result) -> str:
 
 def heading_reference_name(heading_reference: str) -> str:
     """A heading reference in words."""
-    return {
+    word = {
         "truth": "the logged truth",
         "smoother": "the smoother",
-        "onboard": "onboard (agreement, not truth)",
         "gnss_yaw": "the GNSS heading",
         "mag": "the magnetometer",
         "course": "the GNSS course",
     }.get(heading_reference, heading_reference)
+    return f"{word} (agreement, not truth)" if heading_reference in AGREEMENT else word
 
 
 def upper(text: str) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from attlog.metrics.answer import Answer
 from attlog.present.numbers import interval, number, unit_sign
-from attlog.present.verdicts import AIR, REST, best_heading_reference, find
+from attlog.present.verdicts import AIR, REST, quoted_heading_reference, find
 from attlog.report.look import ordered
 from attlog.result import EstimatorRow, Result
 
@@ -104,7 +104,7 @@ class Table:
 
 def main_table(result: Result) -> Table:
     """The comparison of all rows: every column of COLUMNS in which at least one row has a value."""
-    heading_reference = best_heading_reference(result)
+    heading_reference = quoted_heading_reference(result)
     columns = [
         (f"{m}.{heading_reference}", f"{t} {BY[heading_reference]}", w) if m == DRIFT_AIR else (m, t, w)
         for m, t, w in COLUMNS
