@@ -98,7 +98,7 @@ def evaluate(
         for table_row in estimator_rows:
             if table_row.name in by_name:
                 table_row.metrics = metrics.compute(seen, by_name[table_row.name], case.windows, cost=cost)
-        best = metrics.best({r.name: r.metrics for r in estimator_rows}, rows)
+        ranking = metrics.rank({r.name: r.metrics for r in estimator_rows}, rows)
     with clock("audit"):
         checks = _checks(case)
     result = Result(
@@ -111,7 +111,9 @@ def evaluate(
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
         estimators=estimator_rows,
-        best=best,
+        best=ranking.best,
+        worst=ranking.worst,
+        ranked=ranking.ranked,
         definitions={
             name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
             for name, m in metrics.definitions().items()
@@ -301,6 +303,7 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
         parameters={k: v for k, (v, _) in resolved.items()},
         uses_mag=uses_mag,
     )
+    row.imu = imu
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
     return row, _table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)

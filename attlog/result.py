@@ -128,6 +128,11 @@ class Result:
     comparisons: list[dict[str, Any]] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
     best: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    """window -> metric -> rows that no row is told apart from as better; absent where that is everybody."""
+    worst: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    """window -> metric -> the one row that is worst; absent where nobody is."""
+    ranked: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    """window -> metric -> rows that were compared."""
     definitions: dict[str, dict[str, str]] = field(default_factory=dict)
     health: list[dict[str, Any]] = field(default_factory=list)
     timing: dict[str, float] = field(default_factory=dict)

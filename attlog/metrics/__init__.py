@@ -15,11 +15,14 @@ from attlog.metrics import (
     drift_rest,
     hover,
     lag,
+    leak,
+    level,
     noise,
     ranking,
     recovery,
     rmse,
     settling,
+    step_error,
     wander,
 )
 from attlog.metrics.answer import Answer, missing
@@ -34,21 +37,21 @@ __all__ = [
     "HeadingReference",
     "Metric",
     "Trace",
-    "best",
     "compute",
     "definitions",
     "missing",
+    "rank",
     "traces",
 ]
 
 QUESTIONS: tuple[ModuleType, ...] = (
-    noise, lag, settling, drift_rest, drift_air, wander, rmse,
+    noise, lag, step_error, leak, settling, drift_rest, drift_air, wander, rmse,
     allan, convergence, recovery, hover, bias, cost, controller,
 )  # fmt: skip
 MEASURED = cost
 """The question that is answered by running the filter again, not from the log."""
 FULL_COVERAGE_PCT = 95.0
-COMPARED = ("total_", "heading_", "inclination_", "lag_", "drift_air_")
+COMPARED = ("total_", "heading_", "inclination_", "lag_", "step_error_", "drift_air_")
 
 
 def definitions() -> dict[str, Metric]:
@@ -61,10 +64,11 @@ def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) 
 
     ``cost=False`` leaves out what has to be measured by running the filter again.
     ``detail["coverage_pct"]`` stands beside comparisons of a row that was scored on less
-    than 95 % of its time.
+    than 95 % of its time. A row that gravity does not correct is a baseline: it is ranked nowhere.
     """
     table: dict[str, dict[str, Answer]] = {}
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
+    uncorrected = level.why_not(case, row)
     for window in windows:
         answers = table.setdefault(window, {})
         for question in QUESTIONS if cost else [q for q in QUESTIONS if q is not MEASURED]:
@@ -72,9 +76,11 @@ def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) 
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):
                 answer.detail["coverage_pct"] = row.coverage_pct
+            if uncorrected and answer.ranked:
+                answer.ranked, answer.reason = False, uncorrected
     return table
 
 
-def best(table: dict[str, dict[str, dict[str, Answer]]], rows: Sequence[Row]) -> dict[str, dict[str, list[str]]]:
-    """Who leads each column: window -> metric id -> row names (row name -> window -> metric id -> Answer comes in)."""
-    return ranking.best(table, rows, definitions())
+def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:
+    """Who is best and worst in each column; values of ranked rows move to the units that all of them have."""
+    return ranking.rank(table, rows, definitions())

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.evidence import within
-from attlog.metrics.noise import rest_spans, why_no_rest
+from attlog.metrics.evidence import deviations, within
+from attlog.metrics.settled import rest_spans, why_none
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -87,20 +86,11 @@ def longest_rest(case: Case, row: Row, window: str) -> slice | None:
     return max(pieces, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
 
 
-def angles(row: Row, segment: slice) -> Array:
-    """Rotation away from the mean attitude (n, 3) in deg: about body x, about body y, about the vertical."""
-    q = row.q[segment]
-    centre = rotation.mean(q)
-    body = rotation.to_rotvec(rotation.multiply(rotation.conjugate(centre), q))
-    heading = np.unwrap(rotation.heading_angle(rotation.error(q, centre)))
-    return np.degrees(np.column_stack([body[:, :2], heading]))
-
-
 @per_row
 def of_heading(case: Case, row: Row, segment: slice) -> Deviation:
-    """The Allan deviation of the rate of a row's heading, deg/s, over a segment of its samples."""
-    step = float(row.t[segment.stop - 1] - row.t[segment.start]) / (segment.stop - segment.start - 1)
-    return deviation(angles(row, segment)[:, 2], step)
+    """The deviation of the row's heading in one segment of its samples, in deg."""
+    t = row.t[segment]
+    return deviation(deviations(row.q[segment])[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
 
 
 def random_walk(d: Deviation) -> tuple[float, float]:
@@ -118,7 +108,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {}
     segment = longest_rest(case, row, window)
     if segment is None:
-        absent = why_no_rest(case, window, rest_spans(case, row, window))
+        absent = why_none(case, "rest", window)
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     t = row.t[segment]
     length = float(t[-1] - t[0])
@@ -126,7 +116,10 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
         return {m.name: missing("rest_too_short", reason, m.unit, window) for m in METRICS}
     d = of_heading(case, row, segment)
-    found = {"allan_arw_deg_per_sqrt_h": _walk(d, length, window), "allan_bias_deg_per_h": _floor(d, length, window)}
+    found = {
+        "allan_arw_deg_per_sqrt_h": _walk(d, length, window),
+        "allan_bias_deg_per_h": floor_answer(d, length, window),
+    }
     return {name: follow.unrank_frozen(case, row, "heading", answer) for name, answer in found.items()}
 
 
@@ -144,7 +137,8 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
     )  # fmt: skip
 
 
-def _floor(d: Deviation, length: float, window: str) -> Answer:
+def floor_answer(d: Deviation, length: float, window: str) -> Answer:
+    """The bias instability by the floor of a deviation over a rest of ``length`` s, where that is long enough."""
     lowest = int(np.argmin(d.sigma))
     tau, unit = float(d.tau[lowest]), "deg/h"
     if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:

@@ -24,6 +24,7 @@ class Metric:
 
     ``name`` carries the unit (``noise_roll_deg``); ``better`` says which value is best;
     ``needs`` names what must be in the log (rest, reference, events, mag, gnss, setpoint).
+    ``decided_by`` is the metric whose comparison of rows holds for this one too.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Metric:
     better: Literal["low", "zero", "one", "high"]
     needs: tuple[str, ...]
     definition: str
+    decided_by: str = ""
 
 
 @dataclass(slots=True)

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
-from attlog.metrics.evidence import seconds
-from attlog.metrics.noise import rest_spans, why_no_rest, windows_in
+from attlog.metrics.evidence import imu_of, seconds
+from attlog.metrics.settled import rest_spans, why_none
+from attlog.metrics.windows import lay, samples
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -19,8 +20,8 @@ METRICS: tuple[Metric, ...] = (
         "gyro_bias_error_dps", "Gyro bias error", "deg/s", "low", ("rest",),
         paragraph(
             """Length of the difference between the filter's own gyro bias and the mean rate that the gyro shows at
-            rest, averaged over windows of 5 s (one window where the rest is shorter) from 5 s after the filter's
-            start. Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
+            rest, averaged over windows of 5 s (one window where the rest is shorter) once the filter has settled.
+            Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
         ),
     ),
 )  # fmt: skip
@@ -41,21 +42,23 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     if not applies_to(window, "all", "rest", "rest.long"):
         return {}
     name, unit = "gyro_bias_error_dps", "deg/s"
-    if row.kind != "replay" or row.bias is None or case.log.imu is None or not np.any(row.bias):
+    imu = imu_of(case, row)
+    if row.kind != "replay" or row.bias is None or imu is None or not np.any(row.bias):
         reason = "this row has no gyro bias estimate of the replayed gyro"
         return {name: missing("not_applicable", reason, unit, window)}
-    gyro = case.log.imus[case.log.imu].gyro
-    spans = rest_spans(case, row, window)
-    windows = windows_in(gyro.t, gyro.x, spans)
+    gyro = imu.gyro
+    segment = np.zeros(len(gyro.t), np.int64)
+    laid = [w for span in rest_spans(case, row, window) for w in lay(span, "rest")]
+    windows = [w for w in (samples(gyro.t, gyro.x, segment, w) for w in laid) if w is not None]
     errors = window_errors(gyro.t, gyro.x, row, windows)
     if len(errors) == 0:
-        return {name: missing(*why_no_rest(case, window, spans), unit, window)}
+        return {name: missing(*why_none(case, "rest", window), unit, window)}
     lengths = np.sqrt(np.sum(errors**2, axis=1))
-    reason = None if len(errors) > 1 else "one window of rest gives no interval"
+    few = None if len(errors) > 1 else "one window of rest gives no interval"
     return {
         name: Answer(
             float(np.mean(lengths)), unit, window, len(errors), seconds(gyro.t, windows), interval.of_mean(lengths),
-            f"mean over {len(errors)} windows", reason=reason, ranked=reason is None,
+            f"mean over {len(errors)} windows", reason=few, ranked=few is None,
             detail={"mean_error_dps": [float(x) for x in np.mean(errors, axis=0)]},
         )
     }  # fmt: skip

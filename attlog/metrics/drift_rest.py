@@ -9,11 +9,9 @@ from attlog import earth, rotation
 from attlog.metrics import drift, follow
 from attlog.metrics.answer import Answer, Record, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.evidence import within
-from attlog.metrics.noise import why_no_rest
-from attlog.reference import clock
+from attlog.metrics.evidence import row_segments, within
+from attlog.metrics.settled import why_none
 from attlog.reference.model import Row
-from attlog.segments import resets
 from attlog.segments.settled import DRIFT_AFTER_START_S, settled
 from attlog.segments.spans import Span, intersect
 
@@ -36,7 +34,7 @@ METRICS: tuple[Metric, ...] = (
 @per_row
 def rest_blocks(case: Case, row: Row, spans: tuple[Span, ...]) -> drift.Blocks:
     """Block means of the row's heading in deg during the usable spans of one rest, relative to its mean in each."""
-    resets_of = row_pieces(case, row)
+    resets_of = row_segments(case, row)
     t, e, label = [], [], []
     for k, segment in enumerate(s for span in spans for s in within(row.t, span, resets_of)):
         q = row.q[segment]
@@ -57,18 +55,6 @@ def rests(case: Case, row: Row, window: str) -> list[tuple[Span, tuple[Span, ...
     restarts = row.t[1:][np.diff(row.segment) != 0].tolist() if row.kind == "replay" else []
     starts = [row.start, *restarts]
     return [(s, tuple(settled([s], case.segments, starts, DRIFT_AFTER_START_S))) for s in whole]
-
-
-@per_row
-def row_pieces(case: Case, row: Row) -> NDArray[np.int64]:
-    """Segment numbers of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
-    attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
-    if attitude is None:
-        return row.segment
-    jumped = np.zeros(len(attitude.t), np.int64)
-    jumped[resets.known(case.log, row.estimator, case.segments)[0]] = 1
-    _, _, kept = clock.usable(attitude, case.reference.clock)
-    return row.segment + np.cumsum(jumped)[kept]
 
 
 def records(case: Case, row: Row, window: str) -> list[drift.Drift]:
@@ -95,7 +81,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {}
     found = records(case, row, window)
     if not found:
-        code, reason = why_no_rest(case, window, [])
+        code, reason = why_none(case, "rest", window)
         return {METRICS[0].name: missing(code, reason, "deg/min", window)}
     pooled = drift.together(found)
     pooled.records = [r for one in found for r in one.records]

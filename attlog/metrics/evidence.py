@@ -1,18 +1,23 @@
-"""Segments of samples: where a span of time meets a continuous segment of data."""
+"""What several questions need: segments of samples, and small rotations and lines within them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.segments import gaps
+from attlog import rotation
+from attlog.flight.model import Imu
+from attlog.metrics.base import Case
+from attlog.reference import clock
+from attlog.reference.model import Row
+from attlog.segments import gaps, resets
 from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
 
 
 def unbroken(t: Array, inside: NDArray[np.bool_], segment_of: NDArray[np.int64] | None = None) -> list[slice]:
-    """Index ranges of consecutive samples (n,) that are inside, cut at gaps of ``t`` and where ``segment_of`` (n,) changes."""
+    """Index ranges of consecutive samples (n,) inside, cut at gaps of ``t`` and where ``segment_of`` (n,) changes."""
     segment = gaps.number(t)
     return gaps.slices(inside, segment if segment_of is None else gaps.renumber(segment, segment_of))
 
@@ -27,3 +32,37 @@ def within(t: Array, span: Span, segment_of: NDArray[np.int64] | None = None) ->
 def seconds(t: Array, pieces: list[slice]) -> float:
     """Time covered by the segments, s."""
     return float(sum(t[s.stop - 1] - t[s.start] for s in pieces))
+
+
+def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
+    """Segments of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
+    attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
+    if attitude is None:
+        return row.segment
+    jumped = np.zeros(len(attitude.t), np.int64)
+    jumped[resets.known(case.log, row.estimator, case.segments)[0]] = 1
+    _, _, kept = clock.usable(attitude, case.reference.clock)
+    return row.segment + np.cumsum(jumped)[kept]
+
+
+def imu_of(case: Case, row: Row) -> Imu | None:
+    """The unit that a row was replayed from; of onboard rows the one that the others were. None without one."""
+    if row.imu is not None:
+        return row.imu
+    return None if case.log.imu is None else case.log.imus[case.log.imu]
+
+
+def detrended(t: Array, x: Array) -> Array:
+    """``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
+    u = t - np.mean(t)
+    centred = x - np.mean(x, axis=0)
+    slope = np.tensordot(u, centred, axes=(0, 0)) / float(u @ u)
+    return np.asarray(centred - (u[:, None] * slope if x.ndim == 2 else u * slope))
+
+
+def deviations(q: Array) -> Array:
+    """Small rotations (n, 3) in deg away from the mean attitude: about body x, body y and the vertical."""
+    centre = rotation.mean(q)
+    body = rotation.to_rotvec(rotation.multiply(rotation.conjugate(centre), q))
+    heading = np.unwrap(rotation.heading_angle(rotation.error(q, centre)))
+    return np.degrees(np.column_stack([body[:, :2], heading]))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import lag, probe, steps
+from attlog.metrics import probe, step_evidence, step_solution, steps
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Case, per_row
 from attlog.reference.model import Row
@@ -78,9 +78,9 @@ def verdict(case: Case, row: Row, axis: str) -> Verdict:
 
 def _gains(case: Case, row: Row, axis: int) -> Iterator[tuple[float, str]]:
     """The gains that are known of a row about one axis, the best evidence first."""
-    step = lag.fits(case, row, "all").get(steps.AXES[axis])
-    if step is not None and step.events >= lag.MIN_EVENTS:
-        yield step.gain, f"in {step.events} steps"
+    step = step_evidence.fits(case, row, "all").get(steps.AXES[axis])
+    if step is not None and len(step.events) >= step_solution.MIN_EVENTS:
+        yield step.plain_gain, f"in {len(step.events)} steps"
     regression = _regression(case, row)
     if np.isfinite(regression[axis]):
         yield float(regression[axis]), "by regression on the reference's rate"

@@ -12,7 +12,7 @@ from attlog import rotation
 from attlog.metrics import follow, interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.evidence import seconds, within
+from attlog.metrics.evidence import detrended, seconds, within
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
 
@@ -39,10 +39,10 @@ METRICS: tuple[Metric, ...] = (
 def band_power(x: Array, step: float) -> float:
     """Power of a signal (n,), sampled every ``step`` s, between 0.5 and 5 Hz; straight line removed, Hann window."""
     n = len(x)
-    u = np.arange(n) - 0.5 * (n - 1)
-    x = x - np.mean(x) - u * float(u @ x) / float(u @ u)
     taper = np.hanning(n)
-    power = np.abs(np.fft.rfft(x * taper)) ** 2 * 2.0 / (n * float(np.sum(taper**2)))
+    power = (
+        np.abs(np.fft.rfft(detrended(np.arange(n, dtype=float), x) * taper)) ** 2 * 2.0 / (n * float(np.sum(taper**2)))
+    )
     frequency = np.fft.rfftfreq(n, step)
     return float(np.sum(power[(frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])]))
 

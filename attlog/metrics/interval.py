@@ -49,6 +49,19 @@ def of_sigma_log(sigma: float, variances: ArrayLike) -> Interval | None:
     return sigma * math.exp(-half), sigma * math.exp(half)
 
 
+def of_median(values: ArrayLike) -> Interval | None:
+    """Interval of the median of independent values (k,) from order statistics; None for fewer than six.
+
+    The r-th smallest and r-th largest value, r the largest rank whose binomial coverage is at least 95 %.
+    """
+    x = np.sort(np.asarray(values, np.float64))
+    k, outside, rank = len(x), 0.0, 0
+    while rank < k // 2 and 2.0 * (outside + math.comb(k, rank) * 0.5**k) <= 0.05:
+        outside += math.comb(k, rank) * 0.5**k
+        rank += 1
+    return (float(x[rank - 1]), float(x[k - rank])) if rank else None
+
+
 def equal_groups(n: int, count: int) -> list[slice]:
     """``count`` consecutive slices of ``n`` samples, sizes equal to one sample."""
     edges = np.linspace(0, n, count + 1).round().astype(int)

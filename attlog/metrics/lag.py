@@ -1,43 +1,46 @@
-"""How late is a row in quick movements? Lag, step gain and distortion, judged or called bent."""
+"""How late is a row in quick movements? Lag with its interval, step gain and distortion."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
-from attlog.metrics import angle_fit, steps
-from attlog.metrics.angle_fit import Fit
+from attlog.metrics import pure_delay, steps
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case, per_row
-from attlog.metrics.event_pairs import Track
-from attlog.metrics.rmse import why_never_airborne, why_no_errors
+from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.rmse import why_no_errors
+from attlog.metrics.step_evidence import Evidence, evidence, why_no_events
+from attlog.metrics.step_solution import MIN_EVENTS, Fit, Sums
+from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference.model import Row
 
 AXES = (*steps.AXES, "all")
-MIN_EVENTS = 3
-MIN_REFERENCE_HZ = 5.0
-GAIN = (0.95, 1.05)
-MAX_DISTORTION = 0.05
-MAX_RESIDUAL_DEG = 0.5
-"""METRICS 4, "When a lag may be judged": other shapes give a delay that depends on the movement, not on the filter."""
+COMMON_S, PER_SHAPE, PER_MOVED = 0.0005, 0.3, 0.15
+"""The interval of a lag beside its jackknife: clock and input delay (common to all rows of a log), a share of the
+shape error, a share of what the aiding changes."""
 
 _LAG = paragraph(
     """How late the row follows quick movements{axis}, positive = late. Each event (a stroke of at least 5 deg, yaw 10
-    deg, within 1 s after 0.3 s of quiet) is compared from 0.5 s before to 1.0 s after it; both attitudes are taken
-    relative to their own attitude at mid-step, a constant body misalignment of the log is removed, and delay, gain
-    and one offset per event are fitted by least squares over all events. Interval: jackknife over events. The known
-    delay of the logged sensors is subtracted where the reference does not share it. Judged only with gain 0.95 to
-    1.05 and distortion up to 5 % (or residual up to 0.5 deg), and not where a causal filter comes out early against
-    truth: otherwise bent."""
+    deg, within 1 s after 0.3 s of quiet) is compared from 0.5 s before its onset to 1.0 s after 90 % of the stroke.
+    The turning rates of row and reference about the event's axis are fitted over all events at once: delay, gain, a
+    constant body misalignment, one constant per event, and the turning back that accelerometer and magnetometer cause
+    (from the row's own attitude and the samples it saw), so that acceleration does not pass for an early estimate. The
+    known delay of the logged sensors is subtracted where the reference does not share it. Interval: root sum of squares
+    of the jackknife over events, 0.5 ms for clocks, 0.3 of the shape error and 0.15 of what the aiding changes. Judged
+    only with gain 0.95 to 1.05, distortion up to 15 %, aiding up to 70 % of the movement's rate (25 % for rows that
+    diverged, 15 % above 2 g), and not where a causal filter comes out early against truth: otherwise not a pure
+    delay."""
 )
 _GAIN = paragraph(
-    """The share of the movement{axis} that the row follows: k in th_est(t + lag) = c + k th_ref(t), from the same fit
-    as the lag. Interval: jackknife over events."""
+    """The share of the movement's rate{axis} that the row follows once the aiding is taken out, from the same fit as
+    the lag. Interval: jackknife over events."""
 )
 _DISTORTION = paragraph(
-    """What delay and gain do not explain{axis}: residual RMS over the RMS of the reference's excursion, from the same
-    fit as the lag. A pure delay has none, a low-pass some."""
+    """What delay, gain and aiding do not explain{axis}: RMS of the residual rate over the RMS of the reference's rate,
+    from the same fit as the lag. A pure delay has none, a low-pass some. Interval: jackknife over events."""
 )
 
 
@@ -47,48 +50,20 @@ def metric_id(kind: str, axis: str) -> str:
     return {"lag": f"lag{middle}_ms", "gain": f"step_gain{middle}", "distortion": f"distortion{middle}_pct"}[kind]
 
 
+_KINDS: tuple[tuple[str, str, str, Literal["zero", "one", "low"], str], ...] = (
+    ("lag", "Lag", "ms", "zero", _LAG),
+    ("gain", "Step gain", "1", "one", _GAIN),
+    ("distortion", "Distortion", "%", "low", _DISTORTION),
+)
 METRICS: tuple[Metric, ...] = tuple(
     Metric(
         metric_id(kind, axis), title + ("" if axis == "all" else f", {axis}"), unit, better, ("reference", "events"),
         text.format(axis=", all axes together" if axis == "all" else f" in {axis}"),
     )
-    for kind, title, unit, better, text in (
-        ("lag", "Lag", "ms", "zero", _LAG),
-        ("gain", "Step gain", "1", "one", _GAIN),
-        ("distortion", "Distortion", "%", "low", _DISTORTION),
-    )
+    for kind, title, unit, better, text in _KINDS
     for axis in AXES
 )  # fmt: skip
-
-
-def fits(case: Case, row: Row, window: str) -> dict[str, Fit]:
-    """The fits of a row over the events of a window: per axis and ``all``; shared by everything that looks at steps."""
-    events = steps.in_window(case, scored_events(case, row), window)
-    if not events:
-        return {}
-    return fits_of(case, row, events)
-
-
-@per_row
-def fits_of(case: Case, row: Row, events: list[steps.Event]) -> dict[str, Fit]:
-    """The fits of a row over these events, per axis and ``all``."""
-    return angle_fit.by_axis(Track(row.t, row.q, row.segment), reference_track(case), events)
-
-
-@per_case
-def reference_track(case: Case) -> Track:
-    """The reference as what all rows are compared with."""
-    return Track(case.reference.t, case.reference.q, case.reference.segment)
-
-
-def scored_events(case: Case, row: Row) -> list[steps.Event]:
-    """The events of the reference for which this row is scored (after a restart it settles first)."""
-    errors = row.errors
-    if errors is None or len(errors.t) == 0:
-        return []
-    events = steps.of_reference(case)
-    at = np.clip(np.searchsorted(errors.t, [e.onset for e in events]), 0, len(errors.t) - 1)
-    return [e for e, i in zip(events, at, strict=True) if errors.scored[i]]
+UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
 
 
 def input_delay(case: Case, row: Row) -> float:
@@ -97,17 +72,26 @@ def input_delay(case: Case, row: Row) -> float:
     return 0.0 if shared else case.reference.input_delay_s
 
 
-def bent(found: Fit, lag: float, earliest: float) -> str | None:
-    """Why a lag (s) may not be judged, else None; a causal filter cannot come before ``earliest`` (s)."""
-    if not GAIN[0] <= found.gain <= GAIN[1]:
-        return f"follows {100 * found.gain:.0f} % of the movement ({GAIN[0]:.2f} to {GAIN[1]:.2f} can be judged)"
-    if found.distortion > MAX_DISTORTION and found.residual_deg > MAX_RESIDUAL_DEG:
-        shape = f"{100 * found.distortion:.0f} %, {found.residual_deg:.1f} deg RMS"
-        return f"shape error {shape} (5 % or 0.5 deg can be judged)"
-    low, high = found.delay_ci95 or (found.delay, found.delay)
-    if lag + 0.5 * (high - low) < 0.0 and lag < earliest:
-        return f"comes out {-1000 * lag:.0f} ms early, which a causal filter cannot be: acceleration bends it"
-    return None
+def half_width(found: Fit, common: float = COMMON_S) -> float:
+    """Half the 95 % interval of a fitted delay, s."""
+    shape, moved = PER_SHAPE * found.shape_s, PER_MOVED * found.moved_s
+    return math.sqrt(found.half_width(0) ** 2 + common**2 + shape**2 + moved**2)
+
+
+@dataclass(frozen=True, slots=True)
+class OnEvents:
+    """The lag of a row over a choice of its events, in ms."""
+
+    sums: Sums
+    ids: Ids
+    numbers: Ids
+    input_delay: float
+
+    def __call__(self, ids: Ids) -> Summary:
+        """Lag and interval on the events with these ids."""
+        found = self.sums.fit(self.numbers[np.isin(self.ids, ids)])
+        lag, half = 1000 * (found.delay - self.input_delay), 1000 * half_width(found)
+        return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -117,83 +101,74 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     absent = why_no_errors(case, row) or why_no_events(case, row, window)
     if absent is not None:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
-    found = fits(case, row, window)
+    found = evidence(case, row, window)
     answers: dict[str, Answer] = {}
     for axis in AXES:
-        answers |= _of_axis(case, row, window, axis, found.get(axis))
+        answers |= _of_axis(case, row, window, axis, found)
     return {m.name: answers[m.name] for m in METRICS}
 
 
-def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
-    """Code and reason where a window has no events at all for a row, else None."""
-    rate = case.reference.rate
-    if rate < MIN_REFERENCE_HZ:
-        return (
-            "reference_too_slow",
-            f"the reference comes at {rate:.1f} Hz; {MIN_REFERENCE_HZ:.0f} Hz are needed for steps",
-        )
-    if not steps.in_window(case, scored_events(case, row), window):
-        where = {"all": "in this log", "airborne": "in flight"}.get(window, f"in {window}")
-        if window == "airborne" and not case.segments.spans("airborne"):
-            return "no_events", why_never_airborne(case)
-        sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
-        start = f"from {case.reference.scoring_start:.0f} s on"
-        return "no_events", f"no quick movement {where} {start}; turns of {sizes} within 1 s are needed"
-    return None
-
-
-def _of_axis(case: Case, row: Row, window: str, axis: str, found: Fit | None) -> dict[str, Answer]:
+def _of_axis(case: Case, row: Row, window: str, axis: str, seen: Evidence | None) -> dict[str, Answer]:
     names = {kind: metric_id(kind, axis) for kind in ("lag", "gain", "distortion")}
-    units = {"lag": "ms", "gain": "1", "distortion": "%"}
-    if found is None or found.events < MIN_EVENTS:
-        count = 0 if found is None else found.events
+    found = None if seen is None else seen.fits.get(axis)
+    if seen is None or found is None or len(found.events) < MIN_EVENTS:
+        count = 0 if found is None else len(found.events)
         where = "" if axis == "all" else f" in {axis}"
         reason = f"{count} quick movements{where}; at least {MIN_EVENTS} are needed"
         code = "too_few_events" if count else "no_events"
-        return {names[kind]: missing(code, reason, units[kind], window) for kind in names}
-    method = f"angle fit, {found.events} events, jackknife"
-    detail = {
-        "gain": found.gain, "distortion_pct": 100 * found.distortion, "residual_deg": found.residual_deg,
-        "shape_ms": 1000 * found.shape_s, "misalignment_deg": [float(x) for x in np.degrees(found.body)],
+        return {name: missing(code, reason, UNITS[kind], window) for kind, name in names.items()}
+    detail: dict[str, Any] = {
+        "gain": found.gain, "distortion_pct": 100 * found.distortion, "aiding_share": found.share,
+        "leak_per_s": found.leak if math.isfinite(found.leak) else None, "shape_ms": 1000 * found.shape_s,
+        "misalignment_deg": [float(v) for v in np.degrees(found.x[2:5])],
     }  # fmt: skip
 
-    def answer(value: float, unit: str, ci95: tuple[float, float] | None, factor: float) -> Answer:
-        scaled = None if ci95 is None else (factor * ci95[0], factor * ci95[1])
-        return Answer(factor * value, unit, window, found.events, found.seconds, scaled, method, detail=dict(detail))
+    def answer(value: float, kind: str, half: float) -> Answer:
+        factor = 100.0 if kind == "distortion" else 1.0
+        least = 0.0 if kind == "distortion" else -math.inf
+        ci95 = (max(factor * (value - half), least), factor * (value + half)) if math.isfinite(half) else None
+        return Answer(
+            factor * value, UNITS[kind], window, len(found.events), found.seconds, ci95,
+            f"rate fit, {len(found.events)} events, jackknife", detail=dict(detail),
+        )  # fmt: skip
 
-    distortion = answer(found.distortion, "%", found.distortion_ci95, 100.0)
-    if not GAIN[0] <= found.gain <= GAIN[1]:
-        distortion.ranked, distortion.reason = False, bent(found, 0.0, 0.0)
+    distortion = answer(found.distortion, "distortion", found.half_width(2))
+    if not pure_delay.GAIN[0] <= found.gain <= pure_delay.GAIN[1]:
+        distortion.ranked, distortion.reason = False, f"follows {100 * found.gain:.0f} % of the movement"
     return {
-        names["lag"]: _lag_answer(case, row, window, found, method, detail),
-        names["gain"]: answer(found.gain, "1", found.gain_ci95, 1.0),
+        names["lag"]: _lag_answer(case, row, window, found, seen.events, detail),
+        names["gain"]: answer(found.gain, "gain", found.half_width(1)),
         names["distortion"]: distortion,
     }
 
 
-def _lag_answer(case: Case, row: Row, window: str, found: Fit, method: str, shared: dict[str, object]) -> Answer:
+def _lag_answer(
+    case: Case, row: Row, window: str, found: Fit, events: list[steps.Event], shared: dict[str, Any]
+) -> Answer:
     delay = input_delay(case, row)
-    lag = found.delay - delay
-    half_sample = 0.5 * sample_step(case, row)
+    lag, half, half_sample = found.delay - delay, half_width(found), 0.5 * sample_step(case, row)
     detail = shared | {
         "fitted_ms": 1000 * found.delay,
         "input_delay_ms": 1000 * delay,
-        "each_ms": [1000 * float(x - delay) for x in found.each],
-        "resolution": 1000 * found.shape_s,
+        "without_aiding_ms": 1000 * (lag - found.moved_s),
+        "each_ms": [float(v) for v in 1000 * (found.each - delay)],
         "counts_as_zero_below": 1000 * half_sample,
     }
     if found.at_edge:
         reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
         return missing("lag_at_edge", reason, "ms", window, **detail)
     may_be_early = case.reference.kind == "onboard" or not row.causal
-    why = bent(found, lag, -math.inf if may_be_early else -half_sample)
+    earliest = -math.inf if may_be_early else -half_sample
+    why = pure_delay.why_not(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
     if why is not None:
         return missing("not_a_pure_delay", why, "ms", window, **detail)
-    low, high = found.delay_ci95 or (found.delay, found.delay)
-    reason = None if row.causal else "looks ahead in time: its lag is no merit"
+    unranked = None if row.causal else "looks ahead in time: its lag is no merit"
+    ids, n = ids_of([events[k].onset for k in found.events]), len(found.events)
+    pseudo = 1000 * (n * lag - (n - 1) * (found.left_out[:, 0] - delay))
     return Answer(
-        1000 * lag, "ms", window, found.events, found.seconds, (1000 * (low - delay), 1000 * (high - delay)), method,
-        reason=reason, ranked=reason is None, detail=detail,
+        1000 * lag, "ms", window, n, found.seconds, (1000 * (lag - half), 1000 * (lag + half)),
+        f"rate fit, {n} events, jackknife", reason=unranked, ranked=unranked is None, detail=detail,
+        units=UnitValues("lag_event", ids, pseudo, OnEvents(found.sums, ids, found.events, delay)),
     )  # fmt: skip
 
 

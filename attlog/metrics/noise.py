@@ -1,260 +1,212 @@
-"""How quiet is a row at rest? Standard deviation within 5 s windows, with its effective sample size."""
+"""How quiet is a row? What its filter adds within 5 s: at rest, in hover, in other flight, with motors idling."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
-from attlog.metrics import follow, interval
+from attlog.metrics import follow, injection, level, moderated, quantisation
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case, per_row
-from attlog.metrics.evidence import seconds, within
+from attlog.metrics.base import Case, Metric, paragraph, per_row
+from attlog.metrics.evidence import detrended, deviations, imu_of
+from attlog.metrics.moderated import Prior
+from attlog.metrics.settled import phase_of, why_none
+from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
+from attlog.metrics.windows import of_row
 from attlog.reference.model import Row
-from attlog.segments.spans import Span, intersect
 
 Array = NDArray[np.float64]
 
-WINDOW_S = 5.0
-"""Longer swings are wander, which the Allan deviation and the drift describe."""
-SETTLE_S = 5.0
-"""Rest counts from this long after the row's own start (METRICS 2.6)."""
-SHORTEST_S = 2.0
-MIN_SAMPLES = 8
-STEP_SAMPLES = 20_000
-"""Gyro samples of the whole log that are enough to see the step of its values."""
-AXES = ("roll", "pitch", "heading")
+AXES = ("roll", "pitch", "heading", "tilt")
+PRIORS = {"rest": Prior(0.25, 4.0), "onboard at rest": Prior(0.6, 4.0), "moving": Prior(1.0, 4.0)}
+"""Scatter of the logarithm of a window's variance, measured over logs."""
+UNSETTLED, MIN_LATER = 4.0, 3
+"""Leading windows of a rest with more than this times the median variance of all later ones (at least 3) settle."""
+SMALLEST_DEG = 1e-9
+"""A variance of exactly zero (a gyro that shows one value) has no logarithm."""
 
 _TEXT = paragraph(
-    """While the vehicle stands still with motors off (in the window idle: motors turning), in windows of 5 s (one
-    window where the rest is shorter): rotation away from the window's mean attitude, straight line removed,
-    standard deviation (n - 2), pooled over windows. Interval: chi-square with 0.7 n - 2 windows degrees of freedom,
-    n being the samples divided by 1 + 2 sum rho^2 of their autocorrelation; from 4 windows on a t interval on the
-    logarithm of the window variances. Ranked only for rows that follow motion, and only above half the step of the
-    logged values and above what the steps of the logged gyro can hide."""
+    """How much the row moves by itself within 5 s, 1 sigma. At rest: rotation away from the window's mean attitude,
+    straight line removed. In hover, cruise (other flight) and idle (motors turning on the ground): rotation away from
+    the gyro alone, integrated over the same samples, a constant offset and a constant gyro offset in body axes removed,
+    in windows in which the vehicle stays within 20 deg of its mean attitude (onboard rows 10 deg). True motion and the
+    gyro's own noise are in both and cancel, so that no reference is needed: what is left is what accelerometer and
+    magnetometer push in. Value: exp(mean ln v / 2) over windows of 5 s with variance v = sum r^2 / (N - 2), the
+    typical window; tilt: v is the mean of roll and pitch. Interval: moderated t on ln v (Smyth 2004). Left out: 10 s
+    after the filter's start, 5 s after the motors stop, leading windows of a rest with more than 4 times the later
+    variance. Ranked only for rows that follow motion and are corrected by gravity; at rest only above half the step of
+    the logged values and above what the steps of the logged gyro can hide."""
 )
 _TEXT_P2P = paragraph(
     """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
     samples of this record: shown without an interval and never ranked."""
 )
 METRICS: tuple[Metric, ...] = (
-    Metric("noise_roll_deg", "Static noise, roll", "deg", "low", ("rest",), _TEXT),
-    Metric("noise_pitch_deg", "Static noise, pitch", "deg", "low", ("rest",), _TEXT),
-    Metric("noise_heading_deg", "Static noise, heading", "deg", "low", ("rest",), _TEXT),
-    Metric("noise_p2p_deg", "Static noise, peak to peak", "deg", "low", ("rest",), _TEXT_P2P),
+    Metric("noise_tilt_deg", "Noise, roll and pitch", "deg", "low", ("rest",), _TEXT),
+    Metric("noise_roll_deg", "Noise, roll", "deg", "low", ("rest",), _TEXT),
+    Metric("noise_pitch_deg", "Noise, pitch", "deg", "low", ("rest",), _TEXT),
+    Metric("noise_heading_deg", "Noise, heading", "deg", "low", ("rest",), _TEXT),
+    Metric("noise_p2p_deg", "Noise, peak to peak", "deg", "low", ("rest",), _TEXT_P2P),
 )
 
 
-@dataclass(slots=True)
-class Noise:
-    """Pooled statistic of one signal: ``sigma`` in its unit, ``n`` effective samples, ``p2p`` the middle 99.8 %."""
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The windows of a row in one phase: they begin at ``t0`` (k,) s.
 
-    sigma: float
-    ci95: interval.Interval
-    n: float
-    windows: int
-    p2p: float
-    method: str
-
-
-def cut(t: Array, segment: slice) -> list[slice]:
-    """Windows of 5 s from the start of a segment of samples; one window where it is 2 to 5 s long."""
-    length = t[segment.stop - 1] - t[segment.start]
-    if length < SHORTEST_S - 0.1:
-        return []
-    count = int((length + 0.05) // WINDOW_S)
-    if count == 0:
-        found = [segment]
-    else:
-        edges = np.searchsorted(t[segment], t[segment.start] + WINDOW_S * np.arange(count + 1))
-        found = [slice(int(a) + segment.start, int(b) + segment.start) for a, b in pairwise(edges)]
-    return [w for w in found if w.stop - w.start >= MIN_SAMPLES]
-
-
-def windows_in(t: Array, x: Array, spans: list[Span], run: NDArray[np.int64] | None = None) -> list[slice]:
-    """Windows of a signal ``x`` (n, k) at ``t`` (n,) s within spans of time: none with a gap or a value that is NaN."""
-    windows = [w for span in spans for segment in within(t, span, run) for w in cut(t, segment)]
-    return [w for w in windows if np.isfinite(x[w]).all()]
-
-
-def detrended(t: Array, x: Array) -> Array:
-    """``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
-    u = t - np.mean(t)
-    centred = x - np.mean(x, axis=0)
-    slope = np.tensordot(u, centred, axes=(0, 0)) / float(u @ u)
-    return centred - (u[:, None] * slope if x.ndim == 2 else u * slope)
-
-
-def effective_count(residuals: list[Array]) -> float:
-    """Independent samples in windows of residuals: N / (1 + 2 sum rho_k^2).
-
-    rho is the autocorrelation pooled over the windows, up to the first lag below 0.05.
+    ``variances`` (k, 4) deg^2 about AXES, ``seconds`` together, ``p2p`` (3,) deg the middle
+    99.8 % of the residuals, ``settled_s`` how long after its start a row still settled at rest, if it did.
     """
-    total = sum(len(r) for r in residuals)
-    lags = min(len(r) for r in residuals)
-    covariance = np.zeros(lags)
-    for r in residuals:
-        size = 1 << (2 * len(r) - 1).bit_length()
-        spectrum = np.fft.rfft(r, size)
-        covariance += np.fft.irfft(spectrum.real**2 + spectrum.imag**2, size)[:lags]
-    if covariance[0] <= 0:
-        return float(total)
-    rho = covariance / covariance[0]
-    small = np.flatnonzero(rho < 0.05)
-    end = int(small[0]) if len(small) else lags
-    return total / (1.0 + 2.0 * float(np.sum(rho[1:end] ** 2)))
+
+    t0: Array
+    variances: Array
+    seconds: float
+    p2p: Array
+    settled_s: float | None
 
 
-def pooled(residuals: list[Array]) -> Noise | None:
-    """The noise of windows of detrended residuals (METRICS 3); None without windows or without any variation."""
-    if not residuals:
-        return None
-    variances = np.array([float(r @ r) / (len(r) - 2) for r in residuals])
-    variance = sum(float(r @ r) for r in residuals) / sum(len(r) - 2 for r in residuals)
-    sigma = math.sqrt(variance)
-    n = effective_count(residuals)
-    windows = len(residuals)
-    everything = np.concatenate(residuals)
-    low, high = np.quantile(everything, [0.001, 0.999])
-    by_log = interval.of_sigma_log(sigma, variances) if windows >= 4 else None
-    if by_log is not None:
-        return Noise(sigma, by_log, n, windows, float(high - low), f"{windows} windows, t interval on log variance")
-    dof = max(1.0, 0.7 * n - 2.0 * windows)
-    ci95 = interval.of_sigma_chi_square(sigma, dof)
-    return Noise(
-        sigma, ci95, n, windows, float(high - low), f"{windows} windows, chi-square with {dof:.1f} degrees of freedom"
-    )
+def variance(residual: Array) -> Array:
+    """Variances (4,) about roll, pitch, heading and (the mean of the first two) tilt of residuals (n, 3)."""
+    v = np.sum(residual**2, axis=0) / (len(residual) - 2)
+    return np.array([v[0], v[1], v[2], 0.5 * (v[0] + v[1])])
 
 
-def deviations(q: Array) -> Array:
-    """Small rotations (n, 4) in deg away from the mean attitude: about body x, y, z and about the vertical."""
-    centre = rotation.mean(q)
-    body = rotation.to_rotvec(rotation.multiply(rotation.conjugate(centre), q))
-    heading = rotation.heading_angle(rotation.error(q, centre))
-    return np.degrees(np.column_stack([body, heading]))
+def unsettled(variances: Array) -> int:
+    """How many leading windows of a rest settle: variances (k, 4), tilt or heading above 4 x the later median."""
+    for k in range(len(variances) - MIN_LATER):
+        later = np.median(variances[k + 1 :, 2:], axis=0)
+        if not (variances[k, 2:] > UNSETTLED * later).any():
+            return k
+    return max(0, len(variances) - MIN_LATER)
 
 
-def rest_spans(case: Case, row: Row, window: str) -> list[Span]:
-    """Rest (idle in the window idle) inside the window, from 5 s after the row's own start."""
-    kind = window if window in ("idle", "rest.long") else "rest"
-    spans = case.segments.spans(kind)
-    if ":" in window:
-        spans = intersect(spans, case.segments.spans(window))
-    return intersect(spans, [(row.start + SETTLE_S, math.inf)])
+def typical(ids: Ids, values: Array, prior: Prior, correction: float, wanted: Ids) -> Summary:
+    """The typical window's standard deviation and its interval from logarithms of variances (k,) on some windows.
 
-
-def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window; nothing for windows without rest by definition."""
-    if not applies_to(window, "all", "rest", "rest.long", "idle"):
-        return {}
-    spans = rest_spans(case, row, window)
-    windows, noises = measured(case, row, spans)
-    if not windows:
-        code, reason = why_no_rest(case, window, spans)
-        return {m.name: missing(code, reason, "deg", window) for m in METRICS}
-    roll, pitch, heading, yaw = noises
-    shared = {"windows": len(windows), "body_z_deg": yaw.sigma, **input_noise(case, spans)}
-    duration = seconds(row.t, windows)
-    answers = {
-        f"noise_{axis}_deg": _answer(case, row, window, axis, noise, duration, shared)
-        for axis, noise in zip(AXES, (roll, pitch, heading), strict=True)
-    }
-    wider = max(roll, pitch, key=lambda n: n.p2p)
-    answers["noise_p2p_deg"] = Answer(
-        wider.p2p,
-        "deg",
-        window,
-        max(1, round(wider.n)),
-        duration,
-        None,
-        "middle 99.8 % of the residuals",
-        reason="set by the few largest samples of this record",
-        ranked=False,
-        detail={"heading_deg": heading.p2p, "windows": len(windows)},
-    )
-    return answers
+    ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
+    """
+    chosen = values[np.isin(ids, wanted)]
+    low, high = moderated.interval(chosen, prior)
+    sigma, bottom, top = (math.sqrt(max(math.exp(x) - correction, 0.0)) for x in (float(np.mean(chosen)), low, high))
+    return Summary(sigma, (bottom, top))
 
 
 @per_row
-def measured(case: Case, row: Row, spans: list[Span]) -> tuple[list[slice], list[Noise]]:
-    """The windows of a row within spans of rest, and its noise about roll, pitch, the vertical and body z."""
-    windows = windows_in(row.t, row.q, spans, row.segment)
-    residuals = [detrended(row.t[w], deviations(row.q[w])) for w in windows]
-    found = [pooled([r[:, axis] for r in residuals]) for axis in (0, 1, 3, 2)]
-    return windows, [n for n in found if n is not None]
+def measured(case: Case, row: Row, phase: str, window: str) -> Measured | None:
+    """The windows of a row in a phase and their variances; None without a usable window."""
+    t0, variances, residuals, seconds, settled = [], [], [], 0.0, None
+    for group in of_row(case, row, phase, window):
+        found = []
+        for span, inside in group:
+            if phase == "rest":
+                residual: Array | None = detrended(row.t[inside], deviations(row.q[inside]))
+            else:
+                residual = injection.of_window(case, row, inside)
+            if residual is not None:
+                found.append((span, variance(residual), residual))
+        skip = unsettled(np.array([v for _, v, _ in found])) if phase == "rest" and len(found) > MIN_LATER else 0
+        if skip:
+            settled = found[skip][0][0] - row.start
+        for span, v, residual in found[skip:]:
+            t0.append(span[0])
+            variances.append(v)
+            residuals.append(residual)
+            seconds += span[1] - span[0]
+    if not t0:
+        return None
+    ends = np.quantile(np.concatenate(residuals), [0.001, 0.999], axis=0)
+    return Measured(np.array(t0), np.array(variances), seconds, ends[1] - ends[0], settled)
 
 
-def _answer(
-    case: Case, row: Row, window: str, axis: str, noise: Noise, duration: float, shared: dict[str, object]
-) -> Answer:
-    sigma, (low, high), reason = noise.sigma, noise.ci95, None
-    hidden = quantisation_floor_deg(case)[AXES.index(axis)] if row.kind == "replay" else 0.0
-    if math.isinf(hidden):
-        reason, hidden = "the logged gyro never changes about this axis, so its noise is not known", 0.0
-    elif sigma < hidden:
-        reason = f"below the noise of {hidden:.2g} deg that the steps of the logged gyro can hide"
-    elif sigma < 0.5 * row.step_deg:
-        reason = f"below half the step of the logged values ({row.step_deg:.3g} deg)"
-    elif row.step_deg > 0:
-        correction = row.step_deg**2 / 12.0
-        low, high = (math.sqrt(max(x**2 - correction, 0.0)) for x in (low, high))
-        sigma = math.sqrt(sigma**2 - correction)
-    answer = Answer(
-        sigma, "deg", window, max(1, round(noise.n)), duration, (low, high), noise.method, reason=reason,
-        ranked=reason is None,
-        detail=shared
-        | {"effective_samples": noise.n, "step_deg": row.step_deg, "floor_deg": max(row.step_deg / 2.0, hidden)},
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows that are not one phase of the flight."""
+    phase = phase_of(case, window)
+    if phase is None:
+        return {}
+    uncorrected = level.why_not(case, row)
+    if phase != "rest" and uncorrected:
+        reason = f"{uncorrected}, so nothing is added to the gyro and this noise is zero by definition"
+        return {m.name: missing("not_applicable", reason, "deg", window) for m in METRICS}
+    if phase != "rest" and imu_of(case, row) is None:
+        reason = "the log holds no gyro to compare with"
+        return {m.name: missing("not_applicable", reason, "deg", window) for m in METRICS}
+    found = measured(case, row, phase, window)
+    if found is None:
+        absent = why_none(case, phase, window)
+        return {m.name: missing(*absent, "deg", window) for m in METRICS}
+    answers = {f"noise_{axis}_deg": _answer(case, row, window, phase, axis, found) for axis in AXES}
+    answers["noise_p2p_deg"] = Answer(
+        float(np.max(found.p2p[:2])), "deg", window, len(found.t0), found.seconds, None,
+        "middle 99.8 % of the residuals", reason="set by the few largest samples of this record", ranked=False,
+        detail={"heading_deg": float(found.p2p[2]), "windows": len(found.t0), "phase": phase},
     )  # fmt: skip
-    return follow.unrank_frozen(case, row, axis, answer)
+    return {m.name: answers[m.name] for m in METRICS}
 
 
-@per_case
-def input_noise(case: Case, spans: list[Span]) -> dict[str, list[float]]:
-    """The same statistic of the replayed gyro (deg/s) and accelerometer (m/s^2) in the same windows, per body axis."""
-    found: dict[str, list[float]] = {}
-    if case.log.imu is None:
-        return found
-    imu = case.log.imus[case.log.imu]
-    for name, stream, factor in (("gyro_dps", imu.gyro, np.degrees(1.0)), ("acc_m_s2", imu.acc, 1.0)):
-        residuals = [detrended(stream.t[w], stream.x[w]) for w in windows_in(stream.t, stream.x, spans)]
-        if residuals:
-            weight = sum(len(r) - 2 for r in residuals)
-            sigma = np.sqrt(sum(np.sum(r**2, axis=0) for r in residuals) / weight) * factor
-            found[f"input_{name}"] = [float(s) for s in sigma]
-    return found
+def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Measured) -> Answer:
+    hidden = _hidden(case, row, axis) if phase == "rest" else 0.0
+    shown = math.isfinite(hidden)
+    step = row.step_deg if phase == "rest" else 0.0
+    prior = PRIORS["moving" if phase != "rest" else "rest" if row.kind == "replay" else "onboard at rest"]
+    smallest = max(step**2 / 12.0, SMALLEST_DEG**2)
+    values = np.log(np.maximum(found.variances[:, AXES.index(axis)], smallest))
+    ids = ids_of(found.t0)
+    whole = typical(ids, values, prior, 0.0, ids)
+    correction, reason = 0.0, None
+    if not shown:
+        reason = "the logged gyro never changes about this axis, so its noise is not known"
+    elif whole.value < hidden:
+        reason = f"below the noise of {hidden:.2g} deg that the steps of the logged gyro can hide"
+    elif whole.value < 0.5 * step:
+        reason = f"below half the step of the logged values ({step:.3g} deg)"
+    else:
+        correction = step**2 / 12.0
+    on = partial(typical, ids, values, prior, correction)
+    told = on(ids)
+    if row.kind == "onboard" and phase != "rest":
+        told = one_digit(told)
+        reason = "of another IMU path with its own delay: known to one digit"
+    detail = {
+        "windows": len(ids), "phase": phase, "step_deg": row.step_deg,
+        "floor_deg": max(0.5 * step, hidden if shown else 0.0),
+    }  # fmt: skip
+    if found.settled_s is not None:
+        detail["settled_after_s"] = found.settled_s
+    answer = Answer(
+        told.value, "deg", window, len(ids), found.seconds, told.ci95,
+        f"typical of {len(ids)} windows of 5 s, moderated t", reason=reason, ranked=reason is None, detail=detail,
+        units=UnitValues("log_variance", ids, values, on),
+    )  # fmt: skip
+    return _guarded(case, row, axis, answer)
 
 
-@per_case
-def quantisation_floor_deg(case: Case) -> list[float]:
-    """The angle noise in deg per body axis that the steps of the replayed gyro's logged values can hide.
-
-    White rate noise of half a step q may not show at all. Integrated every dt it walks at
-    random, and a random walk of length T keeps 1/15 of its last variance about its own
-    straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
-    logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
-    """
-    gyro = None if case.log.imu is None else case.log.imus[case.log.imu].gyro
-    if gyro is None or len(gyro.t) < 2:
-        return [0.0] * 3
-    some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
-    steps = [np.diff(np.unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
-    share = 0.5 * math.sqrt(float(np.median(np.diff(gyro.t))) * WINDOW_S / 15.0)
-    return [share * float(step) for step in steps]
+def _guarded(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
+    """The answer, not ranked for rows that are quiet because they stand still or because nothing corrects them."""
+    for about in ("roll", "pitch") if axis == "tilt" else (axis,):
+        follow.unrank_frozen(case, row, about, answer)
+    uncorrected = level.why_not(case, row)
+    if answer.ranked and uncorrected:
+        answer.ranked, answer.reason = False, uncorrected
+    return answer
 
 
-def why_no_rest(case: Case, window: str, spans: list[Span]) -> tuple[str, str]:
-    """Code and reason where a row has no usable rest."""
-    if window == "idle":
-        return "no_rest", "the vehicle never stood with its motors turning"
-    if not case.segments.spans("rest"):
-        return "no_rest", "the vehicle never stood still with motors off for 2 s; record 10 s before arming"
-    if window == "rest.long" and not case.segments.spans(window):
-        return "no_rest", "no rest of this log is long enough to count as long; record 10 s before arming"
-    if not spans:
-        where = f" in {window} s" if ":" in window else ""
-        return "no_rest", f"there is no rest{where} later than {SETTLE_S:.0f} s after the filter's start"
-    return "rest_too_short", f"no rest of {SHORTEST_S:.0f} s holds {MIN_SAMPLES} samples of this row without a gap"
+def _hidden(case: Case, row: Row, axis: str) -> float:
+    """What the steps of the row's logged gyro can hide about an axis, deg; the larger of roll and pitch for tilt."""
+    imu = imu_of(case, row)
+    if row.kind != "replay" or imu is None:
+        return 0.0
+    hidden = quantisation.hidden_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit is imu))
+    return max(hidden[:2]) if axis == "tilt" else hidden[AXES.index(axis)]
+
+
+def one_digit(told: Summary) -> Summary:
+    """A value and its interval to one significant digit."""
+
+    def rounded(x: float) -> float:
+        return float(f"{x:.1g}")
+
+    return Summary(rounded(told.value), None if told.ci95 is None else (rounded(told.ci95[0]), rounded(told.ci95[1])))

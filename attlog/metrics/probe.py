@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import estimators, rotation
+from attlog import rotation
 from attlog.errors import AttlogError
+from attlog.metrics import still
 from attlog.metrics.base import Case, per_row
-from attlog.metrics.evidence import within
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -33,34 +33,21 @@ def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
 def gains(case: Case, row: Row) -> Array | None:
     """How much of the pulse the row's filter shows at its end, about body x, y, z; None where it cannot be replayed.
 
-    Real filters show 1.00, accelerometer-only ones 0.2 to 0.7, a frozen one 0.
+    On the end of the log's longest rest, else on made samples. Real filters show 1.00,
+    accelerometer-only ones 0.2 to 0.7, a frozen one 0.
     """
-    rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
-    if row.kind != "replay" or rest is None or case.log.imu is None:
+    rest = still.of_log(case, row, SETTLE_S + PULSE_S, LONGEST_S) or still.made(case, row, LONGEST_S)
+    if rest is None:
         return None
-    imu = case.log.imus[case.log.imu]
-    pieces = within(imu.gyro.t, (max(rest.t0, rest.t1 - LONGEST_S), rest.t1))
-    segment = max(pieces, key=lambda p: p.stop - p.start, default=slice(0, 0))
-    t, gyro, acc = imu.gyro.t[segment], imu.gyro.x[segment], imu.acc.x[segment]
-    if len(t) < 20 or t[-1] - t[0] < SETTLE_S + PULSE_S:
-        return None
-    mag = None
-    if row.uses_mag and case.log.mag is not None:
-        field = case.log.mags[case.log.mag].field
-        near = (field.t_best >= t[0]) & (field.t_best <= t[-1])
-        mag = estimators.place(t, field.t_best[near], field.x[near])
-
-    def end(gyro: Array, acc: Array, mag: Array | None) -> Array:
-        return estimators.estimate(estimator, t, gyro, acc, mag, sampling=imu.gyro.sampling, **row.parameters).q[-1]
-
+    t, mag = rest.t, rest.mag
     try:
-        estimator = estimators.get(row.estimator)
-        still = end(gyro, acc, mag)
+        before = still.end(row, rest, rest.gyro, rest.acc, mag)
         shown = np.zeros(3)
         for axis in range(3):
-            rate, acc_turned = pulsed(t, acc, axis)
-            turned = end(gyro + rate, acc_turned, None if mag is None else pulsed(t, mag, axis)[1])
-            apart = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(still), turned)))
+            rate, acc_turned = pulsed(t, rest.acc, axis)
+            mag_turned = None if mag is None else pulsed(t, mag, axis)[1]
+            turned = still.end(row, rest, rest.gyro + rate, acc_turned, mag_turned)
+            apart = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(before), turned)))
             whole = np.degrees(np.sum(rate[1:, axis] * np.diff(t)))
             shown[axis] = apart[axis] / whole
     except AttlogError:

@@ -42,6 +42,11 @@ def student(probability: float, dof: float) -> float:
     return _invert(lambda t: 1.0 - _beta(0.5 * dof, 0.5, dof / (dof + t * t)), 1.0 - upper)
 
 
+def student_two_sided(t: float, dof: float) -> float:
+    """The probability that Student's t with ``dof`` degrees of freedom lies further from zero than ``t``."""
+    return _beta(0.5 * dof, 0.5, dof / (dof + t * t))
+
+
 def _invert(rising: Callable[[float], float], target: float) -> float:
     low, high = 0.0, 1.0
     while rising(high) < target and high < 1e12:

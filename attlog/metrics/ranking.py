@@ -1,19 +1,67 @@
-"""Who is best in a column? Nobody alone, unless the interval separates it from the next."""
+"""Who is best, who is worst in a column? One rule for the table's stars, the sentences and the bars.
+
+A family is one column in one window: all rows that may be ranked, pair by pair, on the units of
+evidence that they all have. A pair is told apart where its test stands among those of the family
+(Benjamini & Hochberg, 5 %), the shown values have the same order, and they differ by more than the
+log resolves. The best rows are those that no row is told apart from as better.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import reduce
+from itertools import combinations
 
+import numpy as np
+
+from attlog.metrics import pairs
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Metric
+from attlog.metrics.units import Ids
 from attlog.reference.model import Row
 
 Table = Mapping[str, Mapping[str, Mapping[str, Answer]]]
 """row name -> window -> metric id -> Answer"""
+Marks = dict[str, dict[str, list[str]]]
+"""window -> metric id -> row names"""
 
 MIN_COVERAGE_PCT = 50.0
-MIN_ROWS = 2
-"""A mark says better than another: one row alone gets none."""
+MIN_UNITS = 0.5
+"""Of the units of the best covered row: rows with fewer are not compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """The rows of one column that were compared, and the pairs (better, worse) that are told apart."""
+
+    rows: list[str]
+    told: list[tuple[str, str]]
+
+    @property
+    def best(self) -> list[str]:
+        """Rows that no row is told apart from as better."""
+        beaten = {worse for _, worse in self.told}
+        return [name for name in self.rows if name not in beaten]
+
+    @property
+    def worst(self) -> list[str]:
+        """The one row that is better than nobody and not among the best; else none."""
+        winners = {better for better, _ in self.told}
+        last = [name for name in self.rows if name not in winners]
+        return last if len(last) == 1 and last[0] not in self.best else []
+
+
+@dataclass(slots=True)
+class Ranking:
+    """What is marked. ``best`` leaves out columns in which everybody is (too close to rank) and rows that stand alone.
+
+    ``worst`` names one row or none; ``ranked`` all rows that were compared in a column.
+    """
+
+    best: Marks = field(default_factory=dict)
+    worst: Marks = field(default_factory=dict)
+    ranked: Marks = field(default_factory=dict)
 
 
 def may_be_best(row: Row) -> bool:
@@ -23,59 +71,127 @@ def may_be_best(row: Row) -> bool:
 
 
 def distance(answer: Answer, better: str) -> tuple[float, float, float]:
-    """(low, value, high) of how far an answer is from perfect: smaller is better whatever ``better`` says.
-
-    ``detail["counts_as_zero_below"]`` is the value that cannot be told from zero;
-    ``detail["resolution"]`` widens the interval (the shape of a lag).
-    """
+    """(low, value, high) of how far an answer is from perfect: smaller is better whatever ``better`` says."""
     value = answer.value if answer.value is not None else float("nan")
     low, high = answer.ci95 if answer.ci95 is not None else (value, value)
+    low, high = min(low, value), max(high, value)
+    if better == "low":
+        return low, value, high
     if better == "high":
-        value, low, high = -value, -high, -low
+        return -high, -value, -low
     if better == "one":
         value, low, high = value - 1.0, low - 1.0, high - 1.0
-    widen = float(answer.detail.get("resolution", 0.0))
-    low, high = min(low, value) - widen, max(high, value) + widen
-    if better in ("low", "high"):
-        return low, value, high
     near = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
-    size = abs(value)
-    if size < float(answer.detail.get("counts_as_zero_below", 0.0)):
-        size = near = 0.0
-    return near, size, max(abs(low), abs(high))
+    return near, abs(value), max(abs(low), abs(high))
 
 
-def leaders(answers: Mapping[str, Answer], better: str) -> list[str]:
-    """The rows that share the lead: the smallest distance and all whose interval meets the leader's.
+def floor(a: Answer, b: Answer) -> float:
+    """The difference below which two answers are the same, in their unit: ``detail``'s floor_deg or
+    counts_as_zero_below, the larger of both rows."""
+    keys = ("floor_deg", "counts_as_zero_below")
+    return max(float(answer.detail.get(key) or 0.0) for answer in (a, b) for key in keys)
 
-    Differences below the larger ``detail["floor_deg"]`` of the two are ties as well.
+
+def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:
+    """The rows that can be compared unit by unit, and the units that all of them have.
+
+    Rows with less than half of the units of the best covered are left out, then the least
+    covered ones until the common units are half of it.
     """
+    ids = {name: a.units.ids for name, a in answers.items() if a.units is not None}
+    most = max(map(len, ids.values()), default=0)
+    rows = [name for name in ids if len(ids[name]) >= MIN_UNITS * most and len(ids[name])]
+    while rows:
+        common: Ids = reduce(np.intersect1d, [ids[name] for name in rows])
+        if len(common) >= MIN_UNITS * most:
+            return rows, common
+        rows.remove(min(rows, key=lambda name: len(ids[name])))
+    return [], np.zeros(0, np.int64)
+
+
+def family(answers: Mapping[str, Answer], better: str) -> Family:
+    """Compare the ranked answers of a column by row; values move to the common units where rows differ."""
     ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}
-    if len(ranked) < MIN_ROWS:
-        return []
-    found = {name: distance(a, better) for name, a in ranked.items()}
-    first = min(found, key=lambda name: found[name][1:])
-    _, best, best_high = found[first]
-
-    def ties(name: str) -> bool:
-        near, size, _ = found[name]
-        floor = max(float(ranked[n].detail.get("floor_deg", 0.0)) for n in (name, first))
-        return near <= best_high or size - best < floor
-
-    return [name for name in found if ties(name)]
+    if not any(a.units is not None for a in ranked.values()):
+        return _by_intervals(ranked, better)
+    rows, common = common_units(ranked)
+    if any(len(a.units.ids) != len(common) for a in (ranked[n] for n in rows) if a.units is not None):
+        for name in rows:
+            _restrict(ranked[name], common)
+    couples = list(combinations(rows, 2))
+    p = np.array([_p(ranked[a], ranked[b], common) for a, b in couples])
+    told = [couple for couple, stands in zip(couples, pairs.told_apart(p), strict=True) if stands]
+    return Family(rows, _in_order(told, ranked, better))
 
 
-def best(table: Table, rows: Iterable[Row], metrics: Mapping[str, Metric]) -> dict[str, dict[str, list[str]]]:
-    """Window -> metric id -> names of the rows that share the lead, in the order of the rows."""
+def _p(a: Answer, b: Answer, common: Ids) -> float:
+    return 1.0 if a.units is None or b.units is None else pairs.p_value(a.units, b.units, common)
+
+
+def _restrict(answer: Answer, common: Ids) -> None:
+    """The answer on some of its units: so that what stands side by side was measured at the same time."""
+    if answer.units is None:
+        return
+    told = answer.units.on(common)
+    answer.seconds *= len(common) / len(answer.units.ids)
+    answer.value, answer.ci95, answer.n = told.value, told.ci95, len(common)
+    answer.detail["units_left_out"] = len(answer.units.ids) - len(common)
+
+
+def _by_intervals(answers: Mapping[str, Answer], better: str) -> Family:
+    """Columns without units: rows whose intervals lie apart are told apart."""
+    found = {name: distance(a, better) for name, a in answers.items()}
+    told = [(a, b) for a, b in combinations(found, 2) if found[a][2] < found[b][0] or found[b][2] < found[a][0]]
+    return Family(list(answers), _in_order(told, answers, better))
+
+
+def _in_order(
+    told: Iterable[tuple[str, str]], answers: Mapping[str, Answer], better: str, as_given: bool = False
+) -> list[tuple[str, str]]:
+    """Pairs as (better, worse) by their shown values; those within the floor are not told apart.
+
+    ``as_given`` keeps only pairs that come in as (better, worse) already.
+    """
+    found = []
+    for a, b in told:
+        apart = distance(answers[b], better)[1] - distance(answers[a], better)[1]
+        if abs(apart) <= floor(answers[a], answers[b]) or apart == 0.0 or (as_given and apart < 0.0):
+            continue
+        found.append((a, b) if apart > 0 else (b, a))
+    return found
+
+
+def rank(table: Table, rows: Iterable[Row], metrics: Mapping[str, Metric]) -> Ranking:
+    """Compare all rows in all columns: what is best, what is worst, and who was compared."""
     names = [row.name for row in rows if may_be_best(row) and row.name in table]
-    marks: dict[str, dict[str, list[str]]] = {}
+    found = Ranking()
     for window in dict.fromkeys(w for name in names for w in table[name]):
+        families: dict[str, Family] = {}
         columns = dict.fromkeys(m for name in names for m in table[name].get(window, {}))
-        for column in columns:
-            if column not in metrics:
-                continue
+        for column in sorted((c for c in columns if c in metrics), key=lambda c: bool(metrics[c].decided_by)):
+            metric = metrics[column]
             answers = {n: table[n][window][column] for n in names if column in table[n].get(window, {})}
-            lead = leaders(answers, metrics[column].better)
-            if lead:
-                marks.setdefault(window, {})[column] = lead
-    return marks
+            families[column] = _family(answers, metric, families.get(metric.decided_by))
+        for column in (c for c in columns if c in families):
+            _mark(found, window, column, families[column])
+    return found
+
+
+def _family(answers: Mapping[str, Answer], metric: Metric, deciding: Family | None) -> Family:
+    """The family of a column; where another column decides, its pairs that have the same order here."""
+    if not metric.decided_by:
+        return family(answers, metric.better)
+    ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}
+    if deciding is None:
+        return Family([], [])
+    told = [(a, b) for a, b in deciding.told if a in ranked and b in ranked]
+    return Family([n for n in deciding.rows if n in ranked], _in_order(told, ranked, metric.better, as_given=True))
+
+
+def _mark(found: Ranking, window: str, column: str, compared: Family) -> None:
+    if compared.rows:
+        found.ranked.setdefault(window, {})[column] = compared.rows
+    if len(compared.best) < len(compared.rows):
+        found.best.setdefault(window, {})[column] = compared.best
+    if compared.worst:
+        found.worst.setdefault(window, {})[column] = compared.worst

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import allan, controller, drift, drift_air, drift_rest, lag, steps
+from attlog.metrics import allan, controller, drift, drift_air, drift_rest, step_curves, step_evidence, steps
 from attlog.metrics.base import Case
-from attlog.metrics.evidence import within
-from attlog.metrics.noise import deviations, rest_spans
+from attlog.metrics.evidence import deviations, within
+from attlog.metrics.settled import rest_spans
 from attlog.metrics.trace import Trace
 from attlog.reference.model import Row
 
@@ -66,7 +66,7 @@ def rest(case: Case, row: Row) -> list[Trace]:
     for number, span in enumerate(rest_spans(case, row, "rest")):
         for segment in within(row.t, span, row.segment)[:1]:
             if np.isfinite(row.q[segment]).all():
-                columns = deviations(row.q[segment])[:, (0, 1, 3)]
+                columns = deviations(row.q[segment])
                 found.append(
                     Trace("rest", row.name, row.t[segment], _named(columns, ("roll", "pitch", "heading")), str(number))
                 )
@@ -90,21 +90,18 @@ def drifts(case: Case, row: Row) -> list[Trace]:
 
 
 def step(case: Case, row: Row) -> list[Trace]:
-    """Every event of each axis laid on its onset: estimate and reference from mid-step, sign of the stroke positive."""
-    if row.is_reference or case.reference.rate < lag.MIN_REFERENCE_HZ:
+    """Every event laid on its onset: what row, reference and set-point turned about its axis, stroke positive."""
+    if row.is_reference or case.reference.rate < step_evidence.MIN_REFERENCE_HZ:
         return []
-    found = lag.fits(case, row, "all").get("all")
-    if found is None:
-        return []
-    traces = []
-    for pair, offset in zip(found.pairs, found.offsets, strict=True):
-        event = pair.event
-        inside = (pair.t_ref >= event.begin) & (pair.t_ref <= event.end)
-        t, sign = pair.t_ref[inside], np.sign(event.delta_deg)
-        est = np.interp(t, pair.t_est, pair.est, left=np.nan, right=np.nan) - offset
-        columns = {"est": sign * est, "ref": sign * pair.ref[inside]}
-        traces.append(Trace("step", row.name, t - event.onset, columns, f"{steps.AXES[event.axis]}@{event.onset:.2f}"))
-    return traces
+    found = []
+    for curve in step_curves.curves(case, row, "all"):
+        columns = {"est": curve.row, "ref": curve.reference}
+        wanted = step_curves.setpoint(case, curve)
+        if wanted is not None:
+            columns["set"] = wanted
+        key = f"{steps.AXES[curve.event.axis]}@{curve.event.onset:.2f}"
+        found.append(Trace("step", row.name, curve.seconds, columns, key))
+    return found
 
 
 def allan_curves(case: Case, row: Row) -> list[Trace]:
@@ -114,7 +111,7 @@ def allan_curves(case: Case, row: Row) -> list[Trace]:
         return []
     step = float(row.t[segment.stop - 1] - row.t[segment.start]) / (segment.stop - segment.start - 1)
     found = []
-    for axis, angle in zip(("roll", "pitch", "heading"), allan.angles(row, segment).T, strict=True):
+    for axis, angle in zip(("roll", "pitch", "heading"), deviations(row.q[segment]).T, strict=True):
         d = allan.of_average(angle, step)
         columns = {"tau": d.tau, "deviation": d.sigma, "low": d.low, "high": d.high}
         found.append(Trace("allan", row.name, d.tau, columns, axis))

@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.model import Imu
+
 Array = NDArray[np.float64]
 
 
@@ -124,6 +126,8 @@ class Row:
     """Heading that was taken out of ``q`` (of its first segment), None where the heading is the row's own."""
     steps: list[AlignmentStep] = field(default_factory=list)
     """What was done to this row alone: trim, heading offset."""
+    imu: Imu | None = None
+    """The unit that was replayed; None for the one that the log's rows share."""
 
 
 @dataclass(slots=True)

@@ -1,13 +1,14 @@
-"""Movements for the step tests: steps, yaw turns, flips, through a second-order vehicle."""
+"""Movements for the step tests: steps, yaw turns, flips, through a second-order vehicle; a filter aided by thrust."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from attlog import rotation
-from attlog.metrics.event_pairs import Track
+from attlog.metrics.turning import Turning
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,27 @@ def motion(kind: str, seconds: float = 60.0, seed: int = 0) -> tuple[Array, Arra
     return t, rotation.from_euler(vehicle(roll, 4.0), pitch, yaw)
 
 
-def sampled(t: Array, q: Array, hz: float, delay: float = 0.0, offset: float = 0.0) -> Track:
+def sampled(t: Array, q: Array, hz: float, delay: float = 0.0, offset: float = 0.0) -> Turning:
     """The motion at ``hz``, ``delay`` s late; ``offset`` shifts the sampling instants."""
     at = np.arange(0.5, t[-1] - 0.5, 1.0 / hz) + offset
-    return Track(at, rotation.slerp(t, q, at - delay), np.zeros(len(at), np.int64))
+    return Turning(at, rotation.slerp(t, q, at - delay), np.zeros(len(at), np.int64))
+
+
+def aided(t: Array, q: Array, f: Array, kp: float, m: Array | None = None) -> Array:
+    """What a complementary filter of gain kp (1/s) makes of the exact turning and of vectors f, m (n, 3).
+
+    Written with scipy's rotations: down is pulled towards -f/|f|, heading towards the field.
+    """
+    exact = Rotation.from_quat(np.roll(q, -1, axis=1))
+    turns = (exact[:-1].inv() * exact[1:]).as_rotvec()
+    at = Rotation.from_quat(np.roll(q[0], -1))
+    out = [at.as_quat()]
+    for k in range(1, len(t)):
+        down = at.inv().apply([0.0, 0.0, 1.0])
+        correction = np.cross(-f[k] / np.linalg.norm(f[k]), down)
+        if m is not None:
+            north = at.apply(m[k])
+            correction = correction - north[1] / np.hypot(north[0], north[1]) * down
+        at = at * Rotation.from_rotvec(turns[k - 1] + kp * correction * (t[k] - t[k - 1]))
+        out.append(at.as_quat())
+    return np.roll(np.array(out), 1, axis=1)

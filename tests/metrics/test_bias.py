@@ -24,7 +24,7 @@ def test_the_error_is_the_length_of_the_difference_from_the_mean_rate_at_rest():
     assert found.value == pytest.approx(0.5, abs=0.01)
     assert found.detail["mean_error_dps"] == pytest.approx([0.3, 0.0, -0.4], abs=0.01)
     assert found.ci95[0] < found.value < found.ci95[1]
-    assert found.n == 7
+    assert found.n == 6
 
 
 def test_a_filter_without_a_bias_and_a_log_without_rest_have_none():

@@ -1,92 +1,15 @@
+import pickle
+
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from attlog import rotation
-from attlog.metrics import angle_fit, lag, steps
+from attlog.metrics import lag, pure_delay
 from attlog.segments.model import Segment
 from tests.metrics import flights
-from tests.metrics.motions import STEP_S, motion, sampled
+from tests.metrics.motions import motion, sampled
 
 DELAY = 0.0073
-
-
-def events_of(track):
-    return steps.find(track.t, track.q, track.segment)
-
-
-@pytest.mark.parametrize("misaligned_deg", [0.0, 3.5])
-@pytest.mark.parametrize(("hz", "tolerance"), [(200.0, 2e-4), (25.0, 3e-4), (10.0, 2e-3)])
-@pytest.mark.parametrize("kind", ["steps", "yaw", "flips"])
-def test_a_pure_delay_of_7_3_ms_is_measured_without_distortion(kind, hz, tolerance, misaligned_deg):
-    t, q = motion(kind, 40.0)
-    ref, est = sampled(t, q, hz, offset=0.0013), sampled(t, q, 200.0, DELAY)
-    turn = rotation.from_rotvec(np.radians(misaligned_deg) * np.array([0.6, 0.64, 0.48]))
-    est.q = rotation.multiply(est.q, turn)
-    found = angle_fit.fit(est, ref, events_of(ref))
-    assert found.events >= 8
-    assert abs(found.delay - DELAY) < tolerance
-    assert found.gain == pytest.approx(1.0, abs=0.003)
-    assert found.distortion < 0.005
-
-
-def fit_by_scipy(found):
-    """Delay (s), gain and residual RMS (deg) of the same windows by an independent least-squares fit."""
-
-    def residual(x):
-        out = []
-        for k, p in enumerate(found.pairs):
-            use = (p.t_ref >= p.event.begin) & (p.t_ref <= p.event.end)
-            out.append(np.interp(p.t_ref[use] + x[0], p.t_est, p.est) - x[2 + k] - x[1] * p.ref[use])
-        return np.concatenate(out)
-
-    free = least_squares(residual, np.concatenate([[0.01, 1.0], found.offsets]), x_scale="jac", diff_step=1e-4)
-    return free.x[0], free.x[1], np.sqrt(np.mean(free.fun**2))
-
-
-@pytest.mark.parametrize("kind", ["steps", "yaw"])
-def test_a_first_order_lag_of_50_ms_is_told_as_an_independent_fit_of_the_same_windows_tells_it(kind):
-    t, q = motion(kind, 40.0)
-    euler = np.unwrap(rotation.to_euler(q), axis=0)
-    late = rotation.from_euler(*(flights.first_order(x, STEP_S, 0.05) for x in euler.T))
-    ref, est = sampled(t, q, 25.0), sampled(t, late, 200.0)
-    found = angle_fit.fit(est, ref, events_of(ref))
-    assert 0.040 < found.delay < 0.050
-    assert 0.97 < found.gain < 1.0
-    assert 0.0 < found.distortion < 0.04
-    delay, gain, residual = fit_by_scipy(found)
-    assert found.delay == pytest.approx(delay, abs=2e-4)
-    assert found.gain == pytest.approx(gain, abs=1e-3)
-    assert found.residual_deg == pytest.approx(residual, rel=0.01)
-
-
-def noisy_delays(runs, seed=0):
-    t, q = motion("steps", 64.0)
-    ref, est = sampled(t, q, 25.0, offset=0.0013), sampled(t, q, 200.0, DELAY)
-    events = events_of(ref)[:30]
-    assert len(events) == 30
-    size = np.median([abs(e.delta_deg) for e in events])
-    rng = np.random.default_rng(seed)
-    clean, found = est.q, []
-    for _ in range(runs):
-        est.q = rotation.multiply(
-            clean, rotation.from_rotvec(np.radians(0.03 * size * rng.standard_normal((len(est.t), 3))))
-        )
-        found.append(angle_fit.fit(est, ref, events))
-    covered = [f.delay_ci95[0] <= DELAY <= f.delay_ci95[1] for f in found]
-    return np.array([f.delay for f in found]), np.mean(covered)
-
-
-def test_noise_of_3_percent_leaves_the_mean_lag_right():
-    delays, _ = noisy_delays(8)
-    assert abs(delays.mean() - DELAY) < 5e-4
-
-
-@pytest.mark.slow
-def test_the_jackknife_interval_covers_the_true_lag():
-    delays, covered = noisy_delays(100, seed=1)
-    assert abs(delays.mean() - DELAY) < 5e-4
-    assert 0.88 <= covered <= 1.0
 
 
 def step_case(est, ref, kind="truth", **fields):
@@ -95,7 +18,7 @@ def step_case(est, ref, kind="truth", **fields):
     return flights.case([row], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q), kind), row
 
 
-def test_a_filter_that_follows_half_is_bent_and_its_gain_is_told():
+def test_a_filter_that_follows_half_is_no_pure_delay_and_its_gain_is_told():
     t, q = motion("steps", 40.0)
     half = rotation.from_rotvec(0.5 * rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[0]), q)))
     case, row = step_case(sampled(t, half, 200.0), sampled(t, q, 25.0))
@@ -115,7 +38,7 @@ def test_a_frozen_filter_has_no_distortion_and_still_does_not_win_it():
     assert not answer.ranked
 
 
-def test_a_causal_filter_that_comes_out_early_against_truth_is_bent_but_not_against_onboard():
+def test_a_causal_filter_that_comes_out_early_against_truth_is_not_judged_but_is_against_onboard():
     t, q = motion("steps", 40.0)
     early, ref = sampled(t, q, 200.0, delay=-0.02), sampled(t, q, 25.0)
     assert lag.compute(*step_case(early, ref), "all")["lag_ms"].code == "not_a_pure_delay"
@@ -190,3 +113,56 @@ def test_a_refused_reference_is_not_called_missing():
     case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
     case.reference.kind, case.reference.fault = "none", "ATT never changes while the gyro turns"
     assert lag.compute(case, row, "all")["lag_ms"].reason == case.reference.fault
+
+
+def found_with(**changes):
+    case, row = step_case(sampled(*motion("steps", 30.0), 200.0, DELAY), sampled(*motion("steps", 30.0), 25.0))
+    found = lag.evidence(case, row, "all").fits["all"]
+    for name, value in changes.items():
+        setattr(found.sums if name == "heavy" else found, name, value)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("changes", "sound", "word"),
+    [
+        ({}, True, None),
+        ({"gain": 0.94}, True, "94 %"),
+        ({"distortion": 0.16}, True, "shape error 16 %"),
+        ({"share": 0.71}, True, "71 %"),
+        ({"share": 0.69}, True, None),
+        ({"share": 0.3}, False, "diverged"),
+        ({"share": 0.2, "heavy": 0.03}, True, "2 g"),
+        ({"share": 0.2, "heavy": 0.01}, True, None),
+    ],
+)
+def test_a_lag_is_judged_only_where_the_row_keeps_the_movements_shape(changes, sound, word):
+    why = pure_delay.why_not(found_with(**changes), sound=sound, half_width=0.001, lag=0.0, earliest=-0.0025)
+    assert (why is None) if word is None else (word in why)
+
+
+def test_an_early_row_needs_both_its_interval_and_half_a_sample_to_be_refused():
+    found = found_with()
+    early = {"sound": True, "lag": -0.004}
+    assert "early" in pure_delay.why_not(found, half_width=0.003, earliest=-0.0025, **early)
+    assert pure_delay.why_not(found, half_width=0.005, earliest=-0.0025, **early) is None
+    assert pure_delay.why_not(found, half_width=0.003, earliest=-0.005, **early) is None
+
+
+def test_the_interval_adds_clock_shape_and_aiding_to_the_jackknife():
+    found = found_with(shape_s=0.010, moved_s=-0.020)
+    found.left_out = np.full((5, 4), DELAY)
+    assert lag.half_width(found) == pytest.approx(np.hypot(0.0005, np.hypot(0.003, 0.003)))
+    assert lag.half_width(found, common=0.0) == pytest.approx(np.hypot(0.003, 0.003))
+
+
+def test_units_of_a_lag_are_pseudo_values_and_answer_again_on_a_choice():
+    case, row = step_case(sampled(*motion("steps", 40.0), 200.0, DELAY), sampled(*motion("steps", 40.0), 25.0))
+    told = lag.compute(case, row, "all")["lag_ms"]
+    units = pickle.loads(pickle.dumps(told.units))
+    assert units.kind == "lag_event"
+    assert np.mean(units.values) == pytest.approx(told.value, abs=0.05)
+    whole, some = units.on(units.ids), units.on(units.ids[:5])
+    assert whole.value == pytest.approx(told.value)
+    assert whole.ci95 == pytest.approx(told.ci95)
+    assert some.value == pytest.approx(1000 * DELAY, abs=0.2)

@@ -1,0 +1,182 @@
+"""How fast do accelerometer and magnetometer turn a filter? The rates that aiding of gain 1 would add to a row.
+
+In a multirotor the accelerometer reads thrust, so a filter aided by gravity turns back
+towards "level" during every quick movement. The fit of the lag takes these rates out:
+without them the turning back is read as an early estimate of another shape. They follow
+from the row's own attitude and the samples that the filter saw:
+
+    v = -f / g    d = R^T e_z    h = R m / |m|    L = |h_xy|
+    E   v x d                          gravity, vector form (Mahony, Hamel & Pflimlin 2008)
+    D   -f/|f| x d                     gravity, direction form
+    N   D / max(|D|, 0.3 deg) x 1 deg  steps of fixed size (Madgwick 2010)
+    EE  the running integral of E      second order, through a bias
+    M   -(h_y / L) d                   heading only
+    V   R^T (h_y h_z, h_z (L - h_x), -h_y L)   field, vector form
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.estimators.engine.samples import place
+from attlog.estimators.engine.vectors import GRAVITY
+from attlog.metrics.base import Case, per_case
+from attlog.metrics.turning import Stack, Turning, summed
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+NAMES = ("E", "D", "N", "EE", "M", "V")
+RIDGE = (3.0, 3.0, 10.0, 1.0, 3.0, 3.0)
+"""Gains beyond these are not believed without much evidence: 1/s, 1/s, deg/s, 1/s^2, 1/s, 1/s."""
+GRAVITY_AIDING = 4
+"""The first of NAMES, which are gravity's."""
+FIXED_STEP_DEG = 0.3
+HOLD_PERIODS = 1.5
+"""A magnetometer sample is held this long, as in the filters' own loop."""
+
+
+@dataclass(slots=True)
+class Vectors:
+    """What the accelerometer and magnetometer told a row around its events.
+
+    ``f`` (n, 3) m/s^2 and ``m`` (n, 3) (unit length, zero where there is none) act over the
+    interval that ends at each sample of the stack.
+    """
+
+    f: Array
+    m: Array
+    trapezoid: bool
+    """The row is slower than the IMU: ``f`` is the mean over the interval, for the attitudes at both its ends."""
+    north: float = 0.0
+    """Where the row sees magnetic north on average, rad: its heading is turned back by it."""
+
+
+def rates(q: Array, f: Array, m: Array) -> Array:
+    """The aiding rates (n, 3, 5) in deg/s of E, D, N, M, V for attitudes (n, 4), forces and fields (n, 3)."""
+    out = np.zeros((len(q), 3, 5))
+    rot = rotation.to_matrix(q)
+    d = rot[:, 2, :]
+    norm = np.sqrt(np.sum(f * f, axis=1))[:, None]
+    size = np.degrees(1.0)
+    out[:, :, 0] = -size / GRAVITY * np.cross(f, d)
+    out[:, :, 1] = out[:, :, 0] * np.where(norm > 0, GRAVITY / np.maximum(norm, 1e-9), 0.0)
+    angle = np.sqrt(np.sum(out[:, :, 1] ** 2, axis=1))[:, None]
+    out[:, :, 2] = out[:, :, 1] / np.maximum(angle, FIXED_STEP_DEG)
+    if m.any():
+        h = np.einsum("nij,nj->ni", rot, m)
+        level = np.sqrt(h[:, 0] ** 2 + h[:, 1] ** 2)
+        sine = np.where(level > 0, h[:, 1] / np.maximum(level, 1e-9), 0.0)
+        out[:, :, 3] = -size * sine[:, None] * d
+        earth = np.column_stack([h[:, 1] * h[:, 2], h[:, 2] * (level - h[:, 0]), -h[:, 1] * level])
+        out[:, :, 4] = size * np.einsum("nji,nj->ni", rot, earth)
+    return out
+
+
+def turned(track: Turning, stack: Stack, seen: Vectors) -> Array:
+    """The turning (n, 3, 6) in deg that each kind of aiding at gain 1 adds from an event's first sample on."""
+    k = stack.index
+    before = np.maximum(k - 1, 0)
+    dt = (track.t[k] - track.t[before])[:, None, None]
+    now = rates(rotation.turn_about_down(track.q[before], -seen.north), seen.f, seen.m)
+    if seen.trapezoid:
+        now = 0.5 * (now + rates(rotation.turn_about_down(track.q[k], -seen.north), seen.f, seen.m))
+    direct = summed(stack, now * dt)
+    out = np.zeros((len(k), 3, len(NAMES)))
+    out[:, :, :3], out[:, :, 4:] = direct[:, :, :3], direct[:, :, 3:]
+    out[:, :, 3] = summed(stack, direct[:, :, 0] * dt[:, :, 0])
+    return out
+
+
+@dataclass(slots=True)
+class Samples:
+    """An IMU and its magnetometer as the filters' loop takes them, at ``t`` (n,).
+
+    ``f`` (n, 3) specific force; ``m`` (n, 3) the last field direction, turned on with the
+    gyro for 1.5 periods of the magnetometer, then zero; ``age`` (n,) s since it was measured, 0 where it is new.
+    """
+
+    t: Array
+    f: Array
+    m: Array
+    age: Array
+    step: float
+
+
+@per_case
+def samples_of(case: Case, imu: int) -> Samples | None:
+    """What the filters saw of one unit; None for fewer than two good samples."""
+    unit = case.log.imus[imu]
+    t = unit.gyro.t_best if case.reference.clock == "sample" else unit.gyro.t
+    good = np.isfinite(t) & np.isfinite(unit.gyro.x).all(axis=1) & np.isfinite(unit.acc.x).all(axis=1)
+    good[1:] &= t[1:] > np.maximum.accumulate(np.where(good, t, -np.inf))[:-1]
+    if good.sum() < 2:
+        return None
+    t, w = t[good], unit.gyro.x[good]
+    found = Samples(t, unit.acc.x[good], np.zeros((len(t), 3)), np.zeros(len(t)), float(np.median(np.diff(t))))
+    if case.log.mag is not None:
+        field = case.log.mags[case.log.mag].field
+        mean = np.concatenate([w[:1], w[1:] if unit.gyro.sampling == "interval" else 0.5 * (w[1:] + w[:-1])])
+        _hold(found, mean, place(t, field.t_best, field.x))
+    return found
+
+
+def _hold(found: Samples, rate: Array, field: Array) -> None:
+    """Fill in the field: each sample turned back by the gyro, sample for sample, until it is too old or replaced."""
+    size = np.sqrt(np.sum(field * field, axis=1))
+    at = np.flatnonzero(np.isfinite(size) & (size > 0))
+    if len(at) < 2:
+        return
+    t, m = found.t, field[at] / size[at, None]
+    period = float(np.median(np.diff(t[at])))
+    source, ends = at, np.append(at[1:], len(t))
+    while len(at):
+        found.m[at], found.age[at] = m, t[at] - t[source]
+        more = (at + 1 < ends) & (t[np.minimum(at + 1, len(t) - 1)] - t[source] <= HOLD_PERIODS * period)
+        at, source, ends, m = at[more] + 1, source[more], ends[more], m[more]
+        m = rotation.rotate(rotation.from_rotvec(-rate[at] * (t[at] - t[at - 1])[:, None]), m)
+
+
+class Sensors:
+    """The vectors that the filter of a row saw, asked around its events."""
+
+    def __init__(self, case: Case, row: Row, track: Turning, seen: Samples) -> None:
+        self.track, self.seen = track, seen
+        self.slow = track.step > 1.5 * seen.step
+        self.trim = case.reference.trim if row.kind == "replay" else None
+        self.uses_mag = row.uses_mag and bool(seen.m.any())
+        self.bias = row.bias[np.isfinite(row.q).all(axis=1)] if row.bias is not None else None
+        self.north = self._north() if self.uses_mag else 0.0
+
+    def _north(self) -> float:
+        """Where the row sees magnetic north on average, rad."""
+        new = np.flatnonzero((self.seen.age == 0.0) & self.seen.m.any(axis=1))
+        at = np.searchsorted(self.track.t, self.seen.t[new])
+        inside = at < len(self.track.t)
+        mean = np.sum(rotation.rotate(self.track.q[at[inside]], self.seen.m[new[inside]]), axis=0)
+        return math.atan2(mean[1], mean[0])
+
+    def around(self, stack: Stack) -> Vectors:
+        """Force and field over the intervals that end at the stack's samples."""
+        t = self.track.t[stack.index]
+        near = np.clip(np.searchsorted(self.seen.t, t - 1e-6), 0, len(self.seen.t) - 1)
+        f = self._mean_force(stack) if self.slow else self.seen.f[near]
+        m = self.seen.m[near] if self.uses_mag else np.zeros_like(f)
+        if self.uses_mag and self.bias is not None:
+            m = rotation.rotate(rotation.from_rotvec(self.bias[stack.index] * self.seen.age[near, None]), m)
+        if self.trim is not None:
+            back = rotation.from_rotvec(self.trim)
+            f, m = rotation.rotate(back, f), rotation.rotate(back, m)
+        return Vectors(f, m, self.slow, self.north)
+
+    def _mean_force(self, stack: Stack) -> Array:
+        t, f = self.seen.t, self.seen.f
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(t)[:, None], axis=0)])
+        before, now = (self.track.t[np.maximum(k, 0)] for k in (stack.index - 1, stack.index))
+        ends = [np.column_stack([np.interp(at, t, total[:, j]) for j in range(3)]) for at in (before, now)]
+        return np.asarray((ends[1] - ends[0]) / np.maximum(now - before, 1e-9)[:, None])

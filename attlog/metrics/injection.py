@@ -1,0 +1,105 @@
+"""What does a filter push into its attitude, beyond what the gyro tells? Measurable in flight, without a reference.
+
+The row is compared with the gyro alone, integrated over the same samples: true motion, the
+gyro's noise, scale error and misalignment are in both and cancel. What is left is what
+accelerometer and magnetometer push in, and the filter's own gyro offset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import estimators, rotation
+from attlog.flight.model import Imu
+from attlog.metrics.base import Case, per_case
+from attlog.metrics.evidence import imu_of
+from attlog.reference import trim
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+TURN_DEG, TURN_ONBOARD_DEG = 20.0, 10.0
+"""The vehicle stays within this of its mean attitude: beyond, the scatter of the comparison grows (onboard rows:
+another IMU path, another delay)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Integrated:
+    """The gyro alone: ``t`` (n,) s, ``q`` (n, 4), ``segment`` (n,) counts restarts."""
+
+    t: Array
+    q: Array
+    segment: NDArray[np.int64]
+
+
+def gyro_alone(case: Case, row: Row) -> Integrated | None:
+    """The row ``gyro`` over the row's own unit, whether it was asked for or not; None without an IMU."""
+    imu = imu_of(case, row)
+    if imu is None:
+        return None
+    return _integrated(case, next(k for k, unit in enumerate(case.log.imus) if unit is imu))
+
+
+@per_case
+def _integrated(case: Case, index: int) -> Integrated:
+    imu: Imu = case.log.imus[index]
+    t = imu.gyro.t_best if case.reference.clock == "sample" else imu.gyro.t
+    found = estimators.estimate("gyro", t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+    q = rotation.normalize(found.q)
+    if case.reference.trim is not None:
+        q = trim.apply(q, case.reference.trim)
+    segment = np.zeros(len(found.t), np.int64) if found.segment is None else found.segment
+    return Integrated(found.t, q, segment)
+
+
+def residual(t: Array, q: Array, gyro: Integrated, turn_deg: float) -> Array | None:
+    """What a row pushes in during one window (n, 3) in deg: about the vehicle's roll and pitch axis and the vertical.
+
+    ``t`` (n,) s, ``q`` (n, 4) of the row. With ``q_g`` the gyro alone at the same times and
+    ``e = q q_g*``: the rotation vector of ``e e_mean*`` (earth axes) without its least-squares fit
+    ``a + M(t) b``, ``M`` the integral of R(q). ``a`` is an offset, ``b`` a constant difference of
+    gyro offsets *in body axes*, which a turning vehicle would otherwise show as noise. None where the
+    gyro restarts or turns more than ``turn_deg`` away from its mean.
+    """
+    i, j = np.searchsorted(gyro.t, [t[0], t[-1]], side="right") - 1
+    if i < 0 or j >= len(gyro.t) or gyro.segment[i] != gyro.segment[j]:
+        return None
+    own = slice(int(i), int(j) + 2)
+    q_g = rotation.slerp(gyro.t[own], gyro.q[own], t)
+    if not np.isfinite(q_g).all():
+        return None
+    if np.degrees(np.max(rotation.total_angle(rotation.error(q_g, rotation.mean(q_g))))) > turn_deg:
+        return None
+    e = rotation.error(q, q_g)
+    x = rotation.to_rotvec(rotation.error(e, rotation.mean(e)))
+    left = np.degrees(x - _fit(x, _turned(t, q)))
+    yaw = rotation.to_euler(rotation.mean(q))[2]
+    return np.asarray(
+        left @ np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    )
+
+
+def of_window(case: Case, row: Row, inside: slice) -> Array | None:
+    """The residual (n, 3) of a row in one window of its samples."""
+    gyro = gyro_alone(case, row)
+    limit = TURN_ONBOARD_DEG if row.kind == "onboard" else TURN_DEG
+    return None if gyro is None else residual(row.t[inside], row.q[inside], gyro, limit)
+
+
+def _turned(t: Array, q: Array) -> Array:
+    """The integral of R(q) over time (n, 3, 3), trapezoid, centred."""
+    matrices = rotation.to_matrix(q)
+    area = 0.5 * np.diff(t)[:, None, None] * (matrices[1:] + matrices[:-1])
+    found = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(area, axis=0)])
+    return np.asarray(found - np.mean(found, axis=0))
+
+
+def _fit(x: Array, turned: Array) -> Array:
+    """The least-squares fit (n, 3) of an offset and of ``turned`` (n, 3, 3, centred) times a constant vector."""
+    mean = np.mean(x, axis=0)
+    normal = np.einsum("nji,njk->ik", turned, turned)
+    slope = np.linalg.lstsq(normal, np.einsum("nji,nj->i", turned, x - mean), rcond=None)[0]
+    return np.asarray(mean + turned @ slope)

@@ -1,0 +1,181 @@
+"""The columns of the fit of a lag: turning rates about each event's axis, in row and reference, at one delay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.estimators.engine.vectors import GRAVITY
+from attlog.metrics import aiding
+from attlog.metrics.steps import Event
+from attlog.metrics.turning import Stack, Turning, around, stacked
+
+Array = NDArray[np.float64]
+
+SPAN_S = 0.060
+"""A rate is taken over this time, at least two samples of the slower one."""
+MARGIN_S = 0.30
+"""So far beyond an event's window the faster one is needed: delays of 250 ms, their slope and a sample."""
+STRIDE_S = 64.0
+"""Events are laid behind each other on one time axis; none lasts that long."""
+HEAVY_M_S2 = 2.0 * GRAVITY
+MIN_PAIRS = 4
+SIZE = 12
+"""Columns: rate of the row, slope, rate of the reference, its product with the axis (3), aiding (6)."""
+
+
+@dataclass(slots=True)
+class Part:
+    """One of the two attitudes: columns (n, k) of summed turning at ``t`` (n,) on the common time axis."""
+
+    t: Array
+    x: Array
+    low: Array
+    """(events,) first and last time of each event."""
+    high: Array
+
+
+@dataclass(slots=True)
+class Columns:
+    """All events of one row. ``slow_row`` tells that the reference is the one that is moved.
+
+    ``begin`` and ``end`` (pairs,) number the samples of the slower one between which a
+    rate is taken, ``of`` (pairs,) the event.
+    """
+
+    slow: Part
+    fast: Part
+    slow_row: bool
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    of: NDArray[np.int64]
+    events: list[Event]
+    heavy: float
+    """Share of the samples in which the specific force exceeds 2 g."""
+
+    @property
+    def axis(self) -> NDArray[np.int64]:
+        """Body axis (events,) of each event."""
+        return np.array([e.axis for e in self.events], np.int64)
+
+    def rates(self, delay: float, slope_s: float, aids: Array) -> tuple[Array, NDArray[np.int64]]:
+        """The columns (m, 12) at a delay in s, and the event (m,) of each line.
+
+        The slope is taken over +-``slope_s`` of what the delay moves: the row's rate without
+        its aiding of gains ``aids`` (6,), or the reference's rate.
+        """
+        shift = -delay if self.slow_row else delay
+        a, b = self.slow.t[self.begin] + shift, self.slow.t[self.end] + shift
+        use = (a - slope_s >= self.fast.low[self.of]) & (b + slope_s <= self.fast.high[self.of])
+        begin, end, of = self.begin[use], self.end[use], self.of[use]
+        span = (self.slow.t[end] - self.slow.t[begin])[:, None]
+        fixed = (self.slow.x[end] - self.slow.x[begin]) / span
+        first, last = begin[0] if len(begin) else 0, (end[-1] + 1) if len(end) else 0
+        at = self.slow.t[first:last] + shift
+        moved_at = _interpolated(self.fast, at, self.fast.x)
+        moved = (moved_at[end - first] - moved_at[begin - first]) / span
+        main = self.fast.x[:, 0] if self.slow_row else self.fast.x[:, 0] - self.fast.x[:, 1:] @ aids
+        ahead, behind = (np.interp(at + s, self.fast.t, main) for s in (slope_s, -slope_s))
+        steep = (ahead - behind) / (2.0 * slope_s)
+        slope = (steep[end - first] - steep[begin - first]) / span[:, 0]
+        est, ref = (fixed, moved) if self.slow_row else (moved, fixed)
+        return np.column_stack([est[:, 0], slope, ref, est[:, 1:]]), of
+
+    def products(self, delay: float, slope_s: float, aids: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Sums of products (events, 12, 12) of the columns centred per event, and lines per event (events,)."""
+        rows, of = self.rates(delay, slope_s, aids)
+        out, count = np.zeros((len(self.events), SIZE, SIZE)), np.bincount(of, minlength=len(self.events))
+        edges = np.concatenate([[0], np.cumsum(count)])
+        for e in np.flatnonzero(count):
+            own = rows[edges[e] : edges[e + 1]]
+            own = own - own.mean(axis=0)
+            out[e] = own.T @ own
+        return out, count
+
+    def correlation(self, delay: float) -> float:
+        """Correlation of both rates about the axes at a delay in s, on a part of the samples, centred per event."""
+        shift = -delay if self.slow_row else delay
+        step = max(1, len(self.begin) // (THINNED * len(self.events)))
+        begin, end, of = self.begin[::step], self.end[::step], self.of[::step]
+        a, b = (np.interp(self.slow.t[k] + shift, self.fast.t, self.fast.x[:, 0]) for k in (begin, end))
+        span = self.slow.t[end] - self.slow.t[begin]
+        x, y = (b - a) / span, (self.slow.x[end, 0] - self.slow.x[begin, 0]) / span
+        count = np.maximum(np.bincount(of, minlength=len(self.events)), 1)
+        x, y = (v - (np.bincount(of, v, len(self.events)) / count)[of] for v in (x, y))
+        size = math.sqrt(float(x @ x) * float(y @ y))
+        return float(x @ y) / size if size > 0 else 0.0
+
+
+THINNED = 60
+"""About so many samples per event tell where the correlation is largest."""
+
+
+def build(row: Turning, ref: Turning, events: Sequence[Event], sensors: aiding.Sensors | None) -> Columns | None:
+    """The columns of the events that both attitudes cover without a gap; None without any."""
+    slow_row = row.step > 1.05 * ref.step
+    row_parts = around(row, events, 0.0 if slow_row else MARGIN_S)
+    ref_parts = around(ref, events, MARGIN_S if slow_row else 0.0)
+    covered = [
+        (e, a, b) for e, a, b in zip(events, row_parts, ref_parts, strict=True) if a is not None and b is not None
+    ]
+    found = [(e, a, b, u) for e, a, b in covered if (u := axis_of(ref, e)) is not None]
+    if not found:
+        return None
+    kept = [e for e, _, _, _ in found]
+    axes = np.array([u for _, _, _, u in found])
+    in_row, in_ref = stacked([a for _, a, _, _ in found]), stacked([b for _, _, b, _ in found])
+    u = axes[in_ref.of]
+    turned = ref.turned[in_ref.index]
+    reference = _part(ref, in_ref, kept, np.column_stack([np.sum(turned * u, axis=1), np.cross(turned, u)]))
+    own = np.zeros((len(in_row.index), 1 + len(aiding.NAMES)))
+    u, heavy = axes[in_row.of], 0.0
+    own[:, 0] = np.sum(row.turned[in_row.index] * u, axis=1)
+    if sensors is not None:
+        seen = sensors.around(in_row)
+        own[:, 1:] = np.einsum("nij,ni->nj", aiding.turned(row, in_row, seen), u)
+        heavy = float(np.mean(np.sum(seen.f**2, axis=1) > HEAVY_M_S2**2))
+    estimate = _part(row, in_row, kept, own)
+    slow, fast, stack = (estimate, reference, in_row) if slow_row else (reference, estimate, in_ref)
+    step = row.step if slow_row else ref.step
+    begin, end, of = _pairs(slow.t, stack, kept, max(2, round(SPAN_S / step)))
+    if len(begin) < MIN_PAIRS:
+        return None
+    return Columns(slow, fast, slow_row, begin, end, of, kept, heavy)
+
+
+def axis_of(ref: Turning, event: Event) -> Array | None:
+    """The event's axis (3,) in the body: the reference's turning from onset to the 90 % point, sign of the stroke."""
+    i, j = np.searchsorted(ref.t, [event.onset, event.t90])
+    i, j = max(int(i) - 1, 0), min(int(j), len(ref.t) - 1)
+    turn = ref.turned[j] - ref.turned[i]
+    length = float(np.linalg.norm(turn))
+    return None if length < 1e-6 else turn * math.copysign(1.0 / length, event.delta_deg)
+
+
+def _part(track: Turning, stack: Stack, events: list[Event], x: Array) -> Part:
+    begin = np.array([e.begin for e in events])
+    t = track.t[stack.index] - begin[stack.of] + STRIDE_S * stack.of
+    last = np.append(stack.first[1:], len(t)) - 1
+    return Part(t, x - x[stack.first][stack.of], t[stack.first], t[last])
+
+
+def _pairs(t: Array, stack: Stack, events: list[Event], span: int) -> tuple[NDArray[np.int64], ...]:
+    """First and last sample of every span of ``span`` samples inside an event's window, and its event."""
+    begin = np.arange(max(len(t) - span, 0))
+    end = begin + span
+    of = stack.of[begin]
+    start = STRIDE_S * of
+    length = np.array([e.end - e.begin for e in events])[of]
+    use = (stack.of[end] == of) & (t[begin] >= start - 1e-9) & (t[end] <= start + length + 1e-9)
+    return begin[use], end[use], of[use]
+
+
+def _interpolated(part: Part, at: Array, x: Array) -> Array:
+    """The columns x (n, k) at ascending times (m,), linear."""
+    i = np.clip(np.searchsorted(part.t, at), 1, len(part.t) - 1)
+    w = ((at - part.t[i - 1]) / (part.t[i] - part.t[i - 1]))[:, None]
+    return x[i - 1] + w * (x[i] - x[i - 1])

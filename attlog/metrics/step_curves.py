@@ -1,0 +1,103 @@
+"""An event as angles about its own axis: what the reference turned since the onset, and how far off the row is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.metrics import step_evidence
+from attlog.metrics.base import Case, per_row
+from attlog.metrics.step_columns import axis_of
+from attlog.metrics.steps import Event
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+BEFORE_S = 0.3
+"""The error before the onset is the mean over this time; a constant heading offset is none."""
+
+SETPOINT_HOLE_S = 0.5
+"""A set-point that was not logged for longer is not drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One event at the slower one's times ``t`` (n,) s within its window, in deg, positive along the stroke.
+
+    ``reference`` (n,) is its turning since the onset, ``error`` (n,) the row's error relative to
+    its mean over 0.3 s before the onset; negative: the row shows too little.
+    """
+
+    event: Event
+    t: Array
+    reference: Array
+    error: Array
+
+    @property
+    def row(self) -> Array:
+        """What the row turned since the onset (n,)."""
+        return self.reference + self.error
+
+    @property
+    def seconds(self) -> Array:
+        """Time (n,) since the onset."""
+        return self.t - self.event.onset
+
+
+def curves(case: Case, row: Row, window: str) -> list[Curve]:
+    """The events of a window that the row and the reference cover without a gap."""
+    events = step_evidence.events_in(case, row, window)
+    return _curves(case, row, events) if events else []
+
+
+@per_row
+def _curves(case: Case, row: Row, events: list[Event]) -> list[Curve]:
+    found = (_curve(case, row, event) for event in events)
+    return [c for c in found if c is not None]
+
+
+def _curve(case: Case, row: Row, event: Event) -> Curve | None:
+    """Error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis in earth axes."""
+    errors, ref = row.errors, step_evidence.reference_turning(case)
+    body = axis_of(ref, event)
+    if errors is None or body is None:
+        return None
+    i, j = np.searchsorted(errors.t, [event.begin, event.end], side="left")
+    middle = min(int(np.searchsorted(errors.t, event.middle)), len(errors.t) - 1)
+    own = np.arange(i, j)[errors.segment[i:j] == errors.segment[middle]]
+    own = own[np.isfinite(errors.q_est[own]).all(axis=1)]
+    t = errors.t[own]
+    before = own[(t >= event.onset - BEFORE_S) & (t <= event.onset)]
+    if len(own) < 2 or len(before) == 0 or t[-1] < event.t90:
+        return None
+    error = rotation.error(errors.q_est[own], errors.q_ref[own])
+    start = rotation.mean(rotation.error(errors.q_est[before], errors.q_ref[before]))
+    k = min(int(np.searchsorted(ref.t, event.middle)), len(ref.t) - 1)
+    axis = math.copysign(1.0, event.delta_deg) * rotation.rotate(ref.q[k], body)
+    off = np.degrees(rotation.to_rotvec(rotation.multiply(error, rotation.conjugate(start)))) @ axis
+    along = math.copysign(1.0, event.delta_deg) * (ref.turned @ body)
+    turned = np.interp(t, ref.t, along) - np.interp(event.onset, ref.t, along)
+    return Curve(event, t, turned, off)
+
+
+def setpoint(case: Case, curve: Curve) -> Array | None:
+    """The set-point's turning (n,) deg about the event's axis since the onset; None where none is logged around it."""
+    wanted, ref = case.log.setpoints, step_evidence.reference_turning(case)
+    body = axis_of(ref, curve.event)
+    if wanted is None or len(wanted.t) < 2 or body is None:
+        return None
+    if curve.t[0] < wanted.t[0] or curve.t[-1] > wanted.t[-1] or _largest_hole(wanted.t, curve.t) > SETPOINT_HOLE_S:
+        return None
+    q = rotation.slerp(wanted.t, wanted.q, np.append(curve.t, curve.event.onset))
+    k = min(int(np.searchsorted(ref.t, curve.event.onset)), len(ref.t) - 1)
+    turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(ref.q[k]), q)))
+    return math.copysign(1.0, curve.event.delta_deg) * (turn[:-1] @ body)
+
+
+def _largest_hole(t: Array, within: Array) -> float:
+    i, j = np.searchsorted(t, [within[0], within[-1]])
+    return float(np.max(np.diff(t[max(int(i) - 1, 0) : int(j) + 1]), initial=0.0))

@@ -1,0 +1,92 @@
+"""What did a row show in the quick movements? Its fits over the events of a window, for all that looks at steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from attlog.metrics import aiding, step_columns, step_fit, steps
+from attlog.metrics.base import Case, per_case, per_row
+from attlog.metrics.rmse import why_never_airborne
+from attlog.metrics.step_solution import Fit
+from attlog.metrics.turning import Turning
+from attlog.reference.model import Row
+
+MIN_REFERENCE_HZ = 5.0
+
+
+def fits(case: Case, row: Row, window: str) -> dict[str, Fit]:
+    """The fits of a row over the events of a window: per axis and ``all``; shared by everything that looks at steps."""
+    found = evidence(case, row, window)
+    return {} if found is None else found.fits
+
+
+@dataclass(slots=True)
+class Evidence:
+    """The fits of a row per axis and ``all``, and the events that their numbers mean."""
+
+    fits: dict[str, Fit]
+    events: list[steps.Event]
+
+
+def evidence(case: Case, row: Row, window: str) -> Evidence | None:
+    """What a row showed in the events of a window; None without any that it covers."""
+    events = events_in(case, row, window)
+    return _of_events(case, row, events) if events else None
+
+
+def events_in(case: Case, row: Row, window: str) -> list[steps.Event]:
+    """The events of a window for which this row is scored."""
+    return steps.in_window(case, scored_events(case, row), window)
+
+
+@per_row
+def _of_events(case: Case, row: Row, events: list[steps.Event]) -> Evidence | None:
+    track = turning(case, row)
+    units = [k for k, unit in enumerate(case.log.imus) if unit is row.imu]
+    imu = units[0] if units else case.log.imu
+    seen = None if imu is None else aiding.samples_of(case, imu)
+    sensors = None if seen is None else aiding.Sensors(case, row, track, seen)
+    columns = step_columns.build(track, reference_turning(case), events, sensors)
+    return None if columns is None else Evidence(step_fit.fit(columns), columns.events)
+
+
+@per_row
+def turning(case: Case, row: Row) -> Turning:
+    """The row's attitude as summed turning."""
+    return Turning(row.t, row.q, row.segment)
+
+
+@per_case
+def reference_turning(case: Case) -> Turning:
+    """The reference's attitude as summed turning."""
+    return Turning(case.reference.t, case.reference.q, case.reference.segment)
+
+
+def scored_events(case: Case, row: Row) -> list[steps.Event]:
+    """The events of the reference for which this row is scored (after a restart it settles first)."""
+    errors = row.errors
+    if errors is None or len(errors.t) == 0:
+        return []
+    events = steps.of_reference(case)
+    at = np.clip(np.searchsorted(errors.t, [e.onset for e in events]), 0, len(errors.t) - 1)
+    return [e for e, i in zip(events, at, strict=True) if errors.scored[i]]
+
+
+def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
+    """Code and reason where a window has no events at all for a row, else None."""
+    rate = case.reference.rate
+    if rate < MIN_REFERENCE_HZ:
+        return (
+            "reference_too_slow",
+            f"the reference comes at {rate:.1f} Hz; {MIN_REFERENCE_HZ:.0f} Hz are needed for steps",
+        )
+    if not events_in(case, row, window):
+        where = {"all": "in this log", "airborne": "in flight"}.get(window, f"in {window}")
+        if window == "airborne" and not case.segments.spans("airborne"):
+            return "no_events", why_never_airborne(case)
+        sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
+        start = f"from {case.reference.scoring_start:.0f} s on"
+        return "no_events", f"no quick movement {where} {start}; turns of {sizes} within 1 s are needed"
+    return None

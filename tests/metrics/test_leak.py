@@ -1,0 +1,37 @@
+import pytest
+
+from attlog.metrics import leak
+from tests.metrics.motions import motion, sampled
+from tests.metrics.test_lag import step_case
+from tests.metrics.test_step_fit import thrust_flight
+
+
+@pytest.mark.parametrize("kp", [0.0, 0.6, 2.0])
+def test_the_leak_of_a_filter_aided_by_direction_is_its_gain(kp):
+    case, row = thrust_flight(kp)
+    told = leak.compute(case, row, "all")["leak_per_s"]
+    assert told.value == pytest.approx(kp, abs=0.01)
+    assert told.ci95[0] <= kp + 0.01
+    assert told.ci95[1] >= kp - 0.01
+    assert not told.ranked
+
+
+def test_yaw_turns_alone_tell_no_leak():
+    t, q = motion("yaw", 40.0)
+    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
+    assert leak.compute(case, row, "all")["leak_per_s"].code == "too_few_events"
+
+
+def test_without_an_accelerometer_there_is_no_leak():
+    t, q = motion("steps", 40.0)
+    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
+    assert leak.compute(case, row, "all")["leak_per_s"].code == "not_covered"
+
+
+def test_a_wide_interval_is_no_answer(monkeypatch):
+    case, row = thrust_flight(0.6)
+    monkeypatch.setattr(leak, "LARGEST_HALF_PER_S", 1e-9)
+    monkeypatch.setattr(leak, "LARGEST_HALF", 1e-9)
+    told = leak.compute(case, row, "all")["leak_per_s"]
+    assert told.value is None
+    assert told.detail["fitted"] == pytest.approx(0.6, abs=0.01)
