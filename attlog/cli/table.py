@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from attlog.metrics.answer import Answer
 from attlog.present.numbers import SIGNED, number
-from attlog.present.verdicts import AIR, REST, quoted_heading_reference, find
+from attlog.present.verdicts import AIR, REST, find, quoted_heading_reference
 from attlog.report.table import WORDS
 from attlog.result import EstimatorRow, Result
 

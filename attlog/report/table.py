@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from attlog.metrics.answer import Answer
 from attlog.present.numbers import interval, number, unit_sign
-from attlog.present.verdicts import AIR, REST, quoted_heading_reference, find
+from attlog.present.verdicts import AIR, REST, find, quoted_heading_reference
 from attlog.report.look import ordered
 from attlog.result import EstimatorRow, Result
 
