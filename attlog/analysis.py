@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 
 import attlog
-from attlog import estimators, metrics, reference, segments
+from attlog import estimators, inputs, metrics, reference, segments
 from attlog.config import Config
 from attlog.errors import AttlogError, LogUnusable, PluginError, UsageError
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.health import Check, audit
 from attlog.metrics.base import Case, per_case
-from attlog.present.verdicts import verdicts
+from attlog.present.sentences import verdicts
 from attlog.reference.model import Reference, Row
 from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
@@ -85,7 +85,8 @@ def evaluate(
     rows: list[Row] = []
     estimator_rows: list[EstimatorRow] = []
     with clock("estimators"):
-        for row, table_row in _replays(case, settings["estimators"]):
+        chosen = _specs(settings["estimators"], case.log)
+        for row, table_row in _replays(case, chosen):
             estimator_rows.append(table_row)
             if row is not None:
                 rows.append(row)
@@ -106,7 +107,7 @@ def evaluate(
         command=command,
         config=settings,
         log=dict(_described(case)),
-        problems=case.log.problems + _problems(case.reference, estimator_rows),
+        problems=case.log.problems + _problems(case.reference, estimator_rows) + _slow(chosen, rows),
         audit=list(checks),
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
@@ -156,6 +157,16 @@ def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
     return refused + [
         Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"
     ]
+
+
+def _slow(chosen: Mapping[str, estimators.Row | PluginError], rows: list[Row]) -> list[Problem]:
+    """Plug-ins that ran in plain Python."""
+    ran = {row.name.partition("/imu")[0] for row in rows}
+    why = {
+        n: estimators.not_compiled(s.estimator) for n, s in chosen.items() if isinstance(s, estimators.Row) and n in ran
+    }
+    text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
+    return [Problem("estimator_not_compiled", "note", f"{n}: {text} ({w}).") for n, w in why.items() if w]
 
 
 def _read(path: str | Path, config: Config) -> FlightLog:
@@ -239,9 +250,10 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
     return rows
 
 
-def _replays(case: Case, specs: Sequence[str]) -> Iterator[tuple[Row | None, EstimatorRow]]:
-    """Each named estimator as a row; one that fails is a table row with status ``failed``."""
-    chosen = _specs(specs, case.log)
+def _replays(
+    case: Case, chosen: Mapping[str, estimators.Row | PluginError]
+) -> Iterator[tuple[Row | None, EstimatorRow]]:
+    """Each chosen estimator as a row; one that fails is a table row with status ``failed``."""
     for suffix, imu in case.imus.items():
         for name, spec in chosen.items():
             try:
@@ -272,16 +284,25 @@ def _imus(log: FlightLog, config: Config) -> dict[str, Imu]:
     return {f"/imu{imu.index}": imu for imu in log.imus}
 
 
+@per_case
+def _facts(case: Case, suffix: str) -> estimators.LogFacts:
+    """What the log tells about parameters of filters that replay this unit."""
+    return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.declination_deg)
+
+
+@per_case
+def _aids(case: Case) -> estimators.Aids:
+    """What the log holds beside inertial and magnetic samples."""
+    return inputs.aids_of(case.log, case.segments)
+
+
 def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[Row, EstimatorRow]:
     """Run one estimator over one IMU and align what comes out."""
     log, ref = case.log, case.reference
     mag = None if log.mag is None else log.mags[log.mag]
     uses_mag = mag is not None and "mag" in spec.estimator.uses
-    resolved = spec.resolved()
-    declination = None
-    if uses_mag and "declination" in resolved and resolved["declination"][1] == "default":
-        declination = ref.declination_deg or 0.0
-        resolved["declination"] = (declination, "log" if ref.declination_deg is not None else "default")
+    facts = _facts(case, suffix)
+    resolved = spec.resolved(facts)
     t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
         spec,
@@ -291,7 +312,8 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
         estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
         sampling=imu.gyro.sampling,
         dt=imu.dt,
-        declination=declination,
+        aids=_aids(case),
+        log=facts,
     )
     row = reference.replayed(
         log,

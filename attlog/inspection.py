@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from attlog import formats, segments
+from attlog import formats, reference, segments
 from attlog.flight import read
 from attlog.health import answerable, audit
 from attlog.plain import plain
@@ -21,7 +21,8 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     """
     log = read(path, boot=boot, system=system)
     phases = segments.build(log) if log.imu is not None else None
-    checks = audit(log, phases)
+    chosen = reference.choose(log, phases) if phases is not None else None
+    checks = audit(log, phases, chosen)
     messages = formats.open(path)
     verification = None
     if verify:
@@ -35,7 +36,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
             for table in messages.values()
         ],
         "audit": plain(checks),
-        "answerable": plain(answerable(log, phases, checks)),
+        "answerable": plain(answerable(log, phases, checks, chosen)),
         "problems": plain(log.problems),
         "damage": {"bytes": messages.damage_bytes, "places": plain(messages.damage)},
         "verify": verification,

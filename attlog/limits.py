@@ -28,6 +28,15 @@ MAX_PARAM_CHANGES = 1_000_000
 MAX_DAMAGE = 1000
 """Damaged places kept one by one; beyond that only their count and bytes grow."""
 
+MAX_UNPACKED_BYTES = 4 << 30
+"""What a gzip file may hold: autopilots log to FAT cards, whose files end at 4 GiB."""
+
+MAX_UNPACKED_RATIO = 200
+"""Bytes that a byte of a gzip file may stand for: logs pack 2 to 20 times, gzip bombs 1000 times."""
+
+UNPACKED_ANYWAY_BYTES = 64 << 20
+"""Never too much to unpack, whatever the ratio: dumps of a flash chip that is mostly erased."""
+
 MAX_TIME_JUMP_S = 3600.0 * 12
 """A record this far from its neighbours in time is a false record, not a flight."""
 

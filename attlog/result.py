@@ -9,7 +9,8 @@ JSON file.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,8 +45,13 @@ __all__ = [
 
 SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 2
 SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
+NOT_UTF8 = re.compile("[\ud800-\udfff]")
+"""Bytes of a file name that are not UTF-8, as Python keeps them: UTF-8 cannot hold them, a JSON escape can."""
+
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
+ANSWER_KEEPS = tuple(f.name for f in fields(Answer) if f.metadata.get(NOT_IN_JSON))
+"""Fields of an answer that are not in the JSON."""
 
 
 @dataclass(slots=True)
@@ -147,6 +153,7 @@ class Result:
     def to_json(self, path: str | Path | None = None, deterministic: bool = False) -> str:
         """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be."""
         text = json.dumps(self.to_dict(deterministic), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+        text = NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
             from attlog.output import write_atomic
 

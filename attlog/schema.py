@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from typing import Any, get_type_hints
 
 from pydantic import ConfigDict, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
-from attlog.plain import NOT_IN_JSON
-from attlog.result import MEASURED_TIMES, SCHEMA, Answer, Result
+from attlog.result import ANSWER_KEEPS, MEASURED_TIMES, SCHEMA, Result
 
 _TYPES = ConfigDict(arbitrary_types_allowed=True)
 
@@ -45,7 +43,7 @@ def schema() -> dict[str, Any]:
 def _drop_hidden(document: dict[str, Any]) -> None:
     """Take out the fields of an answer that are not in the JSON, and the definitions that only they use."""
     parts = document["$defs"]
-    for name in (f.name for f in dataclasses.fields(Answer) if f.metadata.get(NOT_IN_JSON)):
+    for name in ANSWER_KEEPS:
         del parts["Answer"]["properties"][name]
     while unused := [name for name in parts if f'"#/$defs/{name}"' not in json.dumps(document)]:
         for name in unused:

@@ -19,9 +19,9 @@ def sha256(path: Path) -> str:
 
 def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]:
     """Aircraft, sensors, times and time lines of a flight as plain values; absent things are None."""
-    imu = None if log.imu is None else log.imus[log.imu]
+    imu = log.replay_imu
     mag = None if log.mag is None else log.mags[log.mag]
-    onboard = log.attitudes.get(log.onboard) if log.onboard else None
+    onboard = log.onboard_attitude
     start_utc = None if log.utc_offset is None else datetime.fromtimestamp(log.utc_offset, UTC)
     return {
         "name": log.path.name,
@@ -63,6 +63,7 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
             "airborne": [] if segments is None else [[s.t0, s.t1] for s in segments.of("airborne")],
             "texts": [[t, level, text] for t, level, text in log.texts],
         },
+        "advice": {"rest": log.advice("rest")},
         "choices": dict(log.choices),
         "params_changed": _changed(log),
     }

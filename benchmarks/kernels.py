@@ -1,11 +1,11 @@
-"""Cost of one update: every filter, lanes against the scalar kernel, and the packages vqf and ahrs.
+"""Cost of one update: every filter, batches of parameter sets against the scalar kernel, and the packages vqf and ahrs.
 
     python benchmarks/kernels.py
 
 Prints nanoseconds of CPU time per update (one thread, kernels loaded from the cache). What is
-compared runs by turns on the same data, so that a shared machine slows both; medians. Lanes
+compared runs by turns on the same data, so that a shared machine slows both; medians. Batches
 keep every 8th output, as a sweep does. Targets: mahony 60 ns and 3000 times faster than
-ahrs, ekf12 not slower than vqf, lanes of mahony 4 (float64) and 10 (float32) times faster
+ahrs, ekf12 not slower than vqf, a batch of mahony 4 (float64) and 10 (float32) times faster
 than one by one.
 """
 
@@ -67,8 +67,8 @@ def scalar(name: str, samples: Samples) -> Work:
     return lambda: loop.run(e, samples, values).ns_per_update
 
 
-def lane(name: str, samples: Samples, dtype: str) -> Work:
-    """Cost per update and lane of a full kernel width."""
+def batched(name: str, samples: Samples, dtype: str) -> Work:
+    """Cost per update and parameter set of a full kernel width."""
     e = get(name)
     packed = e.pack({k: v for k, (v, _) in e.resolve().items()})
     advance = batch.kernel(e, {i: packed[i] for i, p in enumerate(e.own) if p.choices}, dtype)
@@ -79,7 +79,7 @@ def lane(name: str, samples: Samples, dtype: str) -> Work:
     out = np.empty((-(-SAMPLES // 8), e.outputs, width), dtype)
     dt, gyr, acc, mag = (np.ascontiguousarray(x, dtype) for x in (samples.dt, samples.gyr, samples.acc, samples.mag))
     flat = work.ravel()
-    return clocked(lambda: advance(flat, dt, samples.parts, gyr, acc, mag, samples.use, 8, out), SAMPLES * width)
+    return clocked(lambda: advance(flat, dt, samples.substeps, gyr, acc, mag, samples.use, 8, out), SAMPLES * width)
 
 
 def ahrs(gyr: np.ndarray, acc: np.ndarray, mag: np.ndarray) -> Work:
@@ -99,9 +99,9 @@ def main() -> None:
     for name, ns in cost.items():
         print(f"{name:24}{np.median(ns):14.0f}")
     print(f"ekf12 takes {np.median(cost['ekf12'] / cost['vqf']):.2f} of vqf's time")
-    print(f"\n{'lanes':24}{'ns per lane':>14}{'ratio':>8}")
+    print(f"\n{'batch':24}{'ns per set':>14}{'ratio':>8}")
     for name in ("mahony", "complementary", "madgwick"):
-        works = {dtype: lane(name, samples, dtype) for dtype in batch.WIDTH}
+        works = {dtype: batched(name, samples, dtype) for dtype in batch.WIDTH}
         cost = by_turns({"scalar": scalar(name, samples), **works})
         for dtype in works:
             ratio = np.median(cost["scalar"] / cost[dtype])

@@ -1,6 +1,6 @@
 """Print what readers keep of damaged logs: attlog, pyulog and pymavlink on the same damaged files.
 
-Damage are seeded and put on short cuts of ``sample_logs``. A record is intact when
+Damage is seeded and put on short cuts of ``sample_logs``. A record is intact when
 no damage touches its bytes; a false record is one that a reader returns although
 the undamaged log has no such record. ``python benchmarks/salvage.py [--seconds 10] [--seeds 2]``.
 """
@@ -20,20 +20,20 @@ import numpy as np
 
 from attlog import formats
 from attlog.errors import AttlogError
-from attlog.formats import Messages, oracles
-from attlog.formats.verify import official_columns, spelled
+from attlog.formats import Messages, format_named, oracle
+from attlog.formats.verify import spelled
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
 LOGS = {"px4_hover.ulg": 60.0, "copter_steps_stabilize.bin": 60.0, "copter_steps_stabilize.tlog": 40.0}
 """Sample logs and where (s) the cut begins: in flight."""
 
 Rows = Counter[tuple[str, ...]]
-Wound = Callable[[np.ndarray, int, np.random.Generator], tuple[np.ndarray, np.ndarray]]
+Injury = Callable[[np.ndarray, int, np.random.Generator], tuple[np.ndarray, np.ndarray]]
 """Bytes, first byte that may be hurt, dice -> damaged bytes and which of the old bytes are untouched."""
 
 
 def overwritten(raw: np.ndarray, begin: int, dice: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """20 damage of 1 to 400 random bytes."""
+    """20 places of 1 to 400 random bytes."""
     return _overwrite(raw, begin, dice, 20, lambda: dice.integers(0, 256, dice.integers(1, 400)))
 
 
@@ -58,14 +58,14 @@ def removed(raw: np.ndarray, begin: int, dice: np.random.Generator) -> tuple[np.
 
 
 def spliced(raw: np.ndarray, begin: int, dice: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A stretch of other bytes of the same log in between, cut at any byte: 10 times."""
-    return _join(raw, begin, dice, 10, lambda: _piece(raw, begin, dice), 0)
+    """Other bytes of the same log in between, cut at any byte: 10 times."""
+    return _join(raw, begin, dice, 10, lambda: _excerpt(raw, begin, dice), 0)
 
 
-WOUNDS: list[Wound] = [overwritten, zero_blocks, erased_blocks, inserted, removed, spliced]
+KINDS: list[Injury] = [overwritten, zero_blocks, erased_blocks, inserted, removed, spliced]
 
 
-def _piece(raw: np.ndarray, begin: int, dice: np.random.Generator) -> np.ndarray:
+def _excerpt(raw: np.ndarray, begin: int, dice: np.random.Generator) -> np.ndarray:
     start = int(dice.integers(begin, len(raw) - 500))
     return raw[start : start + int(dice.integers(10, 500))]
 
@@ -85,7 +85,7 @@ def _overwrite(
 def _join(
     raw: np.ndarray, begin: int, dice: np.random.Generator, count: int, junk: Callable[[], np.ndarray], longest_gap: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces with junk between them. A torn record is marked by its first byte behind the tear: see ``intact``."""
+    """The log with junk in between. A torn record is marked by its first byte behind the tear: see ``intact``."""
     untouched, parts, last = np.ones(len(raw), bool), [], 0
     for at in np.sort(dice.choice(np.arange(begin, len(raw) - longest_gap - 1), count, replace=False)).tolist():
         at = max(at, last)
@@ -129,22 +129,23 @@ def intact_rows(log: Messages, raw: np.ndarray, untouched: np.ndarray) -> Rows:
 
 def rows_of(log: Messages) -> Rows:
     """All records of a log as texts, named as the official library does."""
-    by_instance = log.format != "dataflash"
+    official = format_named(log.format).load_oracle()
     rows: Rows = Counter()
-    for key in list(log) if by_instance else [(name, None) for name in log.names()]:
-        _count(rows, key, official_columns(log, key) or {})
+    for key in official.keys(log):
+        _count(rows, key, official.ours(log, key) or {})
     return rows
 
 
 def oracle_rows(path: Path, log: Messages) -> Rows:
     """The same from the official library, only the fields that the undamaged log has."""
     rows: Rows = Counter()
+    official = format_named(log.format).load_oracle()
     try:
-        columns = oracles.read(path, log.format).columns
-    except Exception:  # a library that gives up keeps nothing
+        columns = oracle.read(path, log.format)
+    except oracle.OracleFailed:  # a library that gives up keeps nothing
         return rows
     for key, found in columns.items():
-        ours = official_columns(log, key) or {}
+        ours = official.ours(log, key) or {}
         _count(rows, key, {name: found[name] for name in ours if name in found})
     return rows
 
@@ -174,13 +175,13 @@ class Salvage:
         return 100.0 * self.kept / max(self.intact, 1)
 
 
-def measure(name: str, begin_s: float, damage: Wound, seconds: float, seeds: int, folder: Path) -> list[Salvage]:
+def measure(name: str, begin_s: float, damage: Injury, seconds: float, seeds: int, folder: Path) -> list[Salvage]:
     """The same damaged files read by attlog and by the official library."""
     short = folder / name
     _cutter()(SAMPLES / name, short, begin_s, begin_s + seconds)
     log, raw = formats.open(short), np.fromfile(short, np.uint8)
     begin = _data_begin(log)
-    library = "pyulog" if log.format == "ulog" else "pymavlink"
+    library = format_named(log.format).load_oracle().library
     totals = {"attlog": [0, 0, 0], library: [0, 0, 0]}
     everything = rows_of(log)
     for seed in range(seeds):
@@ -226,7 +227,7 @@ def main(arguments: list[str] | None = None) -> list[Salvage]:
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for name, begin_s in LOGS.items():
-            for damage in WOUNDS:
+            for damage in KINDS:
                 for row in measure(name, begin_s, damage, options.seconds, options.seeds, Path(folder)):
                     found.append(row)
                     print(f"{row.log:30} {row.damage:14} {row.reader:10} {row.intact:8} {row.kept_pct:8.2f} "

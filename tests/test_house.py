@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -20,20 +21,24 @@ BELOW_THE_RESULT = {"formats", "estimators", "metrics", "health", "config"} | SE
 MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "formats": set(),
     "flight": {"formats"},
-    "estimators.filters": {"estimators.engine", "estimators.base", "estimators.api"},
+    "estimators.base": set(),
+    "estimators.aids": {"estimators.base"},
+    "estimators.engine": {"estimators.base", "estimators.aids"},
+    "estimators.filters": {"estimators.engine", "estimators.base", "estimators.aids", "estimators.propagate"},
     "estimators": {"estimators.engine", "estimators.filters"},
     "segments": {"flight"},
     "reference": {"flight", "segments", "estimators"},
-    "metrics": {"plain", "flight", "segments", "reference", "estimators"},
-    "health": {"flight", "segments", "reference", "metrics.evidence"},
+    "metrics": {"flight", "segments", "reference", "estimators", "plain"},
+    "health": {"flight", "segments", "reference", "metrics.evidence", "metrics.steps"},
     "config": {"estimators"},
     "plain": set(),
+    "inputs": {"flight", "segments", "estimators"},
     "result": {"plain", "flight", "segments", "reference", "metrics", "health"},
     "schema": {"plain", "result"},
-    "analysis": BELOW_THE_RESULT | {"result", "summary", "present"},
+    "analysis": BELOW_THE_RESULT | {"result", "summary", "present", "inputs"},
     "summary": {"flight", "segments"},
-    "present": {"result", "metrics"},
-    "report": {"result", "present", "metrics"},
+    "present": {"result"},
+    "report": {"result", "present"},
     "testing": {"estimators"},
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis"},
@@ -102,6 +107,19 @@ def test_the_files_form_no_circle() -> None:
         if module not in gather
     }
     TopologicalSorter(graph).prepare()
+
+
+FIRMWARE_WORDS = re.compile(r"PX4|ArduPilot|AHRS_|COMPASS_|SDLOG|LOG_[BD]|INS_|EKF2_|\b(dataflash|ulog|tlog)\b")
+ABOVE_FLIGHT = ("segments", "reference", "metrics", "health", "present", "report", "analysis", "inspection", "summary")
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if within(m, set(ABOVE_FLIGHT))])
+def test_knowledge_of_firmwares_ends_at_flight(module: str) -> None:
+    """No sentence, parameter name or comparison above ``flight`` names a firmware or a format; docstrings may."""
+    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    said = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
+    texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in said]
+    assert [t for t in texts if isinstance(t, str) and FIRMWARE_WORDS.search(t)] == []
 
 
 @pytest.mark.parametrize("command", [["--help"], ["--version"], ["analyze", "--help"], ["estimators", "--help"]])

@@ -5,6 +5,7 @@ Command modules import typer and nothing heavy, so that ``attlog --help`` answer
 
 from __future__ import annotations
 
+import io
 import sys
 from typing import Annotated
 
@@ -50,8 +51,21 @@ app.command("check-estimator")(check_estimator.command)
 app.command("schema")(schema.command)
 
 
+def _show_everything() -> None:
+    """Signs that the terminal's encoding lacks get ASCII stand-ins, file names that are not UTF-8 escapes."""
+    import codecs
+
+    from attlog.present.stand_ins import on_encode_error
+
+    codecs.register_error("attlog", on_encode_error)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="attlog")
+
+
 def main() -> None:
     """Entry point: run the command, print expected errors as one message, end with the documented exit code."""
+    _show_everything()
     try:
         app()
     except AttlogError as error:

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 EXIT_ORDER = (130, 70, 73, 2, 66, 65, 75, 1)
 """With several logs, the first of these that occurred is the exit code."""
 
-WIDTH = 100
-"""Columns over which the three sentences are laid out; longer lines are hard to read."""
-
 
 def command(
     logs: Annotated[
@@ -164,12 +161,18 @@ def _settings(path: Path | None, options: dict[str, Any]) -> Config:
 
 
 def _json_text(result: Result, deterministic: bool, one_line: bool) -> str:
-    text = result.to_json(deterministic=deterministic)
-    if not one_line:
-        return text.rstrip("\n")
     import json
 
-    return json.dumps(json.loads(text), ensure_ascii=False, separators=(",", ":"))
+    text = result.to_json(deterministic=deterministic).rstrip("\n")
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+        plain = False
+    except UnicodeEncodeError:
+        plain = True  # JSON has its own escapes for what the output cannot show
+    if not one_line and not plain:
+        return text
+    layout: dict[str, Any] = {"separators": (",", ":")} if one_line else {"indent": 1}
+    return json.dumps(json.loads(text), ensure_ascii=plain, **layout)
 
 
 def _int_or(text: str | None, word: str, option: str) -> int | str | None:
@@ -187,28 +190,16 @@ def _on_off(text: str | None) -> bool | None:
 
 
 def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbose: int) -> None:
-    from rich.markup import escape
-    from rich.table import Table
+    from rich.text import Text
 
-    from attlog.cli.table import LEGEND, comparison_table
+    from attlog.cli.terminal import printed
+    from attlog.present.stand_ins import stand_in
     from attlog.report import bundle_notice
 
     out = console(stderr=on_stderr)
-    out.print(f"[bold]{escape(result.log['name'])}[/]")
-    sentences = Table.grid(padding=(0, 2, 0, 0))
-    for verdict in result.verdicts:
-        sentences.add_row(f"  [bold]{verdict.question}[/]", escape(verdict.sentence))
-    out.print(sentences, width=min(out.width, WIDTH))
-    table = comparison_table(result, settings.window or "all")
-    if len(table.columns) > 1:
-        out.print()
-        out.print(table)
-        out.print(f"[dim]{LEGEND}[/]")
-    out.print()
-    for problem in result.problems:
-        if verbose or problem.severity in ("warning", "error"):
-            out.print(f"  {problem.severity}: {escape(problem.text)}")
-    out.print(f"report: {escape(str(report))}")
+    for line in printed(result, settings.window or "all", out.width, out.encoding, bool(verbose)):
+        out.print(Text(line.text, line.style), soft_wrap=True)
+    out.print(Text(stand_in(f"report: {report}", out.encoding)), soft_wrap=True)
     notice = bundle_notice()
     if notice:
         print(f"attlog: {notice}", file=sys.stderr)

@@ -17,9 +17,13 @@ Name = Annotated[str, typer.Argument(metavar="NAME|FILE.py", help="A filter; @PR
 
 def command(name: Name, no_color: NoColor = False) -> None:
     """Run the conformance checks on a filter; exit code 1 if one fails."""
-    from attlog.testing import check_estimator, speed_ns
+    from attlog.estimators import parse
+    from attlog.testing import about, check_estimator, speed_ns
 
     out = console()
+    subject = parse(name)
+    for line in about(subject):
+        out.print(f"note  {line}", markup=False, soft_wrap=True)
 
     def show(outcome: Outcome) -> None:
         mark = "[green]pass[/]" if outcome.passed else "[red]FAIL[/]"
@@ -27,9 +31,9 @@ def command(name: Name, no_color: NoColor = False) -> None:
         if not outcome.passed:
             out.print(f"      {outcome.message}", style="dim", markup=False, soft_wrap=True)
 
-    outcomes = check_estimator(name, show)
+    outcomes = check_estimator(subject, show)
     failed = sum(not o.passed for o in outcomes)
     if failed:
         out.print(f"\n{name}: {failed} of {len(outcomes)} checks failed.", markup=False)
         raise typer.Exit(FAILED)
-    out.print(f"\n{name}: all {len(outcomes)} checks passed; {speed_ns(name):.0f} ns per update.", markup=False)
+    out.print(f"\n{name}: all {len(outcomes)} checks passed; {speed_ns(subject):.0f} ns per update.", markup=False)

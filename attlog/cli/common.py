@@ -42,7 +42,10 @@ def console(stderr: bool = False) -> Console:
     from rich.console import Console
 
     stream = sys.stderr if stderr else sys.stdout
-    return Console(stderr=stderr, highlight=False, soft_wrap=False, width=None if stream.isatty() else 160)
+    width = None if stream.isatty() else 160
+    if os.environ.get("NO_COLOR"):
+        return Console(stderr=stderr, highlight=False, soft_wrap=False, width=width, color_system=None)
+    return Console(stderr=stderr, highlight=False, soft_wrap=False, width=width)
 
 
 def existing(path: Path) -> Path:

@@ -41,7 +41,7 @@ def command(
 
         typer.echo(json.dumps(report, ensure_ascii=False, indent=1, allow_nan=False))
     elif not quiet:
-        from attlog.report.text import cleaned
+        from attlog.present.text import cleaned
 
         _show(cleaned(report), console(), verbose)
     if verify and not report["verify"]["agrees"]:

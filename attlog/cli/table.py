@@ -1,73 +1,121 @@
-"""The comparison on the terminal: a row per estimator, a column per question."""
+"""The comparison on the terminal: a row per estimator, as many columns as there is room for.
+
+Lines are laid out here, not by rich: a cell is never cut, no line ends with blanks,
+and signs that the output cannot show are replaced before anything is aligned.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from attlog.metrics.answer import Answer
-from attlog.present.numbers import SIGNED, number
-from attlog.present.verdicts import AIR, REST, find, quoted_heading_reference
-from attlog.report.table import WORDS
+from attlog.present.cells import Cell
+from attlog.present.names import row_names
+from attlog.present.table import Heading, main_table
+from attlog.present.text import clean
 from attlog.result import EstimatorRow, Result
 
-if TYPE_CHECKING:
-    from rich.table import Table
+GAP = "  "
+LEGEND = "* best (several: too close to rank)   ~ shown, not ranked"
+HALF = "   ± half of the 95 % interval"
+SHORTEST_NAME = 8
 
-COLUMNS = (  # metrics (the larger value counts), heading, where it is looked for when the shown window is "all"
-    (("noise_roll_deg", "noise_pitch_deg"), "tilt\nnoise °", REST),
-    (("noise_heading_deg",), "heading\nnoise °", REST),
-    (("lag_ms",), "step\nlag ms", AIR),
-    (("drift_rest_deg_per_min",), "rest\ndrift °/min", REST),
-    (("drift_air_deg_per_min",), "air\ndrift °/min", AIR),
-    (("inclination_rmse_deg",), "tilt\nRMS error °", AIR),
-    (("heading_rmse_deg",), "heading\nRMS error °", AIR),
+Shown = Callable[[str], str]
+"""A text as the output can show it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of text; ``style`` is empty, ``bold`` or ``dim``."""
+
+    text: str
+    style: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """How much a table shows: ids beside names, half intervals, full words, columns up to which ``spare``."""
+
+    ids: bool
+    halves: bool
+    words: bool
+    spare: int
+
+
+ROOMS = (
+    *(Room(ids, True, True, spare) for ids, spare in ((True, 9), (False, 9), (False, 4), (False, 3))),
+    *(Room(False, halves, False, spare) for halves, spare in ((True, 9), (True, 3), (True, 2))),
+    *(Room(False, False, False, spare) for spare in (2, 1, 0)),
 )
+"""What is tried in turn until a table fits."""
 
-LEGEND = "* best (several: too close to rank)   ~ shown, not ranked   ± half of the 95 % interval"
 
+def comparison(result: Result, window: str, width: int, shown: Shown = str) -> list[Line]:
+    """The table in at most ``width`` columns, with its legend; empty where no question has a value.
 
-def comparison_table(result: Result, window: str) -> Table:
-    """The table of the rows, 100 columns wide or less with short names; columns without any value are left out.
-
-    ``*`` marks what is best, ``~`` what may not be ranked, a word says why a value is missing.
+    ``*`` marks what is best, ``~`` what may not be ranked, a word says why a value is
+    missing. Where there is little room half intervals go, then whole columns; the
+    last line says which.
     """
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("\nfilter", no_wrap=True)
-    columns = []
-    for metrics, heading, home in COLUMNS:
-        if metrics[0].startswith("drift_air"):
-            metrics = (f"{metrics[0]}.{quoted_heading_reference(result)}",)
-        windows = home if window == "all" else (window,)
-        cells = [_cell(result, row, metrics, windows) for row in result.estimators]
-        if any(has_value for _, has_value in cells):
-            table.add_column(heading, justify="right", no_wrap=True)
-            columns.append([text for text, _ in cells])
-    for row, *cells in zip(result.estimators, *columns, strict=True):
-        table.add_row(row.name + (" (reference)" if row.is_reference else ""), *cells)
-    return table
-
-
-def _cell(result: Result, row: EstimatorRow, metrics: tuple[str, ...], windows: tuple[str, ...]) -> tuple[str, bool]:
-    """What a cell says, and whether it is a value."""
-    found = {m: a for m, a in ((m, find(row, m, windows)) for m in metrics) if a is not None}
-    values = {m: a for m, a in found.items() if a.value is not None}
-    if not found:
-        return ("[red]failed[/]" if row.status == "failed" else "[dim]n/a[/]"), False
-    if not values:
-        answer = next(iter(found.values()))
-        itself = row.is_reference and answer.code == "not_applicable"
-        return f"[dim]{'reference' if itself else WORDS[answer.code or 'not_applicable']}[/]", False
-    answer = max(values.values(), key=lambda a: abs(a.value or 0.0))
-    best = all(row.name in result.best.get(a.window, {}).get(m, []) for m, a in values.items())
-    unranked = row.kind == "replay" and (row.status != "ok" or not all(a.ranked for a in values.values()))
-    return _number(answer) + ("*" if best else "~" if unranked else " "), True
+    table = main_table(result, window)
+    if not table.columns:
+        return []
+    names = {key: shown(clean(name)) for key, name in row_names(result).items()}
+    for room in ROOMS:
+        lines = laid_out(table.columns, table.rows, names, room, shown)
+        if max(map(len, lines)) <= width:
+            break
+    else:
+        longest = max(map(len, names.values()))
+        least = max(longest - (max(map(len, lines)) - width), SHORTEST_NAME)
+        names = {key: name if len(name) <= least else name[: least - 2] + ".." for key, name in names.items()}
+        lines = laid_out(table.columns, table.rows, names, room, shown)
+    left_out = [c.title[0].lower() + c.title[1:] for c in table.columns if c.spare > room.spare]
+    halves = room.halves and any(c.half for _, cells in table.rows for c in cells)
+    said = [LEGEND + (HALF if halves and len(LEGEND + HALF) <= width else "")]
+    said += textwrap.wrap(f"No room for: {', '.join(left_out)}.", width) if left_out else []
+    return [Line(line) for line in lines] + [Line(shown(line), "dim") for line in said]
 
 
-def _number(answer: Answer) -> str:
-    """The value, with half of its interval where the sign is the message."""
-    text = number(answer.value, answer.unit)
-    if answer.ci95 is None or answer.unit not in SIGNED:
-        return text
-    return f"{text} ±{number(0.5 * (answer.ci95[1] - answer.ci95[0]), answer.unit, False)}"
+def laid_out(
+    headings: list[Heading],
+    rows: list[tuple[EstimatorRow, list[Cell]]],
+    names: dict[str, str],
+    room: Room,
+    shown: Shown,
+) -> list[str]:
+    """The lines of a table with this much room: headings of several lines, then a line per row."""
+    left = [(["filter"], [names[r.name] + (" (reference)" if r.is_reference and room.words else "") for r, _ in rows])]
+    if room.ids:
+        left.append((["id"], [shown(clean(r.name)) for r, _ in rows]))
+    right = [
+        titled(shown(heading.title), shown(heading.unit), [shown(text(cells[i], room)) for _, cells in rows])
+        for i, heading in enumerate(headings)
+        if heading.spare <= room.spare
+    ]
+    height = max(len(title) for title, _ in left + right)
+    columns = [[""] * (height - len(title)) + title + cells for title, cells in left + right]
+    padded = [
+        [c.ljust(width) if i < len(left) else c.rjust(width) for c in column]
+        for i, column in enumerate(columns)
+        for width in (max(map(len, column)),)
+    ]
+    return [GAP.join(line).rstrip() for line in zip(*padded, strict=True)]
+
+
+def titled(title: str, unit: str, cells: list[str]) -> tuple[list[str], list[str]]:
+    """A heading broken into lines no wider than its cells or its longest word, and the cells."""
+    width = max(map(len, [*cells, *title.split()]))
+    lines = textwrap.wrap(title, width)
+    if unit and len(lines[-1]) + 1 + len(unit) <= width:
+        return [*lines[:-1], f"{lines[-1]} {unit}"], cells
+    return lines + ([unit] if unit else []), cells
+
+
+def text(cell: Cell, room: Room) -> str:
+    """What a cell says: its value and mark, or a word."""
+    if cell.missing:
+        return (cell.text if room.words else cell.brief) + " "
+    half = f" {cell.half}" if room.halves and cell.half else ""
+    return cell.text + half + ("*" if cell.best else "~" if cell.unranked else " ")

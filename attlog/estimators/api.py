@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from numpy.typing import ArrayLike
 
 from attlog.errors import PluginError, UsageError
-from attlog.estimators.base import Estimate, Estimator
+from attlog.estimators.aids import Aids
+from attlog.estimators.base import Estimate, Estimator, LogFacts
 from attlog.estimators.engine import loop
 from attlog.estimators.engine.samples import Sampling, prepare
 from attlog.estimators.registry import get, names
@@ -34,9 +35,9 @@ class Row:
         values = ",".join(f"{k}={v:g}" if isinstance(v, float) else f"{k}={v}" for k, v in self.params.items())
         return f"{text}:{values}" if values else text
 
-    def resolved(self) -> dict[str, tuple[float | str, str]]:
-        """Every parameter's value and origin (default, preset, option)."""
-        return self.estimator.resolve(self.preset, self.params)
+    def resolved(self, log: LogFacts | None = None) -> dict[str, tuple[float | str, str]]:
+        """Every parameter's value and origin (default, log, preset, option)."""
+        return self.estimator.resolve(self.preset, self.params, log=log)
 
 
 def parse(text: str) -> Row:
@@ -102,6 +103,8 @@ def estimate(
     declination: float | None = None,
     dt: ArrayLike | None = None,
     every: int = 1,
+    aids: Aids | None = None,
+    log: LogFacts | None = None,
     **params: float | str,
 ) -> Estimate:
     """The attitude (n, 4) that an estimator finds in raw sensor samples, with bias and counts.
@@ -112,7 +115,9 @@ def estimate(
     ``interval`` where a sample is the mean over the time since the one before (PX4),
     ``instant`` where it is the value at its time (ArduPilot). ``q0`` start attitude, else
     from the sensors. ``declination`` deg, positive east. ``dt`` (n,) s: each sample's own
-    integration time where known. ``every`` keeps each n-th output. ``params`` override.
+    integration time where known. ``every`` keeps each n-th output. ``aids``: GNSS, barometer,
+    airspeed and times at rest for estimators that use them. ``log``: what a log tells about
+    parameters; a preset and ``params`` override it.
 
     The result stands at the input's own good samples; what was left out is counted in
     ``skipped``. UsageError for wrong shapes, names or values, or a missing sensor.
@@ -127,9 +132,11 @@ def estimate(
     given = {**row.params, **params}
     if declination is not None and any(p.name == "declination" for p in estimator.parameters):
         given["declination"] = declination
-    values = {k: v for k, (v, _) in estimator.resolve(row.preset, given).items()}
+    if aids is not None and not isinstance(aids, Aids):
+        raise UsageError(f"aids must be attlog.estimators.Aids, not {type(aids).__name__}")
+    values = {k: v for k, (v, _) in estimator.resolve(row.preset, given, log=log).items()}
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
-    return loop.run(estimator, samples, values, q0, int(every))
+    return loop.run(estimator, samples, values, q0, int(every), aids)
 
 
 def _split(text: str) -> tuple[str, list[str]]:
@@ -142,11 +149,11 @@ def _split(text: str) -> tuple[str, list[str]]:
 def items(text: str) -> list[str]:
     """The rows of a list as text; a bare ``k=v`` belongs to the row before it. UsageError if there is none."""
     found: list[str] = []
-    for piece in (p.strip() for p in text.split(",")):
-        if found and "=" in piece and ":" not in piece.partition("=")[0]:
-            found[-1] += "," + piece
-        elif piece:
-            found.append(piece)
+    for item in (p.strip() for p in text.split(",")):
+        if found and "=" in item and ":" not in item.partition("=")[0]:
+            found[-1] += "," + item
+        elif item:
+            found.append(item)
     if not found:
         raise UsageError("no estimator named; give default, all or NAME[@PRESET][:k=v,...]")
     return found

@@ -2,7 +2,9 @@
 
 An estimator knows numbers only: no log, no vehicle, no files. Its file holds a
 docstring with equations and source, a few constants (:mod:`attlog.estimators.registry`
-lists them) and two plain functions that numba can compile, ``start`` and ``step``.
+lists them) and two plain functions that numba can compile, ``start`` and ``step``, or one
+that takes whole segments, ``run``. What a log can tell a filter about its own parameters
+reaches it as :class:`LogFacts`.
 """
 
 from __future__ import annotations
@@ -11,9 +13,10 @@ import difflib
 import math
 import os
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A knob: what it means, its unit, range, default, and where the default comes from.
+    """A setting of a filter: what it means, its unit, range, default, and where the default comes from.
 
     ``choices`` names the values of a switch; the kernel sees the position in the
     tuple as a float.
@@ -64,6 +67,32 @@ class Parameter:
         return f"from {self.low:g} to {self.high:g} {self.unit}".rstrip()
 
 
+@dataclass(frozen=True, slots=True)
+class LogInfo:
+    """What is known about a flight, in numbers; None where the log does not tell it.
+
+    ``declination_deg`` at the place and date of the flight, positive east. ``imu_rate_hz``,
+    ``mag_rate_hz`` of the replayed sensors (no magnetometer: None). ``gyro_noise`` [rad/s/sqrt(Hz)]
+    and ``acc_noise`` [m/s^2/sqrt(Hz)]: white noise densities at rest, mean of the three axes,
+    measured over ``rest_s`` seconds.
+    """
+
+    declination_deg: float | None = None
+    imu_rate_hz: float | None = None
+    mag_rate_hz: float | None = None
+    gyro_noise: float | None = None
+    acc_noise: float | None = None
+    rest_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LogFacts:
+    """What ``from_log(params, info)`` is given: the log's parameters by name, and what is known about the flight."""
+
+    params: Mapping[str, float] = field(default_factory=dict)
+    info: LogInfo = LogInfo()
+
+
 INIT = Parameter(
     "init",
     "average",
@@ -86,6 +115,10 @@ DECLINATION = Parameter(
 COMMON = (INIT, DECLINATION)
 """Parameters that the shared loop handles for every filter; the kernel does not see them."""
 
+SENSORS = frozenset({"gyro", "acc", "mag"})
+AIDS = frozenset({"gnss", "baro", "airspeed", "at_rest"})
+"""What ``uses`` may name beside the sensors."""
+
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
@@ -99,7 +132,9 @@ class Estimator:
     ``text`` are the module docstring for people. ``causal`` is False where it
     looks ahead. ``hold_mag`` is True where the filter wants the last magnetometer
     vector propagated with the gyro between samples (continuous gains), False where
-    it wants new samples only (Kalman filters).
+    it wants new samples only (Kalman filters). ``from_log(params, info) -> values`` gives the
+    filter's own parameters that follow from a log (:class:`LogInfo`); a step whose ``uses``
+    names aids takes one argument more (:mod:`attlog.estimators.aids`).
     """
 
     name: str
@@ -118,6 +153,12 @@ class Estimator:
     causal: bool = True
     origin: str = "attlog"
     hold_mag: bool = True
+    from_log: Callable[..., Any] | None = None
+
+    @property
+    def aided(self) -> bool:
+        """Whether its step takes the argument ``aid``."""
+        return self.step is not None and bool(self.uses & AIDS)
 
     @property
     def own(self) -> tuple[Parameter, ...]:
@@ -127,7 +168,7 @@ class Estimator:
     @property
     def outputs(self) -> int:
         """How many leading entries of the state are kept for every sample."""
-        return max([4, *(s.stop for s in self.slices.values())])
+        return max(4, *(int(s.stop) for s in self.slices.values()), 4)
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name. UsageError with a suggestion if there is none."""
@@ -137,11 +178,18 @@ class Estimator:
         raise UsageError(f"{self.name} has no parameter {name}{suggestion(name, [p.name for p in self.parameters])}")
 
     def resolve(
-        self, preset: str | None = None, params: Mapping[str, float | str] | None = None, origin: str = "option"
+        self,
+        preset: str | None = None,
+        params: Mapping[str, float | str] | None = None,
+        origin: str = "option",
+        *,
+        log: LogFacts | None = None,
     ) -> dict[str, tuple[float | str, str]]:
-        """Every parameter's value and origin (default, preset, or ``origin`` for ``params``), all checked.
+        """Every parameter's value and origin (default, log, preset, or ``origin`` for ``params``), all checked.
 
-        UsageError for unknown presets or names and for values out of range.
+        What is asked for by name wins: ``params``, then the preset, then what follows from the
+        ``log``, then the default. UsageError for unknown presets or names and for values out of
+        range; PluginError if the filter's ``from_log`` fails or gives such.
         """
         if preset is not None and preset not in self.presets:
             raise UsageError(f"{self.name} has no preset {preset}{suggestion(preset, self.presets)}")
@@ -149,7 +197,27 @@ class Estimator:
         for given, told in ((self.presets[preset] if preset else {}, "preset"), (params or {}, origin)):
             for name, value in given.items():
                 values[name] = (self.parameter(name).check(value, self.name), told)
+        if log is not None:
+            left = {name for name, (_, told) in values.items() if told == "default"}
+            values |= {name: (value, "log") for name, value in self.values_of(log, left).items()}
         return values
+
+    def values_of(self, log: LogFacts, wanted: Collection[str]) -> dict[str, float | str]:
+        """Those of the ``wanted`` parameters that follow from a log. PluginError as in :meth:`resolve`.
+
+        The declination does for every filter that has one, unless its own ``from_log`` says otherwise.
+        """
+        values: dict[str, float | str] = {}
+        if log.info.declination_deg is not None and log.info.mag_rate_hz is not None:
+            values |= {p.name: log.info.declination_deg for p in self.parameters if p == DECLINATION}
+        if self.from_log is not None:
+            with plugin_errors(self):
+                values |= dict(self.from_log(MappingProxyType(dict(log.params)), log.info))
+        try:
+            known = {name: self.parameter(name) for name in values}
+            return {name: p.check(values[name]) for name, p in known.items() if name in wanted}
+        except UsageError as error:
+            raise PluginError(f"{self.name}: from_log gives {error}") from None
 
     def pack(self, values: Mapping[str, float | str]) -> Array:
         """The kernel's ``params`` array (float64) of resolved values."""

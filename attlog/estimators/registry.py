@@ -6,11 +6,13 @@ equations) and these names:
 ======== ==================================================================================
 SOURCE   paper or package with equation numbers
 NEEDS    what it cannot run without, of ``{"gyro", "acc", "mag"}``
-USES     what it takes when there (default empty)
+USES     what it takes when there (default empty), of these and the aids ``{"gnss", "baro",
+         "airspeed", "at_rest"}``, which are told in :mod:`attlog.estimators.aids`
 STATE    sizes by name in the order of the state array, ``{"q": 4, "bias": 3, "_P": 9}``;
          names that begin with ``_`` come last and are not kept as output
 PARAMETERS, PRESETS, HOLD_MAG, CAUSAL   see :class:`attlog.estimators.base.Estimator`
 start, step   or  run                   the functions
+from_log                                optional, see :class:`attlog.estimators.base.LogFacts`
 ======== ==================================================================================
 """
 
@@ -18,13 +20,14 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from attlog.errors import AttlogError, PluginError, UsageError
-from attlog.estimators.base import COMMON, DECLINATION, INIT, Estimator, Parameter, broken, suggestion
+from attlog.estimators.base import AIDS, COMMON, DECLINATION, INIT, SENSORS, Estimator, Parameter, broken, suggestion
 
 BUILT_IN = (
     "gyro",
@@ -44,8 +47,6 @@ BUILT_IN = (
 
 GROUP = "attlog.estimators"
 """Entry points of this group name modules of other packages: ``my_filter = "my_package.my_filter"``."""
-
-SENSORS = frozenset({"gyro", "acc", "mag"})
 
 
 def names() -> tuple[str, ...]:
@@ -97,13 +98,16 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
     uses = frozenset(getattr(module, "USES", ())) | needs
     own = tuple(getattr(module, "PARAMETERS", ()))
     start, step, run = (getattr(module, n, None) for n in ("start", "step", "run"))
-    presets = getattr(module, "PRESETS", {})
+    presets, from_log = getattr(module, "PRESETS", {}), getattr(module, "from_log", None)
     if run is None and not (callable(start) and callable(step)):
         raise PluginError(f"{where}: defines neither start and step nor run; see attlog new")
-    if not needs <= SENSORS or not uses <= SENSORS:
-        raise PluginError(
-            f"{where}: NEEDS and USES may name gyro, acc and mag, not {', '.join(sorted((needs | uses) - SENSORS))}"
-        )
+    if not needs <= SENSORS:
+        raise PluginError(f"{where}: NEEDS may name gyro, acc and mag, not {', '.join(sorted(needs - SENSORS))}")
+    if not uses <= SENSORS | AIDS:
+        known = ", ".join([*sorted(SENSORS), *sorted(AIDS)])
+        raise PluginError(f"{where}: USES may name {known}, not {', '.join(sorted(uses - SENSORS - AIDS))}")
+    if from_log is not None and not callable(from_log):
+        raise PluginError(f"{where}: from_log must be a function of params and info")
     if not all(isinstance(p, Parameter) for p in own):
         raise PluginError(f"{where}: PARAMETERS must hold attlog.estimators.Parameter objects")
     if next(iter(state.items())) != ("q", 4):
@@ -129,7 +133,9 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
         causal=bool(getattr(module, "CAUSAL", True)),
         origin=origin,
         hold_mag=bool(getattr(module, "HOLD_MAG", True)),
+        from_log=from_log,
     )
+    _check_arguments(estimator, where)
     _check_tables(estimator, where)
     return estimator
 
@@ -149,6 +155,27 @@ def _slices(state: Mapping[str, int], where: str) -> dict[str, slice]:
     if "bias" in slices and slices["bias"].stop - slices["bias"].start != 3:
         raise PluginError(f"{where}: STATE bias must have size 3 (rad/s)")
     return slices
+
+
+def _check_arguments(estimator: Estimator, where: str) -> None:
+    """PluginError if a function takes another number of arguments than it will be given."""
+    wanted = {
+        "start": ("params", "acc", "mag", "q0"),
+        "step": ("state", "params", "dt", "gyr", "acc", "mag") + ("aid",) * estimator.aided,
+        "run": ("t", "gyr", "acc", "mag", "aids", "params"),
+        "from_log": ("params", "info"),
+    }
+    for name, arguments in wanted.items():
+        function = getattr(estimator, name)
+        if function is None:
+            continue
+        try:
+            inspect.signature(function).bind(*arguments)
+        except TypeError:
+            hint = "; aid is there because USES names aids" if name == "step" and estimator.aided else ""
+            raise PluginError(f"{where}: {name} must take {', '.join(arguments)}{hint}") from None
+        except ValueError:
+            continue  # not a Python function: nothing tells what it takes
 
 
 def _check_tables(estimator: Estimator, where: str) -> None:

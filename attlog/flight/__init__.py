@@ -45,11 +45,7 @@ def read(
     LogUnreadable if it cannot be opened. A log without usable IMU is returned with
     ``imu`` None and the reason among ``problems``.
     """
-    messages = formats.open(path)
-    if system is not None and messages.format in ("tlog", "mavlink"):
-        from attlog.formats.mavlink import reader
-
-        messages = reader.read(path, system)
+    messages = formats.open(path, system)
     boots = max(len(messages.boots), 1)
     chosen = choose_boot(messages) if boot is None else boot
     if not 0 <= chosen < boots:
@@ -79,21 +75,21 @@ def read(
 def read_messages(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
     """The flight in one power-up's messages, by the reader for who wrote them."""
     if messages.format == "ulog":
-        from attlog.flight.px4 import reader
+        from attlog.flight.px4 import reader as px4
 
-        return reader.read(messages, imu, mag)
+        return px4.read(messages, imu, mag)
     if messages.format in ("dataflash", "dataflash_text"):
-        from attlog.flight.ardupilot import reader
+        from attlog.flight.ardupilot import reader as ardupilot
 
-        return reader.read(messages, imu, mag)
+        return ardupilot.read(messages, imu, mag)
     if messages.format == "px4log":
         from attlog.flight.px4 import sdlog2
 
         return sdlog2.read(messages, imu, mag)
     if messages.format in ("tlog", "mavlink"):
-        from attlog.flight.mavlink import reader
+        from attlog.flight.mavlink import reader as mavlink
 
-        return reader.read(messages, imu, mag, system)
+        return mavlink.read(messages, imu, mag, system)
     raise LogUnusable(f"{messages.path}: there is no flight reader for the format {messages.format!r}")
 
 
@@ -124,8 +120,8 @@ def damage(messages: Messages) -> list[Problem]:
     found = []
     if messages.damage:
         first = messages.damage[0]
-        at_end = len(messages.damage) == 1 and first.offset + first.length >= messages.size - 1 and first.length < 4096
-        if at_end:
+        at_end = len(messages.damage) == 1 and first.offset + first.length >= messages.size - 1
+        if at_end and 0 < first.length < 4096:
             text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
             return [Problem("cut_at_end", "note", text, offset=first.offset), *dropouts(messages)]
         places = "one place" if len(messages.damage) == 1 else f"{len(messages.damage)} places"

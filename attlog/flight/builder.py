@@ -20,6 +20,7 @@ from attlog.flight.timing import Stamps, plausible
 from attlog.formats.base import Messages, Table
 
 T = TypeVar("T")
+U = TypeVar("U")
 
 QUATERNION_NORM = (0.5, 1.5)
 """A logged quaternion outside this norm is damage or an unset value."""
@@ -48,7 +49,7 @@ class LogBuilder:
         """Note something the user must know."""
         self.problems.append(Problem(code, severity, text.strip(), t, offset, count))
 
-    def attempt(self, what: str, build: Callable[[], T], otherwise: T) -> T:
+    def attempt(self, what: str, build: Callable[[], T], otherwise: U) -> T | U:
         """What ``build`` finds, ``otherwise`` where a damaged definition makes its message unreadable.
 
         Damage in a log hit format definitions too: fields are then missing, renamed or
@@ -63,7 +64,8 @@ class LogBuilder:
 
     def seconds(self, t_us: Stamps) -> Array:
         """Boot-clock microseconds as seconds on the log's clock (exact difference first)."""
-        return (np.asarray(t_us, np.int64) - self.t0_us) * 1e-6
+        seconds: Array = (np.asarray(t_us, np.int64) - self.t0_us) * np.float64(1e-6)
+        return seconds
 
     def keep(self, t_us: Stamps, source: str, good: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
         """Indices of the records with plausible stamps (and ``good`` values); what is left out becomes problems."""
@@ -123,7 +125,7 @@ class LogBuilder:
         empty = ~np.isfinite(x).any(axis=1) if allow_nan else np.zeros(len(x), bool)
         with np.errstate(invalid="ignore"):
             inside = np.abs(x) <= limit
-        good = (inside | np.isnan(x)).all(axis=1) if allow_nan else inside.all(axis=1)
+        good: NDArray[np.bool_] = np.all(inside | np.isnan(x) if allow_nan else inside, axis=1)
         chosen = np.flatnonzero(~empty)
         index = chosen[self.keep(np.asarray(t_us)[chosen], source, good[chosen])]
         if len(index) == 0:
@@ -209,7 +211,7 @@ class LogBuilder:
         for text in self.messages.texts:
             t_us = text.t_us if text.t_us is not None else self.t0_us if at is None else at(text.offset)
             if 0 <= t_us < LATEST_US:
-                found.append((float(self.seconds(np.int64(t_us))), text.level, text.text))
+                found.append((float(self.seconds(np.array(t_us))), text.level, text.text))
         return found
 
     def time_line(self, t_us: Stamps, values: list[Any], source: str) -> TimeLine | None:
@@ -239,7 +241,13 @@ def columns(table: Table, *names: str) -> Array:
 def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:
     """Which rows (n,) of x (n, k) are finite and within +-limit."""
     with np.errstate(invalid="ignore"):
-        return (np.abs(x) <= limit).all(axis=1)
+        inside: NDArray[np.bool_] = np.all(np.abs(x) <= limit, axis=1)
+    return inside
+
+
+def on_earth(place: Array) -> NDArray[np.bool_]:
+    """Which rows of ``place`` (n, 2 or more) begin with a latitude and a longitude in deg."""
+    return finite_within(place[:, :1], 90.0) & finite_within(place[:, 1:2], 180.0)
 
 
 def step_of(angles_deg: Array) -> float:

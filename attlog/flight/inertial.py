@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
 from attlog.flight.timing import Stamps, plausible
@@ -20,6 +21,9 @@ REPLAY_MIN_HZ = 10.0
 """Below this no attitude can be replayed: rotation between samples is lost."""
 MEASURED_SHARE = 0.01
 """A unit with fewer records that are not zero was never read (a simulator or driver that fills it with zeros)."""
+REFUSED = ("values_out_of_range", "time_backward", "false_times")
+REFUSED_SHARE = 0.5
+"""A unit of which more records than this are refused shows no motion with the few that are left."""
 LOW_RATE_HZ = 45.0
 """Below the 50 Hz of a default log vibration is aliased and lags carry a low-rate mark."""
 
@@ -28,8 +32,9 @@ LOW_RATE_HZ = 45.0
 class Candidate:
     """Gyro (n, 3) rad/s and specific force (n, 3) m/s^2 of one unit from one message, stamps in us.
 
-    ``rank`` is the place in the preference order of the firmware, 0 best. ``steady``
-    is False where the logger kept only every k-th sample of an integrating source.
+    ``rank`` is the place in the preference order of the firmware, 0 best. ``usable`` is
+    False where the source is too slow for what it is. ``refused`` is the part of its
+    records that hold values that no sensor gives, or false times.
     """
 
     index: int
@@ -49,6 +54,7 @@ class Candidate:
     note: str = ""
     usable: bool = True
     acc_source: str = ""
+    refused: float = 0.0
     problems: list[Problem] = field(default_factory=list)
 
     @property
@@ -76,6 +82,8 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
     good = finite_within(candidate.gyro, GYRO_LIMIT_RAD_S) & finite_within(candidate.acc, ACC_LIMIT_M_S2)
     index = own.keep(candidate.t_us, candidate.source, good)
     candidate.problems += own.problems
+    wrong = sum(p.count for p in own.problems if p.code in REFUSED)
+    candidate.refused = wrong / max(len(candidate.t_us), 1)
     measured = (candidate.gyro[index] != 0).any(axis=1) | (candidate.acc[index] != 0).any(axis=1)
     if len(index) and np.mean(measured) < MEASURED_SHARE:
         text = f"{candidate.source}: its gyro and accelerometer values are zero; this unit is not used."
@@ -99,12 +107,12 @@ def best_per_unit(builder: LogBuilder, candidates: list[Candidate]) -> list[Cand
 
 
 def choose_unit(
-    builder: LogBuilder, units: list[Candidate], flew: int | None, why: str, asked: int | None, how_to_log: str
+    builder: LogBuilder, units: list[Candidate], flew: int | None, why: str, asked: int | None, logging: Logging
 ) -> int | None:
     """Position of the unit to replay in ``units``, None (and a problem) where none can be.
 
     ``flew`` is the index of the unit that the autopilot used, ``asked`` what the user
-    wants; ``how_to_log`` is the sentence on the setting that would log enough.
+    wants; ``logging`` knows the settings that would log more.
     """
     if not units:
         unusable = ("no_clock", "values_out_of_range", "false_times", "imu_all_zero")
@@ -112,7 +120,7 @@ def choose_unit(
         text = (
             "No record of the gyro and accelerometer in this log can be used."
             if refused
-            else f"This log holds no gyro and accelerometer data. {how_to_log}"
+            else f"This log holds no gyro and accelerometer data. {logging.advice('imu')}"
         )
         builder.problem("no_imu", "error", text)
         return None
@@ -133,7 +141,7 @@ def choose_unit(
                 "imu_that_flew_too_slow",
                 "warning",
                 f"The IMU that flew ({units[wanted].source}) is logged at {units[wanted].rate:.1f} Hz; "
-                f"{units[fast[0]].source} is replayed instead. {how_to_log}",
+                f"{units[fast[0]].source} is replayed instead. {logging.advice('imu', units[wanted].rate)}",
             )
             wanted, reason = fast[0], "the only one logged fast enough"
     unit = units[wanted]
@@ -141,8 +149,15 @@ def choose_unit(
         builder.problem(
             "imu_too_short",
             "error",
-            f"{unit.source} is too short: {len(unit.t_us)} of the {REPLAY_MIN_SAMPLES} samples that a replay needs. "
-            f"{how_to_log}",
+            f"{unit.source} is too short: {len(unit.t_us)} of the {REPLAY_MIN_SAMPLES} samples that a replay needs.",
+        )
+        return None
+    if unit.refused > REFUSED_SHARE:
+        builder.problem(
+            "imu_mostly_refused",
+            "error",
+            f"{unit.source}: {100 * unit.refused:.0f} % of its records hold values that no sensor can give or false "
+            "times; what is left shows no flight.",
         )
         return None
     if unit.rate < REPLAY_MIN_HZ:
@@ -150,7 +165,7 @@ def choose_unit(
             "imu_rate_too_low",
             "error",
             f"{unit.source} is logged at {unit.rate:.1f} Hz; a replay needs at least {REPLAY_MIN_HZ:.0f} Hz. "
-            f"{how_to_log}",
+            f"{logging.advice('imu', unit.rate)}",
         )
         return None
     if unit.rate < LOW_RATE_HZ:
@@ -158,7 +173,7 @@ def choose_unit(
             "imu_low_rate",
             "warning",
             f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and lags below "
-            f"{1000 / unit.rate:.0f} ms cannot be told. {how_to_log}",
+            f"{1000 / unit.rate:.0f} ms cannot be told. {logging.advice('fast_imu', unit.rate)}",
         )
     builder.choices["imu"] = sentence(reason)
     return wanted
@@ -217,10 +232,10 @@ def longest_held(t_us: Stamps, units: list[int]) -> int | None:
     """The unit that flew for the longest time (the last one as long as the median of the others), None without."""
     if not units:
         return None
-    lengths = np.diff(np.asarray(t_us, np.int64))
-    lengths = np.append(lengths, int(np.median(lengths)) if len(lengths) else 1)
+    lengths: list[int] = np.diff(np.asarray(t_us, np.int64)).tolist()
+    lengths.append(int(np.median(lengths)) if lengths else 1)
     held: dict[int, int] = {}
-    for unit, length in zip(units, lengths.tolist(), strict=True):
+    for unit, length in zip(units, lengths, strict=True):
         held[unit] = held.get(unit, 0) + max(length, 1)
     return max(held, key=lambda u: held[u])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder
 from attlog.flight.inertial import sentence
 from attlog.flight.model import Array, Imu, Mag
@@ -57,7 +58,7 @@ def build(
 def spikes(field_t: Array) -> NDArray[np.bool_]:
     """Which records (n,) cannot be a field: not finite, zero, beyond the limit, or far from the local median norm."""
     norm = np.sqrt(np.sum(field_t**2, axis=1))
-    bad = ~np.isfinite(norm) | (norm == 0) | (norm > MAG_LIMIT_T)
+    bad: NDArray[np.bool_] = ~np.isfinite(norm) | (norm == 0) | (norm > MAG_LIMIT_T)
     good = np.flatnonzero(~bad)
     if len(good) >= 5:
         n = norm[good]
@@ -91,11 +92,18 @@ def turn(imu: Imu, t0: float, t1: float) -> float:
 
 
 def choose(
-    builder: LogBuilder, mags: list[Mag], imu: Imu | None, preferred: int | None, why: str, asked: int | str | None
+    builder: LogBuilder,
+    mags: list[Mag],
+    imu: Imu | None,
+    preferred: int | None,
+    why: str,
+    asked: int | str | None,
+    logging: Logging,
 ) -> int | None:
     """Position of the magnetometer to use, None with a problem where none can be.
 
-    ``asked`` is a number, ``"none"`` for no magnetometer, or None to choose.
+    ``asked`` is a number, ``"none"`` for no magnetometer, or None to choose; ``logging``
+    knows the settings that would log one.
     """
     if asked == "none":
         builder.choices["mag"] = "None, as asked for."
@@ -133,17 +141,10 @@ def choose(
             usable.append(k)
     if not usable:
         if not mags:
-            builder.problem("no_mag", "warning", "This log holds no magnetometer data: headings are relative.")
+            text = f"This log holds no magnetometer data: headings are relative. {logging.advice('mag')}"
+            builder.problem("no_mag", "warning", text)
         return None
     chosen = next((k for k in usable if mags[k].index == preferred), usable[0])
     reason = why if mags[chosen].index == preferred else "the first usable one"
     builder.choices["mag"] = sentence(reason)
     return chosen
-
-
-def only_new(field: Array, t_us: Stamps) -> NDArray[np.bool_]:
-    """Which records (n,) hold a new measurement where a slow sensor is repeated at a faster rate."""
-    new = np.ones(len(t_us), bool)
-    if len(t_us) > 1:
-        new[1:] = (np.diff(field, axis=0) != 0).any(axis=1) | (np.diff(t_us) > 1_000_000)
-    return new

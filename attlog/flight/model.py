@@ -14,20 +14,34 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.advice import Logging, What, stand_still
+from attlog.flight.vehicle import VehicleKind, kind_of
+
 Array = NDArray[np.float64]
 Severity = Literal["info", "note", "warning", "error"]
 PAUSE_S = 1.0
 """Holes longer than this and than five intervals are pauses of the logger (disarmed, telemetry lost)."""
 
 
+def running(t: Array) -> NDArray[np.bool_]:
+    """Which intervals (n - 1,) between samples at ``t`` (n,) s are no pauses of the logger."""
+    dt = np.diff(t)
+    return dt <= max(PAUSE_S, 5.0 * float(np.median(dt))) if len(dt) else np.zeros(0, bool)
+
+
+def covered_seconds(t: Array) -> float:
+    """Time in s that samples at ``t`` (n,) s cover, pauses left out."""
+    return float(np.diff(t)[running(t)].sum())
+
+
 def logged_rate(t: Array) -> float:
     """Mean rate in Hz of samples at ``t`` (n,) s: count over span without pauses, 0 for fewer than two samples."""
-    if len(t) < 2:
-        return 0.0
-    dt = np.diff(t)
-    running = dt <= max(PAUSE_S, 5.0 * float(np.median(dt)))
-    span = float(dt[running].sum())
-    return float(np.count_nonzero(running)) / span if span > 0 else 0.0
+    span = covered_seconds(t)
+    return float(np.count_nonzero(running(t))) / span if span > 0 else 0.0
+
+
+BEGINS_DISARMED_S = 5.0
+"""A log that is armed later than this after its start does not wait for arming."""
 
 
 @dataclass(slots=True)
@@ -138,6 +152,15 @@ class Attitude:
         """Mean rate in Hz while the logger ran, 0 for fewer than two samples."""
         return logged_rate(self.t)
 
+    def covers(self, t: Array) -> NDArray[np.bool_]:
+        """Which of the times (m,) s it covers: between two of its samples without a pause between them."""
+        if len(self.t) < 2:
+            return np.zeros(len(t), bool)
+        k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        inside = (t >= self.t[0]) & (t <= self.t[-1])
+        covered: NDArray[np.bool_] = inside & running(self.t)[k]
+        return covered
+
 
 @dataclass(slots=True)
 class TimeLine:
@@ -189,7 +212,12 @@ class FlightLog:
     ``attitudes`` maps source names to attitudes; ``onboard`` names the one that flew.
     ``setpoints`` is the attitude set-point, ``rate_setpoints`` a stream in rad/s.
     ``motors`` (n, motors) are the outputs to them, 0 stopped to 1 full, where the log tells which outputs these are.
-    ``utc_offset`` (s) turns ``t`` into Unix time where GNSS told it.
+    ``utc_offset`` (s) turns ``t`` into Unix time where GNSS told it. ``vehicle`` is what
+    people call the vehicle, ``kind`` what it can do. ``trim`` (3,) rad is the rotation
+    between IMU and vehicle that attitudes with ``has_trim`` have taken out, and
+    ``declination_param`` (deg, east positive) what the autopilot was told; None where the
+    log does not tell, with the names of the parameters in ``trim_source`` and
+    ``declination_source``. ``logging`` knows the vehicle's logging settings.
     """
 
     path: Path
@@ -222,12 +250,56 @@ class FlightLog:
     battery: Stream | None = None
     params: dict[str, TimeLine] = field(default_factory=dict)
     param_defaults: dict[str, float] = field(default_factory=dict)
+    trim: Array | None = None
+    trim_source: str = ""
+    declination_param: float | None = None
+    declination_source: str = ""
+    logging: Logging | None = None
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     boot: int = 0
     boots: int = 1
     choices: dict[str, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     seconds: float = 0.0
+
+    @property
+    def kind(self) -> VehicleKind:
+        """What the vehicle can do; OTHER where the log does not tell what it is."""
+        return kind_of(self.vehicle)
+
+    @property
+    def replay_imu(self) -> Imu | None:
+        """The IMU to replay, None where no unit can be."""
+        return None if self.imu is None else self.imus[self.imu]
+
+    @property
+    def onboard_attitude(self) -> Attitude | None:
+        """The attitude that flew, None where the log holds none."""
+        return self.attitudes.get(self.onboard or "")
+
+    @property
+    def imu_delay(self) -> float:
+        """Known lag in s of the low-pass filter ahead of the replayed gyro, 0 where none is known."""
+        imu = self.replay_imu
+        return 0.0 if imu is None else imu.gyro.delay
+
+    def advice(self, what: What, rate: float | None = None) -> str:
+        """What would log ``what``: the setting that is missing, or the reason where every setting is right.
+
+        ``rate`` (Hz) is that of the records the log holds, None where it holds none.
+        Empty where nothing is known of the firmware's settings.
+        """
+        if what == "rest" and self.begins_disarmed:
+            return stand_still("The log begins before arming already")
+        return "" if self.logging is None else self.logging.advice(what, rate)
+
+    @property
+    def begins_disarmed(self) -> bool:
+        """Whether the log was running for some seconds before the vehicle was armed for the first time."""
+        if self.armed is None or not self.armed.value or self.armed.value[0]:
+            return False
+        ends = self.armed.t[1] if len(self.armed.t) > 1 else self.seconds
+        return float(ends) >= BEGINS_DISARMED_S
 
     def param(self, name: str, t: float | None = None) -> float | None:
         """A parameter's value at ``t`` (default: at the first IMU sample); None if the log has none."""

@@ -1,18 +1,11 @@
-"""Names of vehicle types and flight modes.
+"""Names of flight modes.
 
-Sources: MAVLink common.xml (MAV_TYPE), PX4 msg/VehicleStatus.msg, ArduPilot
+Sources: PX4 msg/VehicleStatus.msg, ArduPilot
 ``mode.h`` of each vehicle. Numbers that PX4 gave a second meaning are named by
 their newest one.
 """
 
 from __future__ import annotations
-
-MAV_TYPES = {
-    0: "generic", 1: "fixed wing", 2: "quadrotor", 3: "coaxial helicopter", 4: "helicopter", 5: "antenna tracker",
-    7: "airship", 8: "balloon", 9: "rocket", 10: "rover", 11: "boat", 12: "submarine", 13: "hexarotor",
-    14: "octorotor", 15: "tricopter", 16: "flapping wing", 19: "VTOL", 20: "VTOL", 21: "VTOL", 22: "VTOL",
-    23: "VTOL", 24: "VTOL", 25: "VTOL", 28: "parafoil", 29: "dodecarotor", 35: "decarotor",
-}  # fmt: skip
 
 PX4_MODES = {
     0: "Manual", 1: "Altitude", 2: "Position", 3: "Mission", 4: "Hold", 5: "Return", 6: "Position Slow",
@@ -47,18 +40,6 @@ SUB_MODES = {
 }  # fmt: skip
 
 ARDUPILOT_MODES = {"copter": COPTER_MODES, "plane": PLANE_MODES, "rover": ROVER_MODES, "sub": SUB_MODES}
-
-FAMILY_OF_TYPE = {
-    "fixed wing": "plane", "VTOL": "plane", "rover": "rover", "boat": "rover", "submarine": "sub",
-    "quadrotor": "copter", "hexarotor": "copter", "octorotor": "copter", "tricopter": "copter", "helicopter": "copter",
-    "coaxial helicopter": "copter", "dodecarotor": "copter", "decarotor": "copter", "multirotor": "copter",
-}  # fmt: skip
-"""ArduPilot's firmware family for a vehicle type; it decides what a mode number means."""
-
-
-def vehicle_name(mav_type: int) -> str:
-    """The vehicle for a MAV_TYPE number, "unknown" where it is none."""
-    return MAV_TYPES.get(mav_type, "unknown")
 
 
 def px4_mode(nav_state: int) -> str:

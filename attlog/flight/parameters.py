@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from attlog.flight.builder import LATEST_US, LogBuilder
-from attlog.flight.model import TimeLine
+from attlog.flight.model import FlightLog, TimeLine
 from attlog.formats.base import ParamChange
 
 
@@ -43,3 +44,16 @@ def time_lines(builder: LogBuilder, changes: list[ParamChange], source: str) -> 
             t.append(begin if change.t_us is None else change.t_us)
             v.append(change.value)
     return {name: TimeLine(builder.seconds(np.array(t, np.int64)), list(v), source) for name, (t, v) in lines.items()}
+
+
+NOT_SET_DEG = 1e-6
+"""A declination of 0 is "not set", not "0 deg": on almost all of the earth 0 is wrong."""
+
+
+def declination(log: FlightLog, names: Mapping[str, float]) -> tuple[float | None, str]:
+    """Declination in deg and the name of the first parameter (``names``: factor to deg) that is set; None without."""
+    for name, to_deg in names.items():
+        value = log.param(name)
+        if value is not None and NOT_SET_DEG < abs(value * to_deg) <= 180.0:
+            return float(value) * to_deg, name
+    return None, ""

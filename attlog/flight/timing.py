@@ -19,6 +19,8 @@ Stamps = NDArray[np.int64]
 ISOLATED_S = 10.0
 """Fewer than ISOLATED_MIN records this far away from all others are false records."""
 ISOLATED_MIN = 3
+HELD_US = 1_000_000
+"""A repeated value is kept once in this time."""
 GAP_FACTOR = 5.0
 GAP_S = 0.05
 """A gap is longer than max(GAP_FACTOR * median interval, GAP_S) (docs/metrics.md)."""
@@ -111,6 +113,22 @@ def without_isolated(t: Stamps, index: NDArray[np.int64]) -> tuple[NDArray[np.in
         return index, 0
     keep = np.repeat(sizes >= ISOLATED_MIN, sizes)
     return index[keep], int((~keep).sum())
+
+
+def only_new(x: NDArray[np.float64], t_us: Stamps) -> NDArray[np.bool_]:
+    """Which records (n,) hold a new measurement where a slow sensor is repeated at a faster rate.
+
+    ``x`` (n,) or (n, k). A value that does not change may be measured anew: one record
+    of each second stays, so that a sensor that stands still is not taken for absent.
+    """
+    new = np.ones(len(t_us), bool)
+    if len(t_us) > 1:
+        t = np.asarray(t_us, np.int64)
+        changed = np.diff(np.asarray(x).reshape(len(t), -1), axis=0) != 0
+        new[1:] = changed.any(axis=1)
+        since = t - t[np.maximum.accumulate(np.where(new, np.arange(len(t)), 0))]
+        new[1:] |= since[1:] // HELD_US > since[:-1] // HELD_US
+    return new
 
 
 def gaps(t: NDArray[np.float64]) -> NDArray[np.int64]:

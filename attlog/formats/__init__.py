@@ -1,72 +1,85 @@
-"""Flight logs as lazy columns: ``open`` tells the formats apart by content, never by suffix."""
+"""Flight logs as lazy columns: ``open`` tells the formats apart by content, never by suffix.
+
+A new format is a folder with reader, writer, clock, recogniser and oracle, and one line in :data:`FORMATS`.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from attlog.errors import LogUnreadable, LogUnusable, NotALog
+from attlog.errors import LogUnreadable, NotALog
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
+from attlog.formats.registry import Format
 
-__all__ = ["Boot", "Damage", "Field", "Messages", "ParamChange", "Table", "Text", "open", "recognise"]
+__all__ = ["FORMATS", "Boot", "Damage", "Field", "Messages", "ParamChange", "Table", "Text", "format_named", "open",
+           "recognise"]  # fmt: skip
 
 HEAD = 1 << 16
 """Bytes that are enough to recognise every format, also behind a damaged start."""
 
+# The first that recognises a file reads it: sdlog2 is framed like DataFlash and tells more of itself.
+# name, for people, recogniser, reader, writer, oracle
+FORMATS = (
+    Format("ulog", "ULog .ulg", "ulog.detect:is_ulog", "ulog.reader:read", "ulog.writer:write", "ulog.oracle:ORACLE"),
+    Format("px4log", "sdlog2 .px4log", "sdlog2:is_sdlog2", "sdlog2:read", None, "dataflash.oracle:BINARY"),
+    Format("dataflash", "DataFlash .bin", "dataflash.detect:is_binary", "dataflash.reader:read",
+           "dataflash.writer:write", "dataflash.oracle:BINARY"),
+    Format("dataflash_text", "DataFlash text .log", "dataflash.detect:is_text", "dataflash.text:read", None,
+           "dataflash.oracle:TEXT"),
+    Format("tlog", "MAVLink .tlog", "mavlink.detect:is_tlog", "mavlink.reader:read", "mavlink.writer:write",
+           "mavlink.oracle:TLOG", several_vehicles=True),
+    Format("mavlink", "raw MAVLink .mavlink", "mavlink.detect:is_capture", "mavlink.reader:read", None,
+           "mavlink.oracle:CAPTURE", several_vehicles=True),
+)  # fmt: skip
 
-def open(path: Path | str) -> Messages:
-    """The log as :class:`Messages`, whatever its format.
 
-    LogUnreadable: missing, a folder, no permission. NotALog: empty or none of the
-    formats. LogUnusable: a format that cannot be read (encrypted, newer).
+def open(path: Path | str, system: int | None = None) -> Messages:
+    """The log as :class:`Messages`, whatever its format; a gzip file is unpacked first.
+
+    ``system``: the MAVLink vehicle whose parameters, texts and boots are wanted, in formats that can hold several;
+    the others hold one vehicle and take no notice. LogUnreadable: missing, a folder, no permission. NotALog: empty
+    or none of the formats. LogUnusable: a format that cannot be read (encrypted, newer), or a file that unpacks to
+    more than any log.
     """
+    from attlog.formats.compression import content
+    from attlog.limits import MAX_DAMAGE
+
     path = Path(path)
-    match recognise(path):
-        case "ulog":
-            from attlog.formats.ulog import reader
-
-            return reader.read(path)
-        case "dataflash":
-            from attlog.formats.dataflash import reader
-
-            return reader.read(path)
-        case "px4log":
-            from attlog.formats import sdlog2
-
-            return sdlog2.read(path)
-        case "dataflash_text":
-            from attlog.formats.dataflash import text
-
-            return text.read(path)
-        case _:
-            from attlog.formats.mavlink import reader
-
-            return reader.read(path)
+    entry = format_named(recognise(path))
+    data, lost = content(path)
+    messages = entry.read(path, data, system)
+    if lost is not None:
+        messages.damage = [lost, *messages.damage[: MAX_DAMAGE - 1]]  # the cause of what is missing stands first
+    return messages
 
 
 def recognise(path: Path | str) -> str:
-    """The format's name as in ``Messages.format``; raises like :func:`open`."""
-    from attlog.formats.detect import format_of
-
+    """The format's name as in ``Messages.format``; LogUnreadable and NotALog like :func:`open`."""
     path = Path(path)
-    head, size = _head(path)
-    if size == 0:
+    head = _head(path)
+    if not head:
         raise NotALog(f"{path}: the file is empty")
-    if head.startswith(b"ULogEnc"):
-        raise LogUnusable(f"{path}: this ULog is encrypted; decrypt it with the key of the vehicle first")
-    found = format_of(head)
-    if found is None:
-        raise NotALog(f"{path}: not a flight log that attlog knows (ULog, DataFlash .bin or .log, tlog, px4log)")
-    return found
+    for entry in FORMATS:
+        if entry.recognises(head):
+            return entry.name
+    raise NotALog(f"{path}: not a flight log that attlog knows ({', '.join(f.for_people for f in FORMATS)})")
 
 
-def _head(path: Path) -> tuple[bytes, int]:
+def format_named(name: str) -> Format:
+    """The entry of a format. KeyError if there is none."""
+    return {entry.name: entry for entry in FORMATS}[name]
+
+
+def _head(path: Path) -> bytes:
+    """The first bytes of the log, behind any compression."""
+    from attlog.formats.compression import first_bytes
+
     if path.is_dir():
         raise LogUnreadable(f"{path}: is a folder, not a log; name the files in it")
     if path.exists() and not path.is_file():
         raise LogUnreadable(f"{path}: is no regular file; logs are memory-mapped, so save it to a file first")
     try:
-        with path.open("rb") as file:
-            return file.read(HEAD), path.stat().st_size
+        return first_bytes(path, HEAD)
     except FileNotFoundError:
         raise LogUnreadable(f"{path}: no such file") from None
     except (OSError, ValueError) as error:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import mmap
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import LogUnreadable, LogUnusable
 
-Offsets = NDArray[np.int32] | NDArray[np.int64]
+Offsets = NDArray[np.signedinteger[Any]]
 """Places in a file, see :func:`offset_type`."""
 
 
@@ -23,12 +23,16 @@ def map_bytes(path: str | Path) -> NDArray[np.uint8]:
     """
     try:
         with open(path, "rb") as file:
-            if file.seek(0, 2) == 0:
-                raise LogUnusable(f"{path}: the file is empty.")
-            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            return map_open_file(file, path)
     except OSError as error:
         raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error}).") from error
-    return np.frombuffer(mapped, np.uint8)
+
+
+def map_open_file(file: BinaryIO, path: str | Path) -> NDArray[np.uint8]:
+    """The content of an open file, which may be closed afterwards; ``path`` is what errors call it."""
+    if file.seek(0, 2) == 0:
+        raise LogUnusable(f"{path}: the file is empty.")
+    return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
 
 
 def offset_type(size: int) -> type[np.int32] | type[np.int64]:

@@ -9,7 +9,6 @@ src/modules/sdlog2/sdlog2_messages.h.
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
-from attlog.formats.base import Boot, Field, Messages, ParamChange, Table
-from attlog.formats.clock import restarts, times_before
+from attlog.formats.base import Field, Messages, Table
+from attlog.formats.clock import boots
+from attlog.formats.dataflash.content import params
+from attlog.formats.dataflash.detect import formats
 from attlog.formats.dataflash.index import index_records
 from attlog.formats.dataflash.tables import build_tables, unreadable
 from attlog.formats.mapping import map_bytes, text_of
@@ -26,24 +27,19 @@ from attlog.formats.mapping import map_bytes, text_of
 TIME = "_t_us"
 """Column with the boot time (us) of the group that a record belongs to, -1 before the first TIME record."""
 
-_HEAD = 1 << 16  # bytes at the beginning that hold all formats
+
+def is_sdlog2(head: bytes) -> bool:
+    """Whether these first bytes of a file have DataFlash framing and define a TIME that only holds the start time."""
+    return any(fmt.name == "TIME" and fmt.letters == "Q" for fmt in formats(head))
 
 
-def is_px4log(path: str | Path) -> bool:
-    """True if a file with DataFlash framing is an sdlog2 log: it defines TIME with StartTime."""
-    return any(
-        fmt.name == "TIME" and fmt.letters == "Q" and fmt.columns in (("StartTime",), ())
-        for fmt in index_records(map_bytes(path)[:_HEAD]).layouts
-    )
-
-
-def read(path: str | Path) -> Messages:
+def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
     """The messages of an sdlog2 log, columns decoded on demand; all instances are 0 (IMU1 is a name of its own).
 
     LogUnusable if the file has no TIME record, since nothing else tells time.
     """
     path = Path(path)
-    data = map_bytes(path)
+    data = map_bytes(path) if data is None else data
     index = index_records(data)
     tables = build_tables(data, index, by_instance=False)
     clock = tables.get(("TIME", 0))
@@ -62,12 +58,11 @@ def read(path: str | Path) -> Messages:
         damage=index.damage + unreadable(index),
         damage_bytes=index.damage_bytes,
     )
-    messages.params = _params(messages, at, time)
+    messages.params = params(messages, (at, time))
     version = messages.first("VER")
     if version is not None:
         messages.info["VER"] = {name: text_of(version[name][0]) for name in version.fields if name != TIME}
-    edges = [0, *at[restarts(time)].tolist(), len(data)]
-    messages.boots = [Boot(a, b) for a, b in pairwise(edges)]
+    messages.boots = boots((at, time), len(data))
     return messages
 
 
@@ -90,18 +85,3 @@ def _with_time(
         return table.rows(np.searchsorted(table.offsets, offsets))[column]
 
     return decode
-
-
-def _params(messages: Messages, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:
-    """PARM records; those before the first TIME record have no time."""
-    table = messages.first("PARM")
-    if table is None or not {"Name", "Value"} <= table.fields.keys():
-        return []
-    rows = zip(
-        table["Name"].tolist(),
-        table["Value"].tolist(),
-        times_before(table.offsets, at, time),
-        table.offsets.tolist(),
-        strict=True,
-    )
-    return [ParamChange(text_of(name), value, t_us, False, offset) for name, value, t_us, offset in rows]

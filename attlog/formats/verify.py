@@ -1,7 +1,7 @@
 """Does our reading of a log equal that of the official library, value by value?
 
 The users' own log is read a second time with pyulog or pymavlink (see
-:mod:`attlog.formats.oracles`). Where the readers differ on purpose
+:mod:`attlog.formats.oracle`). Where the readers differ on purpose
 (``docs/formats.md``) the difference is listed as explained.
 """
 
@@ -9,19 +9,16 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats import oracles
+from attlog.formats import oracle
 from attlog.formats.base import Messages
 from attlog.formats.mapping import text_of
-
-LIBRARIES = {"ulog": "pyulog"}
-NOT_COMPARED = {("FMT", "Columns"), ("FMT", "Format"), ("FILE", "Data")}
-"""Binary content and the description of FMT itself, which the libraries build in."""
 
 
 @dataclass(slots=True)
@@ -44,25 +41,23 @@ class Verification:
 
 def verify(path: Path | str) -> Verification:
     """The comparison of every message, field and record with pyulog or pymavlink. Errors as ``formats.open``."""
+    from attlog.formats import format_named
     from attlog.formats import open as open_log
 
     path = Path(path)
     log = open_log(path)
+    official = format_named(log.format).load_oracle()
     try:
-        other = oracles.read(path, log.format)
-    except Exception as error:  # the other library may fail in any way on a log that we can read
-        library = LIBRARIES.get(log.format, "pymavlink")
-        return Verification(library, False, f"it cannot read this log ({type(error).__name__}: {error}); not compared")
-    found = Verification(other.library, True, "")
-    redefined = _redefined(log)
-    for key in _keys(log, other.columns):
-        if key[0] in redefined:
-            found.explained.append(
-                f"{key[0]}: defined anew inside the file; {other.library} applies the last definition to all records, "
-                "attlog each from its place on"
-            )
+        theirs = oracle.read(path, log.format)
+    except oracle.OracleFailed as error:
+        return Verification(official.library, False, f"it cannot read this log ({error}); not compared")
+    found = Verification(f"{official.library} {version(official.library)}", True, "")
+    incomparable = official.why_not_comparable(log) or {}
+    for key in dict.fromkeys([*official.keys(log), *theirs]):
+        if key[0] in incomparable:
+            found.explained.append(f"{key[0]}: {incomparable[key[0]]}")
         else:
-            _compare(log, key, other.columns.get(key), found)
+            _compare(log, official, key, theirs.get(key), found)
     found.agrees = not found.differences
     found.text = f"{found.messages} messages, {found.records} records, {found.values} values compared"
     if log.damage_bytes:
@@ -70,27 +65,11 @@ def verify(path: Path | str) -> Verification:
     return found
 
 
-def _keys(log: Messages, theirs: oracles.Columns) -> list[oracles.Key]:
-    """Messages of both, in our naming where the library splits by instance, else without instance."""
-    by_instance = log.format in ("ulog", "tlog", "mavlink")
-    ours: list[oracles.Key] = list(log) if by_instance else [(name, None) for name in log.names()]
-    skipped = ("FMT",) if log.format == "dataflash_text" else ()
-    return [key for key in dict.fromkeys([*ours, *theirs]) if key[0] not in skipped]
-
-
-def _redefined(log: Messages) -> set[str]:
-    """DataFlash messages of which a type, layout or name changes inside the file (logs of two boots in one)."""
-    table = log.tables.get(("FMT", 0))
-    if table is None or not {"Type", "Name", "Length", "Format"} <= table.fields.keys():
-        return set()
-    rows = set(zip(*(table[c].tolist() for c in ("Type", "Name", "Length", "Format")), strict=True))
-    types, names = Counter(row[0] for row in rows), Counter(row[1] for row in rows)
-    return {text_of(row[1]) for row in rows if types[row[0]] > 1 or names[row[1]] > 1}
-
-
-def _compare(log: Messages, key: oracles.Key, theirs: dict[str, Any] | None, found: Verification) -> None:
+def _compare(
+    log: Messages, official: oracle.Oracle, key: oracle.Key, theirs: dict[str, Any] | None, found: Verification
+) -> None:
     name = key[0] if key[1] is None else f"{key[0]}:{key[1]}"
-    ours = official_columns(log, key)
+    ours = official.ours(log, key)
     if ours is None or theirs is None:
         present = ours if ours is not None else theirs
         count = len(next(iter(present.values()))) if present else 0
@@ -98,17 +77,14 @@ def _compare(log: Messages, key: oracles.Key, theirs: dict[str, Any] | None, fou
         _note(found, log, f"{name}: only {reader} reads it ({count} records)")
         return
     found.messages += 1
-    shared = [f for f in ours if f in theirs and (key[0], f) not in NOT_COMPARED]
+    shared = [f for f in ours if f in theirs]
     for column in [f for f in theirs if f not in ours]:
-        if column.rpartition(".")[2].startswith("_padding"):
-            found.explained.append(f"{name}.{column}: padding, left out by attlog")
+        why = official.why_not_ours(column)
+        if why is not None:
+            found.explained.append(f"{name}.{column}: {why}, left out by attlog")
         elif column:
             found.differences.append(f"{name}.{column}: only {found.oracle} has this field")
-    found.differences += [
-        f"{name}.{f}: only attlog has this field"
-        for f in ours
-        if f not in theirs and f != "_t_us" and (key[0], f) not in NOT_COMPARED
-    ]
+    found.differences += [f"{name}.{f}: only attlog has this field" for f in ours if f not in theirs]
     if not shared:
         return
     n, m = len(ours[shared[0]]), len(theirs[shared[0]])
@@ -138,46 +114,6 @@ def _note(found: Verification, log: Messages, sentence: str) -> None:
     (found.explained if log.damage or log.damage_bytes else found.differences).append(sentence)
 
 
-def official_columns(log: Messages, key: oracles.Key) -> dict[str, Any] | None:
-    """Our columns as the library names and scales them; instances of one message merged in file order if it does so."""
-    if log.format == "ulog":
-        return _flat(log, key) if key in log else None  # type: ignore[operator]
-    tables = [log[key[0], i] for i in (log.instances(key[0]) if key[1] is None else [key[1]]) if (key[0], i) in log]
-    if not tables:
-        return None
-    order = np.argsort(np.concatenate([t.offsets for t in tables]), kind="stable")
-    columns: dict[str, Any] = {}
-    for name, described in tables[0].fields.items():
-        plain = described.dtype.kind in "iub" and described.scale == 1.0
-        stored = plain or described.dtype.shape or described.dtype.kind == "S"
-        column = np.concatenate([t[name] if stored else t.value(name) for t in tables if name in t])[order]
-        columns[name] = _texts(column, key[1] is not None) if column.dtype.kind == "S" else column
-    return columns
-
-
-def _flat(log: Messages, key: Any) -> dict[str, NDArray[Any]]:
-    """ULog: one column per array element, text as small integers."""
-    found: dict[str, NDArray[Any]] = {}
-    for name, described in log[key].fields.items():
-        column = log[key][name]
-        if described.dtype.kind == "S":
-            width = described.dtype.itemsize
-            raw = np.frombuffer(column.tobytes(), np.int8).reshape(len(column), width)
-            found |= {f"{name}[{i}]": raw[:, i] for i in range(width)} if width > 1 else {name: raw[:, 0]}
-        elif column.ndim == 2:
-            found |= {f"{name}[{i}]": column[:, i] for i in range(column.shape[1])}
-        else:
-            found[name] = column
-    return found
-
-
-def _texts(column: NDArray[np.bytes_], ascii_only: bool) -> NDArray[np.object_]:
-    """Texts as the library decodes them: MAVLink as ASCII with replacement characters."""
-    result = np.empty(len(column), object)
-    result[:] = [raw.decode("ascii", "replace") if ascii_only else text_of(raw) for raw in column.tolist()]
-    return result
-
-
 def _equal(ours: Any, theirs: Any) -> NDArray[np.bool_]:
     """Element-wise; NaN equals NaN, the last digit may differ (we multiply by 0.01 where pymavlink divides by 100)."""
     if ours.dtype == object or theirs.dtype == object or ours.ndim > 1:
@@ -185,7 +121,7 @@ def _equal(ours: Any, theirs: Any) -> NDArray[np.bool_]:
     if ours.dtype.kind in "iub" and theirs.dtype.kind in "iub":
         return np.asarray(ours == theirs)
     a, b = ours.astype(np.float64), theirs.astype(np.float64)
-    same = (a == b) | (np.isnan(a) & np.isnan(b))
+    same: NDArray[np.bool_] = (a == b) | (np.isnan(a) & np.isnan(b))
     near = np.isfinite(a) & np.isfinite(b)
     same[near] |= np.abs(a[near] - b[near]) <= np.spacing(np.abs(b[near]))
     return same

@@ -11,7 +11,7 @@ from attlog import earth, rotation
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.health.gyro import alive
 from attlog.health.model import Check, graded, not_judged
-from attlog.reference import declination, trim
+from attlog.reference import declination
 from attlog.segments.model import Segments
 
 STANDARD_GRAVITY = 9.80665
@@ -75,7 +75,7 @@ def in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[Array, floa
     Over seconds the vehicle's own acceleration averages to its change of speed by the
     time, so that gravity is left: manoeuvres do not matter, long records count.
     """
-    onboard = log.attitudes.get(log.onboard or "")
+    onboard = log.onboard_attitude
     if onboard is None or onboard.rate < 5.0:
         return None
     use = segments.mask(imu.acc.t, "airborne")
@@ -90,7 +90,7 @@ def in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[Array, floa
 
 def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segments) -> Check:
     """Angle between measured gravity and the attitude's down, with the vehicle's trim put back."""
-    onboard = log.attitudes.get(log.onboard or "")
+    onboard = log.onboard_attitude
     if onboard is None:
         return not_judged("gravity direction", "There is no onboard attitude to compare with.", "good up to 3 deg")
     if rest.sum() < 10:
@@ -126,13 +126,14 @@ def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
 
 def of_imu(log: FlightLog, attitude: Attitude) -> Array:
     """The attitude of the IMU (n, 4): the logged one with the vehicle's trim put back where it was taken out."""
-    turned = trim.of(log) if attitude.has_trim else None
+    turned = log.trim if attitude.has_trim else None
     return attitude.q if turned is None else rotation.multiply(attitude.q, rotation.from_rotvec(turned))
 
 
 def degrees_between(a: Array, b: Array) -> Array:
     """Angles (n,) in deg between unit vectors (n, 3)."""
-    return np.degrees(np.arctan2(np.sqrt(np.sum(np.cross(a, b) ** 2, axis=1)), np.sum(a * b, axis=1)))
+    angle: Array = np.arctan2(np.sqrt(np.sum(np.cross(a, b) ** 2, axis=1)), np.sum(a * b, axis=1))
+    return np.degrees(angle)
 
 
 def mounting_hint(measured: Array, up: Array) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 from attlog import rotation
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
-from attlog.reference import trim
 from attlog.segments import gaps, resets
 from attlog.segments.increments import Turning
 from attlog.segments.model import Segments
@@ -27,16 +26,15 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if not log.imus:
         return []
     imu = log.imus[log.imu or 0]
-    onboard = log.attitudes.get(log.onboard or "")
+    onboard = log.onboard_attitude
     if onboard is None or len(onboard.t) < 2:
         return [not_judged("coverage", "There is no onboard attitude in this log.", "good from 95 %")]
     return [coverage(imu, onboard, log.onboard or ""), turning(imu, onboard, log.onboard or ""), *trims(log, onboard)]
 
 
 def coverage(imu: Imu, onboard: Attitude, name: str) -> Check:
-    """The share of the inertial data that lies inside the onboard attitude's time."""
-    inside = float(np.mean((imu.gyro.t >= onboard.t[0]) & (imu.gyro.t <= onboard.t[-1])))
-    share = round(100.0 * inside, 1)
+    """The share of the inertial data that the onboard attitude covers; its pauses do not count."""
+    share = round(100.0 * float(np.mean(onboard.covers(imu.gyro.t))), 1)
     verdict = "good" if share >= 95.0 else "warn" if share >= 50.0 else "bad"
     text = f"{name} at {onboard.rate:.1f} Hz covers {share:.1f} % of the inertial data."
     return Check("coverage", verdict, text, share, "%", "good from 95 %, bad below 50 %")
@@ -109,14 +107,14 @@ def other_axes(g: Array, a: Array, moving: np.ndarray) -> str:
 
 
 def trims(log: FlightLog, onboard: Attitude) -> list[Check]:
-    """The vehicle's trim (ArduPilot): a constant difference between the IMU and what the attitude says."""
+    """The vehicle's trim: a constant difference between the IMU and what the attitude says."""
     if not onboard.has_trim:
         return []
     limit = "look above 3 deg"
-    vector = trim.of(log)
+    vector = log.trim
     if vector is None:
-        return [not_judged("trim", "The log holds no AHRS_TRIM parameters.", limit)]
+        return [not_judged("trim", "The log holds no parameters of the trim.", limit)]
     roll, pitch = np.degrees(vector[:2])
     size = float(np.hypot(roll, pitch))
-    text = f"AHRS_TRIM turns roll by {roll:.2f} and pitch by {pitch:.2f} deg."
+    text = f"The vehicle's trim turns roll by {roll:.2f} and pitch by {pitch:.2f} deg."
     return [Check("trim", "good" if size <= 3.0 else "warn", text, round(size, 3), "deg", limit)]

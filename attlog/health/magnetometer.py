@@ -19,11 +19,10 @@ def checks(log: FlightLog) -> list[Check]:
     """Field strength, steadiness in earth axes, declination."""
     if not log.mags:
         return [not_judged("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
-    imu = None if log.imu is None else log.imus[log.imu]
     found = [
         Check(f"magnetometer {m.index}", "bad", f"{m.field.source}: {reason}.", "dead", "", "must follow the field")
         for m in log.mags
-        if (reason := magnetic.dead(m, imu))
+        if (reason := magnetic.dead(m, log.replay_imu))
     ]
     if log.mag is None:
         return [*found, not_judged("field", "No usable magnetometer in this log.", "15 to 90 uT")]
@@ -56,9 +55,7 @@ def strength(log: FlightLog) -> Check:
 def against_attitude(log: FlightLog) -> list[Check]:
     """Direction of the horizontal field, rotated by truth or the onboard attitude: steady, and the declination."""
     limit = "good up to 5 deg, bad above 20 deg"
-    name, attitude = (
-        ("truth", log.truth) if log.truth is not None else (log.onboard, log.attitudes.get(log.onboard or ""))
-    )
+    name, attitude = ("truth", log.truth) if log.truth is not None else (log.onboard, log.onboard_attitude)
     if attitude is None:
         return [not_judged("field against attitude", "There is no attitude to rotate the field by.", limit)]
     q = attitude.q if name == "truth" else of_imu(log, attitude)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, Record
+from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_SLACK_S
 from attlog.metrics.quantiles import chi_square, student
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 
@@ -22,7 +23,6 @@ BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
 GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
 """A record makes one group for each 10 s, 4 at least and 12 at most."""
 MIN_BLOCKS = 3
-SHORTEST_AIR_S, SHORTEST_REST_S = 20.0, 8.0
 
 
 @dataclass(slots=True)
@@ -97,7 +97,7 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
     return Blocks(np.concatenate(times), np.concatenate(means), np.concatenate(labels), length)
 
 
-def slope(blocks: Blocks, shortest_s: float = SHORTEST_AIR_S) -> Drift:
+def slope(blocks: Blocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     """The mean drift of a record and its interval: t over the slopes of groups (Ibragimov & Mueller 2010).
 
     One group for each 10 s of the record, 4 to 12; each segment is cut into
@@ -115,7 +115,7 @@ def slope(blocks: Blocks, shortest_s: float = SHORTEST_AIR_S) -> Drift:
                 slopes.append(60.0 * _line(blocks.t[at], blocks.e[at]))
                 spans.append((float(blocks.t[at[0]]), float(blocks.t[at[-1]])))
     found = Drift(None, None, np.array(slopes), spans, record)
-    if len(slopes) < MIN_GROUPS or record < shortest_s - 0.5:
+    if len(slopes) < MIN_GROUPS or record < shortest_s - DRIFT_SLACK_S:
         return found
     found.value = float(np.mean(slopes))
     found.ci95 = interval.of_mean(slopes)
@@ -187,7 +187,7 @@ def _line(t: Array, e: Array) -> float:
 
 def too_short(found: Drift, shortest_s: float) -> str:
     """Why a record gives no drift: its time, or the segments it is broken into."""
-    if found.seconds < shortest_s - 0.5:
+    if found.seconds < shortest_s - DRIFT_SLACK_S:
         return f"{found.seconds:.0f} s; {shortest_s:.0f} are needed"
     return f"{found.seconds:.0f} s in segments too short for {MIN_GROUPS} slopes"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from attlog.metrics import drift
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, HeadingReference, Metric, applies_to, paragraph, per_row
 from attlog.metrics.drift_rest import bias_beside
+from attlog.metrics.evidence import DRIFT_AIR_S
 from attlog.metrics.rmse import why_never_airborne
 from attlog.reference.model import Row
 from attlog.segments import gaps
@@ -28,10 +28,6 @@ HEADING_REFERENCES = {
     "gnss_yaw": "the heading of a dual-antenna GNSS receiver",
     "course": "the direction of the GNSS velocity of a plane (wind-compensated where its text says so)",
 }
-QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "course")
-"""Which heading reference is quoted: the first of these by which any replayed row has a value."""
-AGREEMENT = ("onboard", "mag")
-"""Quoted as agreement with it: it shares its sensors with the rows."""
 ABSENT = {
     "onboard": ("not_applicable", "the onboard attitude is not logged"),
     "truth": ("no_reference", "the log holds no ground truth"),
@@ -60,14 +56,6 @@ METRICS: tuple[Metric, ...] = tuple(
     )
     for name, words in HEADING_REFERENCES.items()
 )
-
-
-def quoted(by: Mapping[str, bool]) -> str | None:
-    """The heading reference that a sentence quotes, None for none.
-
-    ``by``: name -> whether any replayed row has a value against it, whatever it ranks. With truth no other is quoted.
-    """
-    return next((name for name in QUOTED if by.get(name)), None)
 
 
 def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
@@ -140,7 +128,7 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
         )
     found = drift.slope(blocks)
     if found.value is None:
-        reason = f"flight comparable with {name}: {drift.too_short(found, drift.SHORTEST_AIR_S)}"
+        reason = f"flight comparable with {name}: {drift.too_short(found, DRIFT_AIR_S)}"
         return missing("record_too_short", reason, "deg/min", window)
     answer = drift.answer(found, window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])

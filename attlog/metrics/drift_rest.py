@@ -9,7 +9,7 @@ from attlog import earth, rotation
 from attlog.metrics import drift, follow
 from attlog.metrics.answer import Answer, Record, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.evidence import row_segments, within
+from attlog.metrics.evidence import DRIFT_REST_S, DRIFT_SLACK_S, row_segments, within
 from attlog.metrics.settled import why_none
 from attlog.reference.model import Row
 from attlog.segments.settled import DRIFT_AFTER_START_S, settled
@@ -61,7 +61,7 @@ def records(case: Case, row: Row, window: str) -> list[drift.Drift]:
     """The drift of each rest of the window, in time order, each with its own record."""
     found = []
     for (t0, t1), usable in rests(case, row, window):
-        one = drift.slope(rest_blocks(case, row, usable), drift.SHORTEST_REST_S)
+        one = drift.slope(rest_blocks(case, row, usable), DRIFT_REST_S)
         seconds = sum(b - a for a, b in usable)
         reason = None if one.value is not None else _too_short(one, seconds)
         one.records = [Record(t0, t1, seconds, one.value, one.ci95, reason)]
@@ -70,9 +70,9 @@ def records(case: Case, row: Row, window: str) -> list[drift.Drift]:
 
 
 def _too_short(one: drift.Drift, usable_s: float) -> str:
-    if usable_s < drift.SHORTEST_REST_S - 0.5:
-        return f"{usable_s:.0f} s after settling; {drift.SHORTEST_REST_S:.0f} are needed"
-    return f"after settling {drift.too_short(one, drift.SHORTEST_REST_S)}"
+    if usable_s < DRIFT_REST_S - DRIFT_SLACK_S:
+        return f"{usable_s:.0f} s after settling; {DRIFT_REST_S:.0f} are needed"
+    return f"after settling {drift.too_short(one, DRIFT_REST_S)}"
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:

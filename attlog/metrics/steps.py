@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.metrics.base import Case, per_case
+from attlog.reference.model import Reference
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,11 @@ def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[Event]:
 @per_case
 def of_reference(case: Case) -> list[Event]:
     """The events of the reference that every row is judged by: after the scoring start, before the end."""
-    reference = case.reference
+    return scored(case.reference)
+
+
+def scored(reference: Reference) -> list[Event]:
+    """The events of a reference after its scoring start and before its end."""
     found = find(reference.t, reference.q, reference.segment) if len(reference.t) else []
     return [e for e in found if e.begin >= reference.scoring_start and e.end <= reference.end]
 

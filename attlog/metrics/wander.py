@@ -12,6 +12,7 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.drift_air import error_blocks
 from attlog.metrics.drift_rest import rest_blocks, rests
+from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_REST_S
 from attlog.metrics.rmse import root_mean_square, why_no_errors
 from attlog.reference.model import Row
 
@@ -56,10 +57,10 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         if absent is not None:
             return {"wander_deg": missing(*absent, "deg", window)}
         flown = error_blocks(case, row, case.reference.kind, window)
-        records, shortest_s = [] if flown is None else [flown], drift.SHORTEST_AIR_S
+        records, shortest_s = [] if flown is None else [flown], DRIFT_AIR_S
     else:
         records = [rest_blocks(case, row, usable) for _, usable in rests(case, row, window)]
-        shortest_s = drift.SHORTEST_REST_S
+        shortest_s = DRIFT_REST_S
     records = [r for r in records if len(r.t)]
     found = pooled(records, shortest_s)
     if found is None:

@@ -26,8 +26,11 @@ UNITS = {
     "ratio": "×",
 }
 
+CLOCK_FROM_S = 600.0
+"""From here on times on the log's clock are written as h:mm:ss."""
+
 SIGNED = ("deg/min", "ms")
-"""Where the sign is the message: which way it drifts, late or early."""
+"""Where the sign is the message: which way it drifts, whether it lags or leads."""
 
 
 def unit_sign(unit: str) -> str:
@@ -80,6 +83,27 @@ def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> 
         return ""
     low, high = ci95
     return f"{number(low, unit)} to {number(high, unit)}"
+
+
+def half_width(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
+    """Half of the interval as text, ``±2.0``; empty where there is none."""
+    if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
+        return ""
+    return f"±{number(0.5 * (ci95[1] - ci95[0]), unit, False)}"
+
+
+def moment(t: float, places: int = 1) -> str:
+    """A time on the log's clock: ``103.4 s``, beyond ten minutes ``0:17:23``; never "−0.0 s"."""
+    if abs(t) >= CLOCK_FROM_S:
+        whole = round(abs(t))
+        return f"{MINUS if t < 0 else ''}{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+    text = f"{abs(t):.{places}f}"
+    return f"{MINUS if t < 0 and float(text) else ''}{text} s"
+
+
+def counted(n: int, thing: str) -> str:
+    """How many, in the singular for one: ``1 step``, ``28 steps``."""
+    return f"{n:,} {thing}{'' if n == 1 else 's'}"
 
 
 def duration(seconds: float | None) -> str:

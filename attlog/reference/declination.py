@@ -15,12 +15,6 @@ from attlog.reference.model import AlignmentStep, Reference
 
 Array = NDArray[np.float64]
 
-PARAMETERS = (("COMPASS_DEC", 180 / math.pi), ("EKF2_MAG_DECL", 1.0), ("ATT_MAG_DECL", 1.0))
-"""Names and the factor to degrees; ArduPilot's is in radians."""
-
-NOT_SET_DEG = 1e-6
-"""A parameter of 0 is "not set", not "0 deg": on almost all of the earth 0 is wrong."""
-
 
 def place(log: FlightLog) -> tuple[float, float, float] | None:
     """Median latitude (deg), longitude (deg), altitude (m) of the first receiver with a 3D fix, None without one."""
@@ -44,15 +38,6 @@ def model(log: FlightLog) -> earth.Field | None:
     return dated or earth.field(*where, None)
 
 
-def parameter(log: FlightLog) -> tuple[str, float] | None:
-    """Name and value in deg of the autopilot's declination parameter; None where there is none or it is 0 (not set)."""
-    for name, to_deg in PARAMETERS:
-        value = log.param(name)
-        if isinstance(value, int | float) and NOT_SET_DEG < abs(value * to_deg) <= 180.0:
-            return name, float(value) * to_deg
-    return None
-
-
 def step(log: FlightLog, option: str | float) -> AlignmentStep:
     """The declination in deg (``value``, None if unknown), with both the model's and the parameter's in the text."""
     if option not in ("auto", "model", "param"):
@@ -61,14 +46,14 @@ def step(log: FlightLog, option: str | float) -> AlignmentStep:
         except ValueError:
             raise UsageError(f"declination {option!r}: use auto, model, param or degrees") from None
         return AlignmentStep("declination", "given by the user", given, "deg", "option", option="--declination")
-    field, set_ = model(log), parameter(log)
+    field, told = model(log), log.declination_param
     by_model = "no position, so no model" if field is None else f"{field.declination_deg:.1f} deg by {field.model}"
-    by_param = "no declination parameter that is set" if set_ is None else f"{set_[1]:.1f} deg by {set_[0]}"
+    by_param = "no declination parameter that is set" if told is None else f"{told:.1f} deg by {log.declination_source}"
     text = f"{by_model}; {by_param}"
     if field is not None and option != "param":
         return AlignmentStep("declination", text, field.declination_deg, "deg", field.model, option="--declination")
-    if set_ is not None and option != "model":
-        return AlignmentStep("declination", text, set_[1], "deg", set_[0], option="--declination")
+    if told is not None and option != "model":
+        return AlignmentStep("declination", text, told, "deg", log.declination_source, option="--declination")
     text += "; unknown, so headings are magnetic and compared with their offset removed"
     return AlignmentStep("declination", text, None, "deg", "", False, "--declination")
 

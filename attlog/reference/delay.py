@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 ACTIVE_DPS = 12.0
 """Slower rotation is mostly noise and tells nothing about delay."""
 RANGE_S, COARSE_S = 0.06, 5e-3
-"""Delays looked for on both sides, and their grid: INS_GYRO_FILTER of 20 Hz is late by 11 ms."""
+"""Delays looked for on both sides, and their grid: a low-pass at 20 Hz is late by 11 ms."""
 LOOKED_AT, MOST = 100_000, 1200
 """Intervals that are examined, and of those that turn, how many are fitted: a long log takes no longer."""
 INTERVAL_SAMPLES, LONGEST_S = 8, 0.2
@@ -31,18 +31,10 @@ OUTLIER_RAD_S = np.radians(60.0)
 """A larger difference is a reset of the reference, not a delay."""
 
 
-def by_parameter(log: FlightLog, imu: Imu) -> tuple[float, str]:
-    """Delay in s of the gyro's low-pass, and where it comes from; 0 where nothing filters ahead of the logger.
-
-    A second-order low-pass of cutoff f delays slow signals by sqrt(2) / (2 pi f).
-    ArduPilot's IMU records are taken behind INS_GYRO_FILTER.
-    """
+def by_parameter(imu: Imu) -> tuple[float, str]:
+    """Delay in s of the gyro's low-pass, and where it comes from; 0 where no filter ahead of the logger is known."""
     if imu.gyro.delay > 0:
         return imu.gyro.delay, f"{imu.gyro.source}, {imu.filtered}"
-    cutoff = log.param("INS_GYRO_FILTER")
-    filtered = imu.gyro.source.startswith(("IMU", "RAW_IMU", "SCALED_IMU"))
-    if log.firmware.name == "ArduPilot" and filtered and isinstance(cutoff, int | float) and cutoff > 0:
-        return math.sqrt(2) / (2 * math.pi * cutoff), f"INS_GYRO_FILTER {cutoff:g} Hz"
     return 0.0, f"{imu.gyro.source}: no filter known"
 
 
@@ -104,7 +96,7 @@ def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | fl
         return AlignmentStep(name, "given by the user", given, "ms", "option", option=switch)
     if imu is None:
         return AlignmentStep(name, "no IMU is replayed", 0.0, "ms", "", False, switch)
-    told, source = by_parameter(log, imu)
+    told, source = by_parameter(imu)
     seen = by_rates(imu, reference)
     if seen is None:
         check = "the log turns too little to check it"

@@ -20,7 +20,6 @@ MAG_SMOOTHING_S = 1.0
 COURSE_SPEED_M_S = 5.0
 LEVELLED_BY = "mahony"
 """Its tilt levels the magnetometer where there is no reference, whichever filters are compared."""
-FIXED_WING = ("plane", "fixed", "wing", "glider")
 LEAST = 10
 
 
@@ -129,7 +128,7 @@ def _dual_antenna(log: FlightLog) -> HeadingReference | None:
 
 def _course(log: FlightLog) -> HeadingReference | None:
     """Course over ground of a fixed-wing aircraft above 5 m/s: the path's direction, not the nose's."""
-    if not any(word in log.vehicle.lower() for word in FIXED_WING):
+    if not log.kind.fixed_wing:
         return None
     for gnss in log.gnss:
         t, velocity = _moving(gnss)

@@ -11,7 +11,7 @@ class Options:
 
     ``reference``: auto, truth, onboard, onboard:NAME or none. ``clock``: sample (times
     of measurement) or publication. ``declination``: auto, model, param or degrees.
-    ``trim``: take ArduPilot's AHRS_TRIM out of replays. ``input_delay``: auto, off or
+    ``trim``: take the vehicle's trim out of replays. ``input_delay``: auto, off or
     ms. ``score_from``: seconds, None for 15 s after the first IMU sample.
     """
 

@@ -33,7 +33,7 @@ def replayed(
     if reference.trim is not None:
         row.q = trim.apply(row.q, reference.trim)
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
-        row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", "AHRS_TRIM", option="--trim"))
+        row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="--trim"))
     return _measure(row, segments, reference, free_heading=not uses_mag or reference.declination_deg is None)
 
 
@@ -53,7 +53,7 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
         row.is_reference = reference.kind == "onboard" and reference.name == name
         if reference.trim is not None and not attitude.has_trim:
             row.q = trim.apply(row.q, reference.trim)
-            row.steps.append(AlignmentStep("trim", "taken out once, as of the replays", source="AHRS_TRIM"))
+            row.steps.append(AlignmentStep("trim", "taken out once, as of the replays", source=log.trim_source))
         aligned = scoring.aligned_at(attitude, resets.known(log, name, segments)[0], segments)
         row.start = float(t[0])
         if aligned is not None:

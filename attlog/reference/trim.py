@@ -1,4 +1,4 @@
-"""Trim: the small rotation between ArduPilot's IMU and the vehicle that its attitudes have taken out."""
+"""Trim: the small rotation between IMU and vehicle that the autopilot's attitudes have taken out."""
 
 from __future__ import annotations
 
@@ -14,14 +14,6 @@ from attlog.reference.model import AlignmentStep
 Array = NDArray[np.float64]
 
 
-def of(log: FlightLog) -> Array | None:
-    """AHRS_TRIM as a rotation vector (3,) in rad; None where the log does not hold it."""
-    x, y = log.param("AHRS_TRIM_X"), log.param("AHRS_TRIM_Y")
-    if not all(isinstance(v, int | float) and math.isfinite(v) for v in (x, y)):
-        return None
-    return np.array([float(x or 0.0), float(y or 0.0), 0.0])
-
-
 def apply(q: Array, trim: Array) -> Array:
     """Attitudes of the vehicle (n, 4) from those of its IMU: ``q_imu (x) exp(-trim)``."""
     return rotation.multiply(q, rotation.from_rotvec(-trim))
@@ -32,13 +24,14 @@ def step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array | None
     if not attitude.has_trim:
         text = f"{attitude.source} is the attitude of the IMU itself: nothing to take out"
         return None, AlignmentStep("trim", text, 0.0, "deg", attitude.source, False, "--trim")
-    trim = of(log)
+    trim = log.trim
     if trim is None:
-        text = f"{attitude.source} has a trim taken out, but the log does not hold AHRS_TRIM_X and AHRS_TRIM_Y"
+        missing = log.trim_source.replace(", ", " and ") or "it"
+        text = f"{attitude.source} has a trim taken out, but the log does not hold {missing}"
         return None, AlignmentStep("trim", text, None, "deg", "", False, "--trim")
     size = math.degrees(float(np.sqrt(np.sum(trim**2))))
     text = f"roll {math.degrees(trim[0]):.2f}, pitch {math.degrees(trim[1]):.2f} deg are inside {attitude.source}"
     applied = wanted and size > 0
     text += ": taken out of the replays once" if applied else ": nothing to do" if size == 0 else ": switched off"
-    step = AlignmentStep("trim", text, size, "deg", "AHRS_TRIM_X, AHRS_TRIM_Y", applied, "--trim")
+    step = AlignmentStep("trim", text, size, "deg", log.trim_source, applied, "--trim")
     return (trim if applied else None), step

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from attlog.metrics.trace import Trace
 from attlog.present.numbers import quantity
-from attlog.present.verdicts import AIR, find
-from attlog.report.figure import Figure, number, reach, said, series
+from attlog.present.rows import AIR, ALL, find
+from attlog.report.figure import Figure, Rows, number, reach, said, series
 from attlog.report.pack import BUDGET, Store
-from attlog.report.table import ALL
-from attlog.result import Result
+from attlog.result import Result, Trace
 
 
-def more(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:
+def more(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[Figure]:
     """Gyro bias that the filters found, and cost against accuracy."""
     figures = []
     if by.get("bias"):
@@ -25,22 +23,21 @@ def more(by: dict[str, list[Trace]], names: list[str], store: Store, result: Res
                 caption,
                 430,
                 {"series": drawn},
-                words=reach(by["bias"], "deg/s"),
+                words=reach(by["bias"], names, "deg/s"),
             )
         )
-    points = []
+    points: list[tuple[int, float, float]] = []
     for row in result.estimators:
         cost, error = find(row, "cost_ns", ALL), find(row, "inclination_rmse_deg", AIR)
         price = cost.value if cost is not None and cost.value is not None else row.ns_per_update
         if price is not None and number(price) and error is not None and error.value is not None and row.name in names:
-            points.append({"r": names.index(row.name), "x": float(price), "y": float(error.value)})
+            points.append((names.index(row.name), float(price), float(error.value)))
     if points:
         caption = (
             "Left is cheap, down is close to the reference. "
             "Cost: nanoseconds per IMU sample on the machine that made this report."
         )
-        words = "; ".join(f"{names[p['r']]} {p['x']:.0f} ns, {quantity(p['y'], 'deg')}" for p in points)
-        figures.append(
-            Figure("cost", "cost", "Cost against tilt error", caption, 330, {"points": points}, wide=False, words=words)
-        )
+        words = "; ".join(f"{names[r]} {x:.0f} ns, {quantity(y, 'deg')}" for r, x, y in points)
+        data = {"points": [{"r": r, "x": x, "y": y} for r, x, y in points]}
+        figures.append(Figure("cost", "cost", "Cost against tilt error", caption, 330, data, wide=False, words=words))
     return figures

@@ -4,21 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.metrics.trace import Trace
-from attlog.report.figure import Figure, dot, dot_height, reach, series, told
+from attlog.present.names import heading_reference_name
+from attlog.report.figure import Figure, Rows, dot, dot_height, reach, series, told
 from attlog.report.pack import BUDGET, Store
-from attlog.result import Result
-
-HEADING_REFERENCE = {
-    "rest": "at rest, against standing still",
-    "onboard": "in the air, minus onboard",
-    "truth": "in the air, minus truth",
-    "smoother": "in the air, minus smoother",
-    "mag": "in the air, minus magnetometer heading",
-    "gnss_yaw": "in the air, minus GNSS heading",
-    "course": "in the air, minus GNSS course",
-}
-
+from attlog.result import Result, Trace
 
 SYMBOLS = {
     "at rest": "●",
@@ -31,15 +20,8 @@ SYMBOLS = {
 }
 """How a drift is drawn by where it was found; the script has the same list."""
 
-NAMED = {
-    "against mag": "against the magnetometer",
-    "against gnss_yaw": "against the GNSS heading",
-    "against course": "against the GNSS course",
-}
-"""A heading reference in words where its name is none."""
 
-
-def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:
+def drift(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[Figure]:
     """Heading drift against every heading reference, and all drifts with their intervals."""
     figures = []
     traces = by.get("drift", [])
@@ -47,10 +29,11 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
     for i, key in enumerate(keys):
         same = together([t for t in traces if t.key == key])
         drawn, _ = series([centred(t) for t in same], ("heading", "line"), names, store, BUDGET // 4, 0.001)
-        title = "Heading " + HEADING_REFERENCE.get(key, f"minus {key}")
+        place = "at rest" if key == "rest" else "in the air"
+        title = f"Heading {place}, against {heading_reference_name(key)}"
         caption = "One-second means with the fitted line, each minus its own mean; anything but flat is drift."
         caption = caption if i == 0 else ""
-        words = reach(same)
+        words = reach(same, names)
         data = {"series": drawn, "range": [min(float(t.t[0]) for t in same), max(float(t.t[-1]) for t in same)]}
         figures.append(Figure(f"drift{i}", "drift", title, caption, 330, data, wide=False, words=words))
     dots = []
@@ -64,7 +47,7 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
                         dots.append(entry)
     if dots:
         symbols = dict.fromkeys(d["where"] for d in dots)
-        caption = ", ".join(f"{SYMBOLS.get(where, '○')} {NAMED.get(where, where)}" for where in symbols)
+        caption = ", ".join(f"{SYMBOLS.get(where, '○')} {told_where(where)}" for where in symbols)
         caption += ". An interval across zero: no drift that differs from zero."
         figures.append(
             Figure(
@@ -79,6 +62,12 @@ def drift(by: dict[str, list[Trace]], names: list[str], store: Store, result: Re
             )
         )
     return figures
+
+
+def told_where(where: str) -> str:
+    """Where a drift was found, in words."""
+    word, _, reference = where.partition(" ")
+    return f"against {heading_reference_name(reference)}" if word == "against" else where
 
 
 def together(traces: list[Trace]) -> list[Trace]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from attlog.metrics.answer import Answer
-from attlog.metrics.trace import Trace
 from attlog.present.numbers import interval, quantity
 from attlog.report.pack import Store, reduce
+from attlog.result import Answer, Trace
 
 
 @dataclass(slots=True)
@@ -31,8 +31,26 @@ class Figure:
     words: str = ""
 
 
+class Rows:
+    """The rows of all figures: figures know them by their position, people by their name."""
+
+    def __init__(self, called: Mapping[str, str]) -> None:
+        """``called``: names by id, in the order of the page."""
+        self.ids, self.called = list(called), list(called.values())
+
+    def index(self, row: str) -> int:
+        """The position of a row by its id."""
+        return self.ids.index(row)
+
+    def __contains__(self, row: str) -> bool:
+        return row in self.ids
+
+    def __getitem__(self, i: int) -> str:
+        return self.called[i]
+
+
 def series(
-    traces: list[Trace], columns: tuple[str, ...], names: list[str], store: Store, budget: int, step: float
+    traces: list[Trace], columns: tuple[str, ...], names: Rows, store: Store, budget: int, step: float
 ) -> tuple[list[dict[str, Any]], float]:
     """Traces reduced to a budget and put into the store, and the ratio of reduction (1: all samples kept)."""
     total = sum(len(t.t) for t in traces)
@@ -60,7 +78,7 @@ def said(ratio: float) -> str:
     return f"Stored: smallest and largest value of each stretch, 1 in {ratio:.1f} samples; no peak is lost."
 
 
-def reach(traces: list[Trace], unit: str = "deg") -> str:
+def reach(traces: list[Trace], names: Rows, unit: str = "deg") -> str:
     """What lines show in words: of each row and column the smallest and the largest value."""
     rows: dict[str, list[str]] = {}
     for trace in traces:
@@ -69,10 +87,10 @@ def reach(traces: list[Trace], unit: str = "deg") -> str:
             if len(good):
                 ends = f"{quantity(float(good.min()), unit, False)} to {quantity(float(good.max()), unit, False)}"
                 rows.setdefault(trace.row, []).append(f"{column} {ends}")
-    return "; ".join(f"{row}: {', '.join(parts)}" for row, parts in rows.items())
+    return "; ".join(f"{names[names.index(row)]}: {', '.join(parts)}" for row, parts in rows.items())
 
 
-def told(dots: list[dict[str, Any]], names: list[str], unit: str) -> str:
+def told(dots: list[dict[str, Any]], names: Rows, unit: str) -> str:
     """What dots show in words: of each the row, where it was found, the value and its interval."""
     parts = []
     for d in dots:

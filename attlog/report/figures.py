@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from attlog.report.cost_figures import more
 from attlog.report.drift_figures import drift
-from attlog.report.figure import Figure
+from attlog.report.figure import Figure, Rows
 from attlog.report.flight_figures import flight
 from attlog.report.look import Look
 from attlog.report.pack import Store
@@ -19,7 +19,7 @@ from attlog.result import Result
 
 def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, list[Figure]]:
     """Figures by section of the page: flight, rest, step, drift, more."""
-    names = list(looks)
+    names = Rows({key: look.name for key, look in looks.items()})
     traces = [t for t in result.traces if t.row in looks and len(t.t)]
     by = {kind: [t for t in traces if t.figure == kind] for kind in {t.figure for t in traces}}
     found = {

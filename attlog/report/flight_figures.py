@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.metrics.trace import Trace
-from attlog.report.figure import Figure, number, reach, said, series
-from attlog.report.marks import alarming, messages
+from attlog.present.messages import alarming, messages
+from attlog.present.numbers import moment
+from attlog.report.figure import Figure, Rows, number, reach, said, series
 from attlog.report.pack import BUDGET, Store
-from attlog.result import Result
+from attlog.result import Result, Trace
 
 ANGLE_STEP = 0.01
 """Degrees per stored step of whole-flight figures; a screen shows a tenth at best."""
@@ -20,7 +20,7 @@ MARKS = {
 }
 
 
-def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: Result) -> list[Figure]:
+def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[Figure]:
     """The whole flight: time strip, attitude, difference."""
     strip = Figure("strip", "strip", "", "", 120)
     figures = [strip]
@@ -29,7 +29,9 @@ def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: R
         caption = "Drag across a figure to zoom: all figures with flight time follow. Double-click to go back. "
         caption += " ".join([*legend(result), said(ratio)])
         data = {"series": drawn, "cut": heading_cut(by["attitude"])}
-        figures.append(Figure("attitude", "attitude", "Attitude", caption, 470, data, words=reach(by["attitude"])))
+        figures.append(
+            Figure("attitude", "attitude", "Attitude", caption, 470, data, words=reach(by["attitude"], names))
+        )
     if by.get("difference"):
         columns = ("inclination", "roll", "pitch", "heading")
         drawn, ratio = series(by["difference"], columns, names, store, BUDGET, ANGLE_STEP)
@@ -41,9 +43,9 @@ def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: R
         caption += "Tilt is the angle between the two down directions. " + said(ratio)
         start = scored_from(result)
         if start > float(min(t.t[0] for t in by["difference"])):
-            caption += f" Scored from {start:.0f} s on; larger differences before may leave the figure."
+            caption += f" Scored from {moment(start, 0)} on; larger differences before may leave the figure."
         title = f"Difference from {'onboard' if reference == 'none' else reference}"
-        words = reach(by["difference"])
+        words = reach(by["difference"], names)
         data = {"series": drawn, "scored": start}
         figures.append(Figure("difference", "difference", title, caption, 560, data, words=words))
     return figures
@@ -52,7 +54,7 @@ def flight(by: dict[str, list[Trace]], names: list[str], store: Store, result: R
 def scored_from(result: Result) -> float:
     """Seconds from which rows are compared: before it filters and onboard settle."""
     steps = result.reference.alignment if result.reference else []
-    return next((float(s.value) for s in steps if s.name == "scoring_start" and number(s.value)), 0.0)
+    return next((float(s.value or 0.0) for s in steps if s.name == "scoring_start" and number(s.value)), 0.0)
 
 
 def legend(result: Result) -> list[str]:
@@ -67,7 +69,7 @@ def legend(result: Result) -> list[str]:
 def heading_cut(traces: list[Trace]) -> float:
     """Where to cut the circle of headings open, in degrees: the middle of the widest unused arc."""
     heading = np.concatenate(
-        [np.asarray(t.columns["heading"], np.float64) for t in traces if "heading" in t.columns] or [[0.0]]
+        [np.asarray(t.columns["heading"], np.float64) for t in traces if "heading" in t.columns] or [np.zeros(1)]
     )
     counts, _ = np.histogram(heading[np.isfinite(heading)] % 360.0, bins=72, range=(0.0, 360.0))
     used = np.flatnonzero(counts > 0.0005 * max(counts.sum(), 1))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from attlog.result import EstimatorRow, Result
+from attlog.present.names import row_names
+from attlog.present.rows import leads, ordered
+from attlog.result import Result
 
 COLOURS = 8
 """Filter colours of the palette in ``style.css``; slot 0 is the onboard attitude."""
@@ -22,7 +24,7 @@ FEW = 6
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How one row is drawn: ``slot`` of the palette, ``dash``, whether it is shown at first.
+    """How one row is drawn: its name for people, ``slot`` of the palette, ``dash``, whether it is shown at first.
 
     A ``lost`` row (diverged) does not set the range of an axis.
     """
@@ -36,33 +38,31 @@ class Look:
 
 
 def looks(result: Result) -> dict[str, Look]:
-    """The look of every row by name: reference and onboard, the filters, other onboard rows."""
+    """The look of every row by id: reference and onboard, the filters, other onboard rows."""
     rows = ordered(result)
     replays = [r.name for r in rows if r.kind == "replay"]
     shown = set(replays)
     if len(replays) >= MANY:
-        shown = set(sorted(replays, key=lambda name: -marks(result, name))[:FEW])
+        shown = set(sorted(replays, key=lambda name: -leads(result, name))[:FEW])
     known = {r.name for r in rows}
+    called = row_names(result)
     others = list(dict.fromkeys(t.row for t in result.traces if t.row not in known))
     others += [r.name for r in rows if r.kind != "replay"]
     lost = {r.name for r in rows if r.status in ("diverged", "failed")}
     references = {r.name for r in rows if r.is_reference} or set(others[:1])
     out = {
-        name: Look(name, 0, ONBOARD_DASHES[i % len(ONBOARD_DASHES)], i < 2 or name in references, True, name in lost)
+        name: Look(
+            called.get(name, name),
+            0,
+            ONBOARD_DASHES[i % len(ONBOARD_DASHES)],
+            i < 2 or name in references,
+            True,
+            name in lost,
+        )
         for i, name in enumerate(others)
     }
     for i, name in enumerate(replays):
         dash = DASHES[(i // COLOURS) % len(DASHES)]
-        out[name] = Look(name, 1 + i % COLOURS, dash, name in shown, False, name in lost)
+        out[name] = Look(called[name], 1 + i % COLOURS, dash, name in shown, False, name in lost)
     first = [name for name in others if name in references or name == "onboard"]
     return {name: out[name] for name in (*first, *replays, *(n for n in others if n not in first))}
-
-
-def ordered(result: Result) -> list[EstimatorRow]:
-    """Rows as the page shows them: what flew, the filters, other onboard rows."""
-    return sorted(result.estimators, key=lambda r: (not (r.is_reference or r.name == "onboard"), r.kind != "replay"))
-
-
-def marks(result: Result, name: str) -> int:
-    """How often a row is marked best."""
-    return sum(name in rows for metrics in result.best.values() for rows in metrics.values())

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
+from attlog.present.messages import WARNING, alarming, messages
 from attlog.result import Result
 
 MAX_MESSAGES = 2000
 """Messages drawn on the time axis; the worst are kept, the list in the page says how many there are."""
-
-ALARM = re.compile(r"fail[- ]?safe|crash|emergency|lost|terminat|\bland(ing)? now\b|parachute", re.IGNORECASE)
-"""Texts that a pilot looks for first whatever their level."""
-
-LEVELS = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
-CRITICAL, WARNING = 2, 4
 
 
 def time_marks(result: Result) -> dict[str, Any]:
@@ -45,26 +39,12 @@ def time_range(result: Result) -> list[float]:
     return [min([*times, 0.0]), end]
 
 
-def messages(result: Result) -> list[tuple[float, int, str]]:
-    """The autopilot's messages in time order: (t, level, text)."""
-    found = (result.log.get("timeline") or {}).get("texts") or []
-    return sorted(((float(t), int(level), str(text)) for t, level, text in found), key=lambda m: m[0])
-
-
-def alarming(level: int, text: str) -> bool:
-    """Whether a message is one that a pilot looks for first."""
-    return level <= CRITICAL or bool(ALARM.search(text))
-
-
 def drawn(found: list[tuple[float, int, str]]) -> list[list[Any]]:
     """The worst MAX_MESSAGES messages as [t, severity, text]; severity 2 is an alarm, 1 a warning, 0 the rest."""
-    graded = [[t, 2 if alarming(level, text) else 1 if level <= WARNING else 0, text[:200]] for t, level, text in found]
+    graded: list[list[Any]] = [
+        [t, 2 if alarming(level, text) else 1 if level <= WARNING else 0, text[:200]] for t, level, text in found
+    ]
     if len(graded) > MAX_MESSAGES:
         worst = sorted(range(len(graded)), key=lambda i: -graded[i][1])[:MAX_MESSAGES]
         graded = [graded[i] for i in sorted(worst)]
     return graded
-
-
-def level_name(level: int) -> str:
-    """A syslog level in words."""
-    return LEVELS[level] if 0 <= level < len(LEVELS) else str(level)

@@ -8,15 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from attlog.output import write_atomic
-from attlog.present.numbers import duration, number, quantity, unit_sign
+from attlog.present.flight import firmware, subtitle
+from attlog.present.messages import alarming, level_name, messages
+from attlog.present.numbers import counted, duration, moment, number, quantity, unit_sign
+from attlog.present.problems import problems
+from attlog.present.table import axis_table, main_table, window_tables
+from attlog.present.text import clean, cleaned, plain_value, typeset
 from attlog.report.bundle import Bundle, bundle, source_hash
+from attlog.report.cards import card
 from attlog.report.figures import sections
 from attlog.report.look import looks
-from attlog.report.marks import alarming, level_name, messages, time_marks
+from attlog.report.marks import time_marks
 from attlog.report.pack import Store, packed
-from attlog.report.table import axis_table, main_table, window_tables
-from attlog.report.text import clean, cleaned, plain_value, shown, typeset
-from attlog.report.top import card, firmware, problems, subtitle
 from attlog.result import Result
 
 WEB = Path(__file__).parent / "web"
@@ -79,6 +82,8 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         "number": number,
         "value": plain_value,
         "typeset": typeset,
+        "moment": moment,
+        "counted": counted,
     }
     document = json.dumps(result.to_dict(), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return environment.get_template("page.html").render(
@@ -105,6 +110,11 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         shared=plot.name if shared else None,
         bundle_name=plot.name,
     )
+
+
+def shown(value: Any) -> Any:
+    """What the template puts in place of a value: texts cleaned (jinja escapes them), own markup as it is."""
+    return value if hasattr(value, "__html__") or not isinstance(value, str) else clean(value)
 
 
 def policy(plot: Bundle, style: str, script: str, *, shared: bool) -> str:

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from attlog.metrics.trace import Trace
-from attlog.present.numbers import duration
-from attlog.report.figure import Figure, listed, reach, said, series
+from attlog.present.numbers import duration, moment
+from attlog.report.figure import Figure, Rows, listed, reach, said, series
 from attlog.report.pack import BUDGET, Array, Store
+from attlog.result import Trace
 
 BINS = 61
 
 
-def rest(by: dict[str, list[Trace]], names: list[str], store: Store) -> list[Figure]:
+def rest(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[Figure]:
     """At rest: close-up, histogram, Allan deviation."""
     figures = []
     if by.get("rest"):
@@ -24,11 +24,20 @@ def rest(by: dict[str, list[Trace]], names: list[str], store: Store) -> list[Fig
         span = [float(longest.t[0]), float(longest.t[-1])]
         drawn, ratio = series(same, ("roll", "pitch", "heading"), names, store, BUDGET, 1e-5)
         caption = (
-            f"{duration(span[1] - span[0])} from {span[0]:.0f} s on, motors off. Each line minus its straight line; "
-            "a filter that still bends far more than the others leaves the figure. " + said(ratio)
+            f"{duration(span[1] - span[0])} from {moment(span[0], 0)} on, motors off. "
+            "Each line minus its straight line; a filter that still bends far more than the others leaves the figure. "
+            + said(ratio)
         )
         figures.append(
-            Figure("rest", "rest", "Rest, close up", caption, 430, {"series": drawn, "range": span}, words=reach(same))
+            Figure(
+                "rest",
+                "rest",
+                "Rest, close up",
+                caption,
+                430,
+                {"series": drawn, "range": span},
+                words=reach(same, names),
+            )
         )
         spread = histogram(same, names)
         if spread:
@@ -58,7 +67,7 @@ def levelled(trace: Trace) -> Trace:
     return Trace(trace.figure, trace.row, trace.t, columns, trace.key)
 
 
-def histogram(traces: list[Trace], names: list[str]) -> dict[str, Any]:
+def histogram(traces: list[Trace], names: Rows) -> dict[str, Any]:
     """Shares of samples per bin for each row, counted here because the small bundle has no histogram."""
     residual = {t.row: np.concatenate([detrended(t, axis) for axis in ("roll", "pitch")]) for t in traces}
     residual = {row: r[np.isfinite(r)] for row, r in residual.items()}

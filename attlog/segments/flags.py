@@ -15,7 +15,6 @@ from attlog.segments import flying, spans
 from attlog.segments.spans import Span
 from attlog.segments.windows import Windows
 
-GROUND_VEHICLES = ("rover", "boat", "ship", "sub", "car", "antenna", "tracker")
 LYING_S = 5.0
 """Without arming, drive or height to tell: a rest this long is no flight."""
 STOPPED = 0.01
@@ -57,7 +56,7 @@ def airborne(
 
     ``seen`` is the evidence of height and drive over [t0, t1] s, ``lying`` the spans as still as a surface.
     """
-    if any(word in log.vehicle.lower() for word in GROUND_VEHICLES):
+    if not log.kind.flies:
         return Phase(True, [], f"a {log.vehicle} does not fly")
     flown = [] if seen is None else flying.flights(seen)
     if armed.known:

@@ -16,7 +16,7 @@ SECONDS, RATE_DPS, TILT_DEG, SPEED_M_S = 3.0, 10.0, 20.0, 1.0
 
 def find(log: FlightLog, windows: Windows, airborne: Phase) -> list[Segment]:
     """Spans of at least 3 s with rate < 10 deg/s rms, tilt < 20 deg and speed < 1 m/s where it is known."""
-    if not airborne.spans or any(w in log.vehicle.lower() for w in ("plane", "fixed", "rover", "boat")):
+    if not airborne.spans or not log.kind.hovers:
         return []
     wholly = ~spans.overlaps(windows.t0, windows.t1, spans.complement(airborne.spans, -np.inf, np.inf))
     slow = windows.rate_rms < RATE_DPS

@@ -28,7 +28,6 @@ AGAIN_S = 5.0
 """Flight of this length after an impact: it was none."""
 LYING_DEG, LYING_DPS, LYING_S = 60.0, 10.0, 3.0
 """Proposed, not measured: the logs in hand hold few crashes (docs/metrics.md)."""
-FIXED_WING = ("plane", "fixed", "wing", "vtol")
 LOG_STOPPED = "the log stopped"
 CRASH = re.compile(r"\bcrash(ed)?\b(?!.{0,2}(check|dump|log|catcher))", re.IGNORECASE)
 
@@ -110,7 +109,7 @@ def _later(seconds: float) -> str:
 
 def lying(log: FlightLog, windows: Windows, still: list[Span]) -> list[Span]:
     """Spans as still as a surface, and those of at least 3 s in which a rotorcraft lies beyond 60 deg of tilt."""
-    if any(word in log.vehicle.lower() for word in FIXED_WING):
+    if log.kind.winged:
         return still
     overturned = (windows.rate_rms < LYING_DPS) & (motion.tilt_deg(log, windows.middle) > LYING_DEG)
     return still + [(a, b) for a, b in join(windows, overturned) if b - a >= LYING_S]

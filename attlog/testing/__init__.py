@@ -21,8 +21,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from attlog.errors import AttlogError
-from attlog.estimators import Estimator, Row
-from attlog.testing import bad_input, behaviour
+from attlog.estimators import Estimator, Row, not_compiled
+from attlog.estimators.base import AIDS
+from attlog.testing import bad_input, behaviour, extras
 from attlog.testing.motion import Motion, Noise, flight, motion, one_turn, still, swing
 from attlog.testing.subject import CheckFailed, Subject, require
 
@@ -31,6 +32,7 @@ __all__ = [
     "Motion",
     "Noise",
     "Outcome",
+    "about",
     "check_estimator",
     "checks",
     "flight",
@@ -83,6 +85,22 @@ def check_estimator(name: str | Row | Estimator, report: Callable[[Outcome], Non
         if report is not None:
             report(outcome)
     return outcomes
+
+
+def about(name: str | Row | Estimator) -> list[str]:
+    """Sentences on how an estimator is run, where it is not the usual way: whole segments, or plain Python.
+
+    Errors as in :func:`checks`; PluginError also where its step fails at once.
+    """
+    estimator = Subject.of(name).estimator
+    if estimator.run is not None:
+        return ["run() takes whole segments: checks of single steps and start attitudes are left out."]
+    reason = not_compiled(estimator)
+    if not reason:
+        return []
+    return [
+        f"step runs in plain Python, some hundred times slower than compiled, because numba cannot compile it: {reason}"
+    ]
 
 
 def speed_ns(name: str | Row | Estimator) -> float:
@@ -142,6 +160,10 @@ def _applicable(s: Subject) -> list[tuple[str, Check]]:
         (bad_input.takes_any_array, True),
         (bad_input.leaves_its_input_alone, True),
         (bad_input.repeats_itself, True),
+        (extras.works_with_aids, bool(s.estimator.uses & AIDS)),
+        (extras.survives_few_aids, bool(s.estimator.uses & AIDS)),
+        (extras.takes_aids_when_they_come, bool(s.estimator.uses & AIDS) and s.estimator.causal),
+        (extras.takes_parameters_from_a_log, s.estimator.from_log is not None),
     ]
     return found + [_named(check) for check, applies in conditions if applies]
 

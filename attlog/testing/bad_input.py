@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from attlog.errors import AttlogError
-from attlog.estimators import estimate
-from attlog.testing.motion import CONSUMER, Motion, still, swing
+from attlog.estimators import Estimate, estimate
+from attlog.testing.motion import CONSUMER, Array, Motion, still, swing
 from attlog.testing.subject import Subject, inclination_deg, require, require_attitudes, total_deg
 
 EXACT = 1e-6
@@ -17,11 +19,11 @@ def _counted(skipped: dict[str, int], reason: str, least: int = 1) -> None:
     require(skipped.get(reason, 0) >= least, f"{reason} should be counted at least {least} times: {skipped}")
 
 
-def _run(s: Subject, t: object, gyr: object, acc: object, mag: object) -> object:
+def _run(s: Subject, t: Any, gyr: Any, acc: Any, mag: Any) -> Estimate:
     return estimate(s.row, t, gyr, acc, mag if s.uses_mag else None)
 
 
-def _tilt_stays(s: Subject, q: np.ndarray, m: Motion, what: str) -> None:
+def _tilt_stays(s: Subject, q: Array, m: Motion, what: str) -> None:
     if s.uses_acc:
         worst = inclination_deg(q[-500:], m.q[-500:]).max()
         require(worst < 5.0, f"after {what} tilt is off by {worst:.1f} deg")
@@ -50,7 +52,7 @@ def survives_nan(s: Subject) -> None:
 
 
 def bridges_a_short_gap(s: Subject) -> None:
-    """0.3 s without samples: one run, the turn in between is not lost."""
+    """0.3 s without samples: one segment, the turn in between is not lost."""
     m = swing(30.0)
     kept = m.part(np.r_[0:1000, 1030:3000])
     e = s.run(kept)
@@ -62,7 +64,7 @@ def bridges_a_short_gap(s: Subject) -> None:
 
 
 def restarts_after_a_long_gap(s: Subject) -> None:
-    """After 5 s without samples a new run begins, from the sensors."""
+    """After 5 s without samples a new segment begins, from the sensors."""
     m = swing(40.0)
     kept = m.part(np.r_[0:1000, 1500:4000])
     e = s.run(kept)

@@ -41,6 +41,27 @@ def test_the_template_passes_the_checks_and_runs_in_an_analysis(attlog, samples,
     assert rows["my_filter"]["parameters"]
 
 
+@pytest.mark.slow
+def test_the_template_for_whole_segments_passes_the_checks(attlog, tmp_path):
+    mine = tmp_path / "my_filter.py"
+    assert attlog("new", "--run", mine).code == 0
+    done = attlog("check-estimator", mine)
+    assert done.code == 0, done.out
+    assert "takes whole segments" in done.out
+
+
+def test_the_template_for_whole_segments_agrees_with_the_filter_it_is(attlog, tmp_path):
+    import numpy as np
+
+    import attlog as package
+    from attlog.testing import swing
+
+    mine, m = tmp_path / "my_filter.py", swing(3.0)
+    assert attlog("new", "--run", mine).code == 0
+    wanted = package.estimate("mahony:kp=0.6,ki=0,init=first", *m.sensors)
+    assert np.abs(package.estimate(str(mine), *m.sensors).q - wanted.q).max() < 1e-12
+
+
 def test_a_wrong_sign_fails_the_checks_with_1(attlog, tmp_path):
     mine = tmp_path / "my_filter.py"
     attlog("new", mine)

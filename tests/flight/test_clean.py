@@ -8,12 +8,13 @@ import pytest
 from attlog.flight import magnetic
 from attlog.flight.builder import LogBuilder
 from attlog.flight.inertial import Candidate, best_per_unit, choose_unit, longest_held, onto, validate
+from attlog.flight.px4.advice import Settings
 from tests.flight.fake import gravity, level, messages, micros
 
 N = 200
 
 
-def reading() -> LogBuilder:
+def builder() -> LogBuilder:
     return LogBuilder(messages("ulog", {("x", 0): {"timestamp": micros(2, 1)}}), t0_us=10_000_000)
 
 
@@ -25,7 +26,7 @@ def candidate(gyro: np.ndarray, acc: np.ndarray, **fields: object) -> Candidate:
 def test_impossible_rates_leave_the_stream_and_are_told_when_the_source_is_used(wrong: float) -> None:
     gyro = np.zeros((N, 3))
     gyro[70, 1] = wrong
-    r = reading()
+    r = builder()
     one = validate(r, candidate(gyro, gravity(N).astype(float)))
     assert len(one.t_us) == N - 1
     assert not r.problems
@@ -38,7 +39,7 @@ def test_magnetometer_spikes_become_missing_and_slow_disturbance_stays() -> None
     field[20] *= 12
     field[50] = 0
     field[100:150] *= np.linspace(1, 2.5, 50)[:, None]
-    r = reading()
+    r = builder()
     mag = magnetic.build(r, 0, micros(N, 10).astype(np.int64), field, "MAG")
     assert np.flatnonzero(~np.isfinite(mag.field.x).all(axis=1)).tolist() == [20, 50]
     assert [(p.code, p.count) for p in r.problems] == [("mag_spikes", 2)]
@@ -49,7 +50,7 @@ def test_quaternions_that_are_none_leave_the_attitude() -> None:
     q[:10] = 0
     q[30] *= 1e6
     q[31] = np.nan
-    r = reading()
+    r = builder()
     attitude = r.attitude(micros(N, 50).astype(np.int64), q, "ATT")
     assert len(attitude.t) == N - 12
     np.testing.assert_allclose(np.linalg.norm(attitude.q, axis=1), 1)
@@ -57,7 +58,7 @@ def test_quaternions_that_are_none_leave_the_attitude() -> None:
 
 
 def test_sample_times_are_kept_where_they_tell_something() -> None:
-    r = reading()
+    r = builder()
     t = micros(N, 50).astype(np.int64)
     assert r.sample_times(t, t) is None
     assert r.sample_times(t, np.zeros(N, np.int64)) is None
@@ -67,7 +68,7 @@ def test_sample_times_are_kept_where_they_tell_something() -> None:
 
 
 def test_time_lines_keep_changes_only() -> None:
-    line = reading().time_line(micros(6, 1).astype(np.int64), [0, 0, 1, 1, 0, 0], "x")
+    line = builder().time_line(micros(6, 1).astype(np.int64), [0, 0, 1, 1, 0, 0], "x")
     assert (line.t.tolist(), line.value) == ([0.0, 2.0, 4.0], [0, 1, 0])
     assert (line.at(-5), line.at(2.5), line.at(99)) == (0, 1, 0)
 
@@ -86,14 +87,14 @@ def test_the_unit_that_flew_longest_counts() -> None:
 
 
 def test_a_message_with_a_damaged_definition_does_not_take_the_others_with_it() -> None:
-    r = reading()
+    r = builder()
     assert r.attempt("GPS", lambda: r.messages["x", 0]["lat"], "nothing") == "nothing"
     assert [(p.code, p.severity) for p in r.problems] == [("unreadable_message", "warning")]
     assert "x has no field 'lat'" in r.problems[0].text
 
 
 def test_two_axes_are_no_gyro_and_three_numbers_no_attitude() -> None:
-    r = reading()
+    r = builder()
     assert validate(r, candidate(np.zeros((N, 2)), gravity(N).astype(float))) is None
     assert [p.code for p in r.problems] == ["unreadable_message"]
     t = micros(5, 50).astype(np.int64)
@@ -103,7 +104,7 @@ def test_two_axes_are_no_gyro_and_three_numbers_no_attitude() -> None:
 
 
 def test_a_handful_of_samples_is_no_flight() -> None:
-    r = reading()
+    r = builder()
     one = validate(r, candidate(np.zeros((5, 3)), gravity(5).astype(float)))
-    assert choose_unit(r, [one], 0, "it flew", None, "Log more.") is None
+    assert choose_unit(r, [one], 0, "it flew", None, Settings("4.6.0", {})) is None
     assert [p.code for p in r.problems] == ["imu_too_short"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import random
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def damaged(content: bytes, seed: int) -> bytes:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seed", range(12))
-def test_a_wounded_log_keeps_its_clock_and_its_physics(name: str, seed: int, tmp_path: Path) -> None:
+def test_a_damaged_log_keeps_its_clock_and_its_physics(name: str, seed: int, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes(damaged((SAMPLES / name).read_bytes(), seed))
     whole = flight.read(SAMPLES / name)
@@ -75,3 +76,13 @@ def test_a_missing_file_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(AttlogError) as caught:
         flight.read(tmp_path / "nowhere.ulg")
     assert caught.value.exit_code == 66
+
+
+def test_a_log_in_a_gzip_file_that_ends_early_says_so_first(tmp_path: Path) -> None:
+    path = tmp_path / "flight.ulg.gz"
+    path.write_bytes(gzip.compress((SAMPLES / "px4_steps.ulg").read_bytes(), 6)[:-200_000])
+    log = flight.read(path)
+    assert log.imu is not None
+    problem = next(p for p in log.problems if p.code == "damage")
+    assert "gzip file ends early" in problem.text
+    assert "cut_at_end" not in [p.code for p in log.problems]

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from attlog.flight.model import logged_rate
-from attlog.flight.timing import gaps, longest_rising, plausible
+from attlog.flight.timing import gaps, longest_rising, only_new, plausible
 
 EVEN = np.arange(100, dtype=np.int64) * 10_000 + 5_000_000
 
@@ -76,3 +76,21 @@ def test_rate_leaves_out_pauses_but_counts_lost_samples() -> None:
 def test_a_gap_is_longer_than_five_intervals_and_fifty_milliseconds() -> None:
     t = np.cumsum([0.005] * 20 + [0.049] + [0.005] * 20 + [0.051] + [0.005] * 20)
     assert gaps(t).tolist() == [41]
+
+
+@pytest.mark.parametrize("rate", [250.0, 50.0, 5.0])
+def test_a_sensor_that_stands_still_is_kept_once_a_second_and_never_has_false_times(rate: float) -> None:
+    t = np.round(np.arange(60 * rate) * 1e6 / rate).astype(np.int64)
+    field = np.tile([200.0, 0.0, 400.0], (len(t), 1))
+    kept = t[only_new(field, t)]
+    assert 59 <= len(kept) <= 60
+    assert np.diff(kept).max() <= 1_000_000
+    assert plausible(kept).dropped == 0
+
+
+def test_a_repeated_value_is_left_out_and_every_change_is_kept() -> None:
+    t = np.arange(12, dtype=np.int64) * 20_000
+    values = np.repeat([1.0, 2.0, 1.0], 4)
+    assert np.flatnonzero(only_new(values, t)).tolist() == [0, 4, 8]
+    assert only_new(values[:1], t[:1]).tolist() == [True]
+    assert only_new(values[:0], t[:0]).tolist() == []

@@ -33,7 +33,7 @@ class Damaged:
         self.source = np.delete(self.source, slice(at, at + count))
 
     def whole(self, offsets: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which records of the undamaged file still stand in one piece, by their offsets and lengths there."""
+        """Which records of the undamaged file are still whole, by their offsets and lengths there."""
         place = np.full(int((offsets + lengths).max()) + 1, -1)
         present = np.flatnonzero((self.source >= 0) & (self.source < len(place)))
         place[self.source[present]] = present

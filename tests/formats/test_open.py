@@ -18,13 +18,17 @@ EXCEPTIONS = {"px4log_log001_cut.bin": "px4log"}
 
 @pytest.mark.parametrize("path", corpus_logs(), ids=lambda p: p.name)
 def test_format_is_recognised_by_content(path: Path, tmp_path: Path) -> None:
-    if "encrypted" in path.name:
-        with pytest.raises(LogUnusable, match="encrypted"):
-            formats.recognise(path)
-        return
     nameless = tmp_path / "log"
     nameless.symlink_to(path)
     assert formats.recognise(nameless) == EXCEPTIONS.get(path.name, FORMATS[path.suffix.lower()])
+
+
+def test_an_encrypted_ulog_is_recognised_and_refused(tmp_path: Path) -> None:
+    path = tmp_path / "secret.ulg"
+    path.write_bytes(b"ULogEnc\x01" + bytes(range(256)) * 40)
+    assert formats.recognise(path) == "ulog"
+    with pytest.raises(LogUnusable, match="encrypted"):
+        formats.open(path)
 
 
 @pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
@@ -99,11 +103,11 @@ def test_a_log_whose_format_definitions_are_lost_is_unusable(corpus: Path) -> No
         formats.open(corpus / "logs" / "made_bin_starts_midfile_nofmt.bin")
 
 
-def test_opening_does_not_import_numba_or_pandas() -> None:
+def test_opening_a_ulog_imports_nothing_heavy() -> None:
     import subprocess
     import sys
 
-    names = ("numba", "pandas", "scipy", "plotly")
+    names = ("numba", "pandas", "scipy", "plotly", "pymavlink", "pyulog")
     code = (
         "import sys; from attlog import formats; formats.open(sys.argv[1]); "
         f"print([n for n in {names} if n in sys.modules])"

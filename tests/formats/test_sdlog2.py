@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from attlog import formats
 from attlog.errors import LogUnusable
 from attlog.formats import sdlog2
 from tests.conftest import corpus_logs
@@ -38,12 +39,12 @@ def test_rows_keep_their_own_times(corpus: Path) -> None:
 
 
 def test_an_ardupilot_log_is_no_px4log(samples: Path) -> None:
-    assert not sdlog2.is_px4log(samples / "copter_steps_stabilize.bin")
+    assert not sdlog2.is_sdlog2((samples / "copter_steps_stabilize.bin").read_bytes()[: formats.HEAD])
 
 
 @pytest.mark.parametrize("path", LOGS, ids=lambda p: p.name)
 def test_a_px4log_is_recognised_by_its_time_record(path: Path) -> None:
-    assert sdlog2.is_px4log(path)
+    assert sdlog2.is_sdlog2(path.read_bytes()[: formats.HEAD])
 
 
 def test_a_log_whose_formats_name_no_columns_is_refused(corpus: Path) -> None:

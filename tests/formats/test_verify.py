@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from attlog.errors import NotALog
-from attlog.formats import oracles
+from attlog.formats import oracle
 from attlog.formats.verify import verify
 from tests.conftest import SAMPLES, corpus_logs
 
@@ -63,15 +63,15 @@ def test_every_log_in_hand_agrees(path: Path) -> None:
 
 def test_a_wrong_value_a_missing_record_and_a_missing_field_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     path = SAMPLES / "px4_steps.ulg"
-    true = oracles.read(path, "ulog")
-    columns = true.columns["sensor_combined", 0]
+    true = oracle.read(path, "ulog")
+    columns = true["sensor_combined", 0]
     columns["gyro_rad[1]"] = columns["gyro_rad[1]"].copy()
     columns["gyro_rad[1]"][[5, 77]] += np.float32(1e-3)
-    mag = true.columns["vehicle_magnetometer", 0]
-    true.columns["vehicle_magnetometer", 0] = {name: np.delete(c, 3) for name, c in mag.items()}
-    del true.columns["vehicle_attitude", 0]["q[3]"]
-    del true.columns["battery_status", 0]
-    monkeypatch.setattr(oracles, "read", lambda *_: true)
+    mag = true["vehicle_magnetometer", 0]
+    true["vehicle_magnetometer", 0] = {name: np.delete(c, 3) for name, c in mag.items()}
+    del true["vehicle_attitude", 0]["q[3]"]
+    del true["battery_status", 0]
+    monkeypatch.setattr(oracle, "read", lambda *_: true)
     result = verify(path)
     assert not result.agrees
     found = "\n".join(result.differences)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from copy import deepcopy
 from functools import cache
@@ -10,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog import flight, rotation, segments
+from attlog import flight, reference, rotation, segments
 from attlog.errors import AttlogError
 from attlog.flight.model import FlightLog, Mag
-from attlog.flight.settings import how_to_log
 from attlog.health import answerable, audit
 from attlog.health.accelerometer import mounting_hint
 from attlog.health.model import Check
+from attlog.metrics import steps
+from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES, corpus_logs, corpus_root
 
 
@@ -193,7 +195,8 @@ def test_lost_samples_show_as_gaps() -> None:
 def test_the_three_questions_are_answerable_on_a_good_log() -> None:
     log = good("px4_steps.ulg")
     phases = segments.build(log)
-    questions = {a.question: a for a in answerable(log, phases, audit(log, phases))}
+    chosen = reference.choose(log, phases)
+    questions = {a.question: a for a in answerable(log, phases, audit(log, phases, chosen), chosen)}
     assert list(questions) == ["quiet", "late", "drifting"]
     assert all(a.can for a in questions.values())
 
@@ -214,24 +217,30 @@ def test_no_rest_names_what_logs_it() -> None:
     phases = segments.build(log)
     quiet = answerable(log, phases, audit(log, phases))[0]
     assert not quiet.can
-    assert "SDLOG_MODE" in quiet.setting
+    assert quiet.setting.startswith("The log begins before arming already: let the vehicle stand still")
+    log.armed = None
+    quiet = answerable(log, phases, [])[0]
+    assert quiet.setting.startswith("SDLOG_MODE is 2 already"), "a setting that is made is not advised"
 
 
-@pytest.mark.parametrize(
-    ("firmware", "version", "what", "word"),
-    [
-        ("PX4", "1.6.5", "imu", "logger_topics.txt"),
-        ("PX4", "1.15.0", "imu", "SDLOG_PROFILE"),
-        ("PX4", "1.15.0", "rest", "SDLOG_MODE"),
-        ("ArduPilot", "Copter 4.6.2", "fast_imu", "INS_RAW_LOG_OPT"),
-        ("ArduPilot", "Copter 3.6.8", "fast_imu", "bit 19"),
-        ("ArduPilot", "Plane 4.2.3", "mag", "bit 10"),
-        ("ArduPilot", "Copter 4.0", "mag", "bit 13"),
-        ("ArduPilot", "Copter 4.0", "rest", "LOG_DISARMED"),
-    ],
-)
-def test_settings_are_those_of_the_firmware(firmware: str, version: str, what: str, word: str) -> None:
-    assert word in how_to_log(firmware, version, what)
+def test_a_rest_counts_only_when_filters_have_settled() -> None:
+    """26 s of rest at the start are 6 s of usable rest: too short for a drift, as the metric says."""
+    log = deepcopy(good("px4_steps.ulg"))
+    phases = segments.build(log)
+    first = phases.of("rest")[0]
+    for seconds, can in ((26.0, False), (30.0, True)):
+        one = Segments([Segment("rest.long", first.t0, first.t0 + seconds)])
+        found = {a.question: a for a in answerable(log, one, [], reference.choose(log, phases))}
+        assert found["drifting"].can == can
+        assert found["quiet"].can
+
+
+def test_movements_are_counted_where_filters_are_judged_by_them() -> None:
+    log = good("px4_steps.ulg")
+    chosen = reference.choose(log, segments.build(log))
+    late = {a.question: a for a in answerable(log, segments.build(log), [], chosen)}["late"]
+    assert late.can
+    assert sum(map(int, re.findall(r"\d+", late.reason.partition(";")[0]))) == len(steps.scored(chosen))
 
 
 # --- false alarms on simulated flights --------------------------------------------------------------------------

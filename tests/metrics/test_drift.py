@@ -6,6 +6,7 @@ from attlog import metrics, rotation
 from attlog.flight.model import Attitude
 from attlog.metrics import drift, drift_air, drift_rest, wander
 from attlog.metrics.base import HeadingReference
+from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_REST_S
 from attlog.reference.model import Row
 from attlog.segments.model import Segment
 from tests.metrics import flights
@@ -57,7 +58,7 @@ def coverage(kind, seconds, runs, seed=5):
     t = np.arange(0.0, seconds, step)
     for _ in range(runs):
         e = 0.5 / 60.0 * t + heading_noise(kind, len(t), step, rng)
-        found = drift.slope(drift.block_means(t, e, np.zeros(len(t), np.int64)), drift.SHORTEST_REST_S)
+        found = drift.slope(drift.block_means(t, e, np.zeros(len(t), np.int64)), DRIFT_REST_S)
         hits += found.ci95[0] <= 0.5 <= found.ci95[1]
     return hits / runs
 
@@ -85,7 +86,7 @@ def test_the_interval_covers_in_90_to_99_percent_of_all_cases_together():
 def test_a_record_has_a_group_for_each_10_s_but_4_at_least_and_12_at_most():
     for seconds, groups in ((9.0, 4), (20.0, 4), (60.0, 6), (250.0, 12)):
         t = np.arange(0.0, seconds, 0.1)
-        found = drift.slope(drift.block_means(t, 0.01 * t, np.zeros(len(t), np.int64)), drift.SHORTEST_REST_S)
+        found = drift.slope(drift.block_means(t, 0.01 * t, np.zeros(len(t), np.int64)), DRIFT_REST_S)
         assert len(found.slopes) == groups
         assert found.value == pytest.approx(0.6)
 
@@ -94,10 +95,10 @@ def test_a_record_that_is_too_short_has_no_value_and_says_its_time():
     t = np.arange(0.0, 18.0, 0.02)
     found = slope_of(t, 0.01 * t)
     assert found.value is None
-    assert drift.too_short(found, drift.SHORTEST_AIR_S) == "18 s; 20 are needed"
+    assert drift.too_short(found, DRIFT_AIR_S) == "18 s; 20 are needed"
     t = np.arange(0.0, 30.0, 0.1)
     broken = drift.slope(drift.block_means(t, 0.01 * t, np.floor(t / 2).astype(np.int64)))
-    assert drift.too_short(broken, drift.SHORTEST_AIR_S) == "30 s in segments too short for 4 slopes"
+    assert drift.too_short(broken, DRIFT_AIR_S) == "30 s in segments too short for 4 slopes"
 
 
 def test_a_drift_is_told_however_wide_its_interval_and_bounded_by_the_larger_end_otherwise():
@@ -262,21 +263,6 @@ def test_a_restart_settles_anew():
     case = flights.case([row], phases)
     ((_, usable),) = drift_rest.rests(case, row, "rest")
     assert usable == ((20.0, pytest.approx(40.02, abs=0.021)), (pytest.approx(60.02, abs=0.021), 80.0))
-
-
-@pytest.mark.parametrize(
-    ("there", "said"),
-    [
-        ({"onboard": True, "truth": True, "mag": True}, "truth"),
-        ({"onboard": True, "truth": False, "mag": True}, "onboard"),
-        ({"course": True, "mag": True}, "mag"),
-        ({"gnss_yaw": True, "onboard": True}, "gnss_yaw"),
-        ({"smoother": True, "gnss_yaw": True}, "smoother"),
-        ({"onboard": False}, None),
-    ],
-)
-def test_one_rule_says_which_heading_reference_is_quoted(there, said):
-    assert drift_air.quoted(there) == said
 
 
 def test_a_reset_of_the_onboard_attitude_at_rest_is_no_drift():

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from attlog.present.numbers import duration, interval, listed, number, quantity
+from attlog.present.numbers import counted, duration, half_width, interval, listed, moment, number, quantity
 
 
 @pytest.mark.parametrize(
@@ -61,3 +61,22 @@ def test_durations(seconds, text):
 
 def test_lists():
     assert [listed(x) for x in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == ["", "a", "a and b", "a, b and c"]
+
+
+@pytest.mark.parametrize(
+    ("t", "text"),
+    [(0.0, "0.0 s"), (-0.01, "0.0 s"), (-2.5, "−2.5 s"), (599.9, "599.9 s"), (600.0, "0:10:00"), (7384.4, "2:03:04")],
+)
+def test_moments_beyond_ten_minutes_are_clock_times(t, text):
+    assert moment(t) == text
+
+
+def test_one_is_singular():
+    assert [counted(n, "quick movement") for n in (0, 1, 2)] == [
+        "0 quick movements", "1 quick movement", "2 quick movements",
+    ]  # fmt: skip
+
+
+def test_half_of_an_interval_has_no_sign():
+    assert half_width((-6.7, -2.7), "deg/min") == "±2.0"
+    assert half_width(None, "ms") == ""

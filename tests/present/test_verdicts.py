@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from attlog.metrics.answer import Answer, missing
-from attlog.present.verdicts import Verdict, verdicts
-from attlog.result import EstimatorRow, ReferenceSummary, Result
+from attlog.present.sentences import verdicts
+from attlog.result import EstimatorRow, ReferenceSummary, Result, Verdict
 
 NEAR = 0.1
 
@@ -71,16 +71,16 @@ def test_several_leaders_are_too_close_to_rank_and_the_noisiest_is_named_with_it
     ]
     rows.append(row("onboard", noise(0.012), is_reference=True))
     assert verdict("quiet", rows).sentence == (
-        "gyro, vqf and mahony hold roll and pitch to within 0.004° over 36 s of rest, too close to rank. "
-        "madgwick is noisiest: 0.044°, 15 times as much. Onboard: 0.012°."
+        "Gyro, Vqf and Mahony hold roll and pitch to within 0.004° over 36 s of rest, too close to rank. "
+        "Madgwick is noisiest: 0.044°, 15 times as much. Onboard: 0.012°."
     )
 
 
 def test_one_leader_is_quietest():
     rows = [row("vqf", noise(0.003)), row("mahony", noise(0.006)), row("madgwick", noise(0.044))]
     assert verdict("quiet", rows).sentence == (
-        "vqf is quietest: it holds roll and pitch to within 0.003° over 36 s of rest. "
-        "madgwick is noisiest: 0.044°, 15 times as much."
+        "Vqf is quietest: it holds roll and pitch to within 0.003° over 36 s of rest. "
+        "Madgwick is noisiest: 0.044°, 15 times as much."
     )
 
 
@@ -98,7 +98,7 @@ def test_differences_below_the_floor_are_not_ranked():
 
 def test_a_single_filter_is_not_called_best():
     assert verdict("quiet", [row("mahony", noise(0.004))]).sentence == (
-        "mahony holds roll and pitch to within 0.004° over 36 s of rest; no other filter can be ranked."
+        "Mahony holds roll and pitch to within 0.004° over 36 s of rest; no other filter can be ranked."
     )
 
 
@@ -115,7 +115,7 @@ def test_no_rest_is_said_with_its_reason():
 def test_a_frozen_filter_never_wins():
     frozen = noise(0.0001, ranked=False, reason="does not follow motion: gain 0.1")
     found = verdict("quiet", [row("frozen", frozen), row("a", noise(0.004)), row("b", noise(0.01))])
-    assert found.sentence.startswith("a is quietest")
+    assert found.sentence.startswith("A is quietest")
     assert ("frozen", "does not follow motion: gain 0.1") in found.not_judged
 
 
@@ -126,7 +126,7 @@ def test_a_row_that_lost_its_way_is_never_best(status):
         row("a", noise(0.004)),
         row("b", noise(0.01)),
     ]
-    assert verdict("quiet", rows).sentence.startswith("a is quietest")
+    assert verdict("quiet", rows).sentence.startswith("A is quietest")
 
 
 def test_where_nobody_can_be_ranked_the_sentence_says_why():
@@ -137,42 +137,42 @@ def test_where_nobody_can_be_ranked_the_sentence_says_why():
         row("onboard", noise(0.012)),
     ]
     assert verdict("quiet", rows).sentence == (
-        "No filter can be ranked: gyro (diverged), a and b (do not follow motion). Onboard: 0.012°."
+        "No filter can be ranked: Gyro (diverged), A and B (do not follow motion). Onboard: 0.012°."
     )
 
 
-def test_the_latest_is_named_with_interval_reference_and_count():
+def test_the_largest_lag_is_named_with_interval_reference_and_count():
     rows = [row("mahony", lag(12)), row("vqf", lag(-1)), row("gyro", lag(1))]
     assert verdict("late", rows, reference="truth").sentence == (
-        "mahony is latest: +12 ms (+11 to +13) against the logged truth over 28 steps. "
-        "vqf and gyro are not measurably late."
+        "Mahony lags most: +12 ms (+11 to +13) against the logged truth over 28 steps. "
+        "Vqf and Gyro do not lag measurably."
     )
 
 
 def test_less_than_half_a_sample_is_no_lag():
     assert verdict("late", [row("a", lag(4, 0.5)), row("b", lag(2))], rate=100.0).sentence == (
-        "No filter is measurably late against onboard (agreement, not truth) over 28 steps; "
+        "No filter lags measurably against onboard (agreement, not truth) over 28 steps; "
         "less than 5 ms, half an IMU sample, counts as zero."
     )
 
 
 def test_an_interval_across_zero_is_no_lag():
-    assert verdict("late", [row("a", lag(9, 12))]).sentence.startswith("No filter is measurably late")
+    assert verdict("late", [row("a", lag(9, 12))]).sentence.startswith("No filter lags measurably")
 
 
-def test_a_bent_filter_is_not_judged_and_never_early():
-    bent = {"airborne": {"lag_ms": missing("not_a_pure_delay", "follows 51 % of the movement", "ms", "airborne")}}
-    found = verdict("late", [row("a", lag(1)), row("fan", bent), row("onboard", lag(0), is_reference=True)])
-    assert found.sentence.startswith("a is not measurably late against onboard")
-    assert "fan shows a wrong angle in the movement, which no delay describes." in found.sentence
+def test_a_impure_filter_is_not_judged_and_never_early():
+    impure = {"airborne": {"lag_ms": missing("not_a_pure_delay", "follows 51 % of the movement", "ms", "airborne")}}
+    found = verdict("late", [row("a", lag(1)), row("fan", impure), row("onboard", lag(0), is_reference=True)])
+    assert found.sentence.startswith("A does not lag measurably against onboard")
+    assert "Fan shows a wrong angle in the movement, which is not a pure delay." in found.sentence
     assert ("fan", "follows 51 % of the movement") in found.not_judged
     assert "fan" not in [name for name, _, _ in found.bars]
 
 
-def test_all_bent():
-    bent = {"airborne": {"lag_ms": missing("not_a_pure_delay", "follows 51 % of the movement", "ms", "airborne")}}
-    assert verdict("late", [row("a", bent), row("b", bent)]).sentence == (
-        "No filter's delay can be judged: a and b (wrong angle in the movement). Compare their tilt errors instead."
+def test_all_impure():
+    impure = {"airborne": {"lag_ms": missing("not_a_pure_delay", "follows 51 % of the movement", "ms", "airborne")}}
+    assert verdict("late", [row("a", impure), row("b", impure)]).sentence == (
+        "No filter's lag can be judged: A and B (wrong angle in the movement). Compare their tilt errors instead."
     )
 
 
@@ -190,10 +190,10 @@ def test_drift_names_the_worst_and_bounds_what_is_not_told():
     rows.append(row("onboard", drift(-5.7), is_reference=True))
     found = verdict("drifting", rows)
     assert found.sentence == (
-        "At rest, gyro drifts most: −1.2°/min (−1.3 to −1.1); none told of a and b: less than 0.15°/min. "
+        "At rest, Gyro drifts most: −1.2°/min (−1.3 to −1.1); none told of A and B: less than 0.15°/min. "
         "Onboard: −5.7°/min (−5.8 to −5.6). "
-        "In the air against onboard (agreement, not truth), gyro drifts most: −4.8°/min (−4.9 to −4.7); "
-        "none told of a and b: less than 0.16°/min."
+        "In the air against onboard (agreement, not truth), Gyro drifts most: −4.8°/min (−4.9 to −4.7); "
+        "none told of A and B: less than 0.16°/min."
     )
 
 
@@ -207,7 +207,7 @@ def test_truth_is_believed_before_onboard():
     rows = [row("a", drift(air=2.0, heading_reference="onboard")), row("b", drift(air=3.0, heading_reference="truth"))]
     found = verdict("drifting", rows)
     assert found.metric == "drift_air_deg_per_min.truth"
-    assert found.sentence == "In the air against the logged truth, b drifts +3.0°/min (+2.9 to +3.1)."
+    assert found.sentence == "In the air against the logged truth, B drifts +3.0°/min (+2.9 to +3.1)."
 
 
 def test_rests_that_disagree_are_said_as_a_range():
@@ -219,7 +219,7 @@ def test_rests_that_disagree_are_said_as_a_range():
 
 def test_a_wide_interval_that_excludes_zero_is_told():
     found = verdict("drifting", [row("a", drift(254.5, half=40))])
-    assert found.sentence.startswith("At rest, a drifts +254.5°/min")
+    assert found.sentence.startswith("At rest, A drifts +254.5°/min")
 
 
 def test_nothing_at_all_still_gives_three_sentences():
@@ -252,38 +252,35 @@ def test_without_any_drift_both_reasons_are_given():
 def test_no_factor_is_told_from_noise_below_what_is_shown(least):
     found = verdict("quiet", [row("a", noise(least)), row("b", noise(0.003))])
     assert found.sentence == (
-        "a is quietest: it holds roll and pitch to less than 0.001° over 36 s of rest. b is noisiest: 0.003°."
+        "A is quietest: it holds roll and pitch to less than 0.001° over 36 s of rest. B is noisiest: 0.003°."
     )
 
 
 def test_large_factors_are_capped():
     found = verdict("quiet", [row("a", noise(0.001)), row("b", noise(0.25))])
-    assert found.sentence.endswith("b is noisiest: 0.25°, over 100 times as much.")
+    assert found.sentence.endswith("B is noisiest: 0.25°, over 100 times as much.")
 
 
 def test_the_noisiest_of_the_ranked_is_not_called_the_noisiest_of_all():
     rows = [row("a", noise(0.001)), row("b", noise(0.05)), row("lost", noise(0.08), status="not_converged")]
-    assert "b is noisiest of the 2 ranked: 0.050°" in verdict("quiet", rows).sentence
+    assert "B is noisiest of the 2 ranked: 0.050°" in verdict("quiet", rows).sentence
 
 
-@pytest.mark.parametrize(
-    ("firmware", "said"),
-    [("ArduPilot Copter", " (parameter LOG_DISARMED)"), ("PX4", " (parameter SDLOG_MODE)"), ("", "")],
-)
-def test_a_log_without_rest_names_the_parameter_that_gives_it_one(firmware, said):
+@pytest.mark.parametrize("advice", ["Set LOG_DISARMED to 1 and let the vehicle stand still.", ""])
+def test_a_log_without_rest_says_how_the_vehicle_would_log_one(advice):
     absent = {"noise_roll_deg": missing("no_rest", "the log holds no rest", "deg", "rest")}
     found = result([row("a", {"rest": absent})])
-    found.log["firmware"] = {"name": firmware}
-    assert verdicts(found)[0].sentence == f"Cannot be judged: the log holds no rest{said}."
+    found.log["advice"] = {"rest": advice}
+    assert verdicts(found)[0].sentence == f"Cannot be judged: the log holds no rest. {advice}".rstrip()
 
 
-def test_filters_that_disagree_and_filters_that_are_lost_are_told_apart():
-    wide = drift(air=3.0, half=40, ranked=False, reason="disagree")
+def test_filters_that_wander_and_filters_that_are_lost_are_told_apart():
+    wide = drift(air=3.0, half=40, ranked=False, reason="not measurable")
     rows = [row("gyro", drift(air=6.0)), row("a", wide), row("b", wide), row("c", wide), row("d", wide)]
     rows += [row("lost", wide, status="diverged"), row("onboard", drift(air=-1.2, half=6))]
     assert verdict("drifting", rows).sentence == (
-        "In the air against onboard (agreement, not truth), gyro drifts +6.0°/min (+5.9 to +6.1); "
-        "4 filters cannot be judged; lost diverged. "
+        "In the air against onboard (agreement, not truth), Gyro drifts +6.0°/min (+5.9 to +6.1); "
+        "4 filters cannot be judged; Lost diverged. "
         "Onboard: −1.2°/min (−7.2 to +4.8)."
     )
 
@@ -293,14 +290,12 @@ def test_the_part_that_is_not_answered_is_explained():
     assert verdict("drifting", [row("gyro", air)]).not_judged == [("gyro", "at rest, no rest")]
 
 
-def test_a_heading_reference_is_quoted_only_where_a_replayed_row_has_a_value():
+def test_a_witness_that_judges_filters_is_preferred_to_one_that_judges_only_onboard_rows():
     by_onboard = missing("record_too_short", "too short", "deg/min", "airborne")
     filters = drift(air=4.0, heading_reference="mag")
     filters["airborne"]["drift_air_deg_per_min.onboard"] = by_onboard
     rows = [row("gyro", filters), row("onboard:AHR2", drift(air=0.4))]
-    assert verdict("drifting", rows).sentence.startswith(
-        "In the air against the magnetometer (agreement, not truth), gyro drifts +4.0°/min"
-    )
+    assert verdict("drifting", rows).sentence.startswith("In the air against the magnetometer, Gyro drifts +4.0°/min")
 
 
 def test_a_vehicle_that_never_flew_is_not_told_to_fly_steps():
@@ -312,4 +307,4 @@ def test_a_vehicle_that_never_flew_is_not_told_to_fly_steps():
 
 def test_a_quiet_filter_that_cannot_be_ranked_keeps_another_from_being_quietest_of_all():
     rows = [row("a", noise(0.01)), row("b", noise(0.05)), row("hidden", noise(0.0002, ranked=False, reason="coarse"))]
-    assert verdict("quiet", rows).sentence.startswith("a is quietest of the 2 ranked: ")
+    assert verdict("quiet", rows).sentence.startswith("A is quietest of the 2 ranked: ")

@@ -7,7 +7,11 @@ from numpy.typing import NDArray
 
 from attlog import rotation, segments
 from attlog.estimators.base import Estimate
+from attlog.flight import parameters
+from attlog.flight.ardupilot import state
+from attlog.flight.inertial import low_pass_delay
 from attlog.flight.model import Attitude, Firmware, FlightLog, TimeLine
+from attlog.flight.px4.state import DECLINATION
 from attlog.reference import Options, Reference, Row, choose, replayed
 from attlog.segments import Segments
 from tests.segments.flights import imu_log
@@ -64,6 +68,12 @@ def ardupilot(log: FlightLog, **params: float) -> FlightLog:
     """The same log from ArduPilot with parameters."""
     log.firmware = Firmware("ArduPilot", "4.6.0")
     log.params = {name: TimeLine(np.zeros(1), [value], "PARM") for name, value in params.items()}
+    log.trim, log.trim_source = state.trim(log), ", ".join(state.TRIM)
+    names = state.DECLINATION | DECLINATION
+    log.declination_param, log.declination_source = parameters.declination(log, names)
+    if "INS_GYRO_FILTER" in params:
+        log.imus[0].gyro.delay = low_pass_delay(params["INS_GYRO_FILTER"])
+        log.imus[0].filtered = f"low-pass {params['INS_GYRO_FILTER']:.0f} Hz"
     return log
 
 

@@ -8,12 +8,13 @@ import pytest
 from attlog.flight.model import Problem
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.trace import Trace
-from attlog.present.verdicts import verdicts
+from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep
 from attlog.result import Check, EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import Segment
 
 NAMES = ("gyro", "complementary@fan", "mahony@xu-0.6", "madgwick@marg", "vqf")
+TITLES = {"mahony": "Mahony's explicit complementary filter", "vqf": "VQF, by its authors' own package"}
 SECONDS, RATE = 200.0, 100.0
 REST = (5.0, 45.0)
 AIR = (60.0, 185.0)
@@ -91,6 +92,7 @@ def row(name: str, i: int, **changes: object) -> EstimatorRow:
         skipped={"gap_bridged": 2},
         ns_per_update=150.0 + 200 * i,
         status="ok",
+        title=TITLES.get(name.partition("@")[0], ""),
         uses_mag=name != "gyro",
     )
     return EstimatorRow(**(values | changes))
@@ -270,6 +272,7 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
         best={
             "rest": {
                 "noise_roll_deg": ["gyro", "vqf", "mahony@xu-0.6"],
+                "noise_pitch_deg": ["gyro", "vqf", "mahony@xu-0.6"],
                 "drift_rest_deg_per_min": ["mahony@xu-0.6", "vqf"],
             },
             "airborne": {"lag_ms": ["gyro", "vqf"], "inclination_rmse_deg": ["gyro"]},

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from attlog.metrics.trace import Trace
+from attlog.present.names import row_name
 from attlog.report import write_report
-from attlog.report.figure import reach, told
+from attlog.report.figure import Rows, reach, told
 from attlog.report.figures import sections
 from attlog.report.look import looks
 from attlog.report.marks import time_marks
@@ -36,7 +37,7 @@ def test_a_row_has_one_colour_and_dash_in_every_figure(visit, report):
 
 
 def test_figures_with_numbers_say_them_in_words(visit, report):
-    names = [row.name for row in make_result().estimators if row.kind == "replay"]
+    names = [row_name(row) for row in make_result().estimators if row.kind == "replay"]
     for figure in ("attitude", "difference", "rest", "lag", "drifts", "cost"):
         assert any(name in figures(make_result())[figure].words for name in names), figure
     page = visit(report).page
@@ -46,7 +47,7 @@ def test_figures_with_numbers_say_them_in_words(visit, report):
 
 def test_lines_in_words_are_their_smallest_and_largest_value():
     trace = Trace("attitude", "vqf", np.arange(3.0), {"roll": np.array([-2.0, np.nan, 31.04])})
-    assert reach([trace]) == "vqf: roll −2.0° to 31.0°"
+    assert reach([trace], Rows({"vqf": "VQF"})) == "VQF: roll −2.0° to 31.0°"
 
 
 def test_dots_in_words_are_value_and_interval():

@@ -7,7 +7,7 @@ import pytest
 
 from attlog.metrics.answer import missing
 from attlog.metrics.trace import Trace
-from attlog.present.verdicts import verdicts
+from attlog.present.sentences import verdicts
 from attlog.report import write_report
 from attlog.result import Result
 from tests.report.browser import own_bytes

@@ -15,7 +15,6 @@ from attlog.errors import OutputError
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.page import render
-from attlog.report.top import lead_and_tail
 from tests.report.conftest import make_result
 
 
@@ -55,17 +54,3 @@ def test_every_definition_parameter_segment_and_alignment_step_is_in_the_page():
         assert step.text in text
     for value in (result.log["sha256"], result.command, "2a3dc4b7", "gain of the correction", "AHRS_TRIM_X"):
         assert value in text
-
-
-@pytest.mark.parametrize(
-    ("sentence", "lead"),
-    [
-        ("vqf is quietest: within 0.003° at rest. More.", "vqf is quietest: within 0.003° at rest."),
-        ("mahony@xu-0.6 is latest: +12 ms; more.", "mahony@xu-0.6 is latest: +12 ms;"),
-        ("Cannot be judged: no rest.", "Cannot be judged:"),
-        ("No filter can be ranked: a (diverged).", "No filter can be ranked:"),
-        ("Nothing", "Nothing"),
-    ],
-)
-def test_the_first_words_of_a_verdict_are_bold(sentence, lead):
-    assert lead_and_tail(sentence)[0] == lead

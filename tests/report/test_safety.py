@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 
-import pytest
-
 from attlog.flight.model import Problem
-from attlog.present.verdicts import verdicts
+from attlog.present.sentences import verdicts
+from attlog.present.text import clean
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.page import render
-from attlog.report.text import clean
 from attlog.result import ParameterValue, Result
 from tests.report.conftest import make_result
 
@@ -106,8 +104,3 @@ def test_the_policy_stops_what_does_not_belong_to_the_page(visit, report, tmp_pa
     assert [c for c in page.complaints if "Content Security Policy" in c] != []
     assert page.requests[0] == intruder.as_uri()
     assert page.page.get_attribute("html", "data-drawn") == "all"
-
-
-@pytest.mark.parametrize("text", ["a\x00b", "a\x9bb", "a\u2028b", "a\ud800b"])
-def test_control_characters_become_a_visible_mark(text):
-    assert clean(text) == "a\ufffdb"

@@ -36,7 +36,7 @@ def plain(source: str, name: str, known: Mapping[str, Any]) -> Callable[..., Any
     """The function ``name`` of undecorated source, which uses the objects ``known``: the kernel's plain twin."""
     namespace: dict[str, Any] = dict(known)
     exec(compile(HEADER + source, "<attlog kernel>", "exec"), namespace)
-    return namespace[name]
+    return _function(namespace, name)
 
 
 @functools.lru_cache(maxsize=256)
@@ -47,16 +47,22 @@ def compiled(source: str, name: str) -> Callable[..., Any]:
     if folder is None:
         namespace: dict[str, Any] = {}
         exec(compile(text, "<attlog kernel>", "exec"), namespace)
-        return namespace[name]
+        return _function(namespace, name)
     stem = "k_" + hashlib.sha256(text.encode()).hexdigest()[:24]
     path = folder / f"{stem}.py"
     try:
-        return getattr(_load(path, text), name)
+        return _function(vars(_load(path, text)), name)
     except Exception:
         # A damaged cache file fails at every start until it is removed; a real error fails again.
         for stale in folder.glob(f"**/{stem}*"):
             stale.unlink(missing_ok=True)
-        return getattr(_load(path, text), name)
+        return _function(vars(_load(path, text)), name)
+
+
+def _function(namespace: Mapping[str, Any], name: str) -> Callable[..., Any]:
+    """The function of that name in a module that was run."""
+    function: Callable[..., Any] = namespace[name]
+    return function
 
 
 def _load(path: Path, text: str) -> ModuleType:

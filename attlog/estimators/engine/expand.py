@@ -1,10 +1,10 @@
-"""A filter's functions rewritten for many lanes: the same arithmetic, side by side in one array.
+"""A filter's functions rewritten for many parameter sets: the same arithmetic, side by side in one array.
 
-Two kinds of array arguments disappear. One that differs between lanes (``state``,
-``params``, ``mag``) becomes a row number of one work array ``W`` of ``LANES`` columns:
-``state[i]`` turns into ``W[(state + i) * LANES + l]``, so that the loop over lanes reads
+Two kinds of array arguments disappear. One that differs between the sets (``state``,
+``params``, ``mag``) becomes a row number of one array ``BATCH_`` of ``SETS_`` columns:
+``state[i]`` turns into ``BATCH_[(state + i) * SETS_ + set_]``, so that the loop over sets reads
 and writes neighbours, which is what the compiler needs for vector registers. One that
-all lanes share (``gyr``, ``acc``) becomes three numbers, ``acc[0]`` turns into ``acc_0``.
+all sets share (``gyr``, ``acc``) becomes three numbers, ``acc[0]`` turns into ``acc_0``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 
-LEADING = ("W", "l")
+BATCH, SETS, SET = "BATCH_", "SETS_", "set_"
+LEADING = (BATCH, SET)
 ROW, SHARED = "row", "shared"
 
 Kinds = dict[str, dict[str, str]]
@@ -21,11 +22,15 @@ Kinds = dict[str, dict[str, str]]
 def expand(source: str, entry: Mapping[str, Mapping[int, str]], fixed: Mapping[int, float]) -> str | None:
     """The source with its functions rewritten, or None if an array is used other than element by element.
 
+    None also for source that has one of our own names already.
+
     ``entry`` names the functions that the loop calls and the kinds of their array arguments
     by position; those of helpers follow from the calls. ``fixed`` gives the elements of the
-    array ``params`` that are the same in all lanes: they become constants.
+    array ``params`` that are the same in all sets: they become constants.
     """
     module = ast.parse(source)
+    if _names(module) & {BATCH, SETS, SET}:
+        return None
     functions = {f.name: f for f in module.body if isinstance(f, ast.FunctionDef)}
     kinds: Kinds = {n: {functions[n].args.args[i].arg: k for i, k in a.items()} for n, a in entry.items()}
     if not _spread(functions, kinds):
@@ -42,6 +47,13 @@ def expand(source: str, entry: Mapping[str, Mapping[int, str]], fixed: Mapping[i
     return ast.unparse(ast.fix_missing_locations(module))
 
 
+def _names(module: ast.Module) -> set[str]:
+    """Every name in a source: of variables, arguments and functions."""
+    nodes = list(ast.walk(module))
+    found = {n.id for n in nodes if isinstance(n, ast.Name)} | {n.arg for n in nodes if isinstance(n, ast.arg)}
+    return found | {n.name for n in nodes if isinstance(n, ast.FunctionDef)}
+
+
 def _spelled(name: str, kinds: Mapping[str, str]) -> list[str]:
     """The names that stand for an argument after rewriting."""
     return [f"{name}_{i}" for i in range(3)] if kinds.get(name) == SHARED else [name]
@@ -53,7 +65,7 @@ def _spread(functions: Mapping[str, ast.FunctionDef], kinds: Kinds) -> bool:
     while waiting:
         name = waiting.pop()
         for call in _calls(functions[name], functions):
-            callee = functions[call.func.id]
+            callee = functions[_called(call)]
             known = kinds.setdefault(callee.name, {})
             for argument, given in zip(callee.args.args, call.args, strict=False):
                 kind = kinds[name].get(given.id) if isinstance(given, ast.Name) else None
@@ -67,33 +79,42 @@ def _spread(functions: Mapping[str, ast.FunctionDef], kinds: Kinds) -> bool:
 
 def _calls(function: ast.FunctionDef, functions: Mapping[str, ast.FunctionDef]) -> list[ast.Call]:
     """Calls inside a function to functions of the same source."""
-    return [n for n in ast.walk(function) if _is_call(n, functions)]
+    return [n for n in ast.walk(function) if isinstance(n, ast.Call) and _called(n) in functions]
 
 
-def _is_call(node: ast.AST, functions: Mapping[str, ast.FunctionDef]) -> bool:
-    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in functions
+def _called(call: ast.Call) -> str:
+    """The name of the function that is called; "" if it is not called by name."""
+    return call.func.id if isinstance(call.func, ast.Name) else ""
 
 
 def _elementwise(function: ast.FunctionDef, kinds: Mapping[str, str], functions: Mapping[str, ast.FunctionDef]) -> bool:
     """True if arrays are only indexed by numbers or handed to functions of the same source by position."""
     nodes = list(ast.walk(function))
     uses = sum(isinstance(n, ast.Name) and n.id in kinds for n in nodes)
-    indexed = sum(_is_element(n, kinds) for n in nodes)
+    indexed = sum(isinstance(n, ast.Subscript) and _element_of(n, kinds) is not None for n in nodes)
     handed = sum(isinstance(a, ast.Name) and a.id in kinds for c in _calls(function, functions) for a in c.args)
     return uses == indexed + handed
 
 
-def _is_element(node: ast.AST, kinds: Mapping[str, str]) -> bool:
-    """True for ``array[index]`` that can be rewritten: shared arrays need a literal index."""
-    if not (isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in kinds):
-        return False
+def _element_of(node: ast.Subscript, kinds: Mapping[str, str]) -> str | None:
+    """The array of ``array[index]`` that can be rewritten, else None: shared arrays need a literal index."""
+    if not (isinstance(node.value, ast.Name) and node.value.id in kinds):
+        return None
     if kinds[node.value.id] == SHARED:
-        return isinstance(node.slice, ast.Constant) and node.slice.value in (0, 1, 2) and isinstance(node.ctx, ast.Load)
-    return not isinstance(node.slice, ast.Slice | ast.Tuple)
+        readable = _literal(node) in (0, 1, 2) and isinstance(node.ctx, ast.Load)
+    else:
+        readable = not isinstance(node.slice, ast.Slice | ast.Tuple)
+    return node.value.id if readable else None
+
+
+def _literal(node: ast.Subscript) -> int | None:
+    """The index if it is written as a whole number."""
+    index = node.slice.value if isinstance(node.slice, ast.Constant) else None
+    return index if isinstance(index, int) else None
 
 
 class _Rewrite(ast.NodeTransformer):
-    """Array elements to elements of ``W`` or to numbers, calls with the leading arguments."""
+    """Array elements to elements of ``BATCH_`` or to numbers, calls with the leading arguments."""
 
     def __init__(
         self,
@@ -109,21 +130,20 @@ class _Rewrite(ast.NodeTransformer):
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
         self.generic_visit(node)
-        if not _is_element(node, self.own):
+        name = _element_of(node, self.own)
+        if name is None:
             return node
-        name = node.value.id
+        index = _literal(node)
         if self.own[name] == SHARED:
-            return ast.Name(f"{name}_{node.slice.value}", ast.Load())
-        if name == "params" and isinstance(node.slice, ast.Constant) and node.slice.value in self.fixed:
-            return ast.Constant(self.fixed[node.slice.value])
+            return ast.Name(f"{name}_{index}", ast.Load())
+        if name == "params" and index is not None and index in self.fixed:
+            return ast.Constant(self.fixed[index])
         row = ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), node.slice)
-        index = ast.BinOp(
-            ast.BinOp(row, ast.Mult(), ast.Name("LANES", ast.Load())), ast.Add(), ast.Name("l", ast.Load())
-        )
-        return ast.Subscript(ast.Name("W", ast.Load()), index, node.ctx)
+        at = ast.BinOp(ast.BinOp(row, ast.Mult(), ast.Name(SETS, ast.Load())), ast.Add(), ast.Name(SET, ast.Load()))
+        return ast.Subscript(ast.Name(BATCH, ast.Load()), at, node.ctx)
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
-        if _is_call(node, self.functions):
+        if _called(node) in self.functions:
             names = [_spelled(a.id, self.own) if isinstance(a, ast.Name) else None for a in node.args]
             node.args = [
                 n

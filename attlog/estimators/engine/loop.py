@@ -1,8 +1,9 @@
 """The shared loop: runs a filter's step over cleaned samples and keeps its outputs.
 
 Time is its business, not the filter's: :mod:`attlog.estimators.engine.samples` says what happens to
-gaps and bad samples; between samples of a slow magnetometer the last vector is turned on
-with the bias-corrected gyro; after a long gap the filter starts anew.
+gaps and bad samples; between samples of a slow magnetometer the last vector is propagated
+with the bias-corrected gyro; after a long gap the filter starts anew. A step that numba
+cannot compile (one that calls a C library, for instance) runs in plain Python.
 """
 
 from __future__ import annotations
@@ -19,14 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog import rotation
 from attlog.errors import PluginError
+from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator, plugin_errors
 from attlog.estimators.engine import cache, generate
+from attlog.estimators.engine.events import events
 from attlog.estimators.engine.samples import NEW, Samples
 from attlog.estimators.engine.start import initial_state, to_true_north
 from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
 
 LOOP = """
-def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out):
+def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out{events}):
     m = np.zeros(3)
     row = 0
     wait = 0
@@ -40,10 +43,10 @@ def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out):
             m[0] = 0.0
             m[1] = 0.0
             m[2] = 0.0
-        for _ in range(substeps[k]):
+        for {part} in range(substeps[k]):
             if use[k] == 2:
                 turn_vector_back(m, gyr[k, 0]{bx}, gyr[k, 1]{by}, gyr[k, 2]{bz}, h)
-            step(state, params, h, gyr[k], acc[k], m)
+            step(state, params, h, gyr[k], acc[k], m{aid})
         if wait == 0:
             for j in range({outputs}):
                 out[row, j] = state[j]
@@ -51,7 +54,18 @@ def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out):
             wait = every
         wait -= 1
 """
-SIGNATURE = "void(f8[::1], f8[::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], i8, f8[:, ::1])"
+PLAIN = {"part": "_", "events": "", "aid": ""}
+AIDED = {
+    "part": "i",
+    "events": ", row_of, quiet, table",
+    "aid": ", table[row_of[k] if i == substeps[k] - 1 else quiet[k]]",
+}
+"""What a loop with aids has more: an arrival is handed on once, in the last part of its sample's step."""
+
+SIGNATURE = (
+    "void(f8[::1], f8[::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], i8, f8[:, ::1]{events})"
+)
+EVENTS = ", i8[::1], i8[::1], f8[:, ::1]"
 
 
 def run(
@@ -60,18 +74,20 @@ def run(
     values: Mapping[str, float | str],
     q0: ArrayLike | None = None,
     every: int = 1,
+    aids: Aids | None = None,
 ) -> Estimate:
     """The estimate of one filter on prepared samples; ``values`` are all parameters, resolved."""
     if estimator.run is not None:
-        return _whole_run(estimator, samples, values, q0)
+        return _whole_segments(estimator, samples, values, q0, aids or Aids())
     params = estimator.pack(values)
     advance = kernel(estimator)
+    told = events(estimator, aids, samples.t) if estimator.aided else None
     bounds = np.append(samples.begin, len(samples.t)).tolist()
     chunks, kept, spent = [], [], 0.0
     for number, (a, b) in enumerate(pairwise(bounds)):
         state = initial_state(estimator, samples, a, b, params, values, q0 if number == 0 else None)
         out = np.empty((-(-(b - a) // every), estimator.outputs))
-        use = samples.use[a:b]
+        extra = () if told is None else (told.row[a:b], told.quiet[a:b], told.table)
         clock = time.thread_time()
         advance(
             state,
@@ -81,9 +97,10 @@ def run(
             samples.gyr[a:b],
             samples.acc[a:b],
             samples.mag[a:b],
-            use,
+            samples.use[a:b],
             every,
             out,
+            *extra,
         )
         spent += time.thread_time() - clock
         chunks.append(out)
@@ -112,37 +129,61 @@ def collect(
 
 
 def kernel(estimator: Estimator) -> Any:
-    """The loop around the estimator's step: compiled, or plain Python with ATTLOG_NO_JIT=1.
+    """The loop around the estimator's step: compiled, or plain Python with ATTLOG_NO_JIT=1 or where it cannot be.
 
-    PluginError if a plug-in's step cannot be compiled.
+    PluginError if a plug-in's step fails in Python as well.
     """
     if not cache.jit_wanted():
         return _twin(estimator)
-    try:
-        return cache.compiled(_source(estimator.step, _bias_at(estimator), estimator.outputs), "advance")
-    except Exception as error:
-        if estimator.origin == "attlog":
-            raise
-        _try_plainly(estimator)
-        reason = " ".join(str(error).split())[:400]
-        raise PluginError(
-            f"{estimator.origin}: step runs in Python but numba cannot compile it ({reason}); "
-            "use numbers and elements of arrays only, or set ATTLOG_NO_JIT=1"
-        ) from error
+    return _kernel(estimator)[0]
+
+
+def not_compiled(estimator: Estimator) -> str:
+    """Why the step of a plug-in runs in plain Python, which costs it a factor of about a hundred; "" if it does not.
+
+    PluginError as in :func:`kernel`.
+    """
+    if estimator.step is None or not cache.jit_wanted():
+        return ""
+    return _kernel(estimator)[1]
 
 
 @functools.lru_cache(maxsize=64)
-def _source(step: Callable[..., Any], bias: int | None, outputs: int) -> str:
-    """The kernel's text for numba. A plug-in that is loaded again is another function, so its text is made anew."""
+def _loaded(step: Callable[..., Any], bias: int | None, outputs: int, aided: bool) -> tuple[Any, str]:
+    """The compiled kernel and "", or None and why there is none.
+
+    A plug-in that is loaded again is another function, so its kernel is made anew.
+    """
+    try:
+        return cache.compiled(_source(step, bias, outputs, aided), "advance"), ""
+    except Exception as error:
+        return None, " ".join(str(error).split())[:400]
+
+
+def _kernel(estimator: Estimator) -> tuple[Any, str]:
+    """The kernel of an estimator, and why it is not a compiled one ("" if it is)."""
+    assert estimator.step is not None
+    compiled, reason = _loaded(estimator.step, _bias_at(estimator), estimator.outputs, estimator.aided)
+    if compiled is not None:
+        return compiled, ""
+    if estimator.origin == "attlog":
+        raise RuntimeError(f"{estimator.name}: numba cannot compile its step ({reason})")
+    _try_plainly(estimator)
+    return _twin(estimator), reason
+
+
+def _source(step: Callable[..., Any], bias: int | None, outputs: int, aided: bool) -> str:
+    """The kernel's text for numba."""
     helpers = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=True)
-    decorator = f"@njit({SIGNATURE!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)"
-    return f"{helpers}\n\n{decorator}\n{_loop(bias, outputs)}"
+    signature = SIGNATURE.format(events=EVENTS if aided else "")
+    decorator = f"@njit({signature!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)"
+    return f"{helpers}\n\n{decorator}\n{_loop(bias, outputs, aided)}"
 
 
-def _loop(bias: int | None, outputs: int) -> str:
+def _loop(bias: int | None, outputs: int, aided: bool) -> str:
     """The loop's text; ``bias`` is where the gyro bias stands in the state."""
     b = ["" if bias is None else f" - state[{bias + i}]" for i in range(3)]
-    return LOOP.format(bx=b[0], by=b[1], bz=b[2], outputs=outputs).lstrip()
+    return LOOP.format(bx=b[0], by=b[1], bz=b[2], outputs=outputs, **(AIDED if aided else PLAIN)).lstrip()
 
 
 def _bias_at(estimator: Estimator) -> int | None:
@@ -153,7 +194,7 @@ def _bias_at(estimator: Estimator) -> int | None:
 def _twin(estimator: Estimator) -> Any:
     """The plain twin under the compiled kernel's rule: a division by zero gives inf, not a warning."""
     used = {"turn_vector_back": turn_vector_back, "step": estimator.step}
-    function = cache.plain(_loop(_bias_at(estimator), estimator.outputs), "advance", used)
+    function = cache.plain(_loop(_bias_at(estimator), estimator.outputs, estimator.aided), "advance", used)
 
     def advance(*arguments: Any) -> None:
         with np.errstate(all="ignore"), plugin_errors(estimator):
@@ -173,34 +214,46 @@ def _try_plainly(estimator: Estimator) -> None:
     params = estimator.pack(values)
     state = initial_state(estimator, still, 0, 2, params, values, None)
     out = np.empty((2, estimator.outputs))
-    _twin(estimator)(state, params, still.dt, still.substeps, still.gyr, still.acc, still.mag, still.use, 1, out)
+    told = events(estimator, None, still.t)
+    extra = (told.row, told.quiet, told.table) if estimator.aided else ()
+    data = (still.dt, still.substeps, still.gyr, still.acc, still.mag, still.use, 1, out)
+    _twin(estimator)(state, params, *data, *extra)
 
 
-def _whole_run(estimator: Estimator, s: Samples, values: Mapping[str, float | str], q0: ArrayLike | None) -> Estimate:
-    """A whole-run estimator on each run of samples, put together; its own count of ns per update wins."""
+def _whole_segments(
+    estimator: Estimator, s: Samples, values: Mapping[str, float | str], q0: ArrayLike | None, aids: Aids
+) -> Estimate:
+    """A whole-run estimator on each segment of samples, put together; its own count of ns per update wins."""
+    assert estimator.run is not None
     bounds = np.append(s.begin, len(s.t)).tolist()
-    pieces, spent = [], 0.0
+    found: list[Estimate] = []
+    spent = 0.0
     for a, b in pairwise(bounds):
         mag = np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)
         clock = time.thread_time()
         with plugin_errors(estimator):
-            segment = estimator.run(s.t[a:b], s.gyr[a:b], s.acc[a:b], mag, {}, dict(values))
-        spent += 1e-9 * segment.ns_per_update * (b - a) or time.thread_time() - clock
-        pieces.append(segment)
-    q = np.concatenate([p.q for p in pieces]) if pieces else np.empty((0, 4))
+            one = estimator.run(s.t[a:b], s.gyr[a:b], s.acc[a:b], mag, aids.between(s.t[a], s.t[b - 1]), dict(values))
+        if not isinstance(one, Estimate) or np.shape(one.q) != (b - a, 4):
+            raise PluginError(
+                f"{estimator.origin}: run must return an attlog.estimators.Estimate with one attitude for each "
+                f"time, q ({b - a}, 4)"
+            )
+        spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock
+        found.append(one)
+    q = np.concatenate([e.q for e in found]) if found else np.empty((0, 4))
     q = to_true_north(q, values)
     if q0 is not None and len(q) and not s.mag.any():
         want = rotation.error(np.asarray(q0, np.float64), q[0])
         q = rotation.turn_about_down(q, rotation.heading_angle(want))
     skipped = Counter(s.skipped)
-    for segment in pieces:
-        skipped.update(segment.skipped)
-    has_bias = bool(pieces) and all(p.bias is not None for p in pieces)
+    for one in found:
+        skipped.update(one.skipped)
+    biases = [e.bias for e in found if e.bias is not None]
     return Estimate(
         t=s.t,
         q=q,
-        bias=np.concatenate([p.bias for p in pieces]) if has_bias else None,
-        aux={n: np.concatenate([p.aux[n] for p in pieces]) for n in (pieces[0].aux if pieces else {})},
+        bias=np.concatenate(biases) if biases and len(biases) == len(found) else None,
+        aux={n: np.concatenate([e.aux[n] for e in found]) for n in (found[0].aux if found else {})},
         segment=s.segment,
         skipped=dict(skipped),
         ns_per_update=1e9 * spent / max(len(s.t), 1),

@@ -101,7 +101,7 @@ def turn_matrix(state: Any, at: int, wx: float, wy: float, wz: float, dt: float,
 
 
 def orthonormalize(state: Any, at: int) -> None:
-    """Make the nearly orthonormal ``state[at:at+9]`` orthonormal (Huang 2.3.1; Premerlani and Bizard 2009).
+    """Make the nearly orthonormal ``state[at:at+9]`` orthonormal (Huang 2.3.1; Premerlani2009).
 
     The error ``r = r_x . r_y`` is shared by both rows: ``r_x -= r/2 r_y``, ``r_y -= r/2 r_x``;
     each length is brought to one by ``(3 - |r|^2)/2`` (first Taylor term of 1/|r|); ``r_z = r_x x r_y``.

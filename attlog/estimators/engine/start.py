@@ -1,4 +1,4 @@
-"""With which attitude and state a run starts, and relative to which north it reports."""
+"""With which attitude and state a segment starts, and relative to which north it reports."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ def initial_state(
     values: Mapping[str, float | str],
     q0: ArrayLike | None,
 ) -> Array:
-    """The state (float64) with which the run of samples a to b starts; ``q0`` is the user's."""
+    """The state (float64) with which the segment of samples a to b starts; ``q0`` is the user's."""
     acc, mag = _start_vectors(samples, a, b, str(values.get("init", "average")))
     attitude = start_attitude(acc, mag, declination_rad(values)) if q0 is None else _q0(q0, values)
+    assert estimator.start is not None
     with plugin_errors(estimator):
         state = np.array(estimator.start(params, acc, mag, attitude.copy()), np.float64)
     if state.shape != (estimator.state_size,):
@@ -57,7 +58,7 @@ def start_attitude(acc: Array, mag: Array, declination: float = 0.0) -> Array:
 
 
 def _start_vectors(samples: Samples, a: int, b: int, init: str) -> tuple[Array, Array]:
-    """Accelerometer and magnetometer at the start of the run a to b; zero vectors where there is none."""
+    """Accelerometer and magnetometer at the start of the segment a to b; zero vectors where there is none."""
     end = a + int(np.searchsorted(samples.t[a:b], samples.t[a] + INIT_S, side="right"))
     acc, mag, gyr = samples.acc[a:end], samples.mag[a:end], samples.gyr[a:end]
     quiet = bool(np.sqrt(np.sum(np.mean(gyr, axis=0) ** 2)) < QUIET_RAD_S and np.abs(gyr).max() < 10 * QUIET_RAD_S)

@@ -43,7 +43,8 @@ def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> Uniform:
     """
     step = np.diff(t)
     period = float(np.median(step)) if len(step) else 0.01
-    new = np.isfinite(mag).all(axis=1)
+    finite = np.isfinite(mag)
+    new = finite[:, 0] & finite[:, 1] & finite[:, 2]
     mag = np.where(new[:, None], mag, 0.0)
     mag_t = t[new]
     mag_period = float(np.median(np.diff(mag_t))) if len(mag_t) > 1 else period

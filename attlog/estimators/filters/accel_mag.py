@@ -8,7 +8,7 @@
 
 Never drifts, but takes every acceleration for a tilt and every vibration for a rotation.
 
-Source: Fan "method 1", equations 5, 12, 13; Xu 11-15.
+Source: Fan "method 1", equations 5, 12 and 13 (the heading); Xu 11-15.
 
 Departures. Fan prints ``M_bx sin(phi)`` in the heading, a plain arctangent and pitch
 without its sign; Xu (11) and (15) print the same quotient twice. Without a usable vector

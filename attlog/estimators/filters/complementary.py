@@ -6,7 +6,8 @@
     q'   = q (x) (0, w')/2
 
 Source: Fan 14-18 and section 5 (preset ``fan``: kp 3, ki 0.01); Lyu's "traditional"
-filter, (13)-(16) with ratio 1 (preset ``lyu-fixed``: kp 0.5, ki 0.001, no magnetometer).
+filter, (13)-(16) with ratio 1, gains of section 3.1 (preset ``lyu-fixed``: kp 0.5, ki 0.001,
+no magnetometer).
 
 Departures. Fan's norm without root (1), sign of +w_by in row 2 of Omega (3) and
 diagonal of the DCM (4) are printed errors and stay out. Neither paper says whether ki
@@ -30,9 +31,17 @@ USES = {"mag"}
 STATE = {"q": 4, "bias": 3}
 PARAMETERS = (
     Parameter(
-        "kp", 0.5, "1/s", 0, 100, "proportional gain: large follows the accelerometer, small the gyro", "Lyu table 1"
+        "kp",
+        0.5,
+        "1/s",
+        0,
+        100,
+        "proportional gain: large follows the accelerometer, small the gyro",
+        "Lyu section 3.1",
     ),
-    Parameter("ki", 0.001, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Lyu table 1"),
+    Parameter(
+        "ki", 0.001, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Lyu section 3.1"
+    ),
     Parameter(
         "mag_gain",
         1.0,

@@ -9,10 +9,10 @@
          | [M]x T 0     0      I + W |
 
     z    = [w, g, M] = [gyro, -f, m/|m|]     H picks them, constant                (9, 10)
-    P-   = F P F^T + Q,  K = P- H^T (H P- H^T + R)^-1                              (13)
+    P-   = F P F^T + Q,  K = P- H^T (H P- H^T + R)^-1                    (no number)
 
     roll    = atan2(g_y, g_z),  pitch = atan2(-g_x, |g_yz|)                        (5)
-    heading = atan2(-(M_y cos roll - M_z sin roll),                                (12)
+    heading = atan2(-(M_y cos roll - M_z sin roll),                                (13)
                     M_x cos pitch + M_y sin pitch sin roll + M_z sin pitch cos roll)
 
 Source: Fan 6-13. The paper gives no noise values; the defaults are ours (docs/estimators.md).
@@ -240,7 +240,7 @@ def predict(state: Any, params: Any, dt: float) -> None:
 
 
 def measure(state: Any, k: int, x: float, y: float, z: float, r: float) -> None:
-    """The update (13) for states k, k+1, k+2 of X, measured as x, y, z with variance r each.
+    """The Kalman update for states k, k+1, k+2 of X, measured as x, y, z with variance r each.
 
     Called with k as a literal: only then the compiler sees that no store meets a later load.
     """
@@ -306,7 +306,7 @@ def reduce_rows(state: Any, i: int) -> None:
 
 
 def attitude(state: Any) -> None:
-    """The quaternion of (5, 12) from g and M: down along g, east along g x M, north along east x down."""
+    """The quaternion of (5, 13) from g and M: down along g, east along g x M, north along east x down."""
     dx = state[X + G]
     dy = state[X + G + 1]
     dz = state[X + G + 2]

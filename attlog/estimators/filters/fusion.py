@@ -3,7 +3,7 @@
     e    = v x d + heading error        each left out while it is larger than its rejection angle
     q'   = q (x) (0, w + gain e)/2       gain ramps down from 10 in the first 3 s
 
-Source: Madgwick 2014 (PhD thesis, chapter 7), package ``imufusion``.
+Source: Madgwick2014, chapter 7, package ``imufusion``.
 
 This is an adapter: NED convention, deg/s and g, each sample with its own period. Rejection is
 off by default, as in the package: an uncorrected gyro bias b leaves an error of b / gain, and where
@@ -19,13 +19,12 @@ from typing import Any
 import numpy as np
 
 from attlog import rotation
-from attlog.estimators.api import estimate
 from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.engine.samples import HOLD_PERIODS
 from attlog.estimators.engine.uniform import typical_size
 from attlog.estimators.engine.vectors import GRAVITY
+from attlog.estimators.propagate import propagated
 
-SOURCE = "Madgwick 2014, chapter 7; package imufusion"
+SOURCE = "Madgwick2014 chapter 7; package imufusion"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4}
@@ -43,7 +42,7 @@ PRESETS: dict[str, dict[str, float | str]] = {"example": {"acc_rejection": 10.0,
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping[str, float | str]) -> Estimate:
-    """The attitude at ``t`` (n,) of one run without gaps; ``mag`` has NaN rows where there is no sample."""
+    """The attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where there is no sample."""
     import imufusion
 
     step = np.diff(t)
@@ -75,18 +74,3 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     if not has_mag:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
     return Estimate(t=t, q=q)
-
-
-def propagated(t: Array, gyr: Array, mag: Array) -> Array:
-    """The field (n, 3) at every sample: the last one propagated with the gyro for at most 1.5 of its periods, else 0."""
-    new = np.flatnonzero(np.isfinite(mag).all(axis=1))
-    field = np.zeros_like(mag)
-    if len(new) == 0:
-        return field
-    q = estimate("gyro", t, gyr, q0=[1.0, 0.0, 0.0, 0.0]).q
-    last = np.searchsorted(new, np.arange(len(t)), side="right") - 1
-    source = new[np.maximum(last, 0)]
-    period = float(np.median(np.diff(t[new]))) if len(new) > 1 else 0.0
-    use = (last >= 0) & (t - t[source] <= HOLD_PERIODS * period)
-    field[use] = rotation.rotate_inverse(q[use], rotation.rotate(q[source[use]], mag[source[use]]))
-    return field

@@ -6,12 +6,11 @@
     b_w' = zeta 2 (q* (x) s)_vector                      gyro bias                            (47, 48)
     q'   = q (x) (0, w - b_w)/2 - beta s                                                      (42, 43, 49)
 
-Source: Madgwick 2010, "An efficient orientation filter for inertial and
-inertial/magnetic sensor arrays" (presets ``imu``: beta 0.033, ``marg``: beta 0.041);
-the gradient descent that Xu cites as reference 2.
+Source: Madgwick2010 (presets ``imu``: beta 0.033, ``marg``: beta 0.041); the gradient descent
+that Xu cites as reference 2.
 
 Departures. Signs are those of NED: gravity points to +z. ``code2011`` (beta 0.12,
-field_scale 0.5) is the widely copied C code of 2011, whose field reference is half of what
+field_scale 0.5) is the widely copied C code of 2011 (Madgwick2011), whose field reference is half of what
 (46) needs; it exists to compare with numbers published for that code. ``integrator = exact``
 turns by the gyro with the exponential map and then takes the step down the slope; the report
 adds both in one first-order step. Without magnetometer f is its gravity half (6-axis form).
@@ -29,7 +28,7 @@ from attlog.estimators.base import Parameter
 from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR
 from attlog.estimators.engine.vectors import GRAVITY, turn
 
-SOURCE = "Madgwick 2010, equations 20-49"
+SOURCE = "Madgwick2010 20-49"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4, "bias": 3}
@@ -41,7 +40,7 @@ PARAMETERS = (
         0,
         100,
         "step down the slope: the attitude error corrected is at most 2 beta rad per second",
-        "Madgwick 2010, MARG",
+        "Madgwick2010, MARG",
     ),
     Parameter(
         "zeta",
@@ -50,7 +49,7 @@ PARAMETERS = (
         0,
         10,
         "step of the gyro bias: at most 2 zeta rad/s per second; 0 estimates none",
-        "Madgwick 2010 49",
+        "Madgwick2010 49",
     ),
     Parameter(
         "field_scale",
@@ -59,12 +58,12 @@ PARAMETERS = (
         0.1,
         2,
         "factor on the field reference; 1 is the report, 0.5 the code of 2011",
-        "Madgwick 2010 46",
+        "Madgwick2010 46",
     ),
     replace(
         ACC_FORM,
         default="direction",
-        source="Madgwick 2010; the step's length is fixed, so vectors gain nothing (BROAD total 6.0 and 6.1 deg)",
+        source="Madgwick2010; the step's length is fixed, so vectors gain nothing (BROAD total 6.0 and 6.1 deg)",
     ),
     INTEGRATOR,
 )

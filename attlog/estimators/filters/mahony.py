@@ -5,8 +5,8 @@
     b'  = -ki e                     gyro bias [rad/s]
     q'  = q (x) (0, w - b + kp e)/2
 
-Source: Mahony, Hamel, Pflimlin 2008 (explicit filter, equations 32); Xu section 2,
-who varies kp on Pixhawk logs and finds 0.6 to 1.1 best (presets, without bias).
+Source: Mahony2008 (explicit filter, equations 32); Xu section 2, who varies kp on Pixhawk logs
+(section 3: 0.6, 1.1, 2; 0.6 to 1.1 are best) and does not state ki (presets, without bias).
 
 Departures. Xu's frames (right-forward-up, ENU, order Z-X-Y) are translated to FRD
 and NED. Printed errors stay out: (3) loses a factor 2 in 2 q1^2, rows 2-4 of (10)
@@ -27,7 +27,7 @@ from attlog.estimators.base import Parameter
 from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM
 from attlog.estimators.engine.vectors import field_error, gravity_error, turn
 
-SOURCE = "Mahony, Hamel, Pflimlin 2008; Xu section 2"
+SOURCE = "Mahony2008 32; Xu section 2, gains section 3"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4, "bias": 3}
@@ -39,7 +39,7 @@ PARAMETERS = (
         0,
         100,
         "gain of the error: large follows the accelerometer, small the gyro; 1/kp is the time constant",
-        "Xu, best of 0.6, 1.1, 2",
+        "Xu section 3, best of 0.6, 1.1, 2",
     ),
     Parameter(
         "ki", 0.0012, "1/s^2", 0, 10, "gain of the gyro bias estimate; 0 estimates none", "BROAD, best for all trials"

@@ -9,10 +9,10 @@
     q'     = q (x) (0, w - b + k e)/2
 
 Source: Xu, whose abstract promises an adaptive gain but prints no law. **The law here is
-ours**: the piecewise factor of Valenti, Dryanovski, Xiao 2015 (equations 60-62), applied to
+ours**: the piecewise factor of Valenti2015 (equations 60-62), applied to
 the gravity error only, because an acceleration says nothing about the field. The optional
 rate term raises the gain while the body turns, where gyro scale errors grow; it is off by
-default. Preset ``xu``: kp 0.6, the best of Xu's fixed gains, without bias.
+default. Preset ``xu``: kp 0.6, the best of Xu's fixed gains (section 3), without bias.
 
 Departures. An acceleration across gravity hardly changes |f| and passes the test: 10 % in
 norm is 0.46 g sideways. ``acc_form = vector`` (the default; ``direction`` as printed) treats those better.
@@ -29,7 +29,7 @@ from attlog.estimators.base import Parameter
 from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM
 from attlog.estimators.engine.vectors import GRAVITY, field_error, gravity_error, turn
 
-SOURCE = "Xu section 2 (gains); Valenti, Dryanovski, Xiao 2015, equations 60-62 (law)"
+SOURCE = "Xu section 3 (gains); Valenti2015 60-62 (law)"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4, "bias": 3, "trust": 1}
@@ -41,7 +41,7 @@ PARAMETERS = (
         0,
         100,
         "gain of the error where the accelerometer is trusted in full",
-        "Xu, best of 0.6, 1.1, 2",
+        "Xu section 3, best of 0.6, 1.1, 2",
     ),
     Parameter(
         "ki", 0.0012, "1/s^2", 0, 10, "gain of the gyro bias estimate; 0 estimates none", "BROAD, best for all trials"
@@ -53,10 +53,10 @@ PARAMETERS = (
         0,
         10,
         "deviation of |f| from g, in g, up to which the accelerometer is trusted in full",
-        "Valenti 2015",
+        "Valenti2015",
     ),
     Parameter(
-        "thr2", 0.2, "1", 0, 10, "deviation from which it is not used; at or below thr1 it is a switch", "Valenti 2015"
+        "thr2", 0.2, "1", 0, 10, "deviation from which it is not used; at or below thr1 it is a switch", "Valenti2015"
     ),
     Parameter(
         "rate_gain", 0.0, "s/rad", 0, 100, "by how much the gain grows per rad/s of body rate", "attlog; 0 is off"

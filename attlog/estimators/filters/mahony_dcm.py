@@ -7,14 +7,15 @@
     R'   = R [w - b + kp (e_g + e_m)]x
     r    = r_x . r_y / 2,  r_x -= r r_y,  r_y -= r r_x,  r_i = (3 - |r_i|^2) r_i / 2,  r_z = r_x x r_y
 
-Source: Huang 2.3.1 (matrix and its renormalisation) and 2.3.2 (PI correction), preset
-``huang``: kp 0.3, ki 0.01, first-order step, meant for 400 Hz.
+Source: Huang 2.3.2 (the filter) on the matrix of 2.3.1 with its renormalisation, which is
+Premerlani2009's; gains of tables 2 and 3 (preset ``huang``: kp 0.3, ki 0.01, first-order step,
+meant for 400 Hz).
 
-Departures. The dot in r_x . r_y is missing in print. The printed heading error crosses the
-measured field with the body x axis and takes its absolute value, which would drive the nose
-to magnetic north: the working meaning is the signed horizontal angle above. Printed with
-a = f/|f| the gravity error diverges; the sign here is tested on motion. It is ``mahony``
-with another way to integrate: both agree to the integration error.
+Departures. The dot in r_x . r_y is missing in print. The heading error of 2.3.2 is
+|Hm x Hc|, the measured field with the body x axis: without a sign, which would drive the nose
+to magnetic north, and with a factor cos(dip). The working meaning is the signed horizontal
+angle above. Printed with a = f/|f| the gravity error diverges; the sign here is tested on
+motion. It is ``mahony`` with another way to integrate: both agree to the integration error.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from attlog.estimators.engine.matrices import matrix_from_quaternion, quaternion
 from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM
 from attlog.estimators.engine.vectors import field_error, gravity_error
 
-SOURCE = "Huang 2.3.1-2.3.2; renormalisation of Premerlani and Bizard 2009"
+SOURCE = "Huang 2.3.2; Premerlani2009 (renormalisation)"
 NEEDS = {"gyro", "acc", "mag"}
 STATE = {"q": 4, "bias": 3, "_matrix": 9}
 PARAMETERS = (
@@ -39,10 +40,10 @@ PARAMETERS = (
         0,
         100,
         "proportional gain: large follows accelerometer and magnetometer, small the gyro",
-        "Huang section 4",
+        "Huang tables 2 and 3",
     ),
     Parameter(
-        "ki", 0.01, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Huang section 4"
+        "ki", 0.01, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Huang tables 2 and 3"
     ),
     MAG_FORM,
     ACC_FORM,

@@ -5,9 +5,9 @@
     b'   = -ki w                                                 (9)
     R'   = R [Omega - b + kp w]x                                 (8)
 
-Source: Huang 7-10 (preset ``huang``: kp 0.3, ki 0.01); Mahony, Hamel, Pflimlin 2008,
+Source: Huang 7-10 (preset ``huang``: kp 0.3, ki 0.01); Mahony2008,
 equations 13 (passive filter). Wahba's problem with two vectors has a closed solution
-(Markley 2002, equations 13 and 22):
+(Markley2002, equations 13 and 22):
 
     R_y = r_3 b_3^T + sum over i = 1, 2 of  a_i / lambda (r_i b_i^T + (r_i x r_3)(b_i x b_3)^T)
     lambda^2 = a_1^2 + a_2^2 + 2 a_1 a_2 ((b_1.b_2)(r_1.r_2) + |b_1 x b_2| |r_1 x r_2|)
@@ -32,7 +32,7 @@ from attlog.estimators.base import Parameter
 from attlog.estimators.engine.matrices import matrix_from_quaternion, quaternion_from_matrix, turn_matrix
 from attlog.estimators.engine.switches import INTEGRATOR
 
-SOURCE = "Huang 7-10; Mahony, Hamel, Pflimlin 2008, equations 13; Markley 2002, equations 13 and 22"
+SOURCE = "Huang 7-10; Mahony2008 13; Markley2002 13 and 22"
 NEEDS = {"gyro", "acc", "mag"}
 STATE = {"q": 4, "bias": 3, "_matrix": 9}
 PARAMETERS = (
@@ -43,9 +43,9 @@ PARAMETERS = (
         0,
         100,
         "gain of the error: large follows accelerometer and magnetometer, small the gyro",
-        "Huang section 4",
+        "Huang tables 2 and 3",
     ),
-    Parameter("ki", 0.01, "1/s^2", 0, 10, "gain of the gyro bias estimate; 0 estimates none", "Huang section 4"),
+    Parameter("ki", 0.01, "1/s^2", 0, 10, "gain of the gyro bias estimate; 0 estimates none", "Huang tables 2 and 3"),
     Parameter("l1", 1.0, "1", 1e-6, 1e6, "weight of gravity in the rebuilt attitude", "attlog; only l1 / l2 counts"),
     Parameter(
         "l2",

@@ -9,8 +9,8 @@
     w'     = w + e_adj                      (18)
     q'     = q (x) (0, w')/2                (8-10)
 
-Source: Lyu 11-18 (preset ``lyu``: kp 0.5, ki 0.001, err1 0.3, err2 0.8, no magnetometer,
-first-order step). Reported as gyro bias is ``b = -ki I``.
+Source: Lyu 11-18, values of section 3.1 (preset ``lyu``: kp 0.5, ki 0.001, err1 0.3, err2 0.8,
+no magnetometer, first-order step). Reported as gyro bias is ``b = -ki I``.
 
 Departures. Printed frames are left-handed and matrix (1) is garbled in places: both are
 translated to FRD and NED. |e| is the norm of the vector. The ratio scales the integral's
@@ -38,10 +38,18 @@ USES = {"mag"}
 STATE = {"q": 4, "bias": 3, "ratio": 1}
 PARAMETERS = (
     Parameter(
-        "kp", 0.5, "1/s", 0, 100, "proportional gain: large follows the accelerometer, small the gyro", "Lyu table 1"
+        "kp",
+        0.5,
+        "1/s",
+        0,
+        100,
+        "proportional gain: large follows the accelerometer, small the gyro",
+        "Lyu section 3.1",
     ),
-    Parameter("ki", 0.001, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Lyu table 1"),
-    Parameter("err1", 0.3, "1", 0, 2, "error (sine) up to which the integral works in full", "Lyu table 1"),
+    Parameter(
+        "ki", 0.001, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Lyu section 3.1"
+    ),
+    Parameter("err1", 0.3, "1", 0, 2, "error (sine) up to which the integral works in full", "Lyu section 3.1"),
     Parameter(
         "err2",
         0.8,
@@ -49,7 +57,7 @@ PARAMETERS = (
         0,
         2,
         "error (sine) from which the integral is off; at or below err1 it is a switch",
-        "Lyu table 1",
+        "Lyu section 3.1",
     ),
     Parameter(
         "mag_gain",

@@ -4,7 +4,7 @@
     heading from the magnetometer with gain 1 - exp(-dt / tau_mag), held back while norm or dip are disturbed
     gyro bias by a Kalman filter from inclination and rest
 
-Source: Laidig, Seel 2023 (Information Fusion 91), package ``vqf``.
+Source: Laidig2023, package ``vqf``.
 
 This is an adapter. Frames are converted (the package wants z up and east-north-up);
 data whose spacing varies by more than 5 % are resampled by their integrals, because
@@ -25,7 +25,7 @@ from attlog import rotation
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.engine.uniform import typical_size, uniform
 
-SOURCE = "Laidig, Seel 2023; package vqf"
+SOURCE = "Laidig2023; package vqf"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4, "bias": 3, "bias_sigma": 1}
@@ -45,7 +45,7 @@ TO_FRD = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping[str, float | str]) -> Estimate:
-    """The attitude at ``t`` (n,) of one run without gaps; ``mag`` has NaN rows where there is no sample."""
+    """The attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where there is no sample."""
     from vqf import VQF
 
     u = uniform(t, gyr, acc, mag)

@@ -8,17 +8,20 @@ NavEKF3_core::getEulerAngles, and measured on a log with 0.96 deg of trim).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
 from attlog import rotation
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.builder import LogBuilder, columns, step_of
-from attlog.flight.model import Array, Attitude
+from attlog.flight.model import Array, Attitude, covered_seconds
 from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages, Table
 
 YAW_RESET_EVENT = 62
+ENOUGH_OF_ATT = 0.95
+"""ANG that covers less than this part of ATT's time is not the record to replace it."""
 QUATERNION = ("Q1", "Q2", "Q3", "Q4")
 EULER = ("Roll", "Pitch", "Yaw")
 
@@ -28,9 +31,7 @@ def attitudes(builder: LogBuilder, clock: Clock, resets_us: list[int]) -> dict[s
     found: dict[str, Attitude] = {}
     for name, table, trimmed in sources(builder.messages):
         followed = resets_us if name in ("ATT", "ANG") or name.startswith(("XK", "NK", "EKF")) else ()
-        attitude = builder.attempt(
-            name, lambda t=table, n=name, x=trimmed, r=followed: of_table(builder, clock, t, n, x, r), None
-        )
+        attitude = builder.attempt(name, partial(of_table, builder, clock, table, name, trimmed, followed), None)
         if attitude is not None:
             found[name] = attitude
     return found
@@ -119,10 +120,10 @@ def truth(builder: LogBuilder, clock: Clock) -> Attitude | None:
     return of_table(builder, clock, table, "SIM", False, ())
 
 
-def setpoints(builder: LogBuilder, clock: Clock) -> Attitude | None:
-    """The attitude set-point beside ANG or ATT (DesRoll, DesPitch, DesYaw)."""
+def setpoints(builder: LogBuilder, clock: Clock, flew: str | None) -> Attitude | None:
+    """The attitude set-point (DesRoll, DesPitch, DesYaw) beside the attitude that ``flew``, else beside ANG or ATT."""
     desired = ("DesRoll", "DesPitch", "DesYaw")
-    for name in ("ANG", "ATT"):
+    for name in ("ATT", "ANG") if flew == "ATT" else ("ANG", "ATT"):
         table = builder.messages.first(name)
         if table is None or not all(c in table for c in desired):
             continue
@@ -136,9 +137,15 @@ def setpoints(builder: LogBuilder, clock: Clock) -> Attitude | None:
 
 
 def onboard(found: dict[str, Attitude], family: str, core: int | None) -> str | None:
-    """The name of the attitude that flew: ANG > ATT > quaternion of the primary core > AHR2."""
+    """The name of the attitude that flew: ANG > ATT > quaternion of the primary core > AHR2.
+
+    ANG holds the values of ATT at loop rate, but a VTOL writes it in its hover modes
+    only: it counts where it covers as much time as ATT, pauses left out, and is no slower.
+    """
     names = ["ANG", "ATT", f"{family}Q.{core or 0}", f"{family}F1.{core or 0}", "EKF1", "AHR2", "DCM"]
     have = [n for n in names if n in found]
-    if len(have) > 1 and have[0] == "ANG" and len(found["ANG"].t) < len(found.get("ATT", found["ANG"]).t):
-        return have[1]
+    if have[:2] == ["ANG", "ATT"]:
+        ang, att = found["ANG"].t, found["ATT"].t
+        if len(ang) < len(att) or covered_seconds(ang) < ENOUGH_OF_ATT * covered_seconds(att):
+            return "ATT"
     return have[0] if have else None

@@ -10,11 +10,11 @@ import numpy as np
 
 from attlog.flight import inertial, magnetic, parameters
 from attlog.flight.ardupilot import attitude, imus, state
+from attlog.flight.ardupilot.advice import Settings
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import FlightLog, Mag
-from attlog.flight.settings import how_to_log
 from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages
 
@@ -48,18 +48,20 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     if flew is None and chosen:
         flew, why = chosen[0].index, "the first; the log does not tell the primary one"
     firmware = state.firmware(messages)
-    slow = bool(chosen) and max(c.rate for c in chosen) >= inertial.REPLAY_MIN_HZ
-    missing = how_to_log("ArduPilot", firmware.version, "fast_imu" if slow else "imu")
-    position = inertial.choose_unit(builder, chosen, flew, why, imu, missing)
+    logging = Settings(state.family_of(messages, values), firmware.version, values)
+    position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
     builder.t0_us = first_stamp(builder, chosen, position)
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware, "")
+    log.logging = logging
     log.imus = [inertial.build(builder, c) for c in chosen]
     log.imu = position
     log.imu_that_flew = builder.time_line(lane_t, flown, f"{family}F4.PI")
     flying = None if position is None else log.imus[position]
     log.mags = builder.attempt("MAG", lambda: magnetometers(builder, clock, values), [])
-    log.mag = magnetic.choose(builder, log.mags, flying, primary_compass(values, log.mags), "the primary compass", mag)
+    log.mag = magnetic.choose(
+        builder, log.mags, flying, primary_compass(values, log.mags), "the primary compass", mag, logging
+    )
     resets = builder.attempt("Resets", lambda: attitude.resets(builder, clock, lane_t, lanes), [])
     log.attitudes = attitude.attitudes(builder, clock, resets)
     log.onboard = attitude.onboard(log.attitudes, family, lanes[-1] if lanes else None)
@@ -68,9 +70,11 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     elif log.onboard not in (None, "ATT"):
         builder.choices["onboard"] = "the log holds neither ATT nor ANG"
     log.truth = builder.attempt("SIM", lambda: attitude.truth(builder, clock), None)
-    log.setpoints = builder.attempt("Set-points", lambda: attitude.setpoints(builder, clock), None)
+    log.setpoints = builder.attempt("Set-points", lambda: attitude.setpoints(builder, clock, log.onboard), None)
     log.params = parameters.time_lines(builder, messages.params, "PARM")
     log.param_defaults = parameters.defaults(messages.params)
+    log.declination_param, log.declination_source = parameters.declination(log, state.DECLINATION)
+    log.trim, log.trim_source = state.trim(log), ", ".join(state.TRIM)
     state.fill(builder, clock, log, values)
     log.problems, log.choices = builder.problems, builder.choices
     return log

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
+from functools import partial
 
 import numpy as np
 
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
-from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.builder import LogBuilder, columns, on_earth
 from attlog.flight.model import Array, Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.flight.modes import ardupilot_mode
 from attlog.flight.px4.state import utc_offset
@@ -20,6 +22,9 @@ BANNER = re.compile(
     r"[Vv]?(\d[\w.\-]*)(?:\s*\(([0-9a-fA-F]+)\))?"
 )
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
+DECLINATION = {"COMPASS_DEC": math.degrees(1.0)}
+"""The parameter of the declination and its factor to degrees."""
+TRIM = ("AHRS_TRIM_X", "AHRS_TRIM_Y")
 FRAMES = {
     1: "quadrotor", 2: "hexarotor", 3: "octorotor", 4: "octorotor", 5: "hexarotor", 6: "helicopter", 7: "tricopter",
     8: "single rotor", 9: "coaxial helicopter", 11: "helicopter", 12: "dodecarotor", 13: "helicopter",
@@ -98,6 +103,14 @@ def vehicle(messages: Messages, values: dict[str, float], family: str) -> str:
     return family or "unknown"
 
 
+def trim(log: FlightLog) -> Array | None:
+    """AHRS_TRIM as a rotation vector (3,) in rad; None where the log does not hold it."""
+    x, y = (log.param(name) for name in TRIM)
+    if x is None or y is None or not (math.isfinite(x) and math.isfinite(y)):
+        return None
+    return np.array([x, y, 0.0])
+
+
 def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, float]) -> None:
     """Add states, aids and texts to the log."""
     messages = builder.messages
@@ -110,7 +123,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.mode = builder.attempt("The flight mode", lambda: mode(builder, clock, family), None)
     log.rate_setpoints = builder.attempt("The rate set-point", lambda: rate_setpoints(builder, clock, imu), None)
     for unit, table in units(messages, "GPS").items():
-        one = builder.attempt("GPS", lambda u=unit, t=table: receiver(builder, clock, u, t), None)
+        one = builder.attempt("GPS", partial(receiver, builder, clock, unit, table), None)
         log.gnss += [] if one is None else [one]
     if not log.gnss:
         log.gnss = builder.attempt("RGPJ", lambda: replay_receivers(builder), [])
@@ -231,9 +244,7 @@ def receiver(builder: LogBuilder, clock: Clock, unit: int, table: Table) -> Gnss
     source = f"GPS:{unit}"
     altitude = table.value("Alt") if "Alt" in table else np.full(len(table), np.nan)
     place = np.column_stack([table.value("Lat"), table.value("Lng"), altitude])
-    with np.errstate(invalid="ignore"):
-        sane = (np.abs(place[:, :2]) <= [90.0, 180.0]).all(axis=1)
-    index = builder.keep(t_us, source, sane)
+    index = builder.keep(t_us, source, on_earth(place))
     if len(index) == 0:
         return None
     speed, course = table.value("Spd"), np.radians(table.value("GCrs"))
@@ -241,14 +252,14 @@ def receiver(builder: LogBuilder, clock: Clock, unit: int, table: Table) -> Gnss
     velocity = np.column_stack([speed * np.cos(course), speed * np.sin(course), down])
     fix = table["Status"].astype(np.int64)
     place[fix < 2], velocity[fix < 2] = np.nan, np.nan
-    accuracies = [accuracy(builder, clock, unit, t_us, c)[index] for c in ("HAcc", "VAcc", "SAcc")]
+    h_acc, v_acc, s_acc = (accuracy(builder, clock, unit, t_us, c)[index] for c in ("HAcc", "VAcc", "SAcc"))
     utc = utc_us(table)
     yaw = np.radians(table.value("Yaw")) if "Yaw" in table else None
     if yaw is not None:
         yaw = np.where(yaw == 0.0, np.nan, (yaw + np.pi) % (2 * np.pi) - np.pi)  # 0: the receiver has no heading
     return Gnss(
         unit, builder.seconds(t_us[index]), source, place[index, 0], place[index, 1], place[index, 2], velocity[index],
-        *accuracies, fix[index], yaw[index] if yaw is not None and np.isfinite(yaw[index]).any() else None,
+        h_acc, v_acc, s_acc, fix[index], yaw[index] if yaw is not None and np.isfinite(yaw[index]).any() else None,
         None if utc is None else utc[index],
     )  # fmt: skip
 
@@ -260,15 +271,15 @@ def replay_receivers(builder: LogBuilder) -> list[Gnss]:
         t_us = table["TS"].astype(np.int64) * 1000
         place = columns(table, "Lat", "Lon", "Alt") * [1e-7, 1e-7, 1e-2]
         new = np.concatenate([[True], np.diff(t_us) != 0]) if len(t_us) else np.zeros(0, bool)
-        good = new & (np.abs(place[:, :2]) <= [90.0, 180.0]).all(axis=1) & (place[:, :2] != 0).any(axis=1)
+        good = new & on_earth(place) & (place[:, :2] != 0).any(axis=1)
         index = LogBuilder(builder.messages).keep(t_us, f"RGPJ:{unit}", good)
         if len(index) == 0:
             continue
         found.append(
             Gnss(
                 unit, builder.seconds(t_us[index]), f"RGPJ:{unit}", place[index, 0], place[index, 1], place[index, 2],
-                columns(table, "VX", "VY", "VZ")[index], *(table.value(c)[index] for c in ("HA", "VA", "SA")),
-                np.full(len(index), 3),
+                columns(table, "VX", "VY", "VZ")[index], table.value("HA")[index], table.value("VA")[index],
+                table.value("SA")[index], np.full(len(index), 3),
             )
         )  # fmt: skip
     return found

@@ -78,7 +78,8 @@ def running_median(x: Stamps) -> Stamps:
     if len(x) <= half:
         return np.full(len(x), int(np.median(x)), np.int64)
     padded = np.concatenate([x[half:0:-1], x, x[-2 : -half - 2 : -1]])
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1).astype(np.int64)
+    medians: Stamps = np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1).astype(np.int64)
+    return medians
 
 
 def unix_minus_boot(messages: Messages, instance: int) -> int | None:

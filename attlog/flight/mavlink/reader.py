@@ -14,13 +14,16 @@ import numpy as np
 from attlog import rotation
 from attlog.errors import LogUnusable, UsageError
 from attlog.flight import inertial, magnetic, parameters
+from attlog.flight.ardupilot import state as ardupilot
 from attlog.flight.ardupilot.imus import cutoffs
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.inertial import low_pass_delay
 from attlog.flight.mavlink import state
+from attlog.flight.mavlink.advice import Settings
 from attlog.flight.mavlink.clock import PacketClock
 from attlog.flight.model import Array, Attitude, FlightLog, Mag
-from attlog.flight.settings import how_to_log
+from attlog.flight.px4 import state as px4
+from attlog.flight.timing import only_new
 from attlog.formats.base import Messages, Table
 
 ARDUPILOT, PX4 = 3, 12
@@ -63,23 +66,34 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
             f"({', '.join(map(str, others))}).", count=len(others) + 1,
         )  # fmt: skip
     chosen = inertial.best_per_unit(builder, candidates(builder, clock, instance, autopilot))
-    position = inertial.choose_unit(builder, chosen, 0, "the first one", imu, how_to_log("", "", "imu", telemetry=True))
+    firmware = state.firmware(messages, instance, autopilot)
+    logging = Settings(firmware.name)
+    position = inertial.choose_unit(builder, chosen, 0, "the first one", imu, logging)
     builder.t0_us = first_stamp(clock, chosen, position)
 
-    firmware = state.firmware(messages, instance, autopilot)
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware, "")
+    log.logging = logging
     log.imus = [inertial.build(builder, c) for c in chosen]
     log.imu = position
     flying = None if position is None else log.imus[position]
     log.mags = magnetometers(builder, clock, instance)
-    log.mag = magnetic.choose(builder, log.mags, flying, 0, "the first one", mag)
+    log.mag = magnetic.choose(builder, log.mags, flying, 0, "the first one", mag, logging)
     log.attitudes = attitudes(builder, clock, instance, autopilot == ARDUPILOT)
     log.onboard = next((n for n in ("ATTITUDE_QUATERNION", "ATTITUDE", "AHRS2") if n in log.attitudes), None)
     log.truth = truth(builder, clock, instance)
     log.params = parameters.time_lines(builder, messages.params, "PARAM_VALUE")
+    of_parameters(log, autopilot)
     state.fill(builder, clock, instance, autopilot, log)
     log.problems, log.choices = builder.problems, builder.choices
     return log
+
+
+def of_parameters(log: FlightLog, autopilot: int | None) -> None:
+    """Add what the autopilot's parameters tell of trim and declination."""
+    names = px4.DECLINATION if autopilot == PX4 else ardupilot.DECLINATION
+    log.declination_param, log.declination_source = parameters.declination(log, names)
+    if autopilot == ARDUPILOT:
+        log.trim, log.trim_source = ardupilot.trim(log), ", ".join(ardupilot.TRIM)
 
 
 def first_stamp(clock: PacketClock, chosen: list[inertial.Candidate], position: int | None) -> int:
@@ -136,7 +150,7 @@ def magnetometers(builder: LogBuilder, clock: PacketClock, instance: int) -> lis
         field, t = columns(table, "xmag", "ymag", "zmag") * scale, clock.of(table)
         if unit and not field.any():
             continue  # a unit without compass sends zeros
-        new = magnetic.only_new(field, t)
+        new = only_new(field, t)
         mag = magnetic.build(builder, unit, t[new], field[new], name)
         found += [mag] if mag is not None else []
     return found

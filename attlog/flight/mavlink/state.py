@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight.ardupilot import state
-from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.builder import LogBuilder, columns, on_earth
 from attlog.flight.mavlink.clock import UNIX_US, PacketClock
 from attlog.flight.model import Firmware, FlightLog, Gnss, Stream
-from attlog.flight.modes import FAMILY_OF_TYPE, ardupilot_mode, px4_custom_mode, vehicle_name
+from attlog.flight.modes import ardupilot_mode, px4_custom_mode
 from attlog.flight.px4.state import RELEASE_TYPES
+from attlog.flight.vehicle import family_of, named
 from attlog.formats.base import Messages
 
 ARDUPILOT, PX4 = 3, 12
@@ -39,13 +40,13 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
     heartbeat = messages.tables.get(("HEARTBEAT", instance))
     log.vehicle = "unknown"
     if heartbeat is not None and len(heartbeat):
-        log.vehicle = vehicle_name(int(heartbeat["type"][-1]))
+        log.vehicle = named(int(heartbeat["type"][-1]))
         quadplane = any(p.name == "Q_ENABLE" and p.value > 0 for p in messages.params)
         log.vehicle = "VTOL" if log.vehicle == "fixed wing" and quadplane else log.vehicle
         t = clock.of(heartbeat)
         base = heartbeat["base_mode"].astype(np.int64)
         log.armed = builder.time_line(t, (base & ARMED_FLAG != 0).tolist(), "HEARTBEAT")
-        family = FAMILY_OF_TYPE.get(log.vehicle, "")
+        family = family_of(log.vehicle)
         names = [
             px4_custom_mode(int(m)) if autopilot == PX4 else ardupilot_mode(family, int(m))
             for m in heartbeat["custom_mode"]
@@ -76,7 +77,7 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
         t = clock.of(hud)
         log.throttle = builder.stream(t, hud.value("throttle") * 0.01, "1", "VFR_HUD", limit=10.0)
         speed = LogBuilder(messages, t0_us=builder.t0_us).stream(t, hud.value("airspeed"), "m/s", "VFR_HUD", limit=1e3)
-        if FAMILY_OF_TYPE.get(log.vehicle) == "plane":
+        if family_of(log.vehicle) == "plane":
             log.airspeed = speed
     log.rpm = rpm(builder, clock, instance)
     log.battery = battery(builder, clock, instance)
@@ -93,15 +94,15 @@ def receiver(builder: LogBuilder, clock: PacketClock, instance: int, unit: int) 
     place = columns(table, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
     fix = table["fix_type"].astype(np.int64)
     kept = LogBuilder(builder.messages)  # a receiver repeats its last fix: equal stamps are no fault
-    index = kept.keep(t_us, name, (np.abs(place[:, :2]) <= [90.0, 180.0]).all(axis=1))
+    index = kept.keep(t_us, name, on_earth(place))
     if len(index) == 0:
         return None
     speed = np.where(table["vel"] == 0xFFFF, np.nan, table["vel"] * 0.01)
     course = np.where(table["cog"] == 0xFFFF, np.nan, np.radians(table["cog"] * 0.01))
     velocity = np.column_stack([speed * np.cos(course), speed * np.sin(course), np.full(len(speed), np.nan)])
     place[fix < 2], velocity[fix < 2] = np.nan, np.nan
-    sigma = [np.where(table[c] > 0, table[c] * 1e-3, np.nan) if c in table else np.full(len(fix), np.nan)
-             for c in ("h_acc", "v_acc", "vel_acc")]  # fmt: skip
+    h_acc, v_acc, s_acc = (np.where(table[c] > 0, table[c] * 1e-3, np.nan) if c in table else np.full(len(fix), np.nan)
+                           for c in ("h_acc", "v_acc", "vel_acc"))  # fmt: skip
     yaw = None
     if "yaw" in table and ((table["yaw"] > 0) & (table["yaw"] != 0xFFFF)).any():
         known = (table["yaw"] > 0) & (table["yaw"] != 0xFFFF)
@@ -109,7 +110,8 @@ def receiver(builder: LogBuilder, clock: PacketClock, instance: int, unit: int) 
     unix = table["time_usec"].astype(np.int64)
     return Gnss(
         unit, builder.seconds(t_us[index]), name, place[index, 0], place[index, 1], place[index, 2], velocity[index],
-        *(s[index] for s in sigma), fix[index], yaw, unix[index] if (unix[index] > UNIX_US).any() else None,
+        h_acc[index], v_acc[index], s_acc[index], fix[index], yaw,
+        unix[index] if (unix[index] > UNIX_US).any() else None,
     )  # fmt: skip
 
 

@@ -79,10 +79,10 @@ def fifo_acceleration(
         t, raw_acc = unpack_fifo(table)
         acc, known = calibrate("ACC", values, device(table), raw_acc)
         return t, acc, known, f"sensor_accel_fifo:{table.instance}"
-    table = messages.first("sensor_combined")
-    if table is None or "accelerometer_m_s2" not in table:
+    voted = messages.first("sensor_combined")
+    if voted is None or "accelerometer_m_s2" not in voted:
         return None
-    return stamps(table), columns(table, "accelerometer_m_s2"), True, "sensor_combined"
+    return stamps(voted), columns(voted, "accelerometer_m_s2"), True, "sensor_combined"
 
 
 def unpack_fifo(table: Table) -> tuple[Stamps, Array]:

@@ -9,6 +9,7 @@ from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Mag
 from attlog.flight.px4.calibration import calibrate, priority, slot_of
 from attlog.flight.px4.imus import device, sample_stamps, stamps
+from attlog.flight.timing import only_new
 
 
 def magnetometers(builder: LogBuilder, values: dict[str, float]) -> list[Mag]:
@@ -43,7 +44,7 @@ def combined(builder: LogBuilder) -> list[Mag]:
     t = stamps(table)
     if "magnetometer_timestamp_relative" in table:
         t = t + table["magnetometer_timestamp_relative"].astype(np.int64)
-    new = magnetic.only_new(field, t)
+    new = only_new(field, t)
     mag = magnetic.build(builder, 0, t[new], field[new], "sensor_combined.magnetometer_ga")
     return [mag] if mag is not None else []
 

@@ -6,14 +6,16 @@ logs have none and development builds carry the next one.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from attlog.flight import inertial, magnetic, parameters
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Attitude, FlightLog
 from attlog.flight.px4 import imus, mags, state
+from attlog.flight.px4.advice import Settings
 from attlog.flight.px4.imus import sample_stamps, stamps
-from attlog.flight.settings import how_to_log
 from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages
 
@@ -31,11 +33,12 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     if flew is None and len(chosen) > 1:
         flew, why = next((c.index for c in chosen if c.source == "sensor_combined"), None), "it is the voted unit"
     firmware = state.firmware(messages)
-    missing = how_to_log(firmware.name, firmware.version, "imu")
-    position = inertial.choose_unit(builder, chosen, flew, why, imu, missing)
+    logging = Settings(firmware.version, values)
+    position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
     builder.t0_us = first_stamp(builder, chosen, position)
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware, "")
+    log.logging = logging
     log.imus = [inertial.build(builder, c) for c in chosen]
     log.imu = position
     log.imu_that_flew = builder.time_line(when, units, source)
@@ -53,13 +56,14 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
             )
     log.mags = builder.attempt("The magnetometer", lambda: mags.magnetometers(builder, values), [])
     used = builder.attempt("The choice of compass", lambda: mags.flown(builder, log.mags), None)
-    log.mag = magnetic.choose(builder, log.mags, flying, used, "it flew", mag)
+    log.mag = magnetic.choose(builder, log.mags, flying, used, "it flew", mag, logging)
     log.attitudes = attitudes(builder)
     log.onboard = "vehicle_attitude" if "vehicle_attitude" in log.attitudes else None
     truth = "vehicle_attitude_groundtruth"
     log.truth = builder.attempt(truth, lambda: attitude_of(builder, truth, 0, ()), None)
     log.params = parameters.time_lines(builder, messages.params, "parameter")
     log.param_defaults = parameters.defaults(messages.params)
+    log.declination_param, log.declination_source = parameters.declination(log, state.DECLINATION)
     state.fill(builder, log)
     log.problems, log.choices = builder.problems, builder.choices
     return log
@@ -91,7 +95,7 @@ def attitudes(builder: LogBuilder) -> dict[str, Attitude]:
         instances = builder.messages.instances(name)
         for i in instances:
             times = switches if name == "vehicle_attitude" else ()
-            attitude = builder.attempt(name, lambda n=name, i=i, t=times: attitude_of(builder, n, i, t), None)
+            attitude = builder.attempt(name, partial(attitude_of, builder, name, i, times), None)
             if attitude is not None:
                 single = name != "estimator_attitude" and i == 0
                 found[name if single else f"{name}.{i}"] = attitude

@@ -11,15 +11,16 @@ import numpy as np
 
 from attlog import rotation
 from attlog.flight import inertial, magnetic, parameters
-from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.builder import LogBuilder, columns, on_earth
 from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag, Stream
-from attlog.flight.modes import px4_mode, vehicle_name
-from attlog.flight.px4.state import ARMED, utc_offset
-from attlog.flight.timing import Stamps
+from attlog.flight.modes import px4_mode
+from attlog.flight.px4.advice import Sdlog2Settings
+from attlog.flight.px4.state import ARMED, DECLINATION, utc_offset
+from attlog.flight.timing import Stamps, only_new
+from attlog.flight.vehicle import named
 from attlog.formats.base import Messages, Table
 from attlog.formats.sdlog2 import TIME
 
-HOW_TO_LOG = "Raise the log rate (sdlog2 start -r 200) and log again."
 UNITS = (("IMU", 0), ("IMU1", 1), ("IMU2", 2))
 
 
@@ -32,18 +33,20 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     """The flight in an sdlog2 log; ``imu`` and ``mag`` ask for a unit."""
     builder = LogBuilder(messages)
     chosen = inertial.best_per_unit(builder, builder.attempt("IMU", lambda: candidates(builder), []))
-    position = inertial.choose_unit(builder, chosen, 0, "the first one, which the estimator used", imu, HOW_TO_LOG)
+    values = parameters.values(messages.params)
+    logging = Sdlog2Settings(values)
+    position = inertial.choose_unit(builder, chosen, 0, "the first one, which the estimator used", imu, logging)
     clock = messages.first("TIME")
     builder.t0_us = int(chosen[position or 0].t_us[0]) if chosen else int(clock["StartTime"][0]) if clock else 0
-    values = parameters.values(messages.params)
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware(messages), "")
-    log.vehicle = vehicle_name(int(values.get("MAV_TYPE", -1)))
+    log.vehicle = named(int(values.get("MAV_TYPE", -1)))
+    log.logging = logging
     log.imus = [inertial.build(builder, c) for c in chosen]
     log.imu = position
     log.mags = builder.attempt("The magnetometer", lambda: magnetometers(builder), [])
     flying = None if position is None else log.imus[position]
-    log.mag = magnetic.choose(builder, log.mags, flying, 0, "the first one", mag)
+    log.mag = magnetic.choose(builder, log.mags, flying, 0, "the first one", mag, logging)
     attitude = builder.attempt("ATT", lambda: euler_or_quaternion(builder, "ATT", ("Roll", "Pitch", "Yaw")), None)
     if attitude is not None:
         log.attitudes, log.onboard = {"ATT": attitude}, "ATT"
@@ -52,6 +55,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     builder.attempt("STAT", lambda: states(builder, log), None)
     aids(builder, log)
     log.params = parameters.time_lines(builder, messages.params, "PARM")
+    log.declination_param, log.declination_source = parameters.declination(log, DECLINATION)
     log.problems, log.choices = builder.problems, builder.choices
     return log
 
@@ -94,7 +98,7 @@ def magnetometers(builder: LogBuilder) -> list[Mag]:
         field = columns(table, "MagX", "MagY", "MagZ") * magnetic.GAUSS
         if unit and not field.any():
             continue
-        new = magnetic.only_new(field, stamps(table))
+        new = only_new(field, stamps(table))
         mag = magnetic.build(builder, unit, stamps(table)[new], field[new], name)
         found += [mag] if mag is not None else []
     return found
@@ -161,7 +165,7 @@ def receiver(builder: LogBuilder) -> Gnss | None:
         return None
     t_us = stamps(table)
     place: Array = columns(table, "Lat", "Lon", "Alt")
-    index = builder.keep(t_us, "GPS", (np.abs(place[:, :2]) <= [90.0, 180.0]).all(axis=1))
+    index = builder.keep(t_us, "GPS", on_earth(place))
     if len(index) == 0:
         return None
     fix = table["Fix"].astype(np.int64)

@@ -8,12 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.builder import LogBuilder, columns, finite_within, on_earth
 from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
-from attlog.flight.modes import px4_mode, vehicle_name
+from attlog.flight.modes import px4_mode
 from attlog.flight.px4.imus import stamps
+from attlog.flight.timing import only_new
+from attlog.flight.vehicle import PX4_TYPES, named
 from attlog.formats.base import Messages, Table
 
+DECLINATION = {"EKF2_MAG_DECL": 1.0, "ATT_MAG_DECL": 1.0}
+"""Parameters of the declination and their factor to degrees, those of the newer estimator first."""
 RELEASE_TYPES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 ARMED = 2
 """``vehicle_status.arming_state`` of an armed vehicle, the same in all versions."""
@@ -85,8 +89,10 @@ def vehicle(status: Table | None, mav_type: float | None) -> str:
         if "is_vtol" in status and status["is_vtol"].any():
             return "VTOL"
         if "system_type" in status:
-            return vehicle_name(int(status["system_type"][-1]))
-    return "unknown" if mav_type is None else vehicle_name(int(mav_type))
+            return named(int(status["system_type"][-1]))
+        if mav_type is None and "vehicle_type" in status:
+            return PX4_TYPES.get(int(status["vehicle_type"][-1]), "unknown")
+    return "unknown" if mav_type is None else named(int(mav_type))
 
 
 def simulated(builder: LogBuilder, status: Table | None) -> bool:
@@ -146,7 +152,7 @@ def receiver(builder: LogBuilder, name: str, instance: int) -> Gnss | None:
     else:
         return None
     fix = table["fix_type"].astype(np.int64)
-    index = builder.keep(t_us, source, (np.abs(place) <= [90.0, 180.0, 1e6]).all(axis=1))
+    index = builder.keep(t_us, source, on_earth(place) & finite_within(place[:, 2:], 1e6))
     if len(index) == 0:
         return None
     velocity = columns(table, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
@@ -158,7 +164,8 @@ def receiver(builder: LogBuilder, name: str, instance: int) -> Gnss | None:
     utc = table["time_utc_usec"].astype(np.int64)
     return Gnss(
         instance, builder.seconds(t_us[index]), source, place[index, 0], place[index, 1], place[index, 2],
-        velocity[index], *(accuracy(table, n)[index] for n in ("eph", "epv", "s_variance_m_s")), fix[index],
+        velocity[index], accuracy(table, "eph")[index], accuracy(table, "epv")[index],
+        accuracy(table, "s_variance_m_s")[index], fix[index],
         yaw[index] if yaw is not None and np.isfinite(yaw[index]).any() and yaw[index].any() else None,
         utc[index] if (utc[index] > 0).any() else None,
     )  # fmt: skip
@@ -192,7 +199,7 @@ def baro(builder: LogBuilder) -> list[Stream]:
         for table in tables:
             t, x = stamps(table), table.value(column)
             if name == "sensor_combined":
-                new = np.concatenate([[True], np.diff(x) != 0])
+                new = only_new(x, t)
                 t, x = t[new], x[new]
             found.append(builder.stream(t, x, "m", f"{name}:{table.instance}", limit=1e5))
         return [f for f in found if f is not None]

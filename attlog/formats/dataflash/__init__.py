@@ -1,1 +1,1 @@
-"""ArduPilot's DataFlash, binary and text: reader, writer, clock, units."""
+"""ArduPilot's DataFlash logs, binary and text: recognised, read, written, timed, and compared with pymavlink."""

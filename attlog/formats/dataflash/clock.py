@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Damage
+from attlog.formats.base import Damage, Messages
+from attlog.formats.clock import Timeline, in_file_order
 from attlog.formats.dataflash.index import HEADER_LENGTH, Format, Index
 from attlog.formats.mapping import Offsets, gather
 from attlog.limits import MAX_DAMAGE, MAX_TIME_JUMP_S
@@ -46,6 +49,12 @@ def timeline(data: NDArray[np.uint8], index: Index) -> tuple[Offsets, NDArray[np
             dtype = np.dtype("<i8" if factor == 1 else "<u4")
             time[mine] = gather(data, at[mine] + np.int64(place), dtype).astype(np.int64) * factor
     return at, time
+
+
+def timeline_of_tables(messages: Messages, formats: Mapping[str, Format]) -> Timeline:
+    """The same from the tables of a text log, whose ``formats`` stand by message name."""
+    timed = [(table, column) for (name, _), table in messages.items() if (column := time_column(formats[name]))]
+    return in_file_order((table.offsets, table[column].astype(np.int64) * factor) for table, (column, factor) in timed)
 
 
 def drop_false_times(index: Index, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:

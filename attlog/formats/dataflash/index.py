@@ -184,7 +184,8 @@ def index_records(data: NDArray[np.uint8]) -> Index:
     start, types, stamps = _headers(data)
     layouts = _formats(data, start, types)
     layout = _layout_of(types, start, layouts)
-    end = start + np.array([*(f.length for f in layouts), 0], start.dtype)[layout]  # 0: no format
+    lengths = np.array([*(f.length for f in layouts), 0], np.int32)  # 0: no format
+    end = start + lengths[layout].astype(start.dtype, copy=False)
     followed = np.zeros(len(start), np.bool_)
     np.equal(end[:-1], start[1:], out=followed[:-1])
     breaks = np.flatnonzero(~followed)
@@ -199,7 +200,7 @@ def index_records(data: NDArray[np.uint8]) -> Index:
 def _is_header(data: NDArray[np.uint8], at: Offsets) -> NDArray[np.bool_]:
     """True where a header stands at the offset, also one cut by the end of the file, or the file ends there."""
     size = len(data)
-    result = at == size
+    result: NDArray[np.bool_] = at == size
     if size >= 2:
         pairs = np.ndarray((size - 1,), "<u2", buffer=data, strides=(1,))
         result |= (at < size - 1) & (pairs[np.minimum(at, size - 2)] == _HEADER)
@@ -213,7 +214,7 @@ def _walk(
     """Which candidates are records, and the holes (from, to) between them.
 
     ``breaks`` are the candidates that do not end where the next one begins, ``followed``
-    tells those that end at a header. Long runs of records that follow each other
+    tells those that end at a header. Long segments of records that follow each other
     directly are taken at once; the loop only steps from break to break.
     """
     n = len(start)
@@ -221,7 +222,7 @@ def _walk(
     holes: list[tuple[int, int]] = []
     if n == 0:
         return kept, [(0, size)] if size else []
-    ends_of_runs = breaks.tolist()
+    ends_of_segments = breaks.tolist()
     i = _next_true(followed, 0)
     hole = 0
     while True:
@@ -230,7 +231,7 @@ def _walk(
             holes.append((hole, stop))
         if i >= n:
             break
-        last = ends_of_runs[bisect_left(ends_of_runs, i)]
+        last = ends_of_segments[bisect_left(ends_of_segments, i)]
         if followed[last]:
             kept[i : last + 1] = True
             hole = int(end[last])

@@ -82,7 +82,8 @@ def _distinct(number: NDArray[np.integer[Any]]) -> list[int]:
     if number.dtype.itemsize == 1:
         present = np.bincount(number.view(np.uint8), minlength=256).nonzero()[0]
         return sorted(present.astype(np.uint8).view(number.dtype).tolist())
-    return np.unique(number).tolist()
+    distinct: list[int] = np.unique(number).tolist()
+    return distinct
 
 
 def instance_column(fmt: Format, unit_ids: str) -> str | None:
@@ -151,5 +152,5 @@ def unreadable(index: Index) -> list[Damage]:
                f"{count} {fmt.name} records: the format {fmt.letters!r} does not have {fmt.length} bytes",
                "framing goes on by the declared length")
         for k, fmt in enumerate(index.layouts)
-        if not fmt.readable and (count := np.count_nonzero(index.layout == k))
+        if not fmt.readable and (count := int(np.count_nonzero(index.layout == k)))
     ]  # fmt: skip

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
-from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
-from attlog.formats.clock import restarts, times_before
-from attlog.formats.dataflash.clock import time_column
+from attlog.formats.base import Damage, Field, Messages, Table, Text
+from attlog.formats.clock import boots
+from attlog.formats.dataflash.clock import timeline_of_tables
+from attlog.formats.dataflash.content import INFO, params, texts
 from attlog.formats.dataflash.index import FMT_FORMAT, LETTER_DTYPES, Format
-from attlog.formats.dataflash.reader import INFO
 from attlog.formats.dataflash.tables import instance_column
 from attlog.formats.mapping import map_bytes, text_of
 from attlog.limits import MAX_DAMAGE, MAX_FORMATS, MAX_TEXT_LENGTH, MAX_TEXTS
@@ -32,26 +31,25 @@ _INTEGER = rb"[ \t]*[-+]?\d{1,18}[ \t]*"  # what int64 holds for sure
 _ANY = rb"[^,]*"
 
 
-def read(path: str | Path) -> Messages:
-    """The messages of a text log, columns split and converted on demand.
+def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
+    """The messages of a text log, columns split and converted on demand; ``data`` are its bytes if mapped already.
 
     ``info["banner"]`` holds the lines before the first FMT line. Numbers are int64
     or float64 as printed, text is bytes. Memory: about four times the file, since
     the lines are kept. LogUnusable if there is no FMT line.
     """
     path = Path(path)
-    data = map_bytes(path)
+    data = map_bytes(path) if data is None else data
     lines = _Lines(data.tobytes())
     if not lines.formats:
         raise LogUnusable(f"{path}: no FMT line describes the values, so the text cannot be read as a log.")
     messages = Messages(path, "dataflash_text", len(data), lines.tables())
     messages.damage, messages.damage_bytes = lines.damage, lines.damage_bytes
     messages.info["banner"] = lines.banner
-    at, time = _timeline(messages, lines.formats)
-    messages.params = _params(messages, at, time)
-    messages.texts = _texts(messages, lines, at, time)
-    starts = [0, *at[restarts(time)].tolist(), len(data)]
-    messages.boots = [Boot(a, b) for a, b in pairwise(starts)]
+    timeline = timeline_of_tables(messages, lines.formats)
+    messages.params = params(messages, timeline)
+    messages.texts = [*(Text(line, INFO, None, 0) for line in lines.banner), *texts(messages, timeline)][:MAX_TEXTS]
+    messages.boots = boots(timeline, len(data))
     return messages
 
 
@@ -190,36 +188,3 @@ def _decoder(
         return np.array(cells, "S").astype(_dtype(fmt.letters[k]))
 
     return decode
-
-
-def _timeline(messages: Messages, formats: dict[str, Format]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Offset and boot time (us) of every line that carries its time, in file order."""
-    at, time = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for (name, _), table in messages.tables.items():
-        column = time_column(formats[name])
-        if column is not None:
-            at.append(table.offsets)
-            time.append(table[column[0]].astype(np.int64) * column[1])
-    order = np.argsort(np.concatenate(at), kind="stable")
-    return np.concatenate(at)[order], np.concatenate(time)[order]
-
-
-def _params(messages: Messages, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:
-    """PARM lines."""
-    table = messages.first("PARM")
-    if table is None or not {"Name", "Value"} <= table.fields.keys():
-        return []
-    times = table["TimeUS"].tolist() if "TimeUS" in table else times_before(table.offsets, at, time)
-    rows = zip(table["Name"].tolist(), table["Value"].tolist(), times, table.offsets.tolist(), strict=True)
-    return [ParamChange(text_of(name), value, t_us, False, offset) for name, value, t_us, offset in rows]
-
-
-def _texts(messages: Messages, lines: _Lines, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Text]:
-    """The banner and the MSG lines."""
-    result = [Text(line, INFO, None, 0) for line in lines.banner]
-    table = messages.first("MSG")
-    if table is not None and "Message" in table:
-        times = table["TimeUS"].tolist() if "TimeUS" in table else times_before(table.offsets, at, time)
-        for raw, t_us, offset in zip(table["Message"].tolist(), times, table.offsets.tolist(), strict=True):
-            result.append(Text(text_of(raw)[:MAX_TEXT_LENGTH], INFO, t_us, offset))
-    return result[:MAX_TEXTS]

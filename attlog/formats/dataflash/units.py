@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Table
+from attlog.formats.dataflash.content import is_number, is_text
 from attlog.formats.dataflash.index import LETTER_SCALES, Index
 from attlog.formats.dataflash.tables import build_tables
 from attlog.formats.mapping import text_of
@@ -23,10 +25,12 @@ def units_of(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tupl
     some = Index(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64))
     tables = build_tables(data, some, by_instance=False)
     described = tables.get(("FMTU", 0))
-    if described is None or not {"FmtType", "UnitIds", "MultIds"} <= described.fields.keys():
+    if described is None or not is_number(described, "FmtType"):
         return {}
-    names = {chr(i & 0xFF): text_of(t) for i, t in _pairs(tables.get(("UNIT", 0)), "Label")}
-    factors = {chr(i & 0xFF): float(m) for i, m in _pairs(tables.get(("MULT", 0)), "Mult")}
+    if not (is_text(described, "UnitIds") and is_text(described, "MultIds")):
+        return {}
+    names = {i: text_of(t) for i, t in _pairs(tables.get(("UNIT", 0)), "Label", is_text)}
+    factors = {i: float(m) for i, m in _pairs(tables.get(("MULT", 0)), "Mult", is_number)}
     by_type: dict[int, list[int]] = {}
     for k, fmt in enumerate(index.layouts):
         by_type.setdefault(fmt.type, []).append(k)
@@ -48,11 +52,12 @@ def units_of(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tupl
     return result
 
 
-def _pairs(table: Table | None, column: str) -> list[tuple[int, Any]]:
-    """Id and value of UNIT or MULT records."""
-    if table is None or not {"Id", column} <= table.fields.keys():
+def _pairs(table: Table | None, column: str, is_fit: Callable[[Table, str], bool]) -> list[tuple[str, Any]]:
+    """Id and value of UNIT or MULT records; none where the log gives these columns another type."""
+    if table is None or not is_fit(table, column) or not is_number(table, "Id"):
         return []
-    return list(zip(table["Id"].tolist(), table[column].tolist(), strict=True))
+    ids = [chr(int(i) & 0xFF) for i in table["Id"].tolist()]
+    return list(zip(ids, table[column].tolist(), strict=True))
 
 
 def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: float) -> str | None:

@@ -1,1 +1,1 @@
-"""MAVLink telemetry (tlog, raw captures): reader, writer, index of packets."""
+"""MAVLink telemetry, tlogs and raw captures: recognised, read, written, timed, and compared with pymavlink."""

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from attlog.formats.compiled import compile_once, numba_is_loaded
 from attlog.formats.mapping import Offsets, offset_type
+from attlog.formats.mavlink.crc import slicing_tables
 
 WORTH_COMPILED = 16 << 20
 """Below this many bytes loading compiled code costs more than it saves."""
 
 _BLOCK = 1 << 16
-_POLYNOMIAL = 0x8408
 
 
 def pays(data: NDArray[np.uint8]) -> bool:
@@ -36,7 +36,7 @@ def compiled_packets(
     ``seeds`` (CRC extra, -1 unknown) and ``sizes`` (payload bytes) by message id. A
     packet inside an accepted one is payload.
     """
-    walk, tables, width = _walk(), _tables(), offset_type(len(data))
+    walk, tables, width = _walk(), slicing_tables(), offset_type(len(data))
     starts, ends, ids = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int32)
     blocks = []
     position, n = 0, _BLOCK
@@ -46,18 +46,6 @@ def compiled_packets(
         position = int(ends[n - 1])
     found_starts, found_ends, found_ids = (np.concatenate(columns) for columns in zip(*blocks, strict=True))
     return found_starts, found_ends, found_ids
-
-
-def _tables() -> NDArray[np.uint16]:
-    """CRC-16/MCRF4XX of one byte followed by 0 to 7 zero bytes, from a zero state: (8, 256)."""
-    tables = np.zeros((8, 256), np.uint16)
-    byte = np.arange(256, dtype=np.uint16)
-    for _ in range(8):
-        byte = np.where(byte & 1, (byte >> 1) ^ _POLYNOMIAL, byte >> 1).astype(np.uint16)
-    tables[0] = byte
-    for k in range(1, 8):
-        tables[k] = (tables[k - 1] >> 8) ^ byte[tables[k - 1] & 0xFF]
-    return tables
 
 
 @cache

@@ -28,7 +28,8 @@ def dialect() -> dict[int, Any]:
     """The message classes of the dialect by id."""
     from pymavlink.dialects.v20 import ardupilotmega
 
-    return ardupilotmega.mavlink_map
+    messages: dict[int, Any] = ardupilotmega.mavlink_map
+    return messages
 
 
 @cache

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -20,12 +19,12 @@ from numpy.typing import NDArray
 from attlog.formats.base import Damage
 from attlog.formats.mapping import Offsets, gather, offset_type
 from attlog.formats.mavlink.compiled import compiled_packets, pays
+from attlog.formats.mavlink.crc import crc_of_padded_rows, crc_of_rows
+from attlog.formats.mavlink.detect import STAMP_LENGTH, V1, V2
 from attlog.limits import MAX_DAMAGE
 
-V1, V2 = 0xFE, 0xFD
 SIGNED = 0x01  # incompatibility flag of MAVLink 2: a signature of 13 bytes follows the checksum
 SIGNATURE_LENGTH = 13
-STAMP_LENGTH = 8  # big-endian u64 microseconds of the receiver before each packet of a tlog
 _CHUNK = 1 << 22  # bytes whose packets are sought at once, bounds the memory
 _PADDING = 16  # packets of up to this many bytes difference share one checksum pass
 _BATCH = 1 << 18  # bytes whose checksums are taken at once, stays in cache
@@ -45,46 +44,6 @@ class Packets:
     unknown: Counter[int] = field(default_factory=Counter)
     damage: list[Damage] = field(default_factory=list)
     damage_bytes: int = 0
-
-
-@cache
-def _crc_table() -> NDArray[np.uint16]:
-    """The CRC-16/MCRF4XX state after two more bytes (65536), by state xor those bytes as little-endian word."""
-    byte = np.arange(256, dtype=np.uint32)
-    for _ in range(8):
-        byte = np.where(byte & 1, (byte >> 1) ^ 0x8408, byte >> 1)
-    state = np.arange(65536, dtype=np.uint32)
-    for _ in range(2):
-        state = (state >> 8) ^ byte[state & 0xFF]
-    return state.astype(np.uint16)
-
-
-def _crc_rows(rows: NDArray[np.uint8], pad: NDArray[np.int64], table: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """CRC-16/MCRF4XX of rows (n, k), k even, whose first ``pad`` (sorted) bytes do not count; changes ``rows``.
-
-    A state of zero does not change by zero bytes, so rows of many lengths go
-    together when the padding is zero and the start value 0xffff is put on the
-    first two bytes.
-    """
-    edges = [0, *(np.flatnonzero(np.diff(pad)) + 1).tolist(), len(rows)]
-    for begin, stop in pairwise(edges):
-        skipped = int(pad[begin]) if stop > begin else 0
-        rows[begin:stop, :skipped] = 0
-        rows[begin:stop, skipped : skipped + 2] ^= 0xFF
-    crc = np.zeros(len(rows), np.uint16)
-    for column in np.ascontiguousarray(rows.view("<u2").T):
-        column ^= crc
-        # every u16 is a valid index; wrap only spares numpy the check
-        table.take(column, out=crc, mode="wrap")
-    return crc
-
-
-def crc_of_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """CRC-16/MCRF4XX, the checksum of MAVLink, of each row of (n, k) bytes, k > 1."""
-    pad = rows.shape[1] % 2
-    padded = np.zeros((len(rows), rows.shape[1] + pad), np.uint8)
-    padded[:, pad:] = rows
-    return _crc_rows(padded, np.full(len(rows), pad), _crc_table())
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +104,6 @@ def _headers_v2(data: NDArray[np.uint8], catalogue: Catalogue, start: int) -> _H
 
 def _checked(data: NDArray[np.uint8], headers: _Headers, catalogue: Catalogue) -> NDArray[np.bool_]:
     """True for the headers whose checksum is right."""
-    table = _crc_table()
     good = np.zeros(len(headers.at), np.bool_)
     if len(good) == 0:
         return good
@@ -169,7 +127,7 @@ def _checked(data: NDArray[np.uint8], headers: _Headers, catalogue: Catalogue) -
             covered = headers.covered[mine]
             rows = gather(data, headers.at[mine] + covered + 2 - width, np.dtype((np.uint8, (width,))))
             rows[:, -1] = seeds[mine]
-            good[mine] = _crc_rows(rows, width - 1 - covered, table) == sent[mine]
+            good[mine] = crc_of_padded_rows(rows, width - 1 - covered) == sent[mine]
     return good
 
 
@@ -191,20 +149,21 @@ def _without_embedded(start: Offsets, end: Offsets) -> NDArray[np.bool_]:
 def _packets(data: NDArray[np.uint8], catalogue: Catalogue) -> tuple[Offsets, Offsets, NDArray[np.int32]]:
     """Begin, end and message id of the packets with a right checksum, in file order."""
     width = offset_type(len(data))
-    blocks = []
+    starts: list[Offsets] = []
+    ends: list[Offsets] = []
+    numbers: list[NDArray[np.int32]] = []
     for first in range(0, max(len(data), 1), _CHUNK):
         found = []
         for headers in (_headers_v1(data, catalogue, first), _headers_v2(data, catalogue, first)):
             found.append(headers.chosen(_checked(data, headers, catalogue)))
         start = np.concatenate([h.at for h in found])
         order = np.argsort(start, kind="stable")
-        end, ids = (np.concatenate(columns)[order] for columns in ([h.end for h in found], [h.ids for h in found]))
-        blocks.append((start[order].astype(width), end.astype(width), ids))
-    start, end, ids = (np.concatenate(columns) for columns in zip(*blocks, strict=True))
-    kept = _without_embedded(start, end)
-    if not kept.all():
-        start, end, ids = start[kept], end[kept], ids[kept]
-    return start, end, ids
+        starts.append(start[order].astype(width))
+        ends.append(np.concatenate([h.end for h in found])[order].astype(width))
+        numbers.append(np.concatenate([h.ids for h in found])[order])
+    begin, end, ids = np.concatenate(starts), np.concatenate(ends), np.concatenate(numbers)
+    kept = _without_embedded(begin, end)
+    return (begin, end, ids) if kept.all() else (begin[kept], end[kept], ids[kept])
 
 
 def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
@@ -220,14 +179,14 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
         start, end, ids = _packets(data, catalogue)
     gaps = start[1:] - end[:-1]
     if len(gaps):
-        stamped = np.count_nonzero(gaps == STAMP_LENGTH) > np.count_nonzero(gaps == 0)
+        stamped = bool(np.count_nonzero(gaps == STAMP_LENGTH) > np.count_nonzero(gaps == 0))
     else:
         stamped = len(start) > 0 and int(start[0]) >= STAMP_LENGTH
     if stamped and start[0] < STAMP_LENGTH:  # a file that begins inside a receiver time
         start, end, ids = start[1:], end[1:], ids[1:]
     place = np.where(data.take(start) == V2, np.uint8(5), np.uint8(3))
     senders = gather(data, start + place, np.dtype(">u2")).astype(np.uint16)
-    packets = Packets(start, ids, senders, bool(stamped))
+    packets = Packets(start, ids, senders, stamped)
     _account(data, packets, end, catalogue)
     return packets
 

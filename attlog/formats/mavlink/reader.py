@@ -10,7 +10,6 @@ reported in between; numbers stay as sent.
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,26 +18,25 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
 from attlog.formats.base import Boot, Field, Messages, ParamChange, Table, Text
-from attlog.formats.clock import restarts, times_before
+from attlog.formats.clock import Timeline, boots, times_before
 from attlog.formats.mapping import Records, gather, map_bytes, text_of
+from attlog.formats.mavlink.clock import CLOCK_MESSAGES, of_system, timeline
+from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
 from attlog.formats.mavlink.dialect import STAMP, catalogue, layout
-from attlog.formats.mavlink.index import STAMP_LENGTH, V2, Packets, index_packets
+from attlog.formats.mavlink.index import Packets, index_packets
 from attlog.formats.mavlink.writer import write
 from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
-__all__ = ["STAMP", "parameter_values", "read", "systems_of", "vehicle_of", "write"]
+__all__ = ["CLOCK_MESSAGES", "STAMP", "parameter_values", "read", "systems_of", "vehicle_of", "write"]
 
 PX4_AUTOPILOT = 12
 NO_AUTOPILOT = 8
 _GROUND_STATION = 6
 _TEXT_CHUNK = 50  # a STATUSTEXT that fills its field goes on in the next chunk
 
-CLOCK_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "SYSTEM_TIME")
-"""Messages whose ``time_boot_ms`` is the autopilot's clock at the moment of sending; they show restarts."""
 
-
-def read(path: str | Path, system: int | None = None) -> Messages:
-    """The messages of a tlog or raw MAVLink file, columns decoded on demand.
+def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8] | None = None) -> Messages:
+    """The messages of a tlog or raw MAVLink file, columns decoded on demand; ``data`` are its bytes if mapped already.
 
     The instance of a table is ``system * 256 + component``. ``params``, ``texts``
     and ``boots`` are those of one vehicle: ``system``, or the one that
@@ -47,7 +45,7 @@ def read(path: str | Path, system: int | None = None) -> Messages:
     :data:`STAMP`. LogUnusable if no packet has a right checksum.
     """
     path = Path(path)
-    data = map_bytes(path)
+    data = map_bytes(path) if data is None else data
     packets = index_packets(data, catalogue())
     if len(packets.offsets) == 0:
         raise LogUnusable(f"{path}: no MAVLink packet with a right checksum, so there is nothing to decode.")
@@ -61,11 +59,10 @@ def read(path: str | Path, system: int | None = None) -> Messages:
     messages.info["system"] = chosen
     messages.boots = [Boot(0, len(data))]
     if chosen is not None:
-        at, time = _timeline(messages, chosen)
-        messages.params = _params(messages, chosen, at, time)
-        messages.texts = _texts(messages, chosen, at, time)
-        edges = [0, *(int(at[k]) for k in restarts(time)), len(data)]
-        messages.boots = [Boot(a, b) for a, b in pairwise(edges)]
+        clock = timeline(messages, chosen)
+        messages.params = _params(messages, chosen, clock)
+        messages.texts = _texts(messages, chosen, clock)
+        messages.boots = boots(clock, len(data))
     return messages
 
 
@@ -168,36 +165,17 @@ def vehicle_of(messages: Messages) -> int | None:
     return max(flying, key=lambda s: (flying[s]["packets"], -s), default=None)
 
 
-def _of_system(messages: Messages, name: str, system: int) -> list[Table]:
-    return [messages[name, i] for i in messages.instances(name) if i >> 8 == system]
-
-
-def _timeline(messages: Messages, system: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
-    component = messages.info["systems"].get(system, {}).get("component")
-    at, time = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for name in CLOCK_MESSAGES:
-        for table in _of_system(messages, name, system):
-            if component is None or table.instance & 0xFF == component:
-                at.append(table.offsets)
-                time.append(table["time_boot_ms"].astype(np.int64) * 1000)
-    offsets, times = np.concatenate(at), np.concatenate(time)
-    order = np.argsort(offsets)
-    order = order[times[order] > 0]  # SYSTEM_TIME of a ground station that answers under the vehicle's id is zero
-    return offsets[order], times[order]
-
-
-def _params(messages: Messages, system: int, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[ParamChange]:
+def _params(messages: Messages, system: int, clock: Timeline) -> list[ParamChange]:
     """PARAM_VALUE of a system; times are those of the last clock message before.
 
     ArduPilot sends integers as float values, PX4 sends their bits in the float.
     """
     bitwise = messages.info["systems"].get(system, {}).get("autopilot") == PX4_AUTOPILOT
     result = []
-    for table in _of_system(messages, "PARAM_VALUE", system):
+    for table in of_system(messages, "PARAM_VALUE", system):
         names = [text_of(raw) for raw in table["param_id"].tolist()]
         values = parameter_values(table["param_value"], table["param_type"], bitwise)
-        times = times_before(table.offsets, at, time)
+        times = times_before(table.offsets, clock)
         for name, value, t_us, offset in zip(names, values, times, table.offsets.tolist(), strict=True):
             result.append(ParamChange(name, value, t_us, False, offset))
     result.sort(key=lambda p: p.offset)
@@ -223,13 +201,13 @@ def parameter_values(values: NDArray[np.float32], types: NDArray[np.uint8], bitw
     return result
 
 
-def _texts(messages: Messages, system: int, at: NDArray[np.int64], time: NDArray[np.int64]) -> list[Text]:
+def _texts(messages: Messages, system: int, clock: Timeline) -> list[Text]:
     """STATUSTEXT of a system with its severity; the chunks of a long MAVLink 2 text are joined."""
     result: list[Text] = []
-    for table in _of_system(messages, "STATUSTEXT", system):
+    for table in of_system(messages, "STATUSTEXT", system):
         open_id, open_sequence = 0, -1
         rows = zip(table["severity"].tolist(), table["text"].tolist(), table["id"].tolist(),
-                   table["chunk_seq"].tolist(), table.offsets.tolist(), times_before(table.offsets, at, time),
+                   table["chunk_seq"].tolist(), table.offsets.tolist(), times_before(table.offsets, clock),
                    strict=True)  # fmt: skip
         for severity, raw, number, sequence, offset, t_us in rows:
             text = text_of(raw)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import UsageError
+from attlog.formats.mavlink.crc import crc_of_rows
+from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
 from attlog.formats.mavlink.dialect import STAMP, catalogue, dialect, layout
-from attlog.formats.mavlink.index import STAMP_LENGTH, V2, crc_of_rows
 from attlog.formats.merge import merged
 from attlog.output import write_atomic
 

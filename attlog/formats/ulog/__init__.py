@@ -1,1 +1,1 @@
-"""PX4's ULog: reader, writer and what finds its records among damage."""
+"""PX4's ULog: how it is recognised, read (also damaged), written, timed, and compared with pyulog."""

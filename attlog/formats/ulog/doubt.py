@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Table
-from attlog.limits import MAX_TIME_JUMP_S
+from attlog.formats.ulog.clock import far_from_most
 
 LARGEST, SMALLEST = 1e15, 1e-30
 """Magnitudes outside are no measurement: the largest real ones are times in us, the smallest variances."""
@@ -29,8 +29,7 @@ def doubtful(table: Table) -> NDArray[np.bool_]:
         return found
     for name, field in table.fields.items():
         if name == "timestamp" and field.dtype.kind == "u":
-            times = table[name].astype(np.float64)
-            odd = np.abs(times - np.median(times)) > MAX_TIME_JUMP_S * 1e6
+            odd = far_from_most(table[name])
         elif field.dtype.base.kind == "f":
             odd = _beyond(table[name])
         else:
@@ -44,5 +43,5 @@ def _beyond(column: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Records with a finite number of impossible magnitude."""
     with np.errstate(invalid="ignore"):  # random bytes hold signalling NaN too
         size = np.abs(column)
-        beyond = (size > LARGEST) & np.isfinite(size) | (size < SMALLEST) & (size > 0)
-    return beyond.any(axis=1) if beyond.ndim == 2 else beyond
+        beyond: NDArray[np.bool_] = (size > LARGEST) & np.isfinite(size) | (size < SMALLEST) & (size > 0)
+    return np.logical_or.reduce(beyond, axis=1) if beyond.ndim == 2 else beyond

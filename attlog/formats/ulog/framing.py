@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from attlog.formats.ulog.index import HEADER, Bytes, Sizes
+from attlog.formats.ulog.index import HEADER, Bytes, Sizes, identifier_at
 from attlog.formats.ulog.records import FILE_HEADER, MAGIC, SYNC, is_record
 
 DATA = ord("D")
@@ -30,17 +30,13 @@ class Framing:
     """
 
     def __init__(self, data: Bytes, sizes: Sizes, is_timely: Callable[[int], bool]) -> None:
-        self.data, self.raw, self.size, self.sizes = data, memoryview(data), len(data), sizes
+        self.data, self.raw, self.size, self.sizes = data, data.data, len(data), sizes
         self._is_timely = is_timely
         self.checked = -1
 
     def end(self, start: int) -> int:
         """Where the record that starts here says it ends."""
         return start + 3 + (self.raw[start] | self.raw[start + 1] << 8)
-
-    def identifier(self, start: int) -> int:
-        """The id of a data record."""
-        return self.raw[start + 3] | self.raw[start + 4] << 8
 
     def is_header(self, position: int) -> bool:
         """Whether a file header stands here: another log begins."""
@@ -65,7 +61,7 @@ class Framing:
             if kind == DATA:
                 if end < position + HEADER:
                     return False
-                identifier = self.identifier(position)
+                identifier = identifier_at(self.raw, position)
                 if self.sizes.smallest[identifier] and not self._size_fits(identifier, end - position - 3):
                     return False
             elif is_record(kind, bytes(self.raw[position + 3 : end])):
@@ -97,7 +93,7 @@ class Framing:
         size, kind = self.end(position) - position - 3, self.raw[position + 2]
         if kind != DATA:
             return bool(KINDS[kind]) and size > 0
-        return position + HEADER > self.size or self._size_fits(self.identifier(position), size)
+        return position + HEADER > self.size or self._size_fits(identifier_at(self.raw, position), size)
 
     def _size_fits(self, identifier: int, size: int) -> bool:
         smallest = int(self.sizes.smallest[identifier])

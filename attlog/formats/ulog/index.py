@@ -21,16 +21,22 @@ from attlog.formats.compiled import compile_once, numba_is_loaded
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
 Identifiers = NDArray[np.uint16]
-Runs = list[tuple[Offsets, Identifiers]]
+Segments = list[tuple[Offsets, Identifiers]]
 """Starts and ids of data records that follow each other, in file order."""
 
 BLOCK = 1 << 20
-RUN = 1 << 19
+SEGMENT = 1 << 19
 """Records that a compiled walk takes at once: large buffers, which the system maps in large pages."""
 WORTH_COMPILED = 32 << 20
 """Below this many bytes loading compiled code costs more than it saves."""
 HEADER = 5
 """Bytes before the payload of a data record: size, type, id."""
+
+
+def identifier_at(raw: memoryview, start: int) -> int:
+    """The id of the data record that starts here."""
+    identifier: int = raw[start + 3] | raw[start + 4] << 8
+    return identifier
 
 
 class Sizes:
@@ -57,9 +63,9 @@ class Chain(Protocol):
     group: int
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
-        """Starts and ids of an unbroken run of data records from ``position`` on, all ending at or before ``stop``."""
+        """Starts and ids of a segment of consecutive data records from ``position`` on that ends before ``stop``."""
 
-    def by_id(self, runs: Runs) -> list[tuple[int, Offsets]]:
+    def by_id(self, segments: Segments) -> list[tuple[int, Offsets]]:
         """Each id and its records' starts, in the given order within."""
 
     def forget(self) -> None:
@@ -67,7 +73,7 @@ class Chain(Protocol):
 
 
 class NumpyChain:
-    """Runs of data records by whole-block comparison."""
+    """Segments of data records by whole-block comparison."""
 
     group = 1 << 17
 
@@ -81,7 +87,7 @@ class NumpyChain:
         self._begin = self._end = 0
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
-        """Starts and ids of the unbroken run that lies in one block."""
+        """Starts and ids of the unbroken segment that lies in one block."""
         if not self._begin <= position < self._end:
             self._look(position)
         first = int(self._starts.searchsorted(position))
@@ -92,10 +98,10 @@ class NumpyChain:
             last = first + int(self._ends[first:last].searchsorted(stop, side="right"))
         return self._starts[first:last], self._ids[first:last]
 
-    def by_id(self, runs: Runs) -> list[tuple[int, Offsets]]:
+    def by_id(self, segments: Segments) -> list[tuple[int, Offsets]]:
         """Each id and its records' starts, by a radix sort."""
-        starts = np.concatenate([starts for starts, _ in runs])
-        ids = np.concatenate([ids for _, ids in runs])
+        starts = np.concatenate([starts for starts, _ in segments])
+        ids = np.concatenate([ids for _, ids in segments])
         order = ids.argsort(kind="stable")
         starts, ids = starts.take(order), ids.take(order)
         begins = (ids[1:] != ids[:-1]).nonzero()[0] + 1
@@ -125,7 +131,7 @@ class NumpyChain:
 
 
 class NumbaChain:
-    """Runs of data records by a compiled walk."""
+    """Segments of data records by a compiled walk."""
 
     group = 1 << 22
 
@@ -139,7 +145,7 @@ class NumbaChain:
         """Nothing is kept between calls."""
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
-        """Starts and ids of the run, at most one buffer of them; synchronisation marks in between are passed over."""
+        """Starts and ids of the segment, at most one buffer of them; passes over synchronisation marks."""
         sizes, starts, ids = self._sizes, self._starts, self._ids
         n = self._walk(self._data, position, stop, sizes.smallest, sizes.spread, starts, ids)
         if n < len(starts) // 2:
@@ -148,25 +154,25 @@ class NumbaChain:
         return starts[:n], ids[:n]
 
     def _new_buffers(self) -> None:
-        """Room for the next run; a long run keeps its buffers, only short ones are copied out of them."""
-        self._starts = np.empty(RUN, np.int64)
-        self._ids = np.empty(RUN, np.uint16)
+        """Room for the next segment; a long segment keeps its buffers, only short ones are copied out of them."""
+        self._starts = np.empty(SEGMENT, np.int64)
+        self._ids = np.empty(SEGMENT, np.uint16)
 
-    def by_id(self, runs: Runs) -> list[tuple[int, Offsets]]:
+    def by_id(self, segments: Segments) -> list[tuple[int, Offsets]]:
         """Each id and its records' starts, by counting."""
         counts = np.zeros(65536, np.int64)
-        for _, ids in runs:
+        for _, ids in segments:
             self._count(ids, counts)
         ends = counts.cumsum()
         places, sorted_starts = ends - counts, np.empty(ends[-1], np.int64)
-        for starts, ids in runs:
+        for starts, ids in segments:
             self._scatter(starts, ids, places, sorted_starts)
         return [(i, sorted_starts[ends[i] - counts[i] : ends[i]]) for i in counts.nonzero()[0].tolist()]
 
 
 @cache
 def compiled_count() -> Any:
-    """Adds how often each id stands in a run."""
+    """Adds how often each id stands in a segment."""
     from numba import types
 
     def count(ids, counts):  # type: ignore[no-untyped-def]

@@ -13,25 +13,24 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from attlog.errors import LogUnusable, NotALog
-from attlog.formats.base import Boot, Damage, Messages, ParamChange, Table, Text
-from attlog.formats.mapping import gather, map_bytes
+from attlog.formats.base import Boot, Damage, Messages, Table
+from attlog.formats.mapping import map_bytes
+from attlog.formats.ulog.clock import RecordClock, rise
+from attlog.formats.ulog.content import Content
+from attlog.formats.ulog.detect import ENCRYPTED
 from attlog.formats.ulog.doubt import doubtful
 from attlog.formats.ulog.framing import ANCHOR_RECORDS, DATA, KINDS, Framing
-from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Offsets, Runs, Sizes, chain
+from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Offsets, Segments, Sizes, chain, identifier_at
 from attlog.formats.ulog.layout import Layout, Members, layout_of, parse_format
 from attlog.formats.ulog.records import (
     FILE_HEADER,
     LARGEST_UNKNOWN,
     MAGIC,
     SYNC_MARK,
-    info_value,
-    keyed,
-    parameter_value,
     text,
 )
 from attlog.formats.ulog.topic import Topic
@@ -39,27 +38,22 @@ from attlog.formats.ulog.writer import write
 from attlog.limits import (
     MAX_DAMAGE,
     MAX_FORMATS,
-    MAX_PARAM_CHANGES,
-    MAX_TEXT_LENGTH,
-    MAX_TEXTS,
-    MAX_TIME_JUMP_S,
 )
 
 __all__ = ["read", "write"]
 
-ENCRYPTED = b"ULogEnc"
 LONG_UNKNOWN = 300
 """Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""
 
 
-def read(path: Path | str) -> Messages:
-    """The log as :class:`Messages` with ``(topic, multi id)`` keys, format ``ulog``.
+def read(path: Path | str, *, data: Bytes | None = None) -> Messages:
+    """The log as :class:`Messages` with ``(topic, multi id)`` keys, format ``ulog``; ``data`` are its bytes if mapped.
 
     LogUnreadable if the file cannot be opened, NotALog if it is no ULog, LogUnusable
     if it is encrypted or needs a newer reader. Damage is listed, never raised.
     """
     path = Path(path)
-    data = map_bytes(path)
+    data = map_bytes(path) if data is None else data
     head = data[:FILE_HEADER].tobytes()
     if head.startswith(ENCRYPTED):
         raise LogUnusable(f"{path}: this ULog is encrypted; decrypt it with the key of the vehicle first")
@@ -72,23 +66,23 @@ class _Reader:
     """One walk over the file; ``messages`` turns what was found into the result."""
 
     def __init__(self, path: Path, data: Bytes) -> None:
-        self.path, self.data, self.raw, self.size = path, data, memoryview(data), len(data)
+        self.path, self.data, self.raw, self.size = path, data, data.data, len(data)
         self.sizes = Sizes()
-        self.framing = Framing(data, self.sizes, self._is_timely)
+        self.clock = RecordClock(self.raw)
+        self.framing = Framing(data, self.sizes, lambda start: self.clock.is_timely(start, self.recent))
         self.chain = chain(self.data, self.sizes)
         self.topics: dict[tuple[str, int], Topic] = {}
-        self.params: list[ParamChange] = []
-        self.texts: list[Text] = []
-        self.info: dict[str, Any] = {}
-        self.dropouts: list[int] = []
+        self.content = Content(self._time_before)
         self.damage: list[Damage] = []
         self.damage_bytes = 0
         self.damaged = False
         self.boots: list[int] = []
         self.unknown: dict[int, list[int]] = {}
-        self.runs: Runs = []
+        self.segments: Segments = []
         self.pending = 0
         self.appended: list[int] = []
+        self.last, self.low = 0, 0
+        self.recent: list[int] = []
         self._start_log(0)
 
     def messages(self) -> Messages:
@@ -106,9 +100,10 @@ class _Reader:
         if self.damaged:
             tables = {key: kept for key, table in tables.items() if len(kept := self._without_doubtful(table))}
         ends = [*self.boots[1:], self.size]
+        content = self.content
         return Messages(
-            self.path, "ulog", self.size, tables, self.params, self.texts, self.info,
-            sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, self.dropouts,
+            self.path, "ulog", self.size, tables, content.params, content.texts, content.info,
+            sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, content.dropouts_ms,
             [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)],
         )  # fmt: skip
 
@@ -134,7 +129,7 @@ class _Reader:
     def _keep(self, starts: Offsets, ids: Identifiers) -> None:
         if self.pending >= self.chain.group:  # before and not after: the last record can still be given up
             self._group()
-        self.runs.append((starts, ids))
+        self.segments.append((starts, ids))
         self.pending += len(starts)
         self.last = int(starts[-1])
         self.recent = starts[-3:].tolist()
@@ -167,7 +162,7 @@ class _Reader:
         if may_hide_records and self.framing.anchor(position + 1, end) < end:
             return None
         if kind == DATA:
-            self.unknown.setdefault(self.framing.identifier(position), []).append(position)
+            self.unknown.setdefault(identifier_at(self.raw, position), []).append(position)
         elif kind in b"IMFPQALC":
             self._take(kind, payload, position)
         return end
@@ -186,7 +181,7 @@ class _Reader:
             return stop
         self.damaged = True
         begin = position
-        if self.runs and self.framing.end(self.last) == position:
+        if self.segments and self.framing.end(self.last) == position:
             begin = self.last
             self._drop_last()
         here = self.framing.anchor(max(begin + 1, self.low), stop)
@@ -196,18 +191,12 @@ class _Reader:
         return here
 
     def _drop_last(self) -> None:
-        starts, ids = self.runs.pop()
+        starts, ids = self.segments.pop()
         self.pending -= 1
         if len(starts) > 1:
-            self.runs.append((starts[:-1], ids[:-1]))
-        self.recent = self.runs[-1][0][-3:].tolist() if self.runs else []
+            self.segments.append((starts[:-1], ids[:-1]))
+        self.recent = self.segments[-1][0][-3:].tolist() if self.segments else []
         self.last = self.recent[-1] if self.recent else 0
-
-    def _is_timely(self, start: int) -> bool:
-        """Whether the data record's time is near those of the last records."""
-        now = self._time_at(start)
-        before = [t for last in self.recent if (t := self._time_at(last)) is not None]
-        return now is None or not before or min(abs(now - t) for t in before) < MAX_TIME_JUMP_S * 1e6
 
     def _without_doubtful(self, table: Table) -> Table:
         """The table without the records that damage went through unseen."""
@@ -251,10 +240,9 @@ class _Reader:
         fitting = []
         for name in self.formats.keys() - subscribed:
             layout = layout_of(name, self.formats)
-            if layout is None or layout.time_at is None or min(sizes) - 2 not in (layout.size, layout.full_size):
+            if layout is None or min(sizes) - 2 not in (layout.size, layout.full_size):
                 continue
-            times = gather(self.data[HEADER + layout.time_at :], starts, np.dtype("<u8")).astype(np.float64)
-            if (np.diff(times) >= 0).all() and times[-1] - times[0] < MAX_TIME_JUMP_S * 1e6:
+            if rise(self.data, starts, layout):
                 fitting.append((name, layout))
         return fitting[0] if len(fitting) == 1 else None
 
@@ -264,40 +252,26 @@ class _Reader:
         """A file header: a new power-up with its own definitions."""
         self.formats: dict[str, Members] = {}
         self.by_id: dict[int, tuple[str, int, Layout]] = {}
-        self.in_data = False
-        self.last = 0
-        self.recent: list[int] = []
-        self.low = 0
+        self.clock.forget()
+        self.last, self.low, self.recent = 0, 0, []
         self.framing.checked = -1
-        self.runs.clear()
+        self.segments.clear()
         self.boots.append(position)
-        self.start_us = struct.unpack_from("<Q", self.raw, position + 8)[0]
+        self.content.start(self.raw[position + 7], struct.unpack_from("<Q", self.raw, position + 8)[0])
         self.sizes.smallest[:] = 0
         self.chain.forget()
-        if position == 0:
-            self.info["ulog_version"] = self.raw[7]
-            self.info["ulog_start_us"] = self.start_us
 
     def _take(self, kind: int, payload: bytes, position: int) -> None:
         try:
             match chr(kind):
-                case "P" | "Q":
-                    self._take_parameter(kind, payload, position)
                 case "F":
                     self._take_format(payload)
                 case "A":
-                    self._take_subscription(payload, position)
-                case "I":
-                    key_type, name, raw = keyed(payload)
-                    self.info[name] = info_value(key_type, raw)
-                case "M":
-                    self._take_parts(payload)
-                case "L" | "C":
-                    self._take_text(kind, payload, position)
-                case "O":
-                    self.dropouts.append(struct.unpack_from("<H", payload)[0])
+                    self._take_subscription(payload)
                 case "B":
                     self._take_flags(payload, position)
+                case _:
+                    self.content.take(kind, payload, position)
         except (IndexError, struct.error):
             self._damaged(position, position + 3 + len(payload), f"a malformed {chr(kind)} record", "behind it")
 
@@ -306,8 +280,8 @@ class _Reader:
         if parsed is not None and len(self.formats) < MAX_FORMATS:
             self.formats[parsed[0]] = parsed[1]
 
-    def _take_subscription(self, payload: bytes, position: int) -> None:
-        self.in_data = True
+    def _take_subscription(self, payload: bytes) -> None:
+        self.content.in_data = True
         multi, identifier = struct.unpack_from("<BH", payload)
         name = text(payload[3:])
         layout = layout_of(name, self.formats)
@@ -316,37 +290,9 @@ class _Reader:
         if identifier in self.by_id and self.by_id[identifier] != (name, multi, layout):
             self._group()
         self.by_id[identifier] = (name, multi, layout)
+        self.clock.subscribe(identifier, layout)
         if self.sizes.set(identifier, layout.size + 2, layout.full_size + 2):
             self.chain.forget()
-
-    def _take_parts(self, payload: bytes) -> None:
-        key_type, name, raw = keyed(payload[1:])
-        value = info_value(key_type, raw)
-        parts = self.info.setdefault(name, [])
-        if not isinstance(parts, list):
-            return
-        if payload[0] and parts and type(parts[-1]) is type(value) and isinstance(value, str | bytes):
-            parts[-1] += value
-        elif len(parts) < MAX_TEXTS:
-            parts.append(value)
-
-    def _take_parameter(self, kind: int, payload: bytes, position: int) -> None:
-        key_type, name, raw = keyed(payload[1:] if kind == ord("Q") else payload)
-        value = parameter_value(key_type, raw)
-        if value is None or not name or len(self.params) >= MAX_PARAM_CHANGES:
-            return
-        is_default = kind == ord("Q")
-        changed = self.in_data and not is_default
-        t_us = (self._time_before(position) or self.start_us) if changed else None
-        self.params.append(ParamChange(name, value, t_us, is_default, position))
-
-    def _take_text(self, kind: int, payload: bytes, position: int) -> None:
-        self.in_data = True
-        at = 1 if kind == ord("L") else 3
-        if len(self.texts) < MAX_TEXTS:
-            t_us = struct.unpack_from("<Q", payload, at)[0]
-            level = min(max(payload[0] - ord("0"), 0), 7)
-            self.texts.append(Text(text(payload[at + 8 :])[:MAX_TEXT_LENGTH], level, t_us, position))
 
     def _take_flags(self, payload: bytes, position: int) -> None:
         if position != self.boots[-1] + FILE_HEADER:
@@ -359,25 +305,18 @@ class _Reader:
             offsets = struct.unpack_from("<3Q", payload, 16)
             self.appended = [a for a in offsets if position < a < self.size]
 
-    def _time_at(self, start: int) -> int | None:
-        """The stamp of a data record, None if its topic has none."""
-        known = self.by_id.get(self.framing.identifier(start))
-        if known is None or known[2].time_at is None:
-            return None
-        return int(struct.unpack_from("<Q", self.raw, start + HEADER + known[2].time_at)[0])
-
     def _time_before(self, position: int) -> int | None:
         """The stamp of the last data record before, None if there is none."""
-        return self._time_at(self.last) if self.last and self.last < position else None
+        return self.clock.time_at(self.last) if self.last and self.last < position else None
 
     # From starts to tables.
 
     def _group(self) -> None:
         """Sort the collected starts into their topics, file order within each."""
-        if not self.runs:
+        if not self.segments:
             return
-        runs, self.runs, self.pending = self.runs, [], 0
-        for identifier, part in self.chain.by_id(runs):
+        segments, self.segments, self.pending = self.segments, [], 0
+        for identifier, part in self.chain.by_id(segments):
             name, multi, layout = self.by_id[identifier]
             self._add((name, multi), layout, part)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Callable
 from typing import Any
 
 from attlog.formats.ulog.layout import BASIC
@@ -95,7 +96,7 @@ def _is_text(payload: bytes, head: int) -> bool:
     return len(payload) <= LONGEST_BINARY_TEXT or payload.isascii()
 
 
-_CHECKS = {
+_CHECKS: dict[int, Callable[[bytes], bool]] = {
     ord("B"): lambda p: 40 <= len(p) <= 256,
     ord("I"): _is_info,
     ord("M"): lambda p: len(p) > 5 and p[0] <= 1 and _is_info(p[1:]),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.errors import UsageError
 from attlog.formats.base import ParamChange, Text
+from attlog.formats.merge import merged
 from attlog.formats.ulog.layout import BASIC
 from attlog.formats.ulog.records import MAGIC
 from attlog.output import write_atomic
@@ -104,30 +105,20 @@ def _format(name: str, columns: Columns) -> str:
 def _data(topics: Mapping[tuple[str, int], Columns], params: Sequence[ParamChange], texts: Sequence[Text]) -> bytes:
     """Data records of all topics, texts and parameter changes in the order of their times."""
     blocks = [_rows(identifier, columns) for identifier, columns in enumerate(topics.values())]
+    times = [columns["timestamp"] for columns in topics.values()]
+    lengths = [np.full(len(rows), rows.shape[1]) for rows in blocks]
     single = [(p.t_us, _parameter(p)) for p in params if p.t_us is not None]
     single += [(x.t_us or 0, _text(x)) for x in texts]
-    times = [columns["timestamp"].astype(np.uint64) for columns in topics.values()]
-    times.append(np.array([t for t, _ in single], np.uint64))
-    lengths = [np.full(len(rows), rows.dtype.itemsize) for rows in blocks] + [
-        np.array([len(r) for _, r in single], int)
-    ]
-    order = np.argsort(np.concatenate(times), kind="stable")
-    size = np.concatenate(lengths)[order]
-    begins = np.empty(len(order), np.int64)
-    begins[order] = np.cumsum(size) - size
-    out = np.zeros(int(size.sum()), np.uint8)
-    first = 0
-    for rows in blocks:
-        places = begins[first : first + len(rows), None] + np.arange(rows.dtype.itemsize)
-        out[places] = rows.view(np.uint8).reshape(len(rows), -1)
-        first += len(rows)
-    for begin, (_, record) in zip(begins[first:].tolist(), single, strict=True):
-        out[begin : begin + len(record)] = np.frombuffer(record, np.uint8)
-    return out.tobytes()
+    if single:
+        padded = np.array([record for _, record in single], np.bytes_)
+        blocks.append(padded.view(np.uint8).reshape(len(single), padded.itemsize))
+        times.append(np.array([t for t, _ in single], np.uint64))
+        lengths.append(np.array([len(record) for _, record in single], np.int64))
+    return merged(blocks, times, lengths)
 
 
-def _rows(identifier: int, columns: Columns) -> NDArray[np.void]:
-    """The topic's records with their headers."""
+def _rows(identifier: int, columns: Columns) -> NDArray[np.uint8]:
+    """The topic's records with their headers as (n, length) bytes."""
     members = [(name, values.dtype.newbyteorder("<"), values.shape[1:]) for name, values in columns.items()]
     record = np.dtype([(SIZE, "<u2"), (KIND, "u1"), (ID, "<u2"), *members])
     if record.itemsize - 3 > 0xFFFF:
@@ -136,4 +127,4 @@ def _rows(identifier: int, columns: Columns) -> NDArray[np.void]:
     rows[SIZE], rows[KIND], rows[ID] = record.itemsize - 3, ord("D"), identifier
     for name, values in columns.items():
         rows[name] = values
-    return rows
+    return rows.view(np.uint8).reshape(len(rows), record.itemsize)

@@ -105,7 +105,7 @@ const draws = {
     return { traces, layout: L };
   },
   lag(id, f) {
-    const p = dotted(id, f.rows, 'delay, ms (left: early, right: late)', ' ms');
+    const p = dotted(id, f.rows, 'lag, ms (left: ahead, right: behind)', ' ms');
     if (f.half) { p.layout.shapes.push(band(-f.half, f.half, css('--arm'))); if (!narrow(id)) p.layout.annotations.push(note(0, '± half an IMU sample')); }
     f.rows.forEach((d) => {
       if (d.single.length && !hidden.has(d.r)) p.traces.unshift({ type: 'scatter', mode: 'markers', x: d.single, y: d.single.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !hidden.has(d.r), marker: d.ok ? { size: 5, color: colour(d.r), opacity: 0.55 } : { size: 6, color: css('--bg'), line: { color: colour(d.r), width: 1.2 } }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });

@@ -12,6 +12,7 @@ from attlog import rotation
 from attlog.errors import UsageError
 from attlog.estimators import base, get
 from attlog.estimators.engine.batch import estimate_batch, kernel
+from attlog.estimators.registry import BUILT_IN
 
 G = 9.80665
 
@@ -34,27 +35,42 @@ SETS = [{"kp": 0.1 + 0.2 * i, "ki": 0.002 * i} for i in range(19)]
 
 
 @pytest.mark.parametrize("name", ["mahony", "complementary"])
-def test_each_lane_equals_a_run_of_its_own_to_the_bit(name: str) -> None:
+def test_each_set_equals_a_run_of_its_own_to_the_bit(name: str) -> None:
     x = flight()
-    lanes = estimate_batch(get(name), SETS, *x)
-    assert len(lanes) == len(SETS)
-    for values, lane in zip(SETS, lanes, strict=True):
+    batch = estimate_batch(get(name), SETS, *x)
+    assert len(batch) == len(SETS)
+    for values, one in zip(SETS, batch, strict=True):
         alone = attlog.estimate(name, *x, **values)
-        assert np.array_equal(lane.q, alone.q)
-        assert np.array_equal(lane.bias, alone.bias)
-        assert np.array_equal(lane.t, alone.t)
-        assert np.array_equal(lane.segment, alone.segment)
-        assert lane.skipped == alone.skipped
+        assert np.array_equal(one.q, alone.q)
+        assert np.array_equal(one.bias, alone.bias)
+        assert np.array_equal(one.t, alone.t)
+        assert np.array_equal(one.segment, alone.segment)
+        assert one.skipped == alone.skipped
+
+
+@pytest.mark.parametrize("name", [n for n in BUILT_IN if get(n).step is not None])
+def test_every_built_in_filter_gives_in_a_batch_what_it_gives_alone(name: str) -> None:
+    """The numbers of every filter differ between the sets, so that mixed up columns would show."""
+    x = flight(600)
+    numbers = [p for p in get(name).own if not p.choices]
+    sets = [{p.name: min(p.high, f * float(p.default)) for p in numbers} for f in (1.0, 0.8, 1.3)]
+    switches = {i: p.code(p.default) for i, p in enumerate(get(name).own) if p.choices}
+    assert kernel(get(name), switches, "float64") is not None
+    for values, one in zip(sets, estimate_batch(get(name), sets, *x), strict=True):
+        alone = attlog.estimate(name, *x, **values)
+        assert np.abs(one.q - alone.q).max() < 1e-12
+        for output, columns in alone.aux.items():
+            assert np.allclose(one.aux[output], columns, rtol=1e-9, atol=1e-12)
 
 
 def test_switches_declination_start_and_decimation_may_differ_or_be_given() -> None:
     x = flight()
     sets: list[dict[str, Any]] = [{}, {"mag_form": "vector"}, {"declination": 7.0}, {"init": "first"}, {"kp": 3.0}]
     q0 = rotation.from_euler(0.1, 0.2, 0.3)
-    lanes = estimate_batch(get("mahony"), sets, *x, preset="xu-1.1", q0=q0, every=5, sampling="instant")
-    for values, lane in zip(sets, lanes, strict=True):
+    batch = estimate_batch(get("mahony"), sets, *x, preset="xu-1.1", q0=q0, every=5, sampling="instant")
+    for values, one in zip(sets, batch, strict=True):
         alone = attlog.estimate("mahony@xu-1.1", *x, q0=q0, every=5, sampling="instant", **values)
-        assert np.array_equal(lane.q, alone.q)
+        assert np.array_equal(one.q, alone.q)
 
 
 def test_single_precision_stays_within_a_tenth_of_a_degree() -> None:
@@ -75,15 +91,15 @@ def vector_step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any
 
 
 def test_a_step_that_cannot_be_rewritten_runs_one_by_one() -> None:
-    knob = base.Parameter("gain", 1.0, "1", 0, 2, "none", "test")
+    gain = base.Parameter("gain", 1.0, "1", 0, 2, "none", "test")
     estimator = base.Estimator(
-        "whole", "", "", "", frozenset({"gyro"}), frozenset({"gyro"}), (knob, base.INIT), {},
+        "whole", "", "", "", frozenset({"gyro"}), frozenset({"gyro"}), (gain, base.INIT), {},
         start=lambda params, acc, mag, q0: q0, step=vector_step, origin="test",
     )  # fmt: skip
     assert kernel(estimator, {}, "float64") is None
     x = flight()
-    lanes = estimate_batch(estimator, [{}, {"gain": 2.0}], *x)
-    assert np.array_equal(lanes[0].q, attlog.estimate(estimator, *x).q)
+    batch = estimate_batch(estimator, [{}, {"gain": 2.0}], *x)
+    assert np.array_equal(batch[0].q, attlog.estimate(estimator, *x).q)
 
 
 def test_no_sets_no_samples_and_wrong_names_are_handled() -> None:

@@ -7,7 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-CODE = "from attlog.estimators import get; from attlog.estimators.engine import loop; print(sum(loop.kernel(get('gyro')).stats.cache_hits.values()))"
+CODE = """
+from attlog.estimators import get
+from attlog.estimators.engine import loop
+print(sum(loop.kernel(get('gyro')).stats.cache_hits.values()))
+"""
 
 
 def test_the_second_process_loads_what_the_first_compiled(tmp_path: Path) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from pymavlink import mavutil
+from pymavlink import DFReader, mavutil
 
+from attlog import flight
 from attlog.flight.ardupilot import reader
 from attlog.flight.model import FlightLog
 from attlog.flight.modes import ARDUPILOT_MODES
@@ -173,6 +175,36 @@ def test_the_fast_attitude_record_is_the_one_that_flew() -> None:
     assert log.setpoints.source == "ANG.Des"
 
 
+def test_a_fast_attitude_record_with_holes_is_not_the_one_that_flew() -> None:
+    """A VTOL writes ANG in its hover modes only: more samples than ATT, a third of the time."""
+    hover = {c: np.concatenate([x[:1600], x[-1600:]]) for c, x in att(16_000, 400.0).items()}
+    log = read({("IMU", 0): imu(2000), ("ATT", 0): att(400), ("ANG", 0): hover})
+    assert len(log.attitudes["ANG"].t) > len(log.attitudes["ATT"].t)
+    assert log.onboard == "ATT"
+    assert log.setpoints.source == "ATT.Des"
+    covered = log.attitudes["ANG"].covers(np.array([1.0, 20.0, 39.0]))
+    assert covered.tolist() == [True, False, True]
+
+
+def test_battery_before_3_4_is_in_hundredths_and_in_units_since() -> None:
+    """3.1 to 3.3 write CURR as IhIhhhf: int16 centivolts and centiamperes."""
+    current = {"TimeMS": (micros(20, 1) // 1000).astype(np.uint32), "Volt": np.full(20, 1644, np.int16),
+               "Curr": np.full(20, 108, np.int16)}  # fmt: skip
+    np.testing.assert_allclose(read({("IMU", 0): imu(), ("CURR", 0): current}).battery.x, [[16.44, 1.08]] * 20)
+    new = {"TimeUS": micros(20, 1), "Volt": np.full(20, 16.44, np.float32), "Curr": np.full(20, 1.08, np.float32)}
+    np.testing.assert_allclose(read({("IMU", 0): imu(), ("BAT", 0): new}).battery.x, [[16.44, 1.08]] * 20, rtol=1e-6)
+
+
+def test_battery_of_an_old_log_is_what_pymavlink_reads(corpus: Path) -> None:
+    path = corpus / "logs" / "bin_copter_3.2.1_quad_cut.BIN"
+    theirs, raw = DFReader.DFReader_binary(str(path)), []
+    while (record := theirs.recv_match(type="CURR")) is not None:
+        raw.append((record.Volt, record.Curr))
+    ours = flight.read(path).battery.x
+    np.testing.assert_allclose(ours, np.array(raw)[: len(ours)] / 100.0)
+    assert 14.0 < np.median(ours[:, 0]) < 17.0, "a battery of four cells"
+
+
 def test_angles_in_hundredths_tell_their_step() -> None:
     coarse = att() | {"Roll": np.round(np.random.default_rng(1).normal(0, 5, 200), 2)}
     fine = att() | {"Roll": np.random.default_rng(1).normal(0, 5, 200)}
@@ -266,10 +298,12 @@ def test_a_log_without_any_time_says_so() -> None:
 
 
 def test_slow_imu_names_the_setting_of_the_firmware() -> None:
-    assert "INS_RAW_LOG_OPT" in read({("IMU", 0): imu(500, 25.0)}).problems[0].text
+    new = read({("IMU", 0): imu(500, 25.0)}).problems[0].text
+    assert "Set bit 18 (fast IMU) or bit 19 (raw IMU) of LOG_BITMASK." in new
     old = read({("IMU", 0): imu(500, 25.0)}, texts=(Text("APM:Copter V3.4.6 (e707341b)", 6, 0),))
-    assert "LOG_BITMASK" in old.problems[0].text
-    assert "INS_RAW_LOG_OPT" not in old.problems[0].text
+    assert old.problems[0].text.endswith(new[new.index("Set bit") :])
+    before = read({("IMU", 0): imu(500, 25.0)}, texts=(Text("APM:Copter V3.1.5 (e707341b)", 6, 0),)).problems[0].text
+    assert "3.4 and later" in before
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 from attlog.errors import LogUnreadable, LogUnusable
 from attlog.formats.dataflash import reader
 from attlog.formats.dataflash.index import FMT_LENGTH, Index, index_records
+from tests.conftest import SAMPLES
 from tests.formats.damage import KINDS, Damaged, damage
 
 
@@ -231,3 +232,25 @@ def test_everything_in_a_damaged_log_can_be_decoded(raw: bytes, tmp_path: Path, 
     assert sum(len(found.boot(k).get(("IMU", 0), ())) for k in range(len(found.boots))) == len(
         found.get(("IMU", 0), ())
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "letters", "false"),
+    [("MSG", b"QZ", b"Qa"), ("PARM", b"QNff", b"QNnf"), ("PARM", b"QNff", b"Qqqff"), ("UNIT", b"QbZ", b"QZb"),
+     ("MULT", b"Qbd", b"Qbq"), ("FMTU", b"QBNN", b"QNBN"), ("FMTU", b"QBNN", b"QBNqq")],
+)  # fmt: skip
+def test_a_format_that_gives_a_known_column_another_type_is_read(
+    name: str, letters: bytes, false: bytes, tmp_path: Path
+) -> None:
+    """Foreign writers and damage do that; what has the wrong type is left out, the data stands."""
+    raw = bytearray((SAMPLES / "copter_steps_stabilize.bin").read_bytes()[:400_000])
+    at = raw.find(name.encode().ljust(4, b"\0") + letters.ljust(16, b"\0"))
+    assert at > 0
+    whole = tmp_path / "whole.bin"
+    whole.write_bytes(raw)
+    raw[at + 4 : at + 20] = false.ljust(16, b"\0")
+    path = tmp_path / "false.bin"
+    path.write_bytes(raw)
+    log, true = reader.read(path), reader.read(whole)
+    np.testing.assert_array_equal(log["IMU", 0]["GyrX"], true["IMU", 0]["GyrX"])
+    assert all(isinstance(p.name, str) and isinstance(p.value, int | float) for p in log.params)

@@ -12,8 +12,8 @@ from hypothesis.extra import numpy as hnp
 
 from attlog.errors import UsageError
 from attlog.formats.mavlink import reader
+from attlog.formats.mavlink.crc import crc_of_rows
 from attlog.formats.mavlink.dialect import dialect, layout
-from attlog.formats.mavlink.index import crc_of_rows
 from tests.formats.mavlink.test_tlog import read_with_pymavlink
 
 Log = dict[tuple[str, int], dict[str, np.ndarray]]

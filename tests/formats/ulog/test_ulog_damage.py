@@ -55,7 +55,7 @@ def as_records(raw: np.ndarray, extents: np.ndarray) -> Counter[bytes]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_wounds_cost_only_what_they_touch(seed: int, raw: np.ndarray, extents: np.ndarray, tmp_path: Path) -> None:
+def test_damage_costs_only_what_it_touches(seed: int, raw: np.ndarray, extents: np.ndarray, tmp_path: Path) -> None:
     """30 damage of up to 400 bytes: over 99 % of the untouched records stay, under one false record."""
     dice = np.random.default_rng(seed)
     hurt, alive = raw.copy(), np.ones(len(extents), bool)
@@ -179,9 +179,9 @@ def test_whatever_bytes_change_the_reader_ends_with_a_log_or_an_error(
     hurt = bytearray(small)
     for _ in range(data.draw(st.integers(1, 6))):
         at = data.draw(st.integers(0, len(hurt) - 1))
-        piece = data.draw(st.binary(min_size=0, max_size=30))
+        junk = data.draw(st.binary(min_size=0, max_size=30))
         gone = data.draw(st.integers(0, 30))
-        hurt[at : at + gone] = piece
+        hurt[at : at + gone] = junk
     (tmp_path / "any.ulg").write_bytes(hurt)
     try:
         log = formats.open(tmp_path / "any.ulg")

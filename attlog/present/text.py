@@ -1,4 +1,4 @@
-"""Texts of strangers made fit to be shown, and values of unknown type as text."""
+"""Texts of strangers made fit to be shown, sentences of other rooms typeset, values of unknown type as text."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from attlog.present.numbers import unit_sign
+from attlog.present.numbers import CLOCK_FROM_S, MINUS, moment, unit_sign
 
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]")
 
@@ -15,11 +15,6 @@ CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2
 def clean(text: str) -> str:
     """Text from a log made fit to be shown: control and direction characters become a visible mark."""
     return CONTROL.sub("\ufffd", str(text))
-
-
-def shown(value: Any) -> Any:
-    """What the template puts in place of a value: texts cleaned (jinja escapes them), own markup as it is."""
-    return value if hasattr(value, "__html__") or not isinstance(value, str) else clean(value)
 
 
 def cleaned(value: Any) -> Any:
@@ -34,18 +29,25 @@ def cleaned(value: Any) -> Any:
 
 
 UNITS_IN_TEXT = (
+    (re.compile(r"(?<![\w.])-(?=0(\.0+)?( |°|,|$))"), ""),
     (re.compile(r" deg/(min|s|h)\b"), r"°/\1"),
     (re.compile(r" deg\b"), "°"),
     (re.compile(r"\+-(?=\d)"), "±"),
     (re.compile(r"(?<=\d) m/s\^2"), " m/s²"),
     (re.compile(r"(?<=\d) uT\b"), " µT"),
-    (re.compile(r"(?<![\w.])-(?=\d+(\.\d+)?( |°|,|$))"), "\u2212"),
+    (re.compile(r"(?<![\w.])-(?=\d+(\.\d+)?( |°|,|$))"), MINUS),
 )
 
 
+INSTANT = re.compile(r"\b(at|from|until) (\d{3,}(?:\.\d+)?) s\b")
+"""A time on the log's clock in a sentence."""
+
+
 def typeset(text: str) -> str:
-    """A sentence of another room with its units and signs written as on the rest of the page: ``±6.0°/min``."""
-    text = clean(text)
+    """A sentence of another room with units, signs and times written as everywhere: ``±6.0°/min``, ``at 0:17:23``."""
+    text = INSTANT.sub(
+        lambda m: f"{m[1]} {moment(float(m[2])) if float(m[2]) >= CLOCK_FROM_S else m[2] + ' s'}", clean(text)
+    )
     for found, written in UNITS_IN_TEXT:
         text = found.sub(written, text)
     return text
@@ -59,6 +61,6 @@ def plain_value(value: Any, unit: str = "") -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         sign = unit_sign(unit)
-        text = f"{value:.4g}".replace("-", "\u2212")
+        text = f"{value + 0.0:.4g}".replace("-", MINUS)
         return f"{text}{sign}" if sign.startswith("°") else f"{text} {sign}".rstrip()
     return f"{value} {unit_sign(unit)}".rstrip()

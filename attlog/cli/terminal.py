@@ -1,0 +1,47 @@
+"""Everything that ``analyze`` says about one log on the terminal: sentences, table, what is wrong with the log."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+
+from attlog.cli.table import Line, comparison
+from attlog.present.problems import problems
+from attlog.present.stand_ins import stand_in
+from attlog.present.text import clean, typeset
+from attlog.result import Result
+
+SENTENCES = 100
+"""Columns over which sentences are laid out; longer lines are hard to read."""
+
+
+def printed(result: Result, window: str, width: int, encoding: str, verbose: bool = False) -> Iterator[Line]:
+    """The lines for one log, at most ``width`` columns wide where words can be broken.
+
+    ``window``: where the table looks; ``encoding``: of the output, signs that it lacks get
+    stand-ins; ``verbose`` shows notes among the problems too.
+    """
+
+    def shown(text: str) -> str:
+        return stand_in(text, encoding)
+
+    yield Line(shown(clean(stand_in(str(result.log.get("name") or "log"), "utf-8"))), "bold")
+    for verdict in result.verdicts:
+        yield from wrapped(f"  {verdict.question:<10}", shown(typeset(verdict.sentence)), width)
+    table = comparison(result, window, width, shown)
+    if table:
+        yield Line("")
+        yield from table
+    yield Line("")
+    for problem in problems(result):
+        if verbose or problem.style != "note":
+            where = f" ({problem.where})" if problem.where else ""
+            times = f" ({problem.count} times)" if problem.count > 1 else ""
+            yield from wrapped(f"  {problem.label.lower()}: ", shown(f"{typeset(problem.text)}{where}{times}"), width)
+
+
+def wrapped(label: str, text: str, width: int) -> Iterator[Line]:
+    """A sentence after its label, broken between words."""
+    lines = textwrap.wrap(text, min(width, SENTENCES) - len(label), break_long_words=False, break_on_hyphens=False)
+    for i, line in enumerate(lines or [""]):
+        yield Line(((label if i == 0 else " " * len(label)) + line).rstrip())

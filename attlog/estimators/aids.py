@@ -1,0 +1,136 @@
+"""What helps an estimator beside gyro, accelerometer and magnetometer: GNSS, barometer, airspeed, rest.
+
+A whole-run estimator gets :class:`Aids` as they are. A step whose ``USES`` names one of
+``gnss``, ``baro``, ``airspeed`` and ``at_rest`` takes one argument more, ``aid``, a plain
+float64 array with what arrived since the step before, NaN where nothing new did:
+
+======================= ========== ===========================================================
+element                 unit       meaning
+======================= ========== ===========================================================
+LAT, LON, ALT           deg deg m  GNSS position
+POS_H_ACC, POS_V_ACC    m          its accuracy (1 sigma), NaN also where the receiver tells none
+VEL_N, VEL_E, VEL_D     m/s        GNSS velocity, north-east-down
+VEL_ACC                 m/s        its accuracy
+BARO                    m          barometric height, any zero
+AIRSPEED                m/s        true airspeed
+AT_REST                 -          1 at rest, 0 in motion, at every step; NaN where nobody can tell
+======================= ========== ===========================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog.errors import UsageError
+from attlog.estimators.base import Array
+
+LAT, LON, ALT, POS_H_ACC, POS_V_ACC = 0, 1, 2, 3, 4
+VEL_N, VEL_E, VEL_D, VEL_ACC = 5, 6, 7, 8
+BARO, AIRSPEED, AT_REST = 9, 10, 11
+SIZE = 12
+"""Elements of ``aid``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Values ``x`` (n,) or (n, k) measured at ``t`` (n,) s, with standard deviations ``sigma`` (n,) or (n, j).
+
+    Anything that numpy takes for an array. A component that a sample does not tell is NaN.
+    UsageError for other shapes, times that are not finite or do not rise, infinite values
+    and samples without any value.
+    """
+
+    t: Array
+    x: Array
+    sigma: Array | None = None
+
+    def __post_init__(self) -> None:
+        t, x = _array(self.t, "t"), _array(self.x, "x")
+        if t.ndim != 1 or x.ndim not in (1, 2) or len(x) != len(t):
+            raise UsageError(f"aids need t (n,) and x (n,) or (n, k), not {t.shape} and {x.shape}")
+        if not np.isfinite(t).all() or not (np.diff(t) > 0).all():
+            raise UsageError("times of aids must be finite and rise; sort them and leave out what comes twice")
+        if np.isinf(x).any() or np.isnan(x).reshape(len(t), -1).all(axis=1).any():
+            raise UsageError("values of aids must be finite; leave out samples that tell nothing")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "x", x)
+        if self.sigma is not None:
+            sigma = _array(self.sigma, "sigma")
+            if sigma.ndim not in (1, 2) or len(sigma) != len(t) or np.isinf(sigma).any() or (sigma < 0).any():
+                raise UsageError(f"sigma of aids must be a number from 0 for each of the {len(t)} samples, or NaN")
+            object.__setattr__(self, "sigma", sigma)
+
+    def between(self, t0: float, t1: float) -> Measured | None:
+        """The samples with t0 <= t <= t1; None if there is none."""
+        a, b = np.searchsorted(self.t, [t0, np.nextafter(t1, np.inf)])
+        if a == b:
+            return None
+        return Measured(self.t[a:b], self.x[a:b], None if self.sigma is None else self.sigma[a:b])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aids:
+    """Measurements with their own clocks (the one of the IMU's ``t``), None where there are none.
+
+    ``position`` x (n, 3) latitude and longitude in deg, altitude in m, sigma (n, 2) horizontal
+    and vertical in m. ``velocity`` x (n, 3) m/s NED, sigma (n,) m/s. ``baro`` x (n,) height in
+    m. ``airspeed`` x (n,) m/s, true. ``at_rest`` (k, 2): begin and end in s of each time at
+    rest, in order; an empty (0, 2) says that there was none. UsageError for other shapes.
+    """
+
+    position: Measured | None = None
+    velocity: Measured | None = None
+    baro: Measured | None = None
+    airspeed: Measured | None = None
+    at_rest: Array | None = None
+
+    def __post_init__(self) -> None:
+        shapes = {"position": ((3,), (2,)), "velocity": ((3,), ()), "baro": ((), ()), "airspeed": ((), ())}
+        for name, (values, sigmas) in shapes.items():
+            m = getattr(self, name)
+            if m is None:
+                continue
+            if not isinstance(m, Measured):
+                raise UsageError(f"aids: {name} must be attlog.estimators.Measured(t, x, sigma)")
+            if m.x.shape[1:] != values or (m.sigma is not None and m.sigma.shape[1:] != sigmas):
+                wanted = f"x {('n', *values)} and sigma {('n', *sigmas)}".replace("'", "")
+                raise UsageError(f"aids: {name} needs {wanted}, not x {m.x.shape}")
+        if self.at_rest is not None:
+            spans = _array(self.at_rest, "at_rest")
+            if spans.ndim != 2 or spans.shape[1] != 2 or not np.isfinite(spans).all():
+                raise UsageError(f"aids: at_rest must be (k, 2), begin and end in s of each rest, not {spans.shape}")
+            if (np.diff(spans.ravel()) < 0).any():
+                raise UsageError("aids: the spans of at_rest must follow each other")
+            object.__setattr__(self, "at_rest", spans)
+
+    def between(self, t0: float, t1: float) -> Aids:
+        """What was measured in t0 <= t <= t1, spans of rest cut to it."""
+
+        def cut(m: Measured | None) -> Measured | None:
+            return None if m is None else m.between(t0, t1)
+
+        rest = self.at_rest
+        if rest is not None:
+            rest = np.clip(rest[(rest[:, 1] >= t0) & (rest[:, 0] <= t1)], t0, t1)
+        return Aids(cut(self.position), cut(self.velocity), cut(self.baro), cut(self.airspeed), rest)
+
+    def resting(self, t: Array) -> NDArray[np.int64]:
+        """1 (n,) where the times ``t`` (n,) lie in a span of rest, else 0; -1 where nobody can tell."""
+        if self.at_rest is None:
+            return np.full(len(t), -1, np.int64)
+        i = np.searchsorted(self.at_rest[:, 0], t, side="right") - 1
+        ends = np.append(self.at_rest[:, 1], -np.inf)
+        return (t <= ends[i]).astype(np.int64)
+
+
+def _array(x: ArrayLike, name: str) -> Array:
+    """A read-only float64 copy; UsageError if it is none."""
+    try:
+        array = np.array(x, np.float64)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"aids: {name} must be an array of numbers ({error})") from None
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,59 @@
+"""Parameters and texts from the tables of a log, alike in binary DataFlash, its text form and sdlog2."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.formats.base import Messages, ParamChange, Table, Text
+from attlog.formats.clock import Timeline, times_before
+from attlog.formats.mapping import text_of
+from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+
+INFO = 6
+"""Syslog severity of all texts; MSG records carry none."""
+
+
+def params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
+    """PARM records; the default, where it is logged, stands before the value as its own entry."""
+    table = messages.first("PARM")
+    if table is None or not is_text(table, "Name") or not is_number(table, "Value"):
+        return []
+    table = table.rows(slice(MAX_PARAM_CHANGES))
+    names = [text_of(name) for name in table["Name"].tolist()]
+    values = table["Value"].tolist()
+    defaults = table["Default"].tolist() if is_number(table, "Default") else [np.nan] * len(values)
+    result = []
+    rows = zip(names, values, defaults, _times_of(table, timeline), table.offsets.tolist(), strict=True)
+    for name, value, default, t_us, offset in rows:
+        if np.isfinite(default):
+            result.append(ParamChange(name, default, t_us, True, offset))
+        result.append(ParamChange(name, value, t_us, False, offset))
+    return result
+
+
+def texts(messages: Messages, timeline: Timeline) -> list[Text]:
+    """MSG records: banner and events."""
+    table = messages.first("MSG")
+    if table is None or not is_text(table, "Message"):
+        return []
+    table = table.rows(slice(MAX_TEXTS))
+    rows = zip(table["Message"].tolist(), _times_of(table, timeline), table.offsets.tolist(), strict=True)
+    return [Text(text_of(raw)[:MAX_TEXT_LENGTH], INFO, t_us, offset) for raw, t_us, offset in rows]
+
+
+def is_text(table: Table, column: str) -> bool:
+    """Whether the table has this column of texts; a damaged or foreign format may call anything by its name."""
+    return column in table.fields and table.fields[column].dtype.kind == "S"
+
+
+def is_number(table: Table, column: str) -> bool:
+    """Whether the table has this column of numbers."""
+    return column in table.fields and table.fields[column].dtype.kind in "iuf"
+
+
+def _times_of(table: Table, timeline: Timeline) -> list[int | None]:
+    """The time of each record, from its own stamp or else from the record before it."""
+    if "TimeUS" in table.fields and table.fields["TimeUS"].dtype.kind in "iu":
+        own: list[int | None] = table["TimeUS"].tolist()
+        return own
+    return times_before(table.offsets, timeline)

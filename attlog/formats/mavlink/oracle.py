@@ -1,0 +1,53 @@
+"""Telemetry as pymavlink's parser reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from attlog.formats.base import Messages
+from attlog.formats.mavlink.detect import STAMP_LENGTH
+from attlog.formats.mavlink.dialect import STAMP
+from attlog.formats.oracle import Columns, Key, Oracle, as_printed, gathered
+
+
+def read(path: Path, stamp: int) -> Columns:
+    """All known messages by name and sender, with ``stamp`` bytes before each packet."""
+    from pymavlink.dialects.v20 import ardupilotmega
+
+    parser = ardupilotmega.MAVLink(None)
+    parser.robust_parsing = True
+    return gathered(_packets(parser, path.read_bytes(), stamp))
+
+
+def _packets(parser: Any, data: bytes, stamp: int) -> Iterator[tuple[str, int | None, Any]]:
+    """Feed the parser as pymavlink's own log reader does: skip a stamp, then bytes until a packet is whole."""
+    at = stamp
+    while at < len(data):
+        need = max(parser.bytes_needed(), 1)
+        message = parser.parse_char(data[at : at + need])
+        at += need
+        if message is None:
+            continue
+        at += stamp
+        if not message.get_type().startswith(("BAD_DATA", "UNKNOWN")):
+            yield message.get_type(), message.get_srcSystem() * 256 + message.get_srcComponent(), message
+
+
+def keys(log: Messages) -> list[Key]:
+    """The messages of our reading by sender."""
+    return list(log)
+
+
+def ours(log: Messages, key: Key) -> dict[str, Any] | None:
+    """Our columns of one sender's message without the receiver's time; texts as ASCII with replacement characters."""
+    name, sender = key
+    tables = [log[name, sender]] if sender is not None and (name, sender) in log else []
+    columns = as_printed(tables, partial(bytes.decode, encoding="ascii", errors="replace"))
+    return None if columns is None else {c: values for c, values in columns.items() if c != STAMP}
+
+
+TLOG = Oracle("pymavlink", partial(read, stamp=STAMP_LENGTH), keys, ours)
+CAPTURE = Oracle("pymavlink", partial(read, stamp=0), keys, ours)

@@ -1,0 +1,137 @@
+"""A log as the official library of its format reads it, asked in a process of its own.
+
+Used to verify our own readers, by users (``attlog info --verify``) and by the
+tests. The libraries print (pymavlink a line per damaged byte) and may end the
+process; in a child neither reaches the caller. What is asked of which library
+stands in each format's ``oracle.py``.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from attlog.formats.base import Messages, Table
+
+Key = tuple[str, int | None]
+"""Message and instance; instance None where the library does not split by it."""
+Columns = dict[Key, dict[str, Any]]
+
+
+def _nothing(_: Any) -> Any:
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Oracle:
+    """A format's official library, and our reading in its words.
+
+    ``read(path)`` gives all columns as the library names and scales them, ``keys(log)`` our messages by its keys,
+    ``ours(log, key)`` our columns of one of them (None if we have none). ``why_not_ours(column)`` says why attlog
+    leaves out a column on purpose, ``why_not_comparable(log)`` why whole messages cannot be compared.
+    """
+
+    library: str
+    read: Callable[[Path], Columns]
+    keys: Callable[[Messages], list[Key]]
+    ours: Callable[[Messages, Key], dict[str, Any] | None]
+    why_not_ours: Callable[[str], str | None] = _nothing
+    why_not_comparable: Callable[[Messages], dict[str, str] | None] = _nothing
+
+
+class OracleFailed(Exception):
+    """The library raised or ended the process; the message is its own."""
+
+
+def read(path: Path, log_format: str) -> Columns:
+    """The log as the format's official library reads it. ``log_format`` as in ``Messages.format``.
+
+    OracleFailed if the library gives up, with its words.
+    """
+    from attlog.formats.compression import is_gzip, unpack
+
+    with tempfile.TemporaryDirectory(prefix="attlog-") as folder:
+        answer, printed, log = Path(folder, "answer"), Path(folder, "printed"), path.absolute()
+        if is_gzip(path):
+            log = Path(folder, "log")
+            with log.open("w+b") as file:
+                unpack(path, file)
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(p or os.curdir for p in sys.path)}
+        command = [sys.executable, "-m", __name__, log_format, str(log), str(answer)]
+        with printed.open("wb") as sink:
+            done = subprocess.run(
+                command, stdin=subprocess.DEVNULL, stdout=sink, stderr=sink, env=environment, check=False
+            )
+        if done.returncode != 0 or not answer.exists():
+            last = printed.read_bytes().decode("utf-8", "replace").strip().rpartition("\n")[2]
+            raise OracleFailed(f"its process ended with code {done.returncode}: {last}")
+        with answer.open("rb") as file:
+            failure, columns = pickle.load(file)
+    if failure is not None:
+        raise OracleFailed(failure)
+    found: Columns = columns
+    return found
+
+
+def answer_to(log_format: str, path: Path, answer: Path) -> None:
+    """What the child does: read, and leave (failure, columns) behind."""
+    from attlog.formats import format_named
+
+    failure, columns = None, None
+    try:
+        columns = format_named(log_format).load_oracle().read(path)
+    except Exception as error:  # the library may fail in any way on a log that we can read
+        failure = f"{type(error).__name__}: {error}"
+    with answer.open("wb") as file:
+        pickle.dump((failure, columns), file, protocol=5)
+
+
+def gathered(rows: Iterable[tuple[str, int | None, Any]]) -> Columns:
+    """Columns from the messages (name, instance, message) that pymavlink gives one by one."""
+    collected: dict[Key, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    for name, instance, message in rows:
+        table = collected[name, instance]
+        for field in message.get_fieldnames():
+            table[field].append(getattr(message, field))
+    return {key: {field: _array(values) for field, values in table.items()} for key, table in collected.items()}
+
+
+def _array(values: list[Any]) -> Any:
+    """Numbers as an array, texts and mixed values as an array of objects."""
+    return np.array(values) if all(isinstance(v, int | float) for v in values) else _objects(values)
+
+
+def _objects(values: list[Any]) -> Any:
+    array = np.empty(len(values), object)
+    for k, value in enumerate(values):
+        array[k] = value
+    return array
+
+
+def as_printed(tables: list[Table], spell: Callable[[bytes], str]) -> dict[str, Any] | None:
+    """The tables of one message put together in file order: integers as stored, other numbers scaled, texts spelled."""
+    if not tables:
+        return None
+    order = np.argsort(np.concatenate([t.offsets for t in tables]), kind="stable")
+    columns: dict[str, Any] = {}
+    for name, described in tables[0].fields.items():
+        plain = described.dtype.kind in "iub" and described.scale == 1.0
+        stored = plain or described.dtype.shape or described.dtype.kind == "S"
+        column = np.concatenate([t[name] if stored else t.value(name) for t in tables if name in t])[order]
+        is_text = column.dtype.kind == "S"
+        columns[name] = _objects([spell(raw) for raw in column.tolist()]) if is_text else column
+    return columns
+
+
+if __name__ == "__main__":
+    answer_to(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]))

@@ -1,0 +1,59 @@
+"""One entry per log format: how it is recognised, read, written and checked, loaded when it is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.formats.base import Messages
+
+if TYPE_CHECKING:
+    from attlog.formats.oracle import Oracle
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A log format. The last four fields name places below ``attlog.formats`` as ``module:name``.
+
+    ``name`` is ``Messages.format``, ``for_people`` name and suffix as messages say them (files are told
+    apart by content). ``recogniser(head) -> bool`` judges the first bytes; ``reader(path, *, data) -> Messages``
+    decodes; ``writer`` is None for formats that are only read; ``oracle`` is an
+    :class:`attlog.formats.oracle.Oracle`. ``several_vehicles``: the reader takes ``system`` too.
+    """
+
+    name: str
+    for_people: str
+    recogniser: str
+    reader: str
+    writer: str | None
+    oracle: str
+    several_vehicles: bool = False
+
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file that begins with these bytes is such a log."""
+        return bool(_load(self.recogniser)(head))
+
+    def read(self, path: Path, data: NDArray[np.uint8], system: int | None = None) -> Messages:
+        """The log whose bytes are ``data``; ``system`` means nothing to a format of one vehicle."""
+        read: Callable[..., Messages] = _load(self.reader)
+        return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
+
+    def load_writer(self) -> Callable[..., None] | None:
+        """The function that writes such logs, None where attlog has none."""
+        return None if self.writer is None else _load(self.writer)
+
+    def load_oracle(self) -> Oracle:
+        """How the official library is asked."""
+        oracle: Oracle = _load(self.oracle)
+        return oracle
+
+
+def _load(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(import_module(f"attlog.formats.{module}"), name)

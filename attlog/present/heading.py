@@ -1,0 +1,25 @@
+"""By which heading reference the drift in the air is told."""
+
+from __future__ import annotations
+
+from attlog.present.rows import AIR, find, has_value
+from attlog.result import Result
+
+DRIFT_AIR = "drift_air_deg_per_min"
+
+
+QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "course")
+"""The order in which a heading reference is quoted; with truth no other is."""
+
+
+def quoted_heading_reference(result: Result) -> str:
+    """The heading reference by which drift in the air is told, whatever it ranks.
+
+    The first of QUOTED by which any replayed row has a value.
+    """
+    replayed = [row for row in result.estimators if row.kind == "replay"]
+    for name in QUOTED:
+        found = (find(row, f"{DRIFT_AIR}.{name}", AIR) for row in replayed)
+        if any(a is not None and has_value(a) for a in found):
+            return name
+    return "onboard"

@@ -1,0 +1,137 @@
+"""What things are called: rows, heading references, what was compared with, codes of missing answers."""
+
+from __future__ import annotations
+
+import re
+
+from attlog.result import EstimatorRow, Result
+
+ABBREVIATIONS = frozenset({"ahrs", "dcm", "ekf", "gnss", "imu", "marg", "mekf", "px4", "ukf"})
+"""Words of names that are written in capitals; others are written as the estimator's title writes them."""
+
+SET_BY_HAND = "option"
+"""Origin of a parameter that the user gave for this row."""
+
+
+def row_name(row: EstimatorRow) -> str:
+    """The name of a row for people, by rule from its id: ``Mahony, Xu 0.6``, ``Mahony (kp 0.8)``, ``Onboard (ATT)``."""
+    return _named(row, ", ")
+
+
+def name_in_sentence(row: EstimatorRow) -> str:
+    """The same without commas, so that names can stand in a row: ``Mahony Xu 0.6``; what flew is ``Onboard``."""
+    return "Onboard" if row.name == "onboard" else _named(row, " ")
+
+
+def row_names(result: Result) -> dict[str, str]:
+    """The name of every row by id; rows that would be called the same keep their id beside it."""
+    names = {row.name: row_name(row) for row in result.estimators}
+    called = list(names.values())
+    return {key: name if called.count(name) == 1 else f"{name} [{key}]" for key, name in names.items()}
+
+
+def _named(row: EstimatorRow, comma: str) -> str:
+    if row.kind == "onboard":
+        _, _, other = row.name.partition(":")
+        return f"Onboard {other}" if other else f"Onboard ({row.title})" if row.title else "Onboard"
+    base, slash, imu = row.name.rpartition("/imu")
+    base = base if slash else row.name
+    known = row.estimator or base
+    if known == row.name:
+        known = base.partition(":")[0].partition("@")[0]
+    preset = row.preset or ""
+    parts = [_words(re.split(r"[_\s]+", known), row.title)]
+    if preset:
+        parts.append(_words(preset.replace("_", "-").split("-"), ""))
+    if slash:
+        parts.append(f"IMU {imu}")
+    by_hand = [f"{key} {_value(p.value)}" for key, p in row.parameters.items() if p.origin == SET_BY_HAND]
+    return comma.join(parts) + (f" ({', '.join(by_hand) if comma != ' ' else ' '.join(by_hand)})" if by_hand else "")
+
+
+def _words(words: list[str], title: str) -> str:
+    """Words of an id in the spelling of the title, abbreviations in capitals, the first with a capital."""
+    spelled = {w.lower(): w for w in re.findall(r"\w+", title)}
+    written = []
+    for word in words:
+        letters = word.rstrip("0123456789")
+        capital = word.upper() if {word.lower(), letters.lower()} & ABBREVIATIONS else word
+        written.append(spelled.get(word.lower(), capital))
+    text = " ".join(written)
+    return text[:1].upper() + text[1:]
+
+
+def _value(value: float | str) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+HEADING_REFERENCE = {
+    "rest": ("rest", "standing still"),
+    "truth": ("truth", "the logged truth"),
+    "smoother": ("smoother", "the smoother"),
+    "onboard": ("onboard", "onboard"),
+    "gnss_yaw": ("GNSS yaw", "the GNSS heading"),
+    "mag": ("mag", "the magnetometer"),
+    "course": ("GNSS course", "the GNSS course"),
+}
+"""A heading reference in a column heading, and in a sentence after "against"."""
+
+AGREEMENT = "onboard (agreement, not truth)"
+"""What has to be said where errors are differences from the autopilot's own attitude."""
+
+
+def heading_reference_short(reference: str) -> str:
+    """A heading reference in a column heading."""
+    return HEADING_REFERENCE.get(reference, (reference, ""))[0]
+
+
+def heading_reference_name(reference: str) -> str:
+    """A heading reference after "against"."""
+    return HEADING_REFERENCE.get(reference, ("", reference))[1]
+
+
+def against_heading(reference: str) -> str:
+    """The same in a verdict, with a warning where it is no truth."""
+    return AGREEMENT if reference == "onboard" else heading_reference_name(reference)
+
+
+def against_whom(result: Result) -> str:
+    """What the rows were compared with, with a warning where it is no truth."""
+    choice = result.reference.choice if result.reference else ""
+    return {"truth": "the logged truth", "smoother": "the smoother"}.get(choice, AGREEMENT)
+
+
+CODES = {
+    "no_rest": ("no rest", "no rest"),
+    "rest_too_short": ("rest too short", "short"),
+    "no_reference": ("no reference", "no ref"),
+    "reference_too_slow": ("reference slow", "slow ref"),
+    "reference_diverged": ("reference diverged", "ref lost"),
+    "no_events": ("no steps", "no steps"),
+    "too_few_events": ("few steps", "few steps"),
+    "no_magnetometer": ("no mag", "no mag"),
+    "no_setpoint": ("no set-point", "no set"),
+    "no_gnss": ("no GNSS", "no GNSS"),
+    "not_converged": ("not converged", "unsettled"),
+    "diverged": ("diverged", "diverged"),
+    "not_a_pure_delay": ("not a pure delay", "not pure"),
+    "not_covered": ("not covered", "uncovered"),
+    "clock_unknown": ("clock unknown", "no clock"),
+    "not_applicable": ("n/a", "n/a"),
+    "did_not_move": ("did not move", "no move"),
+    "lag_at_edge": ("not a pure delay", "not pure"),
+    "rate_too_low": ("rate too low", "low rate"),
+    "record_too_short": ("too short", "short"),
+}
+"""What a cell without a value says, by code, and the same in at most 9 letters; the sentence stands beside it."""
+
+NOT_JUDGED = {
+    "not_a_pure_delay": "wrong angle in the movement",
+    "lag_at_edge": "wrong angle in the movement",
+    "too_few_events": "too few steps",
+    "not_covered": "not comparable",
+    "diverged": "diverged",
+    "not_converged": "did not settle",
+    "failed": "failed",
+}
+"""Codes and states in a sentence, in brackets after names."""

@@ -1,0 +1,160 @@
+"""Logs inside gzip files: read as pyulog reads the unpacked log, as far as they are sound, and never without limit."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import formats
+from attlog.errors import LogUnreadable, LogUnusable, NotALog
+from attlog.formats import compression
+from attlog.formats.base import Messages
+from attlog.formats.verify import verify
+from tests.conftest import SAMPLES
+
+LOGS = ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"]
+
+
+def same(one: Messages, other: Messages) -> bool:
+    """Whether two readings hold the same records, bit by bit."""
+    return list(one) == list(other) and all(
+        np.array_equal(table.offsets, other[key].offsets)
+        and all(table[f].tobytes() == other[key][f].tobytes() for f in table.fields)
+        for key, table in one.items()
+    )
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_a_compressed_log_of_any_name_reads_like_the_log(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "anything"
+    path.write_bytes(gzip.compress((SAMPLES / name).read_bytes(), 1))
+    log, plain = formats.open(path), formats.open(SAMPLES / name)
+    assert formats.recognise(path) == plain.format == log.format
+    assert same(log, plain)
+    assert (log.size, log.damage, log.boots, log.params) == (plain.size, plain.damage, plain.boots, plain.params)
+
+
+def test_every_value_equals_what_pyulog_reads_from_the_unpacked_file(tmp_path: Path) -> None:
+    from pyulog import ULog
+
+    path = tmp_path / "flight.ulg.gz"
+    path.write_bytes(gzip.compress((SAMPLES / "px4_steps.ulg").read_bytes(), 1))
+    log = formats.open(path)
+    theirs = ULog(str(SAMPLES / "px4_steps.ulg")).data_list
+    assert len(theirs) == len(log)
+    for data in theirs:
+        for field in set(log[data.name, data.multi_id].fields) & set(data.data):
+            np.testing.assert_array_equal(log[data.name, data.multi_id][field], data.data[field])
+    result = verify(path)
+    assert result.agrees
+    assert result.values > 100_000
+
+
+def test_a_cut_gzip_file_gives_what_was_packed_before_the_cut(tmp_path: Path) -> None:
+    raw = (SAMPLES / "px4_steps.ulg").read_bytes()
+    packed = gzip.compress(raw, 6)[:-300_000]
+    expected = zlib.decompressobj(31).decompress(packed)
+    (tmp_path / "cut.ulg.gz").write_bytes(packed)
+    (tmp_path / "cut.ulg").write_bytes(expected)
+    log, plain = formats.open(tmp_path / "cut.ulg.gz"), formats.open(tmp_path / "cut.ulg")
+    assert log.size == len(expected)
+    assert raw.startswith(expected)
+    assert same(log, plain)
+    assert [d for d in log.damage if d not in plain.damage] == [log.damage[0]]
+    assert "ends early" in log.damage[0].lost
+    assert log.damage[0].offset == len(expected)
+
+
+def test_a_damaged_gzip_file_gives_what_stands_before_the_damage(tmp_path: Path) -> None:
+    raw = (SAMPLES / "px4_steps.ulg").read_bytes()
+    packed = bytearray(gzip.compress(raw, 6))
+    half = len(packed) // 2
+    packed[half : half + 400] = bytes(400)
+    (tmp_path / "hurt.ulg.gz").write_bytes(packed)
+    log = formats.open(tmp_path / "hurt.ulg.gz")
+    assert "gzip file is damaged" in log.damage[0].lost
+    before = len(zlib.decompressobj(31).decompress(bytes(packed[:half])))
+    assert log.size >= before > 0.3 * len(raw)
+
+
+def test_a_wrong_checksum_costs_no_record_but_is_told(tmp_path: Path) -> None:
+    packed = bytearray(gzip.compress((SAMPLES / "px4_steps.ulg").read_bytes(), 1))
+    packed[-8] ^= 0xFF
+    (tmp_path / "sum.gz").write_bytes(packed)
+    log = formats.open(tmp_path / "sum.gz")
+    assert same(log, formats.open(SAMPLES / "px4_steps.ulg"))
+    assert [d.lost for d in log.damage] == [
+        "the rest of the log, because its gzip file is damaged (incorrect data check)"
+    ]
+
+
+def test_members_are_joined_zeros_behind_them_ignored_and_junk_told(tmp_path: Path) -> None:
+    raw = (SAMPLES / "px4_steps.ulg").read_bytes()
+    third = len(raw) // 3
+    members = b"".join(gzip.compress(part, 1) for part in (raw[:third], raw[third:]))
+    for tail, damages in [(b"", 0), (bytes(70_000), 0), (b"junk" * 30, 1)]:
+        (tmp_path / "x.gz").write_bytes(members + tail)
+        log = formats.open(tmp_path / "x.gz")
+        assert same(log, formats.open(SAMPLES / "px4_steps.ulg"))
+        assert len(log.damage) == damages
+
+
+def test_a_bomb_is_refused_before_it_fills_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = (SAMPLES / "px4_steps.ulg").read_bytes()[:500_000]
+    (tmp_path / "bomb.ulg.gz").write_bytes(gzip.compress(log + bytes(100_000_000), 9))
+    written = []
+    monkeypatch.setattr(compression, "UNPACKED_ANYWAY_BYTES", 1 << 20)
+    monkeypatch.setattr(compression, "map_open_file", lambda *_: written.append(1))
+    with pytest.raises(LogUnusable, match="unpacks to more than") as caught:
+        formats.open(tmp_path / "bomb.ulg.gz")
+    assert caught.value.exit_code == 65
+    assert not written
+    monkeypatch.setattr(compression, "MAX_UNPACKED_BYTES", 1 << 19)
+    with pytest.raises(LogUnusable, match="more than 0 MB"):
+        formats.open(tmp_path / "bomb.ulg.gz")
+
+
+def test_a_block_stays_small_whatever_a_byte_stands_for(tmp_path: Path) -> None:
+    (tmp_path / "zeros.gz").write_bytes(gzip.compress(bytes(50_000_000), 9))
+    with (tmp_path / "zeros.gz").open("rb") as file:
+        lengths = [len(block) for block in compression.Unpacking(file).blocks()]
+    assert sum(lengths) == 50_000_000
+    assert max(lengths) <= 1 << 20
+
+
+@pytest.mark.parametrize("content", [b"", b"\x1f\x8b", b"\x1f\x8b\x08" + bytes(500), b"\x1f\x8bjunk" * 50])
+def test_what_unpacks_to_nothing_is_no_log(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "x.gz").write_bytes(content)
+    with pytest.raises(NotALog):
+        formats.open(tmp_path / "x.gz")
+
+
+def test_a_compressed_text_is_no_log(tmp_path: Path) -> None:
+    (tmp_path / "x.gz").write_bytes(gzip.compress(b"flew at the field today\n" * 1000))
+    with pytest.raises(NotALog):
+        formats.open(tmp_path / "x.gz")
+
+
+def test_a_full_temporary_folder_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Full:
+        def write(self, _: bytes) -> None:
+            raise OSError(28, "No space left on device")
+
+    (tmp_path / "x.gz").write_bytes(gzip.compress((SAMPLES / "px4_steps.ulg").read_bytes(), 1))
+    with pytest.raises(LogUnreadable, match=r"cannot be unpacked.*No space"):
+        compression.unpack(tmp_path / "x.gz", Full())  # type: ignore[arg-type]
+
+
+def test_nothing_is_left_in_the_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import tempfile
+
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "x.gz").write_bytes(gzip.compress((SAMPLES / "px4_steps.ulg").read_bytes(), 1))
+    log = formats.open(tmp_path / "x.gz")
+    assert len(log["sensor_combined", 0]["timestamp"]) > 1000
+    assert list((tmp_path / "temporary").iterdir()) == []
