@@ -211,8 +211,8 @@ def _gravity(reference: Reference, imu: Imu | None, segments: Segments) -> tuple
     kind = next((k for k in ("rest", "idle", "hover") if segments.of(k)), None)
     if imu is None or kind is None:
         return "", []
-    tilts = [_tilt_deg(reference, imu, s.t0, s.t1) for s in segments.of(kind)]
-    tilts = [tilt for tilt in tilts if tilt is not None]
+    found = (_tilt_deg(reference, imu, s.t0, s.t1) for s in segments.of(kind))
+    tilts = [tilt for tilt in found if tilt is not None]
     if not tilts:
         return "", []
     tilt = float(np.median(tilts))
