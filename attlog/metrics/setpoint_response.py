@@ -6,8 +6,8 @@ Changes of the attitude are a sum of earlier changes of the set-point,
 
 so that trim, wind and slow drift do not enter. The response is expected to be smooth and to die
 out: among those that explain the data the one with the smallest ``h' P^-1 h`` is taken, with
-``P_ij = c min(d_i, d_j)``, d falling by e every 0.25 s (the tuned/correlated kernel of Chen, Ohlsson
-and Ljung 2012). Nothing before the set-point can be found, because there is no such lag.
+``P_ij = c min(d_i, d_j)``, d falling by e every 0.25 s (the tuned/correlated kernel of
+Chen2012). Nothing before the set-point can be found, because there is no such lag.
 """
 
 from __future__ import annotations
