@@ -32,6 +32,21 @@ CODES = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One span of time that a question was put to: [t0, t1] s, how much of it could be used, and what it says.
+
+    ``value`` with ``ci95``, or None and the ``reason``, which says what would be needed.
+    """
+
+    t0: float
+    t1: float
+    usable_s: float
+    value: float | None = None
+    ci95: tuple[float, float] | None = None
+    reason: str | None = None
+
+
 @dataclass(slots=True)
 class Answer:
     """The value of one metric for one row and window.
@@ -42,9 +57,10 @@ class Answer:
     the value's own unit: ``floor``, the difference below which two values are the same, and
     ``counts_as_zero_below``, the size that cannot be told from zero. ``coverage_pct`` is the
     share of the time that a comparison stands on where that is not nearly all; ``each`` the
-    value of every single event. ``detail`` holds more for people (slopes, flags); nothing is
-    computed from it. ``units`` is what the ranking pairs with other rows; it does not leave
-    the process (not in the JSON).
+    value of every single event; ``records`` each span of time on its own where there are
+    several. ``detail`` holds more for people (slopes, flags); nothing is computed from it.
+    ``units`` is what the ranking pairs with other rows; it does not leave the process (not
+    in the JSON).
     """
 
     value: float | None
@@ -62,6 +78,7 @@ class Answer:
     counts_as_zero_below: float = 0.0
     coverage_pct: float | None = None
     each: list[float] = field(default_factory=list)
+    records: list[Record] = field(default_factory=list)
     units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
 
     def __post_init__(self) -> None:

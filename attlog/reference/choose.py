@@ -110,6 +110,11 @@ def _build(
     reference.trim, trim_step = trim.step(log, attitude, options.trim)
     reference.floor_deg, reference.step_deg, floor_step = floor.step(t, q, attitude.step_deg, imu)
     start_step = _score(reference, _imu_times(imu, t), segments, options)
+    aligned = scoring.aligned_at(attitude, found, segments) if kind == "onboard" else None
+    if aligned is not None:
+        reference.unscored = [(-np.inf, aligned), *reference.unscored]
+        text = "its own alignment: nothing is compared with it before this jump"
+        start_step.append(AlignmentStep("alignment", text, aligned, "s", attitude.source))
     reference.declination_deg, north = declination.step(log, options.declination)
     reference.input_delay_s, lag = delay.step(log, imu, reference, options.input_delay)
     reference.fault, gravity_step = _gravity(reference, imu, segments)
