@@ -19,7 +19,7 @@ from attlog.segments import Segments, gaps, resets
 Array = NDArray[np.float64]
 
 FAULT_DEG = 10.0
-"""A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is (LOGS 7)."""
+"""A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is."""
 
 SLOW_HZ = 5.0
 
