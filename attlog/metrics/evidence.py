@@ -74,8 +74,14 @@ def detrended(t: Array, x: Array) -> Array:
 
 
 def deviations(q: Array) -> Array:
-    """Small rotations (n, 3) in deg away from the mean attitude: about body x, body y and the vertical."""
+    """Small rotations (n, 3) in deg away from the mean attitude: about the level roll and pitch axis and the vertical.
+
+    Level, not body axes: these are inclined to the vertical, and a heading that wanders would pass for tilt.
+    """
     centre = rotation.mean(q)
-    body = rotation.to_rotvec(rotation.multiply(rotation.conjugate(centre), q))
-    heading = np.unwrap(rotation.heading_angle(rotation.error(q, centre)))
-    return np.degrees(np.column_stack([body[:, :2], heading]))
+    apart = rotation.error(q, centre)
+    heading = np.unwrap(rotation.heading_angle(apart))
+    north, east = rotation.to_rotvec(apart)[:, :2].T
+    yaw = rotation.to_euler(centre)[2]
+    roll, pitch = north * np.cos(yaw) + east * np.sin(yaw), east * np.cos(yaw) - north * np.sin(yaw)
+    return np.asarray(np.degrees(np.column_stack([roll, pitch, heading])))

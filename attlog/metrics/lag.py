@@ -22,6 +22,10 @@ COMMON_S, PER_SHAPE, PER_MOVED = 0.0005, 0.3, 0.15
 """The interval of a lag beside its jackknife: clock and input delay (common to all rows of a log), a share of the
 shape error, a share of what the aiding changes."""
 
+COMMON_GAIN = 0.006
+"""The same of a gain: scale and low-pass of the logged gyro. Between it and a gyro made from the truth gains differ by
+0.002 in the median and 0.006 in nine of ten, while the jackknife alone (0.002) held the gain in 60 to 70 %."""
+
 _LAG = paragraph(
     """How late the row follows quick movements{axis}, positive = late. Each event (a stroke of at least 5 deg, yaw 10
     deg, within 1 s after 0.3 s of quiet) is compared from 0.5 s before its onset to 1.0 s after 90 % of the stroke.
@@ -36,7 +40,8 @@ _LAG = paragraph(
 )
 _GAIN = paragraph(
     """The share of the movement's rate{axis} that the row follows once the aiding is taken out, from the same fit as
-    the lag. Interval: jackknife over events."""
+    the lag. Interval: root sum of squares of the jackknife over events and 0.006 for scale and low-pass of the logged
+    gyro."""
 )
 _DISTORTION = paragraph(
     """What delay, gain and aiding do not explain{axis}: RMS of the residual rate over the RMS of the reference's rate,
@@ -137,7 +142,7 @@ def _of_axis(case: Case, row: Row, window: str, axis: str, seen: Evidence | None
         distortion.ranked, distortion.reason = False, f"follows {100 * found.gain:.0f} % of the movement"
     return {
         names["lag"]: _lag_answer(case, row, window, found, seen.events, detail),
-        names["gain"]: answer(found.gain, "gain", found.half_width(1)),
+        names["gain"]: answer(found.gain, "gain", math.hypot(found.half_width(1), COMMON_GAIN)),
         names["distortion"]: distortion,
     }
 

@@ -22,24 +22,31 @@ from attlog.reference.model import Row
 Array = NDArray[np.float64]
 
 AXES = ("roll", "pitch", "heading", "tilt")
-PRIORS = {"rest": Prior(0.25, 4.0), "onboard at rest": Prior(0.6, 4.0), "moving": Prior(1.0, 4.0)}
-"""Scatter of the logarithm of a window's variance, measured over logs."""
+PRIORS = {
+    "rest": Prior(0.25, 4.0),
+    "onboard at rest": Prior(0.6, 4.0),
+    "moving": Prior(1.0, 4.0),
+    "one axis in cruise": Prior(3.0, 4.0),
+}
+"""Scatter of the logarithm of a window's variance, measured over logs. In cruise one axis is quiet until the vehicle
+moves about it: a single window says little of the next, both axes of tilt together say more."""
 UNSETTLED, MIN_LATER = 4.0, 3
 """Leading windows of a rest with more than this times the median variance of all later ones (at least 3) settle."""
 SMALLEST_DEG = 1e-9
 """A variance of exactly zero (a gyro that shows one value) has no logarithm."""
 
 _TEXT = paragraph(
-    """How much the row moves by itself within 5 s, 1 sigma. At rest: rotation away from the window's mean attitude,
-    straight line removed. In hover, cruise (other flight) and idle (motors turning on the ground): rotation away from
-    the gyro alone, integrated over the same samples, a constant offset and a constant gyro offset in body axes removed,
-    in windows in which the vehicle stays within 20 deg of its mean attitude (onboard rows 10 deg). True motion and the
-    gyro's own noise are in both and cancel, so that no reference is needed: what is left is what accelerometer and
-    magnetometer push in. Value: exp(mean ln v / 2) over windows of 5 s with variance v = sum r^2 / (N - 2), the
-    typical window; tilt: v is the mean of roll and pitch. Interval: moderated t on ln v (Smyth 2004). Left out: 10 s
-    after the filter's start, 5 s after the motors stop, leading windows of a rest with more than 4 times the later
-    variance. Ranked only for rows that follow motion and are corrected by gravity; at rest only above half the step of
-    the logged values and above what the steps of the logged gyro can hide."""
+    """How much the row moves by itself within 5 s, 1 sigma. At rest: rotation away from the window's mean
+    attitude, about the level roll and pitch axis and the vertical, straight line removed. In hover, cruise
+    (other flight) and idle (motors turning on the ground): rotation away from the gyro alone, integrated over
+    the same samples, a constant offset and a constant gyro offset in body axes removed, in windows in which the
+    vehicle stays within 20 deg of its mean attitude (onboard rows 10 deg). True motion and the gyro's own noise
+    are in both and cancel, so that no reference is needed: what is left is what accelerometer and magnetometer
+    push in. Value: exp(mean ln v / 2) over windows of 5 s with variance v = sum r^2 / (N - 2), the typical
+    window; tilt: v is the mean of roll and pitch. Interval: moderated t on ln v (Smyth 2004). Left out: 10 s
+    after the filter's start, 5 s after the motors stop, leading windows of a rest with more than 4 times the
+    later variance. Ranked only for rows that follow motion and are corrected by gravity; at rest only above half
+    the step of the logged values and above what the steps of the logged gyro can hide."""
 )
 _TEXT_P2P = paragraph(
     """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
@@ -147,11 +154,18 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     return {m.name: answers[m.name] for m in METRICS}
 
 
+def prior_of(row: Row, phase: str, axis: str) -> Prior:
+    """What is known beforehand of the scatter of a row's noise in a phase about one of AXES."""
+    if phase == "rest":
+        return PRIORS["rest" if row.kind == "replay" else "onboard at rest"]
+    return PRIORS["one axis in cruise" if phase == "cruise" and axis != "tilt" else "moving"]
+
+
 def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Measured) -> Answer:
     hidden = _hidden(case, row, axis) if phase == "rest" else 0.0
     shown = math.isfinite(hidden)
     step = row.step_deg if phase == "rest" else 0.0
-    prior = PRIORS["moving" if phase != "rest" else "rest" if row.kind == "replay" else "onboard at rest"]
+    prior = prior_of(row, phase, axis)
     smallest = max(step**2 / 12.0, SMALLEST_DEG**2)
     values = np.log(np.maximum(found.variances[:, AXES.index(axis)], smallest))
     ids = ids_of(found.t0)

@@ -2,6 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from attlog import rotation
 from attlog.metrics import drift, evidence
 
 
@@ -31,3 +32,18 @@ def test_a_line_has_its_own_slope_wherever_it_starts_and_jumps(slope, offset, be
     found = drift.slope(drift.block_means(t, e, segment))
     assert abs(found.value - slope) < 1e-5
     assert found.wander < 1e-5
+
+
+def test_a_heading_that_wanders_is_no_tilt_however_the_vehicle_lies():
+    wander = np.radians(np.sin(np.linspace(0.0, 20.0, 400)))
+    found = evidence.deviations(rotation.from_euler(0.6 + 0 * wander, -0.3 + 0 * wander, 1.2 + wander))
+    np.testing.assert_allclose(found[:, :2], 0.0, atol=1e-6)
+    np.testing.assert_allclose(found[:, 2], np.degrees(wander - np.mean(wander)), atol=1e-3)
+
+
+def test_tilt_is_told_about_the_vehicles_own_roll_and_pitch_axis_whatever_its_heading():
+    nod = np.radians(np.sin(np.linspace(0.0, 20.0, 400)))
+    for axis, q in enumerate((rotation.from_euler(nod, 0 * nod, 2.0), rotation.from_euler(0 * nod, nod, 2.0))):
+        found = evidence.deviations(q)
+        np.testing.assert_allclose(found[:, axis], np.degrees(nod - np.mean(nod)), atol=1e-3)
+        np.testing.assert_allclose(found[:, 1 - axis], 0.0, atol=1e-6)

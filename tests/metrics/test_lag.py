@@ -166,3 +166,10 @@ def test_units_of_a_lag_are_pseudo_values_and_answer_again_on_a_choice():
     assert whole.value == pytest.approx(told.value)
     assert whole.ci95 == pytest.approx(told.ci95)
     assert some.value == pytest.approx(1000 * DELAY, abs=0.2)
+
+
+def test_scale_of_the_logged_gyro_stays_in_the_interval_of_a_gain():
+    t, q = motion("steps", 40.0)
+    gain = lag.compute(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")["step_gain"]
+    assert gain.ci95[0] <= gain.value - lag.COMMON_GAIN
+    assert gain.ci95[1] == pytest.approx(gain.value + lag.COMMON_GAIN, rel=1e-3)

@@ -35,3 +35,10 @@ def test_a_wide_interval_is_no_answer(monkeypatch):
     told = leak.compute(case, row, "all")["leak_per_s"]
     assert told.value is None
     assert told.detail["fitted"] == pytest.approx(0.6, abs=0.01)
+
+
+@pytest.mark.parametrize(("kp", "least"), [(0.0, 0.004), (2.0, 0.04)])
+def test_scale_of_the_logged_gyro_stays_in_the_interval_of_a_leak(kp, least):
+    case, row = thrust_flight(kp)
+    told = leak.compute(case, row, "all")["leak_per_s"]
+    assert 0.5 * (told.ci95[1] - told.ci95[0]) >= 0.99 * least

@@ -4,7 +4,7 @@ from scipy.signal import detrend, lfilter
 
 from attlog import estimators, rotation
 from attlog.flight.model import Imu, Stream
-from attlog.metrics import compute, noise, probe, quantisation, rank
+from attlog.metrics import compute, moderated, noise, probe, quantisation, rank
 from attlog.metrics.evidence import detrended
 from attlog.segments.model import Segment
 from tests.metrics import flights
@@ -324,3 +324,11 @@ def test_what_the_step_of_logged_values_adds_is_taken_out_of_value_and_interval(
     assert told.value == pytest.approx(0.02)
     whole = noise.typical(ids, v, noise.PRIORS["rest"], 0.0, ids)
     assert told.ci95 == pytest.approx([np.sqrt(max(x**2 - 0.05**2 / 12, 0)) for x in whole.ci95])
+
+
+def test_a_single_axis_in_cruise_is_known_less_from_one_window_than_tilt():
+    t = np.arange(0.0, 10.0, 0.02)
+    row = flights.row(t, rotation.from_euler(0 * t, 0 * t, 0 * t))
+    widths = [np.diff(moderated.interval([0.0], noise.prior_of(row, "cruise", axis)))[0] for axis in noise.AXES]
+    assert widths[0] == widths[1] == widths[2] > 1.5 * widths[3]
+    assert noise.prior_of(row, "hover", "roll") == noise.prior_of(row, "hover", "tilt")

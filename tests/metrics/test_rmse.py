@@ -144,3 +144,21 @@ def test_a_record_of_few_blocks_has_a_value_and_no_rank():
     for name in ("inclination_rmse_deg", "heading_rmse_deg"):
         assert found[name].value > 0
         assert (found[name].ranked, "too short to rank" in found[name].reason) == (False, True)
+
+
+def test_heading_wanders_for_longer_than_tilt_and_has_longer_groups():
+    found = answers(np.random.default_rng(2).standard_normal(len(T)), 3.0)
+    assert found["inclination_rmse_deg"].n == 16
+    assert found["heading_rmse_deg"].n == found["total_p95_deg"].n == 8
+
+
+def test_the_95th_percentile_is_not_known_better_than_the_size_of_the_errors():
+    rng = np.random.default_rng(4)
+    for level in np.exp(0.7 * rng.standard_normal((40, 6))):
+        x = np.abs(np.repeat(level, 250) * rng.standard_normal(1500))
+        groups = rmse.groups_of(len(x), 30.0)
+        value, (low, high) = rmse.statistic(x, "p95", groups)
+        size, (least, most) = rmse.statistic(x, "rmse", groups)
+        assert low / value <= least / size * (1 + 1e-9)
+        assert high / value >= most / size * (1 - 1e-9)
+        assert low < value < high
