@@ -77,7 +77,7 @@ def command(
     ] = "inline",
     open_report: Annotated[bool, typer.Option("--open", help="Open the report in a browser.")] = False,
     deterministic: Annotated[
-        bool, typer.Option("--deterministic", help="Leave measured times out of the JSON.")
+        bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")
     ] = False,
     boot: Boot = None,
     system: System = None,
@@ -149,7 +149,7 @@ def _analyze(log: Path, settings: Config, stem: Path, plotly: str, deterministic
 
     existing(log)
     result = analyze(log, settings, command=" ".join(["attlog", *sys.argv[1:]]))
-    result.to_html(stem.with_name(stem.name + ".html"), plotly=plotly)
+    result.to_html(stem.with_name(stem.name + ".html"), plotly=plotly, deterministic=deterministic)
     result.to_json(stem.with_name(stem.name + ".json"), deterministic=deterministic)
     return result
 
