@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from attlog.metrics.units import UnitValues
-from attlog.plain import NOT_IN_JSON
+from attlog.plain import IN_JSON
 
 CODES = (
     "no_rest",
@@ -32,15 +32,35 @@ CODES = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One span of time that a question was put to: [t0, t1] s, how much of it could be used, and what it says.
+
+    ``value`` with ``ci95``, or None and the ``reason``, which says what would be needed.
+    """
+
+    t0: float
+    t1: float
+    usable_s: float
+    value: float | None = None
+    ci95: tuple[float, float] | None = None
+    reason: str | None = None
+
+
 @dataclass(slots=True)
 class Answer:
     """The value of one metric for one row and window.
 
     With a value: ``n`` independent pieces of evidence over ``seconds``, ``ci95`` the
     95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
-    the value is shown but may not be "best"; ``reason`` then says why. ``detail``
-    holds what the report shows beside it (per-axis values, slopes, flags). ``units`` is what
-    the ranking pairs with other rows; it does not leave the process (not in the JSON).
+    the value is shown but may not be "best"; ``reason`` then says why. For ranking, in
+    the value's own unit: ``floor``, the difference below which two values are the same, and
+    ``counts_as_zero_below``, the size that cannot be told from zero. ``coverage_pct`` is the
+    share of the time that a comparison stands on where that is not nearly all; ``each`` the
+    value of every single event; ``records`` each span of time on its own where there are
+    several. ``detail`` holds more for people (slopes, flags); nothing is computed from it.
+    ``units`` is what the ranking pairs with other rows; it does not leave the process (not
+    in the JSON).
     """
 
     value: float | None
@@ -54,7 +74,12 @@ class Answer:
     reason: str | None = None
     ranked: bool = True
     detail: dict[str, Any] = field(default_factory=dict)
-    units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={NOT_IN_JSON: True})
+    floor: float = 0.0
+    counts_as_zero_below: float = 0.0
+    coverage_pct: float | None = None
+    each: list[float] = field(default_factory=list)
+    records: list[Record] = field(default_factory=list)
+    units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
 
     def __post_init__(self) -> None:
         if self.value is None:

@@ -20,7 +20,7 @@ BEFORE_S = 5.0
 HOLD_S = 1.0
 BACK_DEG = 2.0
 LIMIT_S = 60.0
-"""METRICS 6."""
+"""What counts as a disturbance and as recovered: docs/metrics.md, the table."""
 SMOOTH_S = 0.1
 """Vibration alone is no manoeuvre: the specific force is averaged over this time first."""
 
@@ -77,8 +77,8 @@ def time_back(t: Array, error: Array, disturbance: Span) -> float | None:
 def disturbances(case: Case) -> dict[str, Span]:
     """The largest disturbance of accelerometer and of magnetometer in scored flight, where there is one."""
     log, found = case.log, {}
-    if log.imu is not None:
-        acc = log.imus[log.imu].acc
+    if log.replay_imu is not None:
+        acc = log.replay_imu.acc
         found["acc"] = _in_flight(case, acc.t, acc.x, earth.gravity(45.0))
     if log.mag is not None:
         field = log.mags[log.mag].field

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import allan, controller, drift, drift_air, drift_rest
+from attlog.metrics import allan, controller, drift, drift_air, drift_rest, setpoint_response
 from attlog.metrics.base import Case
 from attlog.metrics.envelope import Share, envelope
 from attlog.metrics.evidence import deviations
 from attlog.metrics.rest_traces import rest_traces
 from attlog.metrics.sensor_traces import sensor_traces
-from attlog.metrics.settled import rest_spans
 from attlog.metrics.step_traces import step_traces
 from attlog.metrics.trace import Trace
 from attlog.reference.model import Row
@@ -66,8 +65,8 @@ def difference(row: Row, share: Share) -> list[Trace]:
 
 
 def drifts(case: Case, row: Row) -> list[Trace]:
-    """Heading block means with their line, of the longest rest and for each heading reference in the air."""
-    records = [drift_rest.rest_blocks(case, row, span) for span in rest_spans(case, row, "rest")]
+    """Heading block means with their line, for the longest rest and for each heading reference in the air."""
+    records = [drift_rest.rest_blocks(case, row, usable) for _, usable in drift_rest.rests(case, row, "rest")]
     longest = max(records, key=lambda b: len(b.t), default=None)
     keyed = [("rest", longest)]
     if case.segments.spans("airborne") and not row.is_reference:
@@ -106,15 +105,14 @@ def bias(row: Row, share: Share) -> list[Trace]:
 def setpoint(case: Case, row: Row) -> list[Trace]:
     """The vehicle's response to a unit step of its set-point, roll and pitch: drawn with the onboard row."""
     pieces, _ = controller.flown(case, "all") if row.name == "onboard" else ([], None)
-    windows = controller.windows_of(pieces)
-    if windows is None or len(windows.axis) < controller.MIN_WINDOWS:
+    blocks = setpoint_response.blocks_of(controller.angles(pieces))
+    if blocks is None or len(blocks.axis) < controller.MIN_BLOCKS:
         return []
     columns, t = {}, np.zeros(0)
     for axis, name in enumerate(("roll", "pitch")):
-        own = windows.axis == axis
-        if own.sum() >= controller.MIN_WINDOWS // 2:
-            part = controller.Windows(windows.setpoint[own], windows.attitude[own], windows.axis[own], windows.step)
-            t, columns[name] = controller.response(part)
+        own = blocks.axis == axis
+        if own.sum() >= controller.MIN_BLOCKS // 2:
+            t, columns[name] = setpoint_response.response(blocks.only(own))
     return [Trace("setpoint", row.name, t, columns)] if columns else []
 
 

@@ -19,7 +19,7 @@ from attlog.segments import Segments, gaps, resets
 Array = NDArray[np.float64]
 
 FAULT_DEG = 10.0
-"""A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is (LOGS 7)."""
+"""A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is."""
 
 SLOW_HZ = 5.0
 
@@ -40,7 +40,7 @@ def choose(log: FlightLog, segments: Segments, options: Options | None = None) -
     options = options or Options()
     if options.clock not in ("sample", "publication"):
         raise UsageError(f"clock {options.clock!r}: use sample or publication")
-    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    imu = log.replay_imu
     kind, name, attitude, why = _pick(log, options.reference)
     if attitude is None:
         return _without(log, imu, segments, options, why)
@@ -110,10 +110,13 @@ def _build(
     reference.trim, trim_step = trim.step(log, attitude, options.trim)
     reference.floor_deg, reference.step_deg, floor_step = floor.step(t, q, attitude.step_deg, imu)
     start_step = _score(reference, _imu_times(imu, t), segments, options)
-    north = declination.step(log, options.declination)
-    reference.declination_deg = north.value if isinstance(north.value, float) else None
-    lag = delay.step(log, imu, reference, options.input_delay)
-    reference.input_delay_s = 1e-3 * float(lag.value) if lag.applied and isinstance(lag.value, float) else 0.0
+    aligned = scoring.aligned_at(attitude, found, segments) if kind == "onboard" else None
+    if aligned is not None:
+        reference.unscored = [(-np.inf, aligned), *reference.unscored]
+        text = "its own alignment: nothing is compared with it before this jump"
+        start_step.append(AlignmentStep("alignment", text, aligned, "s", attitude.source))
+    reference.declination_deg, north = declination.step(log, options.declination)
+    reference.input_delay_s, lag = delay.step(log, imu, reference, options.input_delay)
     reference.fault, gravity_step = _gravity(reference, imu, segments)
     reference.fault = reference.fault or _frozen(reference, imu)
     reference.steps = [
@@ -140,8 +143,7 @@ def _without(log: FlightLog, imu: Imu | None, segments: Segments, options: Optio
     zero = np.zeros(0)
     index = np.zeros(0, np.int64)
     reference = Reference("none", "", zero, np.zeros((0, 4)), index, index, clock=_clock(options))
-    north = declination.step(log, options.declination)
-    reference.declination_deg = north.value if isinstance(north.value, float) else None
+    reference.declination_deg, north = declination.step(log, options.declination)
     start = _score(reference, _imu_times(imu, zero), segments, options)
     reference.steps = [AlignmentStep("reference", why, "none", option="--reference"), north, *start]
     return reference
@@ -206,8 +208,8 @@ def _gravity(reference: Reference, imu: Imu | None, segments: Segments) -> tuple
     kind = next((k for k in ("rest", "idle", "hover") if segments.of(k)), None)
     if imu is None or kind is None:
         return "", []
-    tilts = [_tilt_deg(reference, imu, s.t0, s.t1) for s in segments.of(kind)]
-    tilts = [tilt for tilt in tilts if tilt is not None]
+    found = [_tilt_deg(reference, imu, s.t0, s.t1) for s in segments.of(kind)]
+    tilts = [tilt for tilt in found if tilt is not None]
     if not tilts:
         return "", []
     tilt = float(np.median(tilts))

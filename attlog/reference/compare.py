@@ -78,10 +78,10 @@ def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> Erro
 def measured(
     t: Array, q_est: Array, q_ref: Array, gap_segment: Index, segment: Index, scored: NDArray[np.bool_]
 ) -> Errors:
-    """The errors between attitudes at common times (METRICS 2, "Angles")."""
-    angles = np.empty((3, len(t)))
+    """The errors between attitudes at common times (docs/metrics.md)."""
+    total, heading, inclination = angles = np.empty((3, len(t)))
     for a in range(0, len(t), CHUNK):
         e = rotation.error(q_est[a : a + CHUNK], q_ref[a : a + CHUNK])
         measures = (rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e))
         angles[:, a : a + CHUNK] = np.degrees(measures)
-    return Errors(t, *angles, gap_segment, segment, scored, q_est, q_ref)
+    return Errors(t, total, heading, inclination, gap_segment, segment, scored, q_est, q_ref)

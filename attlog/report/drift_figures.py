@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from attlog.present.heading import HEADING_REFERENCES
 from attlog.present.names import heading_reference_name
 from attlog.report.figure import Figure, Rows, dot, dot_height, reach, series, told
 from attlog.report.pack import Store
@@ -21,7 +20,7 @@ SYMBOLS = {
 }
 """How a drift is drawn by where it was found; the script has the same list."""
 
-ORDER = ("rest", *HEADING_REFERENCES)
+ORDER = ("rest", *(where.removeprefix("against ") for where in SYMBOLS if where != "at rest"))
 """What is shown first where it can be chosen."""
 
 

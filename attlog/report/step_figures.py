@@ -81,6 +81,6 @@ def lag_dots(result: Result, names: Rows) -> list[dict[str, Any]]:
     for row in result.estimators:
         found = find(row, "lag_ms", AIR)
         if found is not None and row.name in names and found.value is not None:
-            single = [float(x) for x in (found.detail.get("each_ms") or []) if number(x)] if found.ranked else []
+            single = [x for x in found.each if number(x)] if found.ranked else []
             out.append(dot(names.index(row.name), found) | {"single": single})
     return out

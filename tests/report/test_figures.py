@@ -71,7 +71,7 @@ def test_a_row_that_is_not_ranked_and_far_beyond_runs_out_of_its_card():
 def test_the_lag_figure_shows_single_movements_of_ranked_rows_only():
     result = make_result()
     for row in result.estimators[1:]:
-        row.metrics["airborne"]["lag_ms"].detail["each_ms"] = [250.0, 3.0]
+        row.metrics["airborne"]["lag_ms"].each = [250.0, 3.0]
     result.estimators[1].metrics["airborne"]["lag_ms"].ranked = False
     drawn = {d["r"]: d for d in figures(result)["lag"].data["rows"]}
     assert drawn[1]["single"] == []

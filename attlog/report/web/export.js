@@ -38,11 +38,11 @@ async function picture(id, format) {
 
 // one line per drawn point: what is zoomed in is written in full
 function numbers(id) {
-  const gd = $(id), quoted = (text) => '"' + String(text).replace(/^[=+@-]/, "'$&").replace(/"/g, '""') + '"', lines = ['axis,line,x,y'];
+  const gd = $(id), quoted = (text) => '"' + String(text).replace(/^[=+@-]/, "'$&").replace(/"/g, '""') + '"', short = (v) => (typeof v === 'number' ? +v.toPrecision(7) : quoted(v)), lines = ['axis,line,x,y'];
   for (const t of gd.data) {
     if (t.visible === false || t.arrow || t.fill === 'toself') continue;
     const ax = gd.layout['yaxis' + (t.yaxis || 'y').slice(1)], title = (ax && ax.title && ax.title.text) || '', x = t.base || t.x;
-    for (let i = 0; i < x.length; i++) if (t.y[i] !== null && x[i] !== null) lines.push([quoted(title), quoted(t.name || ''), x[i], t.y[i]].join(','));
+    for (let i = 0; i < x.length; i++) if (t.y[i] !== null && x[i] !== null) lines.push([quoted(title), quoted(t.name || ''), short(x[i]), short(t.y[i])].join(','));
   }
   return new Blob([lines.join('\n') + '\n'], { type: 'text/csv' });
 }
