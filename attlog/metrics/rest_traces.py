@@ -31,7 +31,8 @@ def rest_traces(case: Case, rows: list[Row]) -> list[Trace]:
     begin, end = max(spans, key=lambda s: s[1] - s[0])
     found: list[tuple[Row, Array, Array]] = []
     for row in rows:
-        pieces = within(row.t, (max(begin, own_start(case, row)), end), row.segment)
+        start = max(begin, own_start(case, row))
+        pieces = within(row.t, (start, end), row.segment) if start < end else []
         piece = max(pieces, key=lambda p: p.stop - p.start, default=None)
         if piece is not None and piece.stop - piece.start > FEWEST and np.isfinite(row.q[piece]).all():
             found.append((row, row.t[piece], deviations(row.q[piece])))

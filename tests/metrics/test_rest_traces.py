@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from attlog.metrics.envelope import Share
-from attlog.metrics.rest_traces import close_up, residual, spreads
+from attlog.metrics.rest_traces import close_up, residual, rest_traces, spreads
+from attlog.segments.model import Segment
 from tests.metrics import flights
 
 T = np.arange(0.0, 20.0, 0.01)
@@ -36,3 +37,12 @@ def test_the_spread_counts_shares_of_samples_in_bins_common_to_all_rows():
         share = trace.columns["share"] / 100.0
         assert 0.97 < share.sum() <= 1.0
         assert np.sqrt(np.sum(share * trace.t**2) / share.sum()) == pytest.approx(size, rel=0.15)
+
+
+def test_a_row_that_settles_after_the_rest_has_no_close_up(monkeypatch):
+    row = flights.row(T, np.tile([1.0, 0.0, 0.0, 0.0], (len(T), 1)))
+    case = flights.case([row], [Segment("rest.long", 0.0, 4.0, "still")])
+    monkeypatch.setattr("attlog.metrics.rest_traces.own_start", lambda case, row: 9.0)
+    assert rest_traces(case, [row]) == []
+    monkeypatch.setattr("attlog.metrics.rest_traces.own_start", lambda case, row: 1.0)
+    assert [t.figure for t in rest_traces(case, [row])] == ["rest", "spread"]
