@@ -41,6 +41,19 @@ SUB_MODES = {
 
 ARDUPILOT_MODES = {"copter": COPTER_MODES, "plane": PLANE_MODES, "rover": ROVER_MODES, "sub": SUB_MODES}
 
+WITHOUT_ATTITUDE = frozenset(
+    ("manual", "acro", "rattitude", "training", "flip", "throw", "turtle", "qacro", "learning", "steering", "hold",
+     "simple", "dock", "motor_detect", "initialising", "termination", "ready")
+)  # fmt: skip
+"""Modes in which nobody commands an attitude: rates, servos or wheels are steered, or nothing is."""
+HOLDS_ATTITUDE = frozenset(("Hold",))
+"""PX4 writes Hold for holding a position in the air; HOLD is a rover that stands."""
+
+
+def commands_attitude(mode: str) -> bool:
+    """Whether the attitude set-point of a mode means anything; modes that are not known command one."""
+    return mode in HOLDS_ATTITUDE or mode.lower() not in WITHOUT_ATTITUDE
+
 
 def px4_mode(nav_state: int) -> str:
     """The mode for a PX4 nav_state, "mode N" where the number has no name."""

@@ -6,9 +6,9 @@ without them the turning back is read as an early estimate of another shape. The
 from the row's own attitude and the samples that the filter saw:
 
     v = -f / g    d = R^T e_z    h = R m / |m|    L = |h_xy|
-    E   v x d                          gravity, vector form (Mahony, Hamel & Pflimlin 2008)
+    E   v x d                          gravity, vector form (Mahony2008)
     D   -f/|f| x d                     gravity, direction form
-    N   D / max(|D|, 0.3 deg) x 1 deg  steps of fixed size (Madgwick 2010)
+    N   D / max(|D|, 0.3 deg) x 1 deg  steps of fixed size (Madgwick2010)
     EE  the running integral of E      second order, through a bias
     M   -(h_y / L) d                   heading only
     V   R^T (h_y h_z, h_z (L - h_x), -h_y L)   field, vector form

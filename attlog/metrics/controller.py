@@ -1,41 +1,37 @@
-"""How does the vehicle follow its attitude set-point? Step response by Wiener deconvolution, and tracking error.
+"""How does the vehicle follow its attitude set-point? Step response by a causal model, and tracking error.
 
 A property of vehicle and controller, not of a filter: answered for the onboard row only.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.flight.model import Attitude
+from attlog.flight.modes import commands_attitude
 from attlog.metrics import interval, rmse
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.evidence import within
+from attlog.metrics.setpoint_response import Blocks, Piece, blocks_of, features, response
 from attlog.reference.model import Row
+from attlog.segments.spans import Span, intersect
 
 Array = NDArray[np.float64]
 
-WINDOW_S = 2.0
-BEFORE_S, RESPONSE_S = 0.3, 1.0
-REGULARISED = 0.05
-"""METRICS 4, "Controller"."""
 MIN_RATE_HZ = 8.0
-MIN_WINDOWS = 8
-MOVING_DEG = 1.0
-"""Windows whose set-point varies less tell nothing about the response."""
-BLOCKS = 10
-BAND = 0.05
+FINEST_S = 0.01
+MIN_BLOCKS = 8
+"""Seconds (of roll and of pitch) in which the set-point moved."""
+GROUPS = 10
 
-_RESPONSE = """Response of roll and pitch together to a unit step of the set-point: Wiener deconvolution of set-point
-    and onboard attitude in windows of 2 s (Hann, half overlapping), regularised at 5 % of the peak input power, windows
-    weighted by their input power, divided by its level at the end (0.8 to 1 s). Flight only. Interval: jackknife over
-    blocks of windows. """
+_RESPONSE = """Response of roll and pitch together to a unit step of the set-point, from a causal impulse response of
+    1 s that explains the changes of the onboard attitude by earlier changes of the set-point (regularised least squares
+    that expects a smooth response which dies out), divided by its level at the end (0.8 to 1 s). Only in flight, armed,
+    in modes that command an attitude, in seconds in which the set-point moved by more than 1 deg. Interval: jackknife
+    over groups of seconds. """
 METRICS: tuple[Metric, ...] = (
     Metric(
         "tracking_rms_deg", "Tracking error", "deg", "low", ("setpoint",),
@@ -60,59 +56,9 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
-@dataclass(slots=True)
-class Windows:
-    """Pieces of set-point and attitude (k, n) in deg, every ``step`` s; ``axis`` (k,) is 0 for roll, 1 for pitch."""
-
-    setpoint: Array
-    attitude: Array
-    axis: NDArray[np.int64]
-    step: float
-
-
-def response(windows: Windows) -> tuple[Array, Array]:
-    """Times (m,) from -0.3 to 1 s and the response to a unit step at 0, scaled to 1 at its end.
-
-    The regularisation smooths to both sides of 0; starting before it keeps the half of
-    the step in place.
-    """
-    n = windows.setpoint.shape[1]
-    taper = np.hanning(n)
-    x = np.fft.rfft(windows.setpoint * taper, 2 * n, axis=1)
-    y = np.fft.rfft(windows.attitude * taper, 2 * n, axis=1)
-    power = np.sum(np.abs(x) ** 2, axis=0)
-    impulse = np.fft.irfft(np.sum(np.conj(x) * y, axis=0) / (power + REGULARISED * np.max(power)), 2 * n)
-    first, last = -round(BEFORE_S / windows.step), round(RESPONSE_S / windows.step)
-    t = windows.step * np.arange(first, last + 1)
-    step = np.cumsum(np.roll(impulse, -first)[: len(t)])
-    step -= 0.5 * np.roll(impulse, -first)[: len(t)]  # a sample's impulse is centred on its time
-    level = float(np.mean(step[t >= 0.8 * RESPONSE_S]))
-    return t, step / level if level > 0 else np.full(len(t), np.nan)
-
-
-def features(t: Array, step: Array) -> Array:
-    """Delay (s), rise time (s), peak, settling time (s) of a step response that ends at 1.
-
-    ``t`` (m,) s, ``step`` (m,); NaN where it never gets there.
-    """
-
-    def reached(level: float) -> float:
-        above = np.flatnonzero(step >= level)
-        if len(above) == 0 or above[0] == 0:
-            return math.nan
-        i = int(above[0])
-        return float(t[i - 1] + (t[i] - t[i - 1]) * (level - step[i - 1]) / (step[i] - step[i - 1]))
-
-    outside = np.flatnonzero(np.abs(step - 1.0) > BAND)
-    settled = float(t[min(outside[-1] + 1, len(t) - 1)]) if len(outside) else 0.0
-    return np.array([reached(0.5), reached(0.9) - reached(0.1), float(np.max(step)), settled])
-
-
-def common(
-    setpoint: Attitude, attitude: Attitude, spans: list[tuple[float, float]]
-) -> list[tuple[Array, Array, Array]]:
+def common(setpoint: Attitude, attitude: Attitude, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
     """Times and attitudes (set-point, onboard) of each segment, evenly spaced at the slower rate, without gaps."""
-    step = 1.0 / min(setpoint.rate, attitude.rate)
+    step = max(1.0 / min(setpoint.rate, attitude.rate), FINEST_S)
     found = []
     for span in spans:
         for segment in within(setpoint.t, span):
@@ -125,32 +71,26 @@ def common(
     return found
 
 
-def windows_of(pieces: list[tuple[Array, Array, Array]]) -> Windows | None:
-    """Windows of 2 s, half overlapping, in which the set-point of an axis moved; None without any."""
-    cuts: list[tuple[Array, Array, int]] = []
-    for t, q_set, q in pieces:
-        n = round(WINDOW_S / float(t[1] - t[0]))
-        wanted, flown = (np.degrees(rotation.to_euler(a)) for a in (q_set, q))
-        for begin in range(0, len(t) - n + 1, max(n // 2, 1)):
-            for axis in (0, 1):
-                x, y = wanted[begin : begin + n, axis], flown[begin : begin + n, axis]
-                if np.std(x) > MOVING_DEG and np.max(np.abs(np.diff(x))) < 180 and np.max(np.abs(np.diff(y))) < 180:
-                    cuts.append((x - np.mean(x), y - np.mean(x), axis))
-    size = min((len(c[0]) for c in cuts), default=0)
-    if not cuts or size < 8:
-        return None
-    first = pieces[0][0]
-    return Windows(
-        np.array([c[0][:size] for c in cuts]), np.array([c[1][:size] for c in cuts]), np.array([c[2] for c in cuts]),
-        float(first[1] - first[0]),
-    )  # fmt: skip
+def angles(pieces: list[tuple[Array, Array, Array]]) -> list[Piece]:
+    """Roll and pitch (n, 2) in deg of set-point and attitude, without jumps at 180 deg."""
+    found = []
+    for t, *attitudes in pieces:
+        wanted, flown_ = (np.degrees(np.unwrap(rotation.to_euler(q)[:, :2], axis=0)) for q in attitudes)
+        found.append((t, wanted, flown_))
+    return found
 
 
-def without(windows: Windows, part: slice) -> Windows:
-    """All windows but a part."""
-    keep = np.ones(len(windows.axis), bool)
-    keep[part] = False
-    return Windows(windows.setpoint[keep], windows.attitude[keep], windows.axis[keep], windows.step)
+def commanded(case: Case, window: str) -> list[Span]:
+    """Where the vehicle flies, armed, in a mode that commands an attitude; modes that are not known do."""
+    spans = case.segments.spans("airborne" if window == "all" else window)
+    armed, mode = case.segments.spans("armed"), case.log.mode
+    if armed:
+        spans = intersect(spans, armed)
+    if mode is None or len(mode.t) == 0:
+        return spans
+    edges = [-np.inf, *mode.t[1:].tolist(), np.inf]
+    allowed = [(a, b) for a, b, name in zip(edges, edges[1:], mode.value, strict=False) if commands_attitude(str(name))]
+    return intersect(spans, allowed)
 
 
 def flown(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tuple[str, str] | None]:
@@ -161,9 +101,9 @@ def flown(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tu
         return [], ("no_setpoint", "the log holds no attitude set-point beside the onboard attitude")
     if min(log.setpoints.rate, attitude.rate) < MIN_RATE_HZ:
         return [], ("rate_too_low", f"set-point and attitude are needed at {MIN_RATE_HZ:.0f} Hz or more")
-    spans = case.segments.spans("airborne" if window == "all" else window)
-    pieces = common(log.setpoints, attitude, spans)
-    return pieces, None if pieces else ("not_covered", f"no set-point in flight in window {window}")
+    pieces = common(log.setpoints, attitude, commanded(case, window))
+    where = f"no attitude set-point in flight in window {window}, in a mode that commands an attitude"
+    return pieces, None if pieces else ("not_covered", where)
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -174,28 +114,34 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     if absent is not None:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     answers = {"tracking_rms_deg": _tracking(pieces, window)}
-    windows = windows_of(pieces)
-    count = 0 if windows is None else len(windows.axis)
-    if windows is None or count < MIN_WINDOWS:
-        reason = f"{count} windows in which the set-point moved; at least {MIN_WINDOWS} are needed"
+    blocks = blocks_of(angles(pieces))
+    count = 0 if blocks is None else len(blocks.axis)
+    if blocks is None or count < MIN_BLOCKS:
+        reason = f"{count} seconds in which the set-point moved; at least {MIN_BLOCKS} are needed"
         return answers | {m.name: missing("too_few_events", reason, m.unit, window) for m in METRICS[1:]}
-    values = features(*response(windows))
-    blocks = interval.equal_groups(count, min(BLOCKS, count))
-    left_out = np.array([features(*response(without(windows, b))) for b in blocks])
-    seconds = count * WINDOW_S / 2
-    for metric, value, others, factor in zip(METRICS[1:], values, left_out.T, (1e3, 1e3, 1e2, 1.0), strict=True):
-        ci95 = interval.of_jackknife(float(value), others)
+    values, others = features(*response(blocks)), _left_out(blocks)
+    for metric, value, without, factor in zip(METRICS[1:], values, others.T, (1e3, 1e3, 1e2, 1.0), strict=True):
         if not np.isfinite(value):
-            answers[metric.name] = missing(
-                "not_a_pure_delay", "the response does not reach its level", metric.unit, window
-            )
+            reason = "the attitude does not go where the set-point goes"
+            answers[metric.name] = missing("did_not_move", reason, metric.unit, window)
             continue
+        ci95 = interval.of_jackknife(float(value), without)
         answers[metric.name] = Answer(
-            factor * float(value), metric.unit, window, count, seconds,
-            None if ci95 is None else (factor * ci95[0], factor * ci95[1]), f"Wiener deconvolution of {count} windows",
-            reason="a property of vehicle and controller", ranked=False,
+            factor * float(value), metric.unit, window, count, float(count),
+            None if ci95 is None else (factor * max(ci95[0], 0.0), factor * ci95[1]),
+            f"causal response, {count} seconds", reason="a property of vehicle and controller", ranked=False,
         )  # fmt: skip
     return answers
+
+
+def _left_out(blocks: Blocks) -> Array:
+    """The features (groups, 4) with one group of neighbouring seconds left out each."""
+    found = []
+    for group in interval.equal_groups(len(blocks.axis), min(GROUPS, len(blocks.axis))):
+        keep = np.ones(len(blocks.axis), bool)
+        keep[group] = False
+        found.append(features(*response(blocks.only(keep))))
+    return np.array(found)
 
 
 def _tracking(pieces: list[tuple[Array, Array, Array]], window: str) -> Answer:

@@ -8,7 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import allan, controller, drift, drift_air, drift_rest, step_curves, step_evidence, steps
+from attlog.metrics import (
+    allan,
+    controller,
+    drift,
+    drift_air,
+    drift_rest,
+    setpoint_response,
+    step_curves,
+    step_evidence,
+    steps,
+)
 from attlog.metrics.base import Case
 from attlog.metrics.evidence import deviations, within
 from attlog.metrics.settled import rest_spans
@@ -128,15 +138,14 @@ def bias(row: Row) -> list[Trace]:
 def setpoint(case: Case, row: Row) -> list[Trace]:
     """The vehicle's response to a unit step of its set-point, roll and pitch: drawn with the onboard row."""
     pieces, _ = controller.flown(case, "all") if row.name == "onboard" else ([], None)
-    windows = controller.windows_of(pieces)
-    if windows is None or len(windows.axis) < controller.MIN_WINDOWS:
+    blocks = setpoint_response.blocks_of(controller.angles(pieces))
+    if blocks is None or len(blocks.axis) < controller.MIN_BLOCKS:
         return []
     columns, t = {}, np.zeros(0)
     for axis, name in enumerate(("roll", "pitch")):
-        own = windows.axis == axis
-        if own.sum() >= controller.MIN_WINDOWS // 2:
-            part = controller.Windows(windows.setpoint[own], windows.attitude[own], windows.axis[own], windows.step)
-            t, columns[name] = controller.response(part)
+        own = blocks.axis == axis
+        if own.sum() >= controller.MIN_BLOCKS // 2:
+            t, columns[name] = setpoint_response.response(blocks.only(own))
     return [Trace("setpoint", row.name, t, columns)] if columns else []
 
 

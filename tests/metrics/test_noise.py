@@ -316,3 +316,11 @@ def test_a_users_file_is_probed_itself_also_where_it_bears_the_name_of_a_built_i
         row.estimator = name
         case.forget()
         np.testing.assert_allclose(probe.gains(case, row), gain, atol=0.1)  # half a sample of 10 Hz
+
+
+def test_what_the_step_of_logged_values_adds_is_taken_out_of_value_and_interval():
+    ids, v = np.arange(4), np.log(np.full(4, 0.02**2 + 0.05**2 / 12))
+    told = noise.typical(ids, v, noise.PRIORS["rest"], 0.05**2 / 12, ids)
+    assert told.value == pytest.approx(0.02)
+    whole = noise.typical(ids, v, noise.PRIORS["rest"], 0.0, ids)
+    assert told.ci95 == pytest.approx([np.sqrt(max(x**2 - 0.05**2 / 12, 0)) for x in whole.ci95])

@@ -94,3 +94,53 @@ def test_float32_quaternions_are_not_read_as_error():
     row = flights.row(T, rotation.normalize(q.astype(np.float32)))
     case = flights.case([row], SEGMENTS, (T[::5], q[::5]))
     assert rmse.compute(case, row, "all")["total_rmse_deg"].value < 1e-4
+
+
+def drifting_rows(tilts_deg, seconds=90.0, kind="truth"):
+    """Rows whose tilt and heading are off by a wobble of the given size, against a level reference at 10 Hz."""
+    t = np.arange(0.0, seconds, 0.1)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    rows = []
+    for k, size in enumerate(tilts_deg):
+        wobble = np.radians(size) * np.sin(2 * np.pi * t / 2.0 + k)
+        rows.append(flights.row(t, rotation.from_euler(wobble, 0 * t, wobble), f"row{k}"))
+    whole = [Segment("continuous", 0, seconds), Segment("airborne", 0, seconds)]
+    return flights.case(rows, whole, (t, level), kind=kind, scoring_start=15.0), rows
+
+
+def test_rows_are_compared_in_blocks_of_5_s_of_tilt_and_15_s_of_heading():
+    case, rows = drifting_rows([1.0, 3.0])
+    found = rmse.compute(case, rows[0], "airborne")
+    tilt, heading = found["inclination_rmse_deg"].units, found["heading_rmse_deg"].units
+    assert tilt.ids.tolist() == [1000 * (15 + 5 * k) for k in range(15)][: len(tilt.ids)]
+    assert (len(tilt.ids) in (14, 15), len(heading.ids) in (4, 5)) == (True, True)
+    assert np.sqrt(tilt.values) == pytest.approx(1.0 / np.sqrt(2), rel=0.1)
+    assert tilt.on(tilt.ids[:3]).value == pytest.approx(np.sqrt(tilt.values[:3].mean()))
+
+
+def test_a_block_that_is_not_scored_or_half_empty_is_none():
+    case, rows = drifting_rows([1.0, 3.0])
+    e = rows[0].errors
+    e.scored &= (e.t < 30.0) | (e.t > 32.0)
+    assert 30_000 not in rmse.block_units(case, rows[0], "airborne", "inclination").ids
+    assert 25_000 in rmse.block_units(case, rows[0], "airborne", "inclination").ids
+    case.reference.unscored = [(40.0, 52.0)]
+    ids = rmse.block_units(case, rows[1], "airborne", "inclination").ids
+    assert not ((ids > 35_000) & (ids < 52_000)).any()
+
+
+@pytest.mark.parametrize(("kind", "ranked"), [("truth", True), ("smoother", True), ("onboard", False)])
+def test_heading_errors_are_ranked_only_against_truth_or_smoother(kind, ranked):
+    case, rows = drifting_rows([1.0, 3.0], kind=kind)
+    found = rmse.compute(case, rows[0], "airborne")
+    for angle in ("heading", "total"):
+        assert found[f"{angle}_rmse_deg"].ranked == ranked
+    assert found["inclination_rmse_deg"].ranked
+
+
+def test_a_record_of_few_blocks_has_a_value_and_no_rank():
+    case, rows = drifting_rows([1.0, 3.0], seconds=31.0)
+    found = rmse.compute(case, rows[0], "airborne")
+    for name in ("inclination_rmse_deg", "heading_rmse_deg"):
+        assert found[name].value > 0
+        assert (found[name].ranked, "too short to rank" in found[name].reason) == (False, True)

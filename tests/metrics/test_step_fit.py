@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog import rotation
 from attlog.flight.model import Imu, Mag, Stream
-from attlog.metrics import aiding, lag, step_columns, step_fit, step_solution, steps
+from attlog.metrics import aiding, lag, step_columns, step_evidence, step_fit, step_solution, steps
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.metrics.motions import STEP_S, aided, motion, sampled
@@ -199,3 +199,11 @@ def test_gains_beyond_reason_need_much_evidence():
     assert step_solution.SCALES.shape == (3 + len(aiding.NAMES),)
     small, large = (step_solution.ridge(np.eye(12), v, 100) for v in (1.0, 4.0))
     np.testing.assert_allclose(np.diag(large)[2:] / np.diag(small)[2:], 4.0, rtol=1e-6)
+
+
+def test_an_axis_keeps_the_aiding_and_misalignment_of_the_whole():
+    case, row = thrust_flight(2.0)
+    found = step_evidence.fits(case, row, "all")
+    for axis in ("roll", "pitch"):
+        np.testing.assert_array_equal(found[axis].x[2:], found["all"].x[2:])
+        assert found[axis].delay == pytest.approx(0.0, abs=5e-5)

@@ -5,7 +5,7 @@ import pytest
 
 from attlog.metrics.answer import Answer
 from attlog.metrics.units import Summary, UnitValues, ids_of
-from attlog.result import plain
+from attlog.plain import plain
 
 
 def mean_of(ids):
