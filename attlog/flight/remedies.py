@@ -7,7 +7,7 @@ from typing import Literal
 
 Fault = Literal[
     "gyro_bias", "accelerometer", "mounting", "compass", "compass_mounting", "interference", "vibration", "declination",
-    "trim", "gaps", "estimator",
+    "trim", "gaps", "estimator", "crash",
 ]  # fmt: skip
 """What a remedy is asked for."""
 
@@ -22,6 +22,7 @@ GENERAL: Mapping[Fault, str] = {
     "declination": "Let GNSS set the declination, and calibrate the compass.",
     "trim": "Calibrate the level, and correct a tilted mounting in the frame and not in software.",
     "gaps": "Use a faster memory card or log less.",
-    "estimator": "Land, and look at the finding that came before this one: estimators fail because of their sensors.",
+    "estimator": "Look for its sensors among these findings: vibration, the field, GNSS.",
+    "crash": "Look at what was reported in the seconds before.",
 }
 """Where nothing is known of the firmware."""

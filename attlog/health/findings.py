@@ -20,7 +20,10 @@ ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What a check that is not good means: how bad, why, which remedy, what for the comparison; other ``codes`` of it."""
+    """What a check that is not good means: how bad, why, which remedy, what for the comparison.
+
+    ``codes``: problems of readers and reports that say the same.
+    """
 
     warn: Severity = "warning"
     bad: Severity = "warning"
@@ -43,11 +46,11 @@ ABOUT: dict[str, About] = {
         means="Filters that do not estimate the gyro's bias lean and turn away by it.",
     ),
     "crash": About(
-        bad="error", cause="Lost thrust, lost attitude or contact with something.",
+        bad="error", cause="Lost thrust, lost attitude or contact with something.", fault="crash",
         means="Rest after it is that of a wreck and is not judged.", codes=("crash",),
     ),
     "gravity direction": About(
-        bad="error", cause="The onboard attitude is wrong, or the sensor is mounted otherwise than set.",
+        bad="error", cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
         fault="mounting", means=_TILT, codes=("reference_contradicted",),
     ),
     "gyro against attitude": About(
@@ -119,20 +122,23 @@ ABOUT: dict[str, About] = {
                   fault="trim"),
 }  # fmt: skip
 """By the name of the check, in the order of entries that are equally bad."""
+BY_ATTITUDE = ("gravity direction", "gravity in flight", "vertical force", "field against attitude", "declination")
+"""What is judged by the onboard attitude: nothing of its own where that is refused."""
 SPECIFIC = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
 """What a reader says of a compass that is not there says it all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Open:
-    """A question without an answer: why, and what would answer it (may be empty)."""
+    """A question without an answer, as its card is titled, and what would answer it (may be empty)."""
 
-    question: str
-    reason: str
+    title: str
     remedy: str = ""
 
 
-def findings(log: FlightLog, checks: Iterable[Check], others: Iterable[Problem], unanswered: Iterable[Open]) -> list[Problem]:
+def findings(
+    log: FlightLog, checks: Iterable[Check], others: Iterable[Problem] = (), unanswered: Iterable[Open] = ()
+) -> list[Problem]:
     """Everything that is not good, worst first, each once. ``others`` are problems that the analysis itself found."""
     checks = list(checks)
     told = [_timed(p) for p in [*log.problems, *others]]
@@ -145,17 +151,14 @@ def findings(log: FlightLog, checks: Iterable[Check], others: Iterable[Problem],
         text = f"Not checked: {names}. {missing[0].text}" if len(missing) == 1 else f"Not checked: {names}."
         means = "What could not be checked may still be wrong."
         told.append(Problem("not_checked", "info", text, count=1, means=means))
-    for item in unanswered:
-        told.append(
-            Problem(f"unanswered_{item.question}", "note", _sentence(item.reason), remedy=item.remedy)
-        )
+    told += _open(list(unanswered))
     ranks = {name: i for i, name in enumerate(ABOUT)}
     place = {code: ranks[name] for name, about in ABOUT.items() for code in (_code(name), *about.codes)}
     return sorted(_once(told), key=lambda p: (ORDER.index(p.severity), place.get(p.code, len(place)), p.t or 0.0))
 
 
 def hopeless(checks: Iterable[Check]) -> str:
-    """Why no filter can be judged at all: a gyro that reads far from zero while the vehicle stands; empty where one can."""
+    """Why no filter can be judged at all: a gyro far from zero while the vehicle stands; empty where one can."""
     for check in checks:
         if check.name == "gyro bias" and isinstance(check.value, float) and abs(check.value) >= HOPELESS_DPS:
             return f"the gyro reads {check.value:.0f} deg/s while the vehicle stands still"
@@ -177,6 +180,8 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
         unit=check.unit if value is not None else "", cause=about.cause,
         remedy=log.remedies.get(about.fault, "") if about.fault else _logging(check, log), means=means,
     )  # fmt: skip
+    if check.name in BY_ATTITUDE and any(p.code == "reference_contradicted" for p in told):
+        return told
     if check.name.startswith(("field", "magnetometer")) and any(p.code in SPECIFIC for p in told):
         return told
     same = [p for p in told if p.code in about.codes]
@@ -190,9 +195,21 @@ def _merged(reported: Problem, own: Problem, name: str) -> Problem:
     if name == "rate":
         return reported
     severity = min(reported.severity, own.severity, key=ORDER.index)
-    told = own.text if reported.text in own.text else f"{own.text} {reported.text}"
+    told = own.text if reported.text in own.text else f"{reported.text} {own.text}"
     first = min((t for t in (reported.t, own.t) if t is not None), default=None)
-    return replace(own, code=reported.code, severity=severity, text=told, t=first, count=max(reported.count, own.count))
+    return replace(
+        own, code=reported.code, severity=severity, text=told, t=first, count=max(reported.count, own.count),
+        cause=reported.cause or own.cause, remedy=reported.remedy or own.remedy, means=reported.means or own.means,
+    )  # fmt: skip
+
+
+def _open(unanswered: list[Open]) -> list[Problem]:
+    """The questions without an answer as one entry; their cards say why."""
+    if not unanswered:
+        return []
+    titles = " ".join(item.title for item in unanswered)
+    remedies = dict.fromkeys(item.remedy for item in unanswered if item.remedy)
+    return [Problem("unanswered", "note", f"Not answered: {titles}", count=len(unanswered), remedy=" ".join(remedies))]
 
 
 def _once(told: list[Problem]) -> list[Problem]:
@@ -225,6 +242,3 @@ def _logging(check: Check, log: FlightLog) -> str:
 def _code(name: str) -> str:
     return name.replace(" ", "_")
 
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else ".")

@@ -33,15 +33,15 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         return [not_judged("second source", "No other onboard attitude shares its time.", limit)]
     off = {n: d for n, d in seen.items() if d.since is not None}
     if not off:
-        text = f"{listed(list(seen))} and {log.onboard} agree in tilt and heading."
+        text = f"{listed(list(seen))} and {log.onboard} show the same tilt and heading."
         return [Check("second source", "good", text, 0.0, "deg", limit)]
     name, worst = max(off.items(), key=lambda item: max(item[1].tilt / TILT_DEG[0], item[1].heading / HEADING_DEG[0]))
     same = [n for n, d in off.items() if abs(d.tilt - worst.tilt) < 1.0 and abs(d.heading - worst.heading) < 3.0]
     verdict = "bad" if worst.tilt > TILT_DEG[1] or worst.heading > HEADING_DEG[1] else "warn"
-    text = (
-        f"From {worst.since:.0f} s on {listed(same)} and {log.onboard} differ by {worst.heading:.0f} deg in heading and "
-        f"{worst.tilt:.0f} deg in tilt (median)."
-    )
+    sizes = [(worst.heading, HEADING_DEG[0], "heading"), (worst.tilt, TILT_DEG[0], "tilt")]
+    shown = " and ".join(f"{size:.0f} deg in {what}" for size, least, what in sizes if size > least)
+    differ = "differ" if len(same) > 1 else "differs"
+    text = f"From {worst.since:.0f} s on {listed(same)} {differ} from {log.onboard} by {shown} (median)."
     heading_counts = worst.heading / HEADING_DEG[0] > worst.tilt / TILT_DEG[0]
     value = worst.heading if heading_counts else worst.tilt
     return [Check("second source", verdict, text, round(value, 1), "deg", limit, t=worst.since)]

@@ -114,11 +114,11 @@ def onset(level_: Array) -> int | None:
 
 
 def more_power(throttle: Stream | None, t: Array, since: int) -> bool:
-    """Whether the throttle is higher after a window than before it, of windows at ``t`` (m,) s."""
+    """Whether the throttle is higher as vibration begins than before, with windows at ``t`` (m,) s."""
     if throttle is None or len(throttle.t) < 2:
         return False
     x = np.interp(t, throttle.t, np.nan_to_num(throttle.x[:, 0]))
-    return float(np.median(x[since:])) > MORE_POWER * float(np.median(x[:since]))
+    return float(np.median(x[since : since + 3])) > MORE_POWER * float(np.median(x[:since]))
 
 
 def onboard_level(own: Stream | None, flown: list[Span]) -> float | None:
