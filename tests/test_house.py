@@ -34,7 +34,7 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "plain": set(),
     "inputs": {"flight", "segments", "estimators"},
     "result": {"plain", "flight", "segments", "reference", "metrics", "health"},
-    "schema": {"result"},
+    "schema": {"plain", "result"},
     "analysis": BELOW_THE_RESULT | {"result", "summary", "present", "inputs"},
     "summary": {"flight", "segments"},
     "present": {"result"},

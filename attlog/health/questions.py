@@ -11,7 +11,8 @@ import math
 from attlog.flight.model import FlightLog
 from attlog.health.model import Answerable, Check
 from attlog.metrics.evidence import (
-    DRIFT_RECORD_S,
+    DRIFT_AIR_S,
+    DRIFT_REST_S,
     DRIFT_SLACK_S,
     NOISE_REST_S,
     REST_SETTLE_S,
@@ -20,8 +21,10 @@ from attlog.metrics.evidence import (
 )
 from attlog.metrics.steps import scored
 from attlog.reference.model import Reference
+from attlog.segments.gaps import restarts
 from attlog.segments.model import Segments
-from attlog.segments.spans import Span, intersect
+from attlog.segments.settled import DRIFT_AFTER_START_S, settled
+from attlog.segments.spans import Span, complement, intersect, seconds
 
 
 def answerable(
@@ -42,13 +45,13 @@ def answerable(
     if broken:
         return [Answerable(q, False, broken[0].text, "") for q in ("quiet", "late", "drifting")]
     rests = intersect(phases.spans("rest"), [(float(imu.gyro.t[0]) + REST_SETTLE_S, math.inf)])
-    return [quiet(log, rests), late(log, reference), drifting(log, phases, rests, reference)]
+    return [quiet(log, rests), late(log, reference), drifting(log, phases, reference)]
 
 
 def quiet(log: FlightLog, rests: list[Span]) -> Answerable:
     """Static noise needs rest with motors off, ``rests`` that count."""
-    seconds = [b - a for a, b in rests]
-    longest = max(seconds, default=0.0)
+    lengths = [b - a for a, b in rests]
+    longest = max(lengths, default=0.0)
     if longest < NOISE_REST_S:
         reason = f"The vehicle never stands still with motors off for {NOISE_REST_S:.0f} s while the log runs"
         reason += f" and filters have settled ({REST_SETTLE_S:.0f} s)."
@@ -56,7 +59,7 @@ def quiet(log: FlightLog, rests: list[Span]) -> Answerable:
     if len(rests) == 1:
         return Answerable("quiet", True, f"1 usable rest of {longest:.1f} s.")
     return Answerable(
-        "quiet", True, f"{len(rests)} usable rests, {sum(seconds):.1f} s in all, the longest {longest:.1f} s."
+        "quiet", True, f"{len(rests)} usable rests, {sum(lengths):.1f} s in all, the longest {longest:.1f} s."
     )
 
 
@@ -80,21 +83,28 @@ def late(log: FlightLog, reference: Reference | None) -> Answerable:
     return Answerable("late", True, f"{counted}; compared with {name} at {reference.rate:.0f} Hz.")
 
 
-def drifting(log: FlightLog, segments: Segments, rests: list[Span], reference: Reference | None) -> Answerable:
-    """Yaw drift needs a long rest, or scored flight with a heading to compare with."""
-    needed = DRIFT_RECORD_S - DRIFT_SLACK_S
-    rest = max((b - a for a, b in rests), default=0.0)
-    begin = -math.inf if reference is None else reference.scoring_start
-    air = sum(b - a for a, b in intersect(segments.spans("airborne"), [(begin, math.inf)]))
-    headings = [w for w, there in (("truth", log.truth is not None), ("onboard attitude", log.onboard is not None),
-                                   ("magnetometer", log.mag is not None),
-                                   ("GNSS yaw", any(g.yaw is not None for g in log.gnss))) if there]  # fmt: skip
-    if rest >= needed:
-        return Answerable("drifting", True, f"The longest usable rest has {rest:.1f} s; in the air: {air:.1f} s.")
-    if air >= needed and headings:
+def drifting(log: FlightLog, segments: Segments, reference: Reference | None) -> Answerable:
+    """Yaw drift needs a rest that is long enough after settling, or scored flight with a heading to compare with."""
+    imu = log.replay_imu
+    starts = [] if imu is None else restarts(imu.gyro.t_best).tolist()
+    usable = [settled([s], segments, starts, DRIFT_AFTER_START_S) for s in segments.spans("rest")]
+    rest = max((seconds(spans) for spans in usable), default=0.0)
+    scored = [(-math.inf, math.inf)]
+    if reference is not None:
+        scored = complement(reference.unscored, reference.scoring_start, reference.end)
+    air = seconds(intersect(segments.spans("airborne"), scored))
+    known = (
+        ("truth", log.truth is not None), ("onboard attitude", log.onboard is not None),
+        ("magnetometer", log.mag is not None), ("GNSS yaw", any(g.yaw is not None for g in log.gnss)),
+    )  # fmt: skip
+    headings = ", ".join(name for name, there in known if there)
+    if rest >= DRIFT_REST_S - DRIFT_SLACK_S:
         return Answerable(
-            "drifting", True, f"{air:.1f} s in the air against {', '.join(headings)}; rest: {rest:.1f} s."
+            "drifting", True, f"The longest rest has {rest:.0f} s after settling; in the air: {air:.0f} s."
         )
-    reason = f"The longest usable rest has {rest:.1f} s and the flight {air:.1f} s; "
-    reason += f"{DRIFT_RECORD_S:.0f} s of either are needed."
+    if air >= DRIFT_AIR_S - DRIFT_SLACK_S and headings:
+        reason = f"{air:.0f} s in the air against {headings}; rest after settling: {rest:.0f} s."
+        return Answerable("drifting", True, reason)
+    reason = f"The longest rest has {rest:.0f} s after settling, {DRIFT_REST_S:.0f} are needed; "
+    reason += f"the flight {air:.0f} s after the scoring start, {DRIFT_AIR_S:.0f} are needed."
     return Answerable("drifting", False, reason, log.advice("rest"))

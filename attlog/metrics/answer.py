@@ -32,6 +32,21 @@ CODES = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One span of time that a question was put to: [t0, t1] s, how much of it could be used, and what it says.
+
+    ``value`` with ``ci95``, or None and the ``reason``, which says what would be needed.
+    """
+
+    t0: float
+    t1: float
+    usable_s: float
+    value: float | None = None
+    ci95: tuple[float, float] | None = None
+    reason: str | None = None
+
+
 @dataclass(slots=True)
 class Answer:
     """The value of one metric for one row and window.
@@ -39,7 +54,8 @@ class Answer:
     With a value: ``n`` independent pieces of evidence over ``seconds``, ``ci95`` the
     95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
     the value is shown but may not be "best"; ``reason`` then says why. ``detail``
-    holds what the report shows beside it (per-axis values, slopes, flags). ``units`` is what
+    holds what the report shows beside it (per-axis values, slopes, flags); ``records`` each
+    span of time on its own where there are several. ``units`` is what
     the ranking pairs with other rows; it does not leave the process (not in the JSON).
     """
 
@@ -54,6 +70,7 @@ class Answer:
     reason: str | None = None
     ranked: bool = True
     detail: dict[str, Any] = field(default_factory=dict)
+    records: list[Record] = field(default_factory=list)
     units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={NOT_IN_JSON: True})
 
     def __post_init__(self) -> None:

@@ -1,30 +1,28 @@
-"""How fast does the heading drift? Mean slope of the heading error, at rest and in the air."""
+"""How fast does the heading drift? Mean slope of the heading error of a record, told or bounded."""
 
 from __future__ import annotations
 
+import functools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.metrics import interval
-from attlog.metrics.answer import Answer, missing
-from attlog.metrics.evidence import DRIFT_RECORD_S, DRIFT_SLACK_S
+from attlog.metrics.answer import Answer, Record
+from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_SLACK_S
 from attlog.metrics.quantiles import chi_square, student
+from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 
 Array = NDArray[np.float64]
 
-BLOCK_S = 1.0
-MIN_GROUPS = 4
+BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
+"""Block means are over 1 s, over half a second in records under 20 s."""
+GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
+"""A record makes one group for each 10 s, 4 at least and 12 at most."""
 MIN_BLOCKS = 3
-SHORTEST_S = DRIFT_RECORD_S
-"""4 groups of 5 s."""
-LONG_S = 120.0
-NOT_MEASURABLE = 5.0
-"""Half-width in deg/min beyond which a drift is shown as not measurable."""
 
 
 @dataclass(slots=True)
@@ -34,11 +32,12 @@ class Blocks:
     t: Array
     e: Array
     segment: NDArray[np.int64]
+    block_s: float = BLOCK_S
 
     @property
     def seconds(self) -> float:
         """Time covered, s."""
-        return len(self.t) * BLOCK_S
+        return len(self.t) * self.block_s
 
 
 @dataclass(slots=True)
@@ -47,7 +46,8 @@ class Drift:
 
     ``value`` is None where the record is too short. ``changes`` holds the first and the
     last group slope where the slopes rise or fall steadily. ``wander`` is the RMS (deg)
-    that remains when the mean slope and each segment's offset are taken away.
+    that remains when the mean slope and each segment's offset are taken away. Of several records
+    together, ``range`` holds the least and the largest, and ``agree`` tells whether one drift explains them.
     """
 
     value: float | None
@@ -57,24 +57,36 @@ class Drift:
     seconds: float
     wander: float = math.nan
     changes: tuple[float, float] | None = None
-    notes: dict[str, Any] = field(default_factory=dict)
+    range: tuple[float, float] | None = None
+    agree: bool = True
+    records: list[Record] = field(default_factory=list)
+
+    @property
+    def told(self) -> bool:
+        """Whether the interval excludes zero: there is a drift, however wide the interval."""
+        return self.ci95 is not None and not self.ci95[0] <= 0.0 <= self.ci95[1]
+
+    @property
+    def less_than(self) -> float | None:
+        """What the size of the drift stays below: the larger end of the interval, deg/min."""
+        return None if self.ci95 is None else max(abs(self.ci95[0]), abs(self.ci95[1]))
 
 
 def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
-    """Means over 1 s of a heading error (n,) in deg, unwrapped within each segment; half-filled blocks are left out.
+    """Means over 1 s (0.5 s in short records) of a heading error (n,) in deg, unwrapped within each segment.
 
-    ``t`` (n,) s ascending within a segment. A segment ends where the heading reference was reset, at
-    a gap, or where a run ends: nothing is averaged across.
+    ``t`` (n,) s ascending within a segment. A segment ends where the heading reference was reset, or at a gap:
+    nothing is averaged across. Half-filled blocks are left out.
     """
     good = np.isfinite(e_deg)
     t, e_deg, segment = t[good], e_deg[good], segment[good]
-    times, means, labels = [], [], []
     edges = np.concatenate([[0], np.flatnonzero(np.diff(segment) != 0) + 1, [len(t)]])
-    for label, (i, j) in enumerate(pairwise(edges)):
-        if j - i < 2:
-            continue
+    whole = [(i, j) for i, j in pairwise(edges.tolist()) if j - i >= 2]
+    length = BLOCK_S if sum(t[j - 1] - t[i] for i, j in whole) >= FINE_BELOW_S - 0.1 else FINE_BLOCK_S
+    times, means, labels = [], [], []
+    for label, (i, j) in enumerate(whole):
         own_t, own_e = t[i:j], np.unwrap(e_deg[i:j], period=360.0)
-        index = np.floor((own_t - own_t[0]) / BLOCK_S).astype(int)
+        index = np.floor((own_t - own_t[0]) / length).astype(int)
         count = np.bincount(index)
         full = np.flatnonzero(count > 0.5 * np.median(count[count > 0]))
         times.append(np.bincount(index, own_t)[full] / count[full])
@@ -82,28 +94,28 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
         labels.append(np.full(len(full), label))
     if not times:
         return Blocks(np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
-    return Blocks(np.concatenate(times), np.concatenate(means), np.concatenate(labels))
+    return Blocks(np.concatenate(times), np.concatenate(means), np.concatenate(labels), length)
 
 
-def slope(blocks: Blocks) -> Drift:
+def slope(blocks: Blocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     """The mean drift of a record and its interval: t over the slopes of groups (Ibragimov & Mueller 2010).
 
-    Target length of a group: a quarter of the record (a sixth from 120 s on); each
-    segment is cut into max(1, round(segment / target)) equal groups, each with its own
-    offset; groups under 3 blocks are left out. Fewer than 4 groups or 20 s: no value.
+    One group for each 10 s of the record, 4 to 12; each segment is cut into
+    max(1, round(segment / (record / groups))) equal ones, each with its own offset; groups under 3 blocks are left
+    out. Fewer than 4 groups or less than ``shortest_s``: no value.
     """
     record = blocks.seconds
-    target = record / (6.0 if record >= LONG_S else 4.0)
+    target = record / min(max(round(record / GROUP_S), MIN_GROUPS), MAX_GROUPS)
     slopes, spans = [], []
     for label in np.unique(blocks.segment):
         own = np.flatnonzero(blocks.segment == label)
-        for part in interval.equal_groups(len(own), max(1, round(len(own) * BLOCK_S / target))):
+        for part in interval.equal_groups(len(own), max(1, round(len(own) * blocks.block_s / target))):
             at = own[part]
             if len(at) >= MIN_BLOCKS:
                 slopes.append(60.0 * _line(blocks.t[at], blocks.e[at]))
                 spans.append((float(blocks.t[at[0]]), float(blocks.t[at[-1]])))
     found = Drift(None, None, np.array(slopes), spans, record)
-    if len(slopes) < MIN_GROUPS or record < SHORTEST_S - DRIFT_SLACK_S:
+    if len(slopes) < MIN_GROUPS or record < shortest_s - DRIFT_SLACK_S:
         return found
     found.value = float(np.mean(slopes))
     found.ci95 = interval.of_mean(slopes)
@@ -139,12 +151,12 @@ def together(records: list[Drift]) -> Drift:
     """Several records of one log as one: the mean weighted by their length.
 
     Where the records agree (chi-squared of their values, 95 %) the interval is that of
-    the weighted mean (Satterthwaite degrees of freedom); where they do not, it spans
-    all their intervals and ``notes["agree"]`` is False.
+    the weighted mean (Satterthwaite degrees of freedom); where they do not they are not pooled: the
+    interval spans all of theirs, and ``range`` holds the least and the largest.
     """
     usable = [r for r in records if r.value is not None and r.ci95 is not None]
     if len(usable) <= 1:
-        return usable[0] if usable else max(records, key=lambda r: r.seconds)
+        return replace(usable[0] if usable else max(records, key=lambda r: r.seconds))
     values = np.array([r.value for r in usable], np.float64)
     weight = np.array([r.seconds for r in usable])
     weight = weight / weight.sum()
@@ -162,14 +174,10 @@ def together(records: list[Drift]) -> Drift:
     else:
         ci95 = (min(r.ci95[0] for r in usable if r.ci95), max(r.ci95[1] for r in usable if r.ci95))
     return Drift(
-        mean,
-        ci95,
-        np.concatenate([r.slopes for r in usable]),
-        [s for r in usable for s in r.spans],
-        sum(r.seconds for r in usable),
-        float(np.sqrt(weight @ np.array([r.wander**2 for r in usable]))),
-        notes={"agree": bool(agree), "range": [float(values.min()), float(values.max())], "records": len(usable)},
-    )
+        mean, ci95, np.concatenate([r.slopes for r in usable]), [s for r in usable for s in r.spans],
+        sum(r.seconds for r in usable), float(np.sqrt(weight @ np.array([r.wander**2 for r in usable]))),
+        range=(float(values.min()), float(values.max())), agree=bool(agree),
+    )  # fmt: skip
 
 
 def _line(t: Array, e: Array) -> float:
@@ -177,42 +185,48 @@ def _line(t: Array, e: Array) -> float:
     return float(u @ (e - np.mean(e))) / float(u @ u)
 
 
-def too_short(found: Drift, heading_reference: str) -> str:
-    """Why a record gives no drift: its time, or the pieces it is broken into."""
-    what = "of usable rest" if heading_reference == "rest" else f"of flight comparable with {heading_reference}"
-    if found.seconds < SHORTEST_S - DRIFT_SLACK_S:
-        return f"{found.seconds:.0f} s {what}; {SHORTEST_S:.0f} s are needed"
-    return f"{found.seconds:.0f} s {what} in pieces too short for {MIN_GROUPS} slopes"
+def too_short(found: Drift, shortest_s: float) -> str:
+    """Why a record gives no drift: its time, or the segments it is broken into."""
+    if found.seconds < shortest_s - DRIFT_SLACK_S:
+        return f"{found.seconds:.0f} s; {shortest_s:.0f} are needed"
+    return f"{found.seconds:.0f} s in segments too short for {MIN_GROUPS} slopes"
 
 
-def answer(found: Drift, window: str, heading_reference: str) -> Answer:
-    """The Answer of a drift: too short, not measurable, disagreeing, or a value with its interval."""
-    if found.value is None or found.ci95 is None:
-        return missing("record_too_short", too_short(found, heading_reference), "deg/min", window)
-    half = 0.5 * (found.ci95[1] - found.ci95[0])
+def answer(found: Drift, window: str, against: str) -> Answer:
+    """The Answer of a drift that has a value: told or bounded, never "not measurable"."""
     reason = None
-    if half > NOT_MEASURABLE:
-        reason = f"not measurable: the interval is +-{half:.1f} deg/min"
-    elif found.notes.get("agree") is False:
-        low, high = found.notes["range"]
-        reason = f"the rests of this log disagree: {low:+.2f} to {high:+.2f} deg/min"
-    detail: dict[str, Any] = {
-        "slopes": [float(s) for s in found.slopes],
-        "covers_zero": found.ci95[0] <= 0.0 <= found.ci95[1],
-        "wander_deg": found.wander,
-        **found.notes,
-    }
-    if found.changes is not None:
-        detail["changes"] = list(found.changes)
+    if found.range is not None and not found.agree:
+        reason = f"the rests of this log disagree: {found.range[0]:+.2f} to {found.range[1]:+.2f} deg/min"
+    method = f"mean slope of {len(found.slopes)} groups of block means against {against}, t interval over the groups"
     return Answer(
-        found.value,
-        "deg/min",
-        window,
-        len(found.slopes),
-        found.seconds,
-        found.ci95,
-        f"mean slope of {len(found.slopes)} groups of 1 s block means against {heading_reference}, t interval over the groups",
-        reason=reason,
-        ranked=reason is None,
-        detail=detail,
-    )
+        found.value, "deg/min", window, len(found.slopes), found.seconds, found.ci95, method,
+        reason=reason, ranked=reason is None,
+        detail={
+            "slopes": [float(s) for s in found.slopes],
+            "told": found.told,
+            "less_than": found.less_than,
+            "wander_deg": found.wander,
+            "agree": found.agree,
+            **({} if found.range is None else {"range": list(found.range)}),
+            **({} if found.changes is None else {"changes": list(found.changes)}),
+        },
+        records=found.records,
+        units=_units(found),
+    )  # fmt: skip
+
+
+def _units(found: Drift) -> UnitValues | None:
+    """The slopes of the groups, paired between rows by the times at which their groups begin."""
+    ids = ids_of([start for start, _ in found.spans])
+    if found.value is None or len(set(ids.tolist())) < len(ids):
+        return None
+    whole = Summary(found.value, found.ci95)
+    return UnitValues("slope_group", ids, found.slopes, functools.partial(_on, ids, found.slopes, whole))
+
+
+def _on(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Summary:
+    """The drift on some of a record's groups; on all of them what it was."""
+    chosen = np.isin(ids, wanted)
+    if chosen.all():
+        return whole
+    return Summary(float(np.mean(slopes[chosen])), interval.of_mean(slopes[chosen]))

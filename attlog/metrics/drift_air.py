@@ -12,6 +12,7 @@ from attlog.metrics import drift
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, HeadingReference, Metric, applies_to, paragraph, per_row
 from attlog.metrics.drift_rest import bias_beside
+from attlog.metrics.evidence import DRIFT_AIR_S
 from attlog.metrics.rmse import why_never_airborne
 from attlog.reference.model import Row
 from attlog.segments import gaps
@@ -46,10 +47,11 @@ METRICS: tuple[Metric, ...] = tuple(
         "zero",
         ("airborne", name),
         paragraph(
-            f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start: 1 s block
-            means, cut at gaps and at resets of the heading reference; groups of a quarter of the record (a sixth from 120 s
-            on), each with its own offset; value = mean of the group slopes, interval = t over them. It says how the
-            row drifts away from this heading reference: a drift of the heading reference counts too."""
+            f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start, from 20 s on:
+            1 s block means, cut at gaps and at resets of the heading reference; one group for each 10 s of the
+            record, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The
+            drift is told where the interval excludes zero, else bounded by its larger end. It says how the row drifts
+            away from this heading reference: a drift of the heading reference counts too."""
         ),
     )
     for name, words in HEADING_REFERENCES.items()
@@ -57,7 +59,7 @@ METRICS: tuple[Metric, ...] = tuple(
 
 
 def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
-    """The row's heading minus the heading reference's in deg at the heading reference's times, and the segment of each; both (n,).
+    """The row's heading minus the reference's in deg at the reference's times, and the segment of each; both (n,).
 
     NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
     """
@@ -75,7 +77,7 @@ def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array,
 
 
 def error_blocks(case: Case, row: Row, name: str, window: str) -> drift.Blocks | None:
-    """1 s means of the heading error against a heading reference, airborne and scored; None where the heading reference is absent."""
+    """1 s means of the heading error against a heading reference, airborne and scored; None where it is absent."""
     spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
     return _error_blocks(case, row, name, spans)
 
@@ -124,7 +126,11 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
         return missing(
             "not_covered", f"there is no scored flight in common with {HEADING_REFERENCES[name]}", "deg/min", window
         )
-    answer = drift.answer(drift.slope(blocks), window, name)
+    found = drift.slope(blocks)
+    if found.value is None:
+        reason = f"flight comparable with {name}: {drift.too_short(found, DRIFT_AIR_S)}"
+        return missing("record_too_short", reason, "deg/min", window)
+    answer = drift.answer(found, window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
     if name in case.heading_references and case.heading_references[name].text:
         answer.detail["heading reference"] = case.heading_references[name].text

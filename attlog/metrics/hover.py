@@ -92,9 +92,9 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {name: missing("record_too_short", reason, "deg", window)}
     sigma = math.sqrt(float(np.mean(powers)))
     ci95 = interval.of_sigma_log(sigma, powers[::2])
-    reason = "one window of hover gives no interval" if ci95 is None else None
+    few = "one window of hover gives no interval" if ci95 is None else None
     answer = Answer(
         sigma, "deg", window, len(powers[::2]), found.seconds, ci95, f"{len(powers)} windows of 4 s",
-        reason=reason, ranked=reason is None, detail={"within_5_deg_pct": found.near_pct},
+        reason=few, ranked=few is None, detail={"within_5_deg_pct": found.near_pct},
     )  # fmt: skip
     return {name: follow.unrank_frozen(case, row, "roll", answer)}

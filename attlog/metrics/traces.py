@@ -84,8 +84,8 @@ def rest(case: Case, row: Row) -> list[Trace]:
 
 
 def drifts(case: Case, row: Row) -> list[Trace]:
-    """Heading block means with their least-squares line, for the longest rest and for each heading reference in the air."""
-    records = [drift_rest.rest_blocks(case, row, span) for span in rest_spans(case, row, "rest")]
+    """Heading block means with their line, for the longest rest and for each heading reference in the air."""
+    records = [drift_rest.rest_blocks(case, row, usable) for _, usable in drift_rest.rests(case, row, "rest")]
     longest = max(records, key=lambda b: len(b.t), default=None)
     keyed = [("rest", longest)]
     if case.segments.spans("airborne") and not row.is_reference:

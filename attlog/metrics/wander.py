@@ -11,9 +11,9 @@ from attlog.metrics import drift, follow, interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.drift_air import error_blocks
-from attlog.metrics.drift_rest import rest_blocks
+from attlog.metrics.drift_rest import rest_blocks, rests
+from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_REST_S
 from attlog.metrics.rmse import root_mean_square, why_no_errors
-from attlog.metrics.settled import rest_spans
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -22,20 +22,20 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "wander_deg", "Heading wander", "deg", "low", ("rest",),
         paragraph(
-            """RMS of the 1 s block means of the heading after the mean drift and each segment's offset are removed: of
-            the heading itself at rest, of the heading error against the reference in the window airborne. Interval:
-            t over the mean squares of the drift's groups."""
+            """RMS of the block means of the heading (1 s, 0.5 s in records under 20 s) after the mean drift and each
+            segment's offset are removed: of the heading itself at rest, of the heading error against the reference in
+            the window airborne. Interval: t over the mean squares of the drift's groups."""
         ),
     ),
 )  # fmt: skip
 
 
-def pooled(records: list[drift.Blocks]) -> tuple[float, interval.Interval | None, int] | None:
+def pooled(records: list[drift.Blocks], shortest_s: float) -> tuple[float, interval.Interval | None, int] | None:
     """RMS in deg about each record's mean drift, its interval and the number of groups; None without a long record."""
     residuals: list[Array] = []
     groups: list[slice] = []
     for blocks in records:
-        found = drift.slope(blocks)
+        found = drift.slope(blocks, shortest_s)
         if found.value is None:
             continue
         begin = sum(len(r) for r in residuals)
@@ -57,14 +57,15 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         if absent is not None:
             return {"wander_deg": missing(*absent, "deg", window)}
         flown = error_blocks(case, row, case.reference.kind, window)
-        records = [] if flown is None else [flown]
+        records, shortest_s = [] if flown is None else [flown], DRIFT_AIR_S
     else:
-        records = [rest_blocks(case, row, span) for span in rest_spans(case, row, window)]
+        records = [rest_blocks(case, row, usable) for _, usable in rests(case, row, window)]
+        shortest_s = DRIFT_REST_S
     records = [r for r in records if len(r.t)]
-    found = pooled(records)
+    found = pooled(records, shortest_s)
     if found is None:
         longest = max((r.seconds for r in records), default=0.0)
-        reason = f"the longest record is {longest:.0f} s; {drift.SHORTEST_S:.0f} s are needed"
+        reason = f"the longest record is {longest:.0f} s; {shortest_s:.0f} s are needed"
         return {"wander_deg": missing("record_too_short", reason, "deg", window)}
     value, ci95, groups = found
     floor = case.reference.floor_deg if window == "airborne" else row.step_deg / 2.0

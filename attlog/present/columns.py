@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from attlog.present.heading import DRIFT_AIR, best_heading_reference
+from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
 from attlog.present.names import heading_reference_short
 from attlog.present.rows import AIR, ALL, REST
 from attlog.result import Result
@@ -53,7 +53,7 @@ AXIS_COLUMNS = tuple(
 
 def columns(result: Result) -> list[Column]:
     """COLUMNS with the heading reference of this result."""
-    reference = best_heading_reference(result)
+    reference = quoted_heading_reference(result)
     return [
         Column(
             f"{c.title} {heading_reference_short(reference)}", (f"{DRIFT_AIR}.{reference}",), c.windows, spare=c.spare

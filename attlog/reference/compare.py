@@ -78,7 +78,7 @@ def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> Erro
 def measured(
     t: Array, q_est: Array, q_ref: Array, gap_segment: Index, segment: Index, scored: NDArray[np.bool_]
 ) -> Errors:
-    """The errors between attitudes at common times (METRICS 2, "Angles")."""
+    """The errors between attitudes at common times (docs/metrics.md)."""
     angles = np.empty((3, len(t)))
     for a in range(0, len(t), CHUNK):
         e = rotation.error(q_est[a : a + CHUNK], q_ref[a : a + CHUNK])

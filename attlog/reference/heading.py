@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.reference import scoring
 from attlog.reference.compare import measured
 from attlog.reference.model import AlignmentStep, Errors, Reference, Row
 from attlog.segments import Segments, spans
@@ -14,8 +15,6 @@ Array = NDArray[np.float64]
 
 FIRST_S = 10.0
 LEAST_REST_S = 5.0
-RESET_S = 1.0
-"""The reference's heading before and after its reset is the mean over this long."""
 
 
 def remove(row: Row, segments: Segments, reference: Reference) -> None:
@@ -28,7 +27,7 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
     errors = row.errors
     assert errors is not None
     along = np.unwrap(np.radians(errors.heading))
-    jumps = _reset_steps(errors, along)
+    jumps = scoring.reset_steps(errors, along)
     smooth = along - np.cumsum(jumps)
     numbers = np.unique(row.segment)
     place = np.searchsorted(numbers, row.segment)
@@ -49,7 +48,7 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
 
 
 def _first_mean(errors: Errors, along: Array, inside: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
-    """Mean of the unwrapped heading error (rad) over the first long rest of a segment, else its first 10 s of scoring."""
+    """Mean of the unwrapped heading error (rad) over a segment's first long rest, else its first 10 s of scoring."""
     counted = inside & errors.scored
     counted = counted if counted.any() else inside
     for rest in segments.of("rest.long"):
@@ -59,16 +58,3 @@ def _first_mean(errors: Errors, along: Array, inside: NDArray[np.bool_], segment
     start = errors.t[counted][0]
     during = counted & (errors.t <= start + FIRST_S)
     return float(np.mean(along[during])), f"{FIRST_S:.0f} s from {start:.0f} s"
-
-
-def _reset_steps(errors: Errors, along: Array) -> Array:
-    """The jump (n,) in rad of the heading error at each reset of the reference within a segment between gaps, 0 elsewhere."""
-    jumps = np.zeros(len(along))
-    t, segment = errors.t, errors.segment
-    for i in np.flatnonzero((np.diff(segment) != 0) & (np.diff(errors.gap_segment) == 0)) + 1:
-        before = slice(max(np.searchsorted(t, t[i - 1] - RESET_S), np.searchsorted(segment, segment[i - 1])), i)
-        after = slice(
-            i, min(np.searchsorted(t, t[i] + RESET_S, "right"), np.searchsorted(segment, segment[i], "right"))
-        )
-        jumps[i] = np.mean(along[after]) - np.mean(along[before])
-    return jumps

@@ -12,7 +12,7 @@ from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
 from attlog.reference import clock, compare, floor, heading, scoring, trim
 from attlog.reference.model import AlignmentStep, Reference, Row
-from attlog.segments import Segments, gaps
+from attlog.segments import Segments, gaps, resets
 
 Array = NDArray[np.float64]
 
@@ -54,8 +54,15 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
         if reference.trim is not None and not attitude.has_trim:
             row.q = trim.apply(row.q, reference.trim)
             row.steps.append(AlignmentStep("trim", "taken out once, as of the replays", source=log.trim_source))
+        aligned = scoring.aligned_at(attitude, resets.known(log, name, segments)[0], segments)
+        row.start = float(t[0])
+        if aligned is not None:
+            row.start = max(row.start, aligned)
+            text = "its own alignment: nothing before this jump is scored"
+            row.steps.append(AlignmentStep("alignment", text, row.start, "s", attitude.source))
         if row.is_reference:
-            row.start, row.coverage_pct = float(t[0]), 100.0
+            counted = scoring.scored(reference, t)
+            row.coverage_pct = scoring.coverage_pct(t, row.segment, counted, reference, segments)
             rows.append(row)
         else:
             rows.append(_measure(row, segments, reference, free_heading=False))
@@ -65,10 +72,12 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
 def _measure(row: Row, segments: Segments, reference: Reference, free_heading: bool) -> Row:
     """Fill in errors, heading offset, convergence, coverage and status of a row."""
     good = np.isfinite(row.q).all(axis=1)
-    row.start = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
+    first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
+    row.start = first if row.kind == "replay" else max(first, row.start)
     lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring_start)))
     if reference.kind != "none" and good.any():
         row.errors = compare.errors(row.t[good], row.q[good], row.segment[good], reference)
+        row.errors.scored &= row.errors.t >= row.start
         if free_heading and len(row.errors.t):
             heading.remove(row, segments, reference)
         _judge(row, segments, reference)
@@ -87,13 +96,19 @@ def _judge(row: Row, segments: Segments, reference: Reference) -> None:
         row.coverage_pct = 0.0
         row.reason = f"{row.name} and the reference {reference.source} have no time in common"
         return
-    row.coverage_pct = scoring.coverage_pct(errors, reference, segments)
-    row.convergence_s = scoring.convergence_s(errors, row.start, row.uses_mag and row.heading_offset_deg is None)
-    diverged = scoring.diverged_at(errors)
-    if diverged is not None:
+    own_heading = row.uses_mag and row.heading_offset_deg is None
+    row.coverage_pct = scoring.coverage_pct(errors.t, errors.gap_segment, errors.scored, reference, segments)
+    row.convergence_s = scoring.convergence_s(errors, row.start, own_heading)
+    tipped = scoring.diverged_at(errors)
+    turned = scoring.lost_heading_at(errors) if own_heading else None
+    if tipped is not None:
         row.status = "diverged"
         limit = f"{scoring.DIVERGED_DEG:.0f} deg for {scoring.DIVERGED_S:.0f} s"
-        row.reason = f"tilt error above {limit} from {diverged:.1f} s"
+        row.reason = f"tilt error above {limit} from {tipped:.1f} s"
+    elif turned is not None:
+        row.status = "diverged"
+        limit = f"{scoring.DIVERGED_HEADING_DEG:.0f} deg for {scoring.DIVERGED_HEADING_S:.0f} s"
+        row.reason = f"heading error above {limit} from {turned:.1f} s"
     elif row.convergence_s is None and errors.t[-1] - errors.t[0] >= scoring.CONVERGED_S:
         row.status = "not_converged"
         row.reason = f"had not settled {scoring.CONVERGED_LIMIT_S:.0f} s after its start"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.model import Attitude
 from attlog.reference.model import Errors, Reference
+from attlog.rotation import error, total_angle, wrap
 from attlog.segments import Segments, gaps, spans
 from attlog.segments.spans import Span
 
@@ -13,13 +15,16 @@ Array = NDArray[np.float64]
 
 START_S = 15.0
 SHORT_S = 30.0
-"""Where the record is shorter than this, a third of it is left out instead of 15 s (METRICS 2.6)."""
+"""Where the record is shorter than this, a third of it is left out instead of 15 s."""
 
 DIVERGED_DEG, DIVERGED_S = 30.0, 2.0
-"""METRICS 2.7."""
+DIVERGED_HEADING_DEG, DIVERGED_HEADING_S = 45.0, 10.0
 CONVERGED_S, CONVERGED_TILT_DEG, CONVERGED_HEADING_DEG = 5.0, 2.0, 5.0
 CONVERGED_LIMIT_S = 60.0
-"""METRICS 2.6."""
+RESET_S = 1.0
+"""The reference's heading before and after its reset is the mean over this long."""
+ALIGNED_DEG, ALIGNED_WITHIN_S = 5.0, 60.0
+"""A jump of an onboard attitude by this much, this soon and before the first flight is its own alignment."""
 
 
 def settling(seconds: float) -> float:
@@ -45,10 +50,13 @@ def scored(reference: Reference, t: Array) -> NDArray[np.bool_]:
     return inside
 
 
-def coverage_pct(errors: Errors, reference: Reference, segments: Segments) -> float | None:
+def coverage_pct(
+    t: Array, number: NDArray[np.int64], counted: NDArray[np.bool_], reference: Reference, segments: Segments
+) -> float | None:
     """Share in percent of flight and rest after the scoring start that was scored; None where there is neither.
 
-    Each scored sample covers the time to the next one of its segment. The first seconds
+    ``t`` (n,) are a row's times, ``number`` (n,) their segments between gaps, ``counted`` (n,) what is scored.
+    Each counted sample covers the time to the next one of its segment. The first seconds
     after a restart are not scored and so count as missing.
     """
     wanted = spans.merge([*segments.spans("airborne"), *segments.spans("rest")])
@@ -56,23 +64,63 @@ def coverage_pct(errors: Errors, reference: Reference, segments: Segments) -> fl
     total = spans.seconds(wanted)
     if total <= 0:
         return None
-    t = errors.t
-    joined = np.zeros(len(t), bool)
-    joined[:-1] = (np.diff(errors.gap_segment) == 0) & errors.scored[:-1] & errors.scored[1:]
-    first = np.flatnonzero(joined & ~np.concatenate([[False], joined[:-1]]))
-    last = np.flatnonzero(~joined & np.concatenate([[False], joined[:-1]]))
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    covered = [(float(t[a]) - 0.5 * usual, float(t[b]) + 0.5 * usual) for a, b in zip(first, last, strict=True)]
+    parts = [p for p in gaps.slices(counted, number) if p.stop - p.start > 1]
+    covered = [(float(t[p.start]) - 0.5 * usual, float(t[p.stop - 1]) + 0.5 * usual) for p in parts]
     return min(100.0, 100.0 * spans.seconds(spans.intersect(covered, wanted)) / total)
 
 
 def diverged_at(errors: Errors) -> float | None:
     """The time from which the scored tilt error stays above 30 deg for 2 s; None if it never does."""
-    bad = errors.scored & (errors.inclination > DIVERGED_DEG)
-    for part in gaps.slices(bad, errors.gap_segment):
-        if np.ptp(errors.t[part]) >= DIVERGED_S:
+    return _stays(errors, errors.inclination > DIVERGED_DEG, DIVERGED_S)
+
+
+def lost_heading_at(errors: Errors) -> float | None:
+    """The time from which the scored heading error stays beyond 45 deg for 10 s; None if it never does.
+
+    Resets of the reference apart: beyond as it is, and beyond as it would be if the reference had not jumped.
+    """
+    along = np.unwrap(np.radians(errors.heading))
+    smooth = np.degrees(np.abs(wrap(along - np.cumsum(reset_steps(errors, along)))))
+    beyond = np.minimum(np.abs(errors.heading), smooth) > DIVERGED_HEADING_DEG
+    return _stays(errors, beyond, DIVERGED_HEADING_S)
+
+
+def _stays(errors: Errors, bad: NDArray[np.bool_], seconds: float) -> float | None:
+    for part in gaps.slices(bad & errors.scored, errors.gap_segment):
+        if np.ptp(errors.t[part]) >= seconds:
             return float(errors.t[part.start])
     return None
+
+
+def reset_steps(errors: Errors, along: Array) -> Array:
+    """The jump (n,) in rad of the heading error at each reset of the reference between gaps, 0 elsewhere.
+
+    ``along`` (n,) rad is the heading error unwrapped.
+    """
+    jumps = np.zeros(len(along))
+    t, segment = errors.t, errors.segment
+    for i in np.flatnonzero((np.diff(segment) != 0) & (np.diff(errors.gap_segment) == 0)) + 1:
+        before = slice(max(np.searchsorted(t, t[i - 1] - RESET_S), np.searchsorted(segment, segment[i - 1])), i)
+        after = slice(
+            i, min(np.searchsorted(t, t[i] + RESET_S, "right"), np.searchsorted(segment, segment[i], "right"))
+        )
+        jumps[i] = np.mean(along[after]) - np.mean(along[before])
+    return jumps
+
+
+def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments) -> float | None:
+    """When an onboard attitude was aligned: the last jump of 5 deg within its first 60 s and before any flight.
+
+    ``resets`` (k,) are indices of its resets. None where it needed none.
+    """
+    if len(attitude.t) == 0:
+        return None
+    flown = min((s.t0 for s in segments.of("airborne")), default=np.inf)
+    early = resets[(resets > 0) & (attitude.t[resets] < min(attitude.t[0] + ALIGNED_WITHIN_S, flown))]
+    size = np.degrees(total_angle(error(attitude.q[early], attitude.q[early - 1])))
+    jumped = early[size >= ALIGNED_DEG]
+    return float(attitude.t[jumped[-1]]) if len(jumped) else None
 
 
 def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | None:
@@ -89,7 +137,7 @@ def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | N
     if with_heading:
         heading = np.abs(errors.heading)
         good &= heading <= np.median(heading[later]) + CONVERGED_HEADING_DEG
-    for part in gaps.slices(good, np.zeros(len(good), np.int64)):
+    for part in gaps.slices(good, errors.gap_segment):
         if np.ptp(errors.t[part]) >= CONVERGED_S:
             took = max(0.0, float(errors.t[part.start]) - start) if part.start > 0 else 0.0
             return took if took <= CONVERGED_LIMIT_S else None

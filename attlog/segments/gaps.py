@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 GAP_MEDIANS = 5.0
 GAP_SECONDS = 0.05
-"""A gap is longer than 5 median intervals and longer than 50 ms (METRICS 1)."""
+"""A gap is longer than 5 median intervals and longer than 50 ms (docs/metrics.md)."""
 
 RESTART_SECONDS = 0.5
 """Up to here a filter integrates across a gap; beyond, it restarts."""
@@ -43,7 +43,7 @@ def number(t: Array, limit: float | None = None) -> NDArray[np.int64]:
 
 
 def renumber(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Stretch numbers (n,) from 0 that rise by one wherever one of the given numbers (n,) changes."""
+    """Segment numbers (n,) from 0 that rise by one wherever one of the given numbers (n,) changes."""
     if len(numbers[0]) == 0:
         return np.zeros(0, np.int64)
     changed = np.any([np.diff(n) != 0 for n in numbers], axis=0)

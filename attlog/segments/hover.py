@@ -11,11 +11,11 @@ from attlog.segments.model import Segment
 from attlog.segments.windows import Windows, join
 
 SECONDS, RATE_DPS, TILT_DEG, SPEED_M_S = 3.0, 10.0, 20.0, 1.0
-"""METRICS 1. A tilt limit of 10 deg loses two thirds of a hover in wind."""
+"""A tilt limit of 10 deg loses two thirds of a hover in wind."""
 
 
 def find(log: FlightLog, windows: Windows, airborne: Phase) -> list[Segment]:
-    """Stretches of at least 3 s with rate < 10 deg/s rms, tilt < 20 deg and speed < 1 m/s where it is known."""
+    """Spans of at least 3 s with rate < 10 deg/s rms, tilt < 20 deg and speed < 1 m/s where it is known."""
     if not airborne.spans or not log.kind.hovers:
         return []
     wholly = ~spans.overlaps(windows.t0, windows.t1, spans.complement(airborne.spans, -np.inf, np.inf))

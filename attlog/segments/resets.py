@@ -16,7 +16,7 @@ Index = NDArray[np.int64]
 
 SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1
 NEIGHBOURS, NEIGHBOUR_FACTOR = 10, 4.0
-"""Tried on simulated flights: they find all counted resets; agile flights show 0 to 1 false ones (METRICS 1)."""
+"""Tried on simulated flights: they find all counted resets; agile flights show 0 to 1 false ones (docs/metrics.md)."""
 CHUNK = 50_000
 """Intervals per pass: temporaries of long logs stay small."""
 
@@ -27,7 +27,7 @@ def find(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
     The log's own counters, and jumps that the gyro does not explain: above
     ``max(1 deg, 6 sigma) + 10 %`` of the interval's rotation and above 4 times the
     90th percentile of the unexplained rotation in the 10 intervals on each side, next
-    neighbours left out (METRICS 1). Not across gaps.
+    neighbours left out (docs/metrics.md). Not across gaps.
     """
     counted = {int(i): "reset counter or event of the autopilot" for i in attitude.resets if 0 < i < len(attitude.t)}
     unexplained = unexplained_deg(attitude, imu)

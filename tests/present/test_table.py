@@ -108,7 +108,7 @@ def test_low_coverage_is_printed_beside_the_value():
     assert cells(result, "gyro")["inclination_rmse_deg"].small == ("1.9 to 2.1", "of 62 %")
 
 
-def test_drift_in_the_air_has_the_column_of_the_best_heading_reference():
+def test_drift_in_the_air_has_the_column_of_the_quoted_heading_reference():
     result = make_result()
     result.estimators[2].metrics["airborne"]["drift_air_deg_per_min.truth"] = answer(1.0, "deg/min", "airborne")
     metrics = [c.metric for c in main_table(result).columns]

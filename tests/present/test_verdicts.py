@@ -185,22 +185,21 @@ def test_too_few_steps_are_said_with_the_count():
     )
 
 
-def test_drift_names_the_worst_and_never_says_no_drift():
+def test_drift_names_the_worst_and_bounds_what_is_not_told():
     rows = [row("gyro", drift(-1.2, -4.8)), row("a", drift(0.02, 0.03)), row("b", drift(0.05, -0.06))]
     rows.append(row("onboard", drift(-5.7), is_reference=True))
     found = verdict("drifting", rows)
     assert found.sentence == (
-        "At rest, Gyro drifts most: −1.2°/min (−1.3 to −1.1); A and B show none that differs from zero. "
+        "At rest, Gyro drifts most: −1.2°/min (−1.3 to −1.1); none told of A and B: less than 0.15°/min. "
         "Onboard: −5.7°/min (−5.8 to −5.6). "
         "In the air against onboard (agreement, not truth), Gyro drifts most: −4.8°/min (−4.9 to −4.7); "
-        "A and B show none that differs from zero."
+        "none told of A and B: less than 0.16°/min."
     )
-    assert "no drift" not in found.sentence
 
 
-def test_intervals_across_zero_are_no_drift_that_differs_from_zero():
+def test_intervals_across_zero_are_bounded_by_their_larger_end():
     assert verdict("drifting", [row("a", drift(0.02)), row("b", drift(-0.05))]).sentence == (
-        "At rest, none of 2 filters shows a drift that differs from zero (at most −0.05°/min)."
+        "At rest, no drift of any of 2 filters is told: less than 0.15°/min."
     )
 
 
@@ -211,13 +210,16 @@ def test_truth_is_believed_before_onboard():
     assert found.sentence == "In the air against the logged truth, B drifts +3.0°/min (+2.9 to +3.1)."
 
 
-def test_a_drift_that_cannot_be_measured_is_not_ranked():
-    wide = drift(0.5, half=40, ranked=False, reason="not measurable: the interval is +-40 deg/min")
-    found = verdict("drifting", [row("a", wide)])
-    assert found.sentence == (
-        "At rest, no filter's drift can be told from its wander: the surest is known to ±40.0°/min; "
-        "a longer rest would narrow it."
-    )
+def test_rests_that_disagree_are_said_as_a_range():
+    apart = drift(0.5, half=40, ranked=False, reason="the rests of this log disagree: -2.00 to +4.70 deg/min")
+    apart["rest"]["drift_rest_deg_per_min"].detail |= {"agree": False, "range": [-2.0, 4.7]}
+    found = verdict("drifting", [row("a", apart)])
+    assert found.sentence == "At rest, the rests disagree: drifts from −2.0°/min to +4.7°/min."
+
+
+def test_a_wide_interval_that_excludes_zero_is_told():
+    found = verdict("drifting", [row("a", drift(254.5, half=40))])
+    assert found.sentence.startswith("At rest, A drifts +254.5°/min")
 
 
 def test_nothing_at_all_still_gives_three_sentences():
@@ -278,7 +280,7 @@ def test_filters_that_wander_and_filters_that_are_lost_are_told_apart():
     rows += [row("lost", wide, status="diverged"), row("onboard", drift(air=-1.2, half=6))]
     assert verdict("drifting", rows).sentence == (
         "In the air against onboard (agreement, not truth), Gyro drifts +6.0°/min (+5.9 to +6.1); "
-        "4 filters wander too much to tell a drift; Lost diverged. "
+        "4 filters cannot be judged; Lost diverged. "
         "Onboard: −1.2°/min (−7.2 to +4.8)."
     )
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import segments
-from attlog.reference import Options, choose, replayed, scoring
+from attlog import rotation, segments
+from attlog.reference import Options, choose, onboard_rows, replayed, scoring
 from attlog.segments.model import Segment
 
-from .flights import RATE, SECONDS, estimate, flight
+from .flights import RATE, SECONDS, compared, estimate, flight
 
 T = np.arange(0.0, SECONDS, 1 / RATE)
 
@@ -76,3 +76,82 @@ def test_a_log_without_rest_and_flight_is_covered_by_its_runs():
     found = segments.build(log)
     found.segments = [s for s in found.segments if s.kind == "continuous"]
     assert scored_times(log, found)[1] == pytest.approx(100.0, abs=0.5)
+
+
+def row_with(heading_deg, tilt_deg=0.0, uses_mag=True, log=None):
+    """A row that is off by a heading and a tilt (over time) from the truth, measured."""
+    return compared(log or flight(truth_hz=20.0), estimate(T, heading_deg, tilt_deg), uses_mag=uses_mag)[0]
+
+
+def test_a_heading_beyond_45_deg_for_10_s_has_diverged_and_a_shorter_one_has_not():
+    assert row_with(50.0).status == "diverged"
+    assert "heading error above 45 deg for 10 s from 15" in row_with(50.0).reason
+    assert row_with(40.0).status == "ok"
+    assert row_with(np.where((T > 30) & (T < 38), 60.0, 0.0)).status == "ok"
+    assert row_with(np.where((T > 30) & (T < 42), 60.0, 0.0)).status == "diverged"
+
+
+def test_a_row_without_a_heading_of_its_own_does_not_diverge_in_heading():
+    assert row_with(90.0, uses_mag=False).status == "ok"
+
+
+def test_a_reset_of_the_reference_makes_no_row_diverge():
+    """The onboard attitude jumps by 92 deg at 40 s; the row, right before, goes on."""
+    log = flight()
+    onboard = log.attitudes["ATT"]
+    after = onboard.t >= 40.0
+    onboard.q[after] = rotation.turn_about_down(onboard.q[after], np.radians(92.0))
+    onboard.resets = np.array([int(np.argmax(after))])
+    assert row_with(0.0, log=log).status == "ok"
+
+
+def test_convergence_is_one_sided_and_counts_heading_only_where_there_is_one():
+    """Tilt settles at 25 s, heading at 32 s; afterwards the row gets worse, which is no convergence."""
+    tilt = np.where(T < 25, 10.0, np.where(T > 50, 20.0, 0.5))
+    heading = np.where(T < 32, 20.0, 0.5)
+    assert row_with(heading, tilt).convergence_s == pytest.approx(32.0, abs=0.1)
+    assert row_with(heading, tilt, uses_mag=False).convergence_s == pytest.approx(25.0, abs=0.1)
+    assert row_with(0.0, np.where(T > 50, 20.0, 0.5)).convergence_s == 0.0
+
+
+def test_an_onboard_attitude_counts_from_its_own_alignment_on():
+    """Yaw 0 until it jumps to the true heading at 18 s, still on the ground."""
+    log = flight(truth_hz=20.0)
+    onboard = log.attitudes["ATT"]
+    before = onboard.t < 18.0
+    onboard.q[before] = rotation.turn_about_down(onboard.q[before], np.radians(70.0))
+    found = segments.build(log)
+    reference = choose(log, found, Options(declination=0.0))
+    (row,) = onboard_rows(log, found, reference)
+    assert row.start == pytest.approx(18.0, abs=0.06)
+    assert row.errors.t[row.errors.scored].min() >= 18.0 - 0.06
+    assert np.abs(row.errors.heading[row.errors.scored]).max() < 1.0
+    assert row.status == "ok"
+    log.truth = None
+    alone = choose(log, found, Options(declination=0.0))
+    assert not scoring.scored(alone, np.array([16.0, 17.5])).any()
+    assert scoring.scored(alone, np.array([18.5, 30.0])).all()
+
+
+def test_a_jump_in_flight_is_no_alignment():
+    log = flight(truth_hz=20.0)
+    onboard = log.attitudes["ATT"]
+    late = onboard.t >= 30.0
+    onboard.q[late] = rotation.turn_about_down(onboard.q[late], np.radians(20.0))
+    found = segments.build(log)
+    found.segments.append(Segment("airborne", 20.0, 60.0, "made"))
+    (row,) = onboard_rows(log, found, choose(log, found, Options(declination=0.0)))
+    assert row.start == 0.0
+
+
+def test_a_reference_that_is_written_for_a_third_of_the_flight_covers_a_third():
+    """Not its span from first to last record."""
+    log = flight()
+    onboard = log.attitudes["ATT"]
+    keep = (onboard.t < 30.0) | (onboard.t > 58.0)
+    onboard.t, onboard.q = onboard.t[keep], onboard.q[keep]
+    found = segments.build(log)
+    found.segments.append(Segment("airborne", 20.0, 60.0, "made"))
+    (row,) = onboard_rows(log, found, choose(log, found, Options(declination=0.0)))
+    assert row.is_reference
+    assert row.coverage_pct == pytest.approx(100 * (15 + 2) / 45, abs=2.0)

@@ -1,4 +1,4 @@
-"""What flies and what stands is told by height, throttle and gyro; flags, drift of the barometer and wind do not fool it."""
+"""What flies and what stands is told by height, throttle and gyro, not by flags or a drifting barometer."""
 
 from __future__ import annotations
 

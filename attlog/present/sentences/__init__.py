@@ -3,7 +3,7 @@
 Sentences are made by rule from the answers of a Result, never by hand: first the
 answer, then the number, then who is worst and by what factor, then the onboard
 attitude. What may not be ranked is never named as best, and an interval across
-zero reads "no drift that differs from zero", never "no drift".
+zero reads "no drift told, less than X", never "no drift".
 """
 
 from attlog.present.sentences.drifting import drifting

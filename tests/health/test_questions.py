@@ -1,0 +1,27 @@
+"""What ``info`` says can be answered is what an analysis answers: one rule for both."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog import rotation, segments
+from attlog.health import questions
+from attlog.metrics import drift_rest
+from attlog.segments.model import Segment
+from tests.metrics import flights
+from tests.segments.test_rest import still_log
+
+
+@pytest.mark.parametrize(("seconds", "answered"), [(22.9, False), (27.0, False), (29.0, True), (60.0, True)])
+def test_a_rest_is_long_enough_for_drift_in_info_exactly_where_it_is_in_an_analysis(seconds, answered):
+    """20 s to settle and 8 s to measure."""
+    t = np.arange(0.0, seconds, 0.02)
+    log = still_log(t)
+    log.attitudes, log.onboard = {}, None
+    said = questions.drifting(log, segments.build(log), None)
+    row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.01) * t))
+    phases = [Segment("continuous", 0.0, seconds), Segment("rest.long", 0.0, seconds)]
+    found = drift_rest.compute(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
+    assert said.can is answered
+    assert (found.value is not None) is answered
