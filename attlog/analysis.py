@@ -26,7 +26,7 @@ from attlog.health import Check, answerable, audit
 from attlog.health.findings import Open, findings, hopeless
 from attlog.metrics.base import Case, per_case
 from attlog.present.sentences import verdicts
-from attlog.reference.model import Reference, Row
+from attlog.reference.model import AlignmentStep, Reference, Row
 from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
@@ -91,9 +91,9 @@ def evaluate(
             estimator_rows.append(table_row)
             if row is not None:
                 rows.append(row)
-        fault = _contradicted(case, rows)
-    if fault:
-        refused = _without_reference(case, fault)
+        contradiction = _contradicted(case, rows)
+    if contradiction is not None:
+        refused = _without_reference(case, *contradiction)
         return evaluate(refused, specs, traces=traces, cost=cost, command=command)
     with clock("audit"):
         checks = _checks(case)
@@ -159,19 +159,20 @@ def _described(case: Case) -> dict[str, Any]:
     return describe(case.log, case.segments)
 
 
-def _contradicted(case: Case, rows: list[Row]) -> str:
-    """Why the onboard attitude is refused after all, by filters that agree; empty where it is not, or was asked for."""
+def _contradicted(case: Case, rows: list[Row]) -> tuple[str, AlignmentStep] | None:
+    """Why the onboard attitude is refused after all, by filters that agree; None where it is not, or was asked for."""
     imu = case.log.replay_imu
     if case.settings.get("reference", "auto") != "auto" or imu is None:
-        return ""
+        return None
     return reference.contradicted(case.log, imu, case.reference, rows)
 
 
-def _without_reference(case: Case, fault: str) -> Case:
+def _without_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
     """The same case without the reference that is refused: nothing computed with it is kept."""
     options = reference_options(Config.of(case.settings))
     refused = case.reference.refused | {case.reference.kind: fault}
     ref = reference.refuse(case.log, case.segments, options, fault, refused)
+    ref.steps.append(step)
     headings = reference.heading_references(case.log, case.segments, ref)
     return Case(
         case.log, case.segments, ref, heading_references=headings, imus=case.imus, windows=case.windows,
@@ -200,7 +201,9 @@ def _unanswered(case: Case, checks: list[Check], result: Result) -> list[Open]:
 def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
     """What the analysis itself found wrong: a reference that physics contradicts, estimators that failed."""
     means = "It is no reference for anything" if ref.kind == "none" else "It was asked for as reference all the same"
-    refused = [Problem("reference_contradicted", "error", f"{ref.fault}.", means=f"{means}.")] if ref.fault else []
+    numbers = "".join(f": {step.text}" for step in ref.steps if step.name == "contradiction")
+    text = f"{ref.fault}{numbers}."
+    refused = [Problem("reference_contradicted", "error", text, means=f"{means}.")] if ref.fault else []
     return refused + [
         Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"
     ]

@@ -35,6 +35,7 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
         yield Line("")
         yield from table
 
+
 def wrong(result: Result, shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[Line]:
     """What is wrong with the log, the worst first, each with cause, remedy and meaning; notes only if ``verbose``."""
     found = problems(result)
@@ -45,7 +46,9 @@ def wrong(result: Result, shown: Callable[[str], str], width: int, verbose: bool
         yield Line(f"  {nothing}")
     for problem in listed:
         where = f" ({problem.where})" if problem.where else ""
-        times = f" ({problem.count} times)" if problem.count > 1 and f"{problem.count} times" not in problem.text else ""
+        times = (
+            f" ({problem.count} times)" if problem.count > 1 and f"{problem.count} times" not in problem.text else ""
+        )
         yield from wrapped(f"  {problem.label.lower()}: ", shown(f"{typeset(problem.text)}{where}{times}"), width)
         for label, text in problem.more:
             yield from wrapped(f"      {label:<4} ", shown(typeset(text)), width)

@@ -22,7 +22,7 @@ ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
 class About:
     """What a check that is not good means: how bad, why, which remedy, what for the comparison.
 
-    ``codes``: problems of readers and reports that say the same.
+    ``codes``: problems of readers and reports that say the same; ``beside``: those that are as important.
     """
 
     warn: Severity = "warning"
@@ -31,6 +31,7 @@ class About:
     fault: Fault | None = None
     means: str = ""
     codes: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
 
 
 _TILT = "Where the attitude is wrong, filters that agree with it are wrong as well."
@@ -47,14 +48,14 @@ ABOUT: dict[str, About] = {
     ),
     "crash": About(
         bad="error", cause="Lost thrust, lost attitude or contact with something.", fault="crash",
-        means="Rest after it is that of a wreck and is not judged.", codes=("crash",),
+        means="Nothing is compared after an impact.", codes=("crash",),
     ),
     "gravity direction": About(
         bad="error", cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
-        fault="mounting", means=_TILT, codes=("reference_contradicted",),
+        fault="mounting", means=_TILT, codes=("reference_contradicted",), beside=("ekf_failsafe", "ekf_check", "ekf_fault"),
     ),
     "gyro against attitude": About(
-        bad="error", cause="A wrong scale or orientation of the sensor, or a slow or filtered attitude.",
+        warn="note", bad="error", cause="A wrong scale or orientation of the sensor, or a slow or filtered attitude.",
         fault="mounting", means="Errors grow with every turn.",
     ),
     "attitude jumps": About(
@@ -152,8 +153,10 @@ def findings(
         means = "What could not be checked may still be wrong."
         told.append(Problem("not_checked", "info", text, count=1, means=means))
     told += _open(list(unanswered))
-    ranks = {name: i for i, name in enumerate(ABOUT)}
-    place = {code: ranks[name] for name, about in ABOUT.items() for code in (_code(name), *about.codes)}
+    told = [_explained(p, checks, log) for p in told]
+    place: dict[str, int] = {}
+    for i, (name, about) in enumerate(ABOUT.items()):
+        place |= dict.fromkeys((_code(name), *about.codes, *about.beside), i)
     return sorted(_once(told), key=lambda p: (ORDER.index(p.severity), place.get(p.code, len(place)), p.t or 0.0))
 
 
@@ -188,6 +191,15 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
     if not same:
         return [*told, own]
     return [_merged(p, own, check.name) if p is same[0] else p for p in told if p is same[0] or p not in same]
+
+
+def _explained(problem: Problem, checks: list[Check], log: FlightLog) -> Problem:
+    """A refused reference with its cause: a mounting where it is off at rest throughout, else the estimator."""
+    if problem.code != "reference_contradicted" or problem.cause:
+        return problem
+    throughout = any(c.name == "gravity direction" and c.verdict == "bad" for c in checks)
+    cause = ABOUT["gravity direction"].cause if throughout else "The onboard estimator failed, or had not aligned."
+    return replace(problem, cause=cause, remedy=log.remedies["mounting" if throughout else "estimator"])
 
 
 def _merged(reported: Problem, own: Problem, name: str) -> Problem:
@@ -241,4 +253,3 @@ def _logging(check: Check, log: FlightLog) -> str:
 
 def _code(name: str) -> str:
     return name.replace(" ", "_")
-

@@ -42,8 +42,7 @@ def bias(imu: Imu, segments: Segments) -> Check:
         x, y, z = (float(v) for v in np.degrees(np.median(imu.gyro.x[mask], axis=0)))
         worst = max(x, y, z, key=abs)
         text = f"{where} the gyro reads {x:.2f}, {y:.2f}, {z:.2f} deg/s about x, y, z."
-        begin = float(imu.gyro.t[np.argmax(mask)])
-        return Check("gyro bias", graded(abs(worst), *BIAS_DPS), text, round(worst, 3), "deg/s", limit, t=begin)
+        return Check("gyro bias", graded(abs(worst), *BIAS_DPS), text, round(worst, 3), "deg/s", limit)
     return not_judged("gyro bias", "The vehicle never stands still on the ground in this log.", limit)
 
 

@@ -68,6 +68,7 @@ def shown_time(problem: Problem) -> float | None:
 def where(problem: Problem) -> str:
     """Where in the log: time or bytes."""
     if (t := shown_time(problem)) is not None:
-        return f"at {moment(t)}"
+        told = any(f" {t:.{k}f} s" in problem.text for k in (0, 1))  # not twice
+        return "" if told else f"at {moment(t)}"
     said = problem.offset is None or str(problem.offset) in problem.text
     return "" if said else f"at byte {problem.offset:,}"

@@ -16,7 +16,7 @@ from attlog import rotation
 from attlog.flight.model import FlightLog, Imu
 from attlog.reference import scoring, trim
 from attlog.reference.compare import interpolate
-from attlog.reference.model import Reference, Row
+from attlog.reference.model import AlignmentStep, Reference, Row
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
@@ -34,51 +34,61 @@ SAMPLES = 4000
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
-def contradicted(log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]) -> str:
-    """The sentence that refuses an onboard reference, empty where filters and force do not contradict it."""
+def contradicted(
+    log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
+) -> tuple[str, AlignmentStep] | None:
+    """Why an onboard reference is refused, and the numbers; None where filters and force do not contradict it."""
     replays = {r.estimator: r for r in rows if r.kind == "replay" and len(r.t) > 1 and r.imu in (None, imu)}
     if reference.kind != "onboard" or len(replays) < FILTERS:
-        return ""
+        return None
     use = np.flatnonzero(scoring.scored(reference, reference.t))
     use = use[:: max(1, len(use) // SAMPLES)]
     if len(use) < 10:
-        return ""
+        return None
     t = reference.t[use]
     filters = list(replays.values())
     downs = np.stack([_down(row.t, row.q, row.segment, t) for row in filters])
+    shared = np.isfinite(downs).all(axis=2).sum(axis=0) >= FILTERS
+    if shared.sum() < 10:
+        return None
+    t, use, downs = t[shared], use[shared], downs[:, shared]
     own = rotation.rotate_inverse(reference.q[use], DOWN)
-    known = np.isfinite(downs).all(axis=2)
-    common = np.nanmedian(np.where(known[..., None], downs, np.nan), axis=0) if known.any() else np.full(own.shape, np.nan)
+    common = np.nanmedian(downs, axis=0)
     common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
-    distance = np.where(known, _angle(downs, common), np.nan)
-    near = [k for k in range(len(filters)) if known[k].any() and np.nanmedian(distance[k]) <= TOGETHER_DEG]
+    distance = _angle(downs, common)
+    typical = np.array([np.median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
+    near = np.flatnonzero(typical <= TOGETHER_DEG)
     if len(near) < max(FILTERS, (len(filters) + 1) // 2):
-        return ""
-    spread = np.nanmax(distance[near], axis=0)
+        return None
+    spread = np.max(np.nan_to_num(distance[near]), axis=0)
     apart = _angle(own, common)
-    with np.errstate(invalid="ignore"):
-        off = apart > np.maximum(APART_DEG, TIMES * spread)
+    off = apart > np.maximum(APART_DEG, TIMES * spread)
     spans = [s for s in gaps.slices(off, reference.segment[use]) if t[s.stop - 1] - t[s.start] >= LEAST_S]
     seconds = sum(float(t[s.stop - 1] - t[s.start]) for s in spans)
     if not spans or seconds < SHARE * _seconds(t, reference.segment[use]):
-        return ""
+        return None
     longest = max(spans, key=lambda s: float(t[s.stop - 1] - t[s.start]))
     t0, t1 = float(t[longest.start]), float(t[longest.stop - 1])
-    typical = min(near, key=lambda k: float(np.nanmedian(distance[k])))
-    by_filter = _mean_force(imu, reference, filters[typical].t, filters[typical].q, filters[typical].segment, t0, t1)
+    nearest = filters[int(near[np.argmin(typical[near])])]
+    by_filter = _mean_force(imu, reference, nearest.t, nearest.q, nearest.segment, t0, t1)
     by_reference = _mean_force(imu, reference, reference.t, reference.q, reference.segment, t0, t1)
     if by_filter is None or by_reference is None:
-        return ""
+        return None
     gravity = np.array([0.0, 0.0, -G]) + _acceleration(log, t0, t1)
     right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
     if right > RIGHT_M_S2 or wrong < WRONG_M_S2:
-        return ""
-    return (
-        f"{reference.source} is wrong: {len(near)} of {len(filters)} filters stay within "
-        f"{np.nanmedian(spread):.0f} deg of each other and {np.median(apart[longest]):.0f} deg from it; from {t0:.1f} to "
-        f"{t1:.1f} s the mean force is {_shown(by_filter)} m/s^2 (north, east, down) by them, as gravity is, and "
-        f"{_shown(by_reference)} by it"
+        return None
+    angle = float(np.median(apart[longest]))
+    fault = (
+        f"{reference.source} is wrong by {angle:.0f} deg: {len(near)} of {len(filters)} filters agree with each other, "
+        "and the mean force with them"
     )
+    text = (
+        f"filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
+        f"{_shown(by_filter)} m/s^2 (north, east, down) by them, as gravity is, and {_shown(by_reference)} by "
+        f"{reference.source}"
+    )
+    return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)
 
 
 def _seconds(t: Array, segment: NDArray[np.int64]) -> float:

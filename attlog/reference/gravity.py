@@ -56,7 +56,9 @@ def check(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[st
     text = f"{where} {reference.source} and gravity in the accelerometer differ by this tilt (median of {len(tilts)})"
     step = AlignmentStep("gravity_check", text, tilt, "deg", f"accelerometer {where}", False)
     if tilt > FAULT_DEG:
-        fault = f"{reference.source} disagrees with gravity {where} by {tilt:.0f} deg: it or the sensor's frame is wrong"
+        fault = (
+            f"{reference.source} disagrees with gravity {where} by {tilt:.0f} deg: it or the sensor's frame is wrong"
+        )
         return f"{fault}, so agreement with it would mean nothing", [step]
     return _sometimes(reference, quiet), [step]
 

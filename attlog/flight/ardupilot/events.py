@@ -65,11 +65,11 @@ ERRORS: dict[tuple[int, int], Meaning] = {
     (12, 1): Meaning(
         "Crash check: the vehicle was tilted and out of control, motors were stopped", "error",
         cause="Lost thrust, lost control or contact.", remedy="Look at what was reported in the seconds before.",
-        means="What comes after is no flight.", code="crash",
+        code="crash",
     ),
     (12, 2): Meaning(
         "Loss of control was detected, as for the parachute", "error", cause="Lost thrust or lost attitude.",
-        remedy="Look at what was reported in the seconds before.", means="What comes after is no flight.", code="crash",
+        remedy="Look at what was reported in the seconds before.", code="crash",
     ),
     (13, 2): Meaning("A flip was abandoned", "note"),
     (14, 2): Meaning("Autotune was refused or its gains were bad", "note"),
@@ -119,8 +119,8 @@ FENCE = {1: "height", 2: "circle", 4: "polygon", 8: "lowest height"}
 EVENTS: dict[int, Meaning] = {
     19: _NO_GNSS,
     51: Meaning("The parachute was released", "error", cause="By the pilot or by the crash check.",
-                means="What comes after is no flight.", code="crash"),
-    54: Meaning("The pilot stopped the motors (emergency stop)", "error", means="What comes after is no flight."),
+                code="crash"),
+    54: Meaning("The pilot stopped the motors (emergency stop)", "error"),
     60: Meaning("The EKF set its height anew", "note", cause="Its height source changed or drifted.", means=NO_MATTER),
 }  # fmt: skip
 """By the id of EV records; yaw resets stand among the jumps of the attitude."""
