@@ -7,6 +7,7 @@ Each stage lives in its own room; this file only hands things on and keeps the t
 
 from __future__ import annotations
 
+import math
 import platform
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -286,7 +287,10 @@ def summarize(ref: Reference) -> ReferenceSummary:
         "onboard": "The autopilot's own attitude: agreement, not truth.",
         "none": "Nothing to compare with: only questions at rest can be answered.",
     }
-    return ReferenceSummary(ref.kind, ref.source, ref.rate, ref.floor_deg, texts[ref.kind], ref.steps)
+    end = ref.end if math.isfinite(ref.end) else None
+    return ReferenceSummary(
+        ref.kind, ref.source, ref.rate, ref.floor_deg, texts[ref.kind], ref.steps, ref.scoring_start, end
+    )
 
 
 def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:

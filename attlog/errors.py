@@ -7,6 +7,8 @@ process exit code that the command line ends with (sysexits numbering, see
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class AttlogError(Exception):
     """Root of all errors that attlog raises on purpose."""
@@ -46,3 +48,32 @@ class PluginError(AttlogError):
     """A user's estimator file cannot be loaded or breaks the estimator contract."""
 
     exit_code = 2
+
+
+INTERRUPTED = 130
+BUG = 70
+EXIT_ORDER = (INTERRUPTED, BUG, 73, 2, 66, 65, 75, 1, 0)
+"""With several logs, the first of these that occurred is the exit code."""
+
+
+def exit_code(error: BaseException) -> int:
+    """The process exit code for an error: its own, or that of a bug."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED
+    return error.exit_code if isinstance(error, AttlogError) else BUG
+
+
+def worst(codes: Iterable[int]) -> int:
+    """The exit code of several logs; 0 without any."""
+    return min(codes, key=EXIT_ORDER.index, default=0)
+
+
+def message(error: BaseException, version: str, log: str = "") -> str:
+    """What a user reads about an error: its own sentence, or the line to report for a bug; ``log``: one of several."""
+    where = f"{log}: " if log and log not in str(error) else ""
+    if isinstance(error, AttlogError):
+        return f"attlog: {where}{error}"
+    return (
+        f"attlog: {where}a bug in attlog {version}: {type(error).__name__}: {error}\n"
+        "Please report this line with the output of the same command and -vv."
+    )

@@ -15,14 +15,14 @@ import numpy as np
 T = TypeVar("T")
 Build = Callable[[Any], Any]
 
-NOT_IN_JSON = "not in json"
-"""Metadata of a field that stays out of the document: ``field(metadata={NOT_IN_JSON: True})``."""
+IN_JSON = "json"
+"""A field that stays out of the document says so: ``field(metadata={IN_JSON: False})``."""
 
 
 def plain(value: Any) -> Any:
     """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = [f.name for f in dataclasses.fields(value) if not f.metadata.get(NOT_IN_JSON)]
+        fields = [f.name for f in dataclasses.fields(value) if f.metadata.get(IN_JSON, True)]
         return {name: plain(getattr(value, name)) for name in fields}
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
@@ -69,7 +69,8 @@ def restored(cls: type[T], value: Any, *, may_lack: tuple[str, ...] = ()) -> T:
     Misfit where a key is missing, unknown or of another type; the keys ``may_lack``
     take their default, or None, at every level. A null for a number is NaN.
     """
-    found: T = _dataclass(cls, may_lack)(value)
+    build: Build = _dataclass(typing.cast(type, cls), may_lack)
+    found: T = build(value)
     return found
 
 
@@ -102,7 +103,7 @@ def _builder(hint: Any, may_lack: tuple[str, ...]) -> Build:
 @functools.cache
 def _dataclass(cls: type, may_lack: tuple[str, ...]) -> Build:
     hints = typing.get_type_hints(cls)
-    names = [f.name for f in dataclasses.fields(cls) if not f.metadata.get(NOT_IN_JSON)]
+    names = [f.name for f in dataclasses.fields(cls) if f.metadata.get(IN_JSON, True)]
     builders = {name: _builder(hints[name], may_lack) for name in names}
     has_default = {
         f.name

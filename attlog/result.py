@@ -21,7 +21,7 @@ from attlog.flight.model import Problem
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
 from attlog.metrics.trace import Trace
-from attlog.plain import NOT_IN_JSON, Misfit, plain, restored, without
+from attlog.plain import IN_JSON, Misfit, plain, restored, without
 from attlog.reference.model import AlignmentStep
 from attlog.segments.model import Segment
 
@@ -50,7 +50,7 @@ NOT_UTF8 = re.compile("[\ud800-\udfff]")
 
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
-ANSWER_KEEPS = tuple(f.name for f in fields(Answer) if f.metadata.get(NOT_IN_JSON))
+ANSWER_KEEPS = tuple(f.name for f in fields(Answer) if not f.metadata.get(IN_JSON, True))
 """Fields of an answer that are not in the JSON."""
 
 
@@ -116,6 +116,10 @@ class ReferenceSummary:
     floor_deg: float
     text: str
     alignment: list[AlignmentStep] = field(default_factory=list)
+    scoring_start_s: float = 0.0
+    """Rows are compared from here on: before it filters and onboard settle."""
+    scoring_end_s: float | None = None
+    """Rows are compared up to here (impact); None: to the end."""
 
 
 @dataclass(slots=True)
@@ -143,7 +147,7 @@ class Result:
     health: list[dict[str, Any]] = field(default_factory=list)
     timing: dict[str, float] = field(default_factory=dict)
     schema: str = SCHEMA
-    traces: list[Trace] = field(default_factory=list, metadata={NOT_IN_JSON: True})
+    traces: list[Trace] = field(default_factory=list, metadata={IN_JSON: False})
 
     def to_dict(self, deterministic: bool = False) -> dict[str, Any]:
         """The JSON document as plain Python; ``deterministic`` drops measured times."""

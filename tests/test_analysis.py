@@ -70,7 +70,8 @@ def test_two_evaluations_of_one_name_with_other_parameters_do_not_mix(case: Case
         )
         result = attlog.evaluate(case, [str(file)])
         noise.append(answers(result, result.estimators[0].name)["all"]["total_rmse_deg"].value)
-    assert noise[0] is not None and noise[1] is not None and noise[0] != noise[1]
+    assert None not in noise
+    assert noise[0] != noise[1]
 
 
 def test_traces_and_costs_come_when_asked_for(case: Case) -> None:
@@ -91,6 +92,17 @@ def test_analyze_is_both_halves() -> None:
         }
     assert whole.config == halves.config
     assert list(whole.timing) == ["read", "segments", "reference", "estimators", "metrics", "audit"]
+
+
+def test_the_result_tells_which_time_is_scored() -> None:
+    def scored(**settings: object) -> tuple[float, float | None]:
+        reference = attlog.evaluate(attlog.prepare(LOG, settings), "gyro").reference
+        assert reference is not None
+        return reference.scoring_start_s, reference.scoring_end_s
+
+    seconds = attlog.read(LOG).seconds
+    assert scored()[0] == pytest.approx(15.0 if seconds >= 30.0 else seconds / 3.0, abs=0.1)
+    assert scored(score_from=3.5) == (3.5, None)
 
 
 def test_a_configuration_may_be_a_mapping() -> None:

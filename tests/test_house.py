@@ -42,8 +42,9 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "testing": {"estimators"},
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis"},
+    "fleet": {"config", "analysis", "result", "report"},
     "cli": BELOW_THE_RESULT
-    | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present"},
+    | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present", "fleet"},
 }
 LATE_UPWARDS = {("result", "report")}
 """The one import against the flow: ``Result.to_html``."""
@@ -161,3 +162,21 @@ def test_project_files_name_no_machine() -> None:
         str(p) for p in texts if p.is_file() and any(r in p.read_text(encoding="utf-8", errors="ignore") for r in roots)
     ]
     assert not found
+
+
+def test_every_definition_that_is_cited_stands_in_the_repository() -> None:
+    """No code or page cites a document that a reader of the repository cannot open."""
+    outside = re.compile(r"\b(METRICS|DESIGN|LOGS|ESTIMATORS|PERFORMANCE|ECOSYSTEM|STYLE|MEKF|SMOOTHER)(\.md\b| \d)")
+    root = PACKAGE.parent
+    pages = [
+        *PACKAGE.rglob("*.py"),
+        *(root / "docs").glob("*.md"),
+        *(root / "benchmarks").glob("*.py"),
+        root / "README.md",
+    ]
+    cited = [
+        f"{p.relative_to(root)}: {m.group()}" for p in pages for m in outside.finditer(p.read_text(encoding="utf-8"))
+    ]
+    assert not cited
+    named = {(p, m) for p in pages for m in re.findall(r"docs/(\w+\.md)", p.read_text(encoding="utf-8"))}
+    assert not [(p.name, page) for p, page in named if not (root / "docs" / page).is_file()]

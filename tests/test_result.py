@@ -141,7 +141,7 @@ def test_a_missing_key_is_told_with_its_place(written: Path, tmp_path: Path) -> 
     del document["reference"]["source"]
     file = tmp_path / "wrong.json"
     file.write_text(json.dumps(document))
-    with pytest.raises(UsageError, match="reference.source: is missing"):
+    with pytest.raises(UsageError, match=r"reference\.source: is missing"):
         Result.load(file)
 
 

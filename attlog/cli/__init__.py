@@ -13,10 +13,7 @@ import typer
 
 from attlog import __version__
 from attlog.cli import analyze, check_estimator, estimators, extract, info, new, schema
-from attlog.errors import AttlogError
-
-INTERRUPTED = 130
-BUG = 70
+from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
 
 app = typer.Typer(
     name="attlog",
@@ -68,17 +65,10 @@ def main() -> None:
     _show_everything()
     try:
         app()
-    except AttlogError as error:
-        print(f"attlog: {error}", file=sys.stderr)
-        sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
     except Exception as error:
-        if "-vv" in sys.argv:
+        if "-vv" in sys.argv and not isinstance(error, AttlogError):
             raise
-        print(
-            f"attlog: a bug in attlog {__version__}: {type(error).__name__}: {error}\n"
-            "Please report this line with the output of the same command and -vv.",
-            file=sys.stderr,
-        )
-        sys.exit(BUG)
+        print(message(error, __version__), file=sys.stderr)
+        sys.exit(exit_code(error))

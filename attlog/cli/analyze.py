@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from attlog import __version__
 from attlog.cli.common import Boot, NoColor, Quiet, System, Verbose, console, existing, number_or
-from attlog.errors import AttlogError, UsageError
+from attlog.errors import AttlogError, UsageError, exit_code, message, worst
+from attlog.fleet.one import analyze_to_files, report_names
 
 if TYPE_CHECKING:
     from attlog.config import Config
+    from attlog.fleet.one import Written
     from attlog.result import Result
 
-EXIT_ORDER = (130, 70, 73, 2, 66, 65, 75, 1)
-"""With several logs, the first of these that occurred is the exit code."""
+BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared": "shared"}
+"""Where reports have plotly from."""
 
 
 def command(
@@ -88,7 +92,7 @@ def command(
     """Re-run attitude filters on each LOG and compare them with the onboard attitude: a report, a JSON, a table."""
     if json not in (None, "-"):
         raise UsageError(f"--json {json}: only - (standard output); files are written to the folder of -o")
-    if plotly not in ("inline", "shared"):
+    if plotly not in BUNDLES:
         raise UsageError(f"--plotly {plotly}: use inline or shared")
     options = {
         "estimators": estimators,
@@ -108,50 +112,33 @@ def command(
         "input_delay": None if input_delay is None else number_or(input_delay, ("auto", "off"), "--input-delay"),
     }
     settings = _settings(config, {k: v for k, v in options.items() if v is not None})
-    codes = set()
+    codes: set[int] = set()
     for number, (log, name) in enumerate(zip(logs, report_names(logs), strict=True), 1):
+        if len(logs) > 1 and not quiet and sys.stderr.isatty():
+            print(f"[{number}/{len(logs)}] {log}", file=sys.stderr)
         try:
-            if len(logs) > 1 and not quiet and sys.stderr.isatty():
-                print(f"[{number}/{len(logs)}] {log}", file=sys.stderr)
-            result = _analyze(log, settings, output / name, plotly, deterministic)
-        except AttlogError as error:
+            existing(log)
+            done = analyze_to_files(
+                log, settings, output, name,
+                command=" ".join(["attlog", *sys.argv[1:]]), plotly=BUNDLES[plotly], deterministic=deterministic,
+            )  # fmt: skip
+            if json == "-":
+                print(_json_text(done.result, deterministic, one_line=len(logs) > 1))
+            if not quiet:
+                _show(done, settings, on_stderr=json == "-", verbose=verbose)
+            if open_report:
+                typer.launch(str(done.report))
+        except BrokenPipeError:
+            raise  # nobody reads on: no fault of this log
+        except Exception as error:
             if len(logs) == 1:
                 raise
-            print(f"attlog: {error}", file=sys.stderr)
-            codes.add(error.exit_code)
-            continue
-        if json == "-":
-            print(_json_text(result, deterministic, one_line=len(logs) > 1))
-        if not quiet:
-            _show(result, output / f"{name}.html", settings, on_stderr=json == "-", verbose=verbose)
-        if open_report:
-            typer.launch(str(output / f"{name}.html"))
+            if verbose > 1 and not isinstance(error, AttlogError):
+                traceback.print_exception(error)
+            print(message(error, __version__, str(log)), file=sys.stderr)
+            codes.add(exit_code(error))
     if codes:
-        raise typer.Exit(next(code for code in EXIT_ORDER if code in codes))
-
-
-def report_names(logs: list[Path]) -> list[str]:
-    """The name of each log's report: its file name with suffix; a second of the same name gets a number."""
-    used: set[str] = set()
-    names = []
-    for log in logs:
-        name, k = log.name, 1
-        while name in used:
-            k += 1
-            name = f"{log.name}-{k}"
-        used.add(name)
-        names.append(name)
-    return names
-
-
-def _analyze(log: Path, settings: Config, stem: Path, plotly: str, deterministic: bool) -> Result:
-    from attlog.analysis import analyze
-
-    existing(log)
-    result = analyze(log, settings, command=" ".join(["attlog", *sys.argv[1:]]))
-    result.to_html(stem.with_name(stem.name + ".html"), plotly=plotly)
-    result.to_json(stem.with_name(stem.name + ".json"), deterministic=deterministic)
-    return result
+        raise typer.Exit(worst(codes))
 
 
 def _settings(path: Path | None, options: dict[str, Any]) -> Config:
@@ -189,7 +176,7 @@ def _on_off(text: str | None) -> bool | None:
     raise UsageError(f"--trim {text!r}: use on or off")
 
 
-def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbose: int) -> None:
+def _show(done: Written, settings: Config, on_stderr: bool, verbose: int) -> None:
     from rich.text import Text
 
     from attlog.cli.terminal import printed
@@ -197,9 +184,9 @@ def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbo
     from attlog.report import bundle_notice
 
     out = console(stderr=on_stderr)
-    for line in printed(result, settings.window or "all", out.width, out.encoding, bool(verbose)):
+    for line in printed(done.result, settings.window or "all", out.width, out.encoding, bool(verbose)):
         out.print(Text(line.text, line.style), soft_wrap=True)
-    out.print(Text(stand_in(f"report: {report}", out.encoding)), soft_wrap=True)
+    out.print(Text(stand_in(f"report: {done.report}", out.encoding)), soft_wrap=True)
     notice = bundle_notice()
     if notice:
         print(f"attlog: {notice}", file=sys.stderr)

@@ -63,8 +63,8 @@ def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) 
     """Answers of one row: window -> metric id -> Answer. A metric that means nothing in a window is left out there.
 
     ``cost=False`` leaves out what has to be measured by running the filter again.
-    ``detail["coverage_pct"]`` stands beside comparisons of a row that was scored on less
-    than 95 % of its time. A row that gravity does not correct is a baseline: it is ranked nowhere.
+    ``coverage_pct`` stands beside comparisons of a row that was scored on less than 95 % of
+    its time. A row that gravity does not correct is a baseline: it is ranked nowhere.
     """
     table: dict[str, dict[str, Answer]] = {}
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
@@ -75,7 +75,7 @@ def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) 
             answers |= question.compute(case, row, window)
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):
-                answer.detail["coverage_pct"] = row.coverage_pct
+                answer.coverage_pct = row.coverage_pct
             if uncorrected and answer.ranked:
                 answer.ranked, answer.reason = False, uncorrected
     return table

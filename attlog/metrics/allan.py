@@ -133,7 +133,7 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
     low, high = interval.of_sigma_chi_square(60.0 * value, round(float(d.dof[at]), 3))
     return Answer(
         60.0 * value, unit, window, round(float(d.dof[at])), length, (low, high), "overlapping Allan deviation at 1 s",
-        detail={"slope": slope, "floor_deg": 0.0},
+        detail={"slope": slope},
     )  # fmt: skip
 
 

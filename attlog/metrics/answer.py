@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from attlog.metrics.units import UnitValues
-from attlog.plain import NOT_IN_JSON
+from attlog.plain import IN_JSON
 
 CODES = (
     "no_rest",
@@ -53,10 +53,14 @@ class Answer:
 
     With a value: ``n`` independent pieces of evidence over ``seconds``, ``ci95`` the
     95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
-    the value is shown but may not be "best"; ``reason`` then says why. ``detail``
-    holds what the report shows beside it (per-axis values, slopes, flags); ``records`` each
-    span of time on its own where there are several. ``units`` is what
-    the ranking pairs with other rows; it does not leave the process (not in the JSON).
+    the value is shown but may not be "best"; ``reason`` then says why. For ranking, in
+    the value's own unit: ``floor``, the difference below which two values are the same, and
+    ``counts_as_zero_below``, the size that cannot be told from zero. ``coverage_pct`` is the
+    share of the time that a comparison stands on where that is not nearly all; ``each`` the
+    value of every single event; ``records`` each span of time on its own where there are
+    several. ``detail`` holds more for people (slopes, flags); nothing is computed from it.
+    ``units`` is what the ranking pairs with other rows; it does not leave the process (not
+    in the JSON).
     """
 
     value: float | None
@@ -70,8 +74,12 @@ class Answer:
     reason: str | None = None
     ranked: bool = True
     detail: dict[str, Any] = field(default_factory=dict)
+    floor: float = 0.0
+    counts_as_zero_below: float = 0.0
+    coverage_pct: float | None = None
+    each: list[float] = field(default_factory=list)
     records: list[Record] = field(default_factory=list)
-    units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={NOT_IN_JSON: True})
+    units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
 
     def __post_init__(self) -> None:
         if self.value is None:

@@ -56,9 +56,8 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         reason = row.reason or "the error did not stay near its later median for 5 s within 60 s of the start"
         answers["convergence_s"] = missing("not_converged", reason, "s", window)
     else:
-        step = 1.0 / case.reference.rate if case.reference.rate > 0 else 0.0
         answers["convergence_s"] = Answer(
             row.convergence_s, "s", window, 1, length, None, "first time from which the error stays small",
-            reason="one event of this record", ranked=False, detail={"resolution": step},
+            reason="one event of this record", ranked=False,
         )  # fmt: skip
     return {m.name: answers[m.name] for m in METRICS}

@@ -133,5 +133,5 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
     answer = drift.answer(found, window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
     if name in case.heading_references and case.heading_references[name].text:
-        answer.detail["heading reference"] = case.heading_references[name].text
+        answer.detail["heading_reference"] = case.heading_references[name].text
     return answer

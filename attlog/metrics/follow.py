@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 LOW, HIGH = 0.8, 1.2
 MOVING_DPS = 5.0
 MIN_SAMPLES = 20
-"""METRICS 3, frozen-filter guard."""
+"""The frozen-filter guard: docs/metrics.md, Noise."""
 
 
 @dataclass(frozen=True, slots=True)

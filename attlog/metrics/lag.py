@@ -151,23 +151,23 @@ def _lag_answer(
         "fitted_ms": 1000 * found.delay,
         "input_delay_ms": 1000 * delay,
         "without_aiding_ms": 1000 * (lag - found.moved_s),
-        "each_ms": [float(v) for v in 1000 * (found.each - delay)],
-        "counts_as_zero_below": 1000 * half_sample,
     }
+    each = [float(v) for v in 1000 * (found.each - delay)]
     if found.at_edge:
         reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
-        return missing("lag_at_edge", reason, "ms", window, **detail)
+        return Answer(None, "ms", window, code="lag_at_edge", reason=reason, detail=detail, each=each)
     may_be_early = case.reference.kind == "onboard" or not row.causal
     earliest = -math.inf if may_be_early else -half_sample
     why = pure_delay.why_not(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
     if why is not None:
-        return missing("not_a_pure_delay", why, "ms", window, **detail)
+        return Answer(None, "ms", window, code="not_a_pure_delay", reason=why, detail=detail, each=each)
     unranked = None if row.causal else "looks ahead in time: its lag is no merit"
     ids, n = ids_of([events[k].onset for k in found.events]), len(found.events)
     pseudo = 1000 * (n * lag - (n - 1) * (found.left_out[:, 0] - delay))
     return Answer(
         1000 * lag, "ms", window, n, found.seconds, (1000 * (lag - half), 1000 * (lag + half)),
-        f"rate fit, {n} events, jackknife", reason=unranked, ranked=unranked is None, detail=detail,
+        f"rate fit, {n} events, jackknife", reason=unranked, ranked=unranked is None, detail=detail, each=each,
+        counts_as_zero_below=1000 * half_sample,
         units=UnitValues("lag_event", ids, pseudo, OnEvents(found.sums, ids, found.events, delay)),
     )  # fmt: skip
 

@@ -172,14 +172,13 @@ def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Mea
         reason = "of another IMU path with its own delay: known to one digit"
     detail = {
         "windows": len(ids), "phase": phase, "step_deg": row.step_deg,
-        "floor_deg": max(0.5 * step, hidden if shown else 0.0),
     }  # fmt: skip
     if found.settled_s is not None:
         detail["settled_after_s"] = found.settled_s
     answer = Answer(
         told.value, "deg", window, len(ids), found.seconds, told.ci95,
         f"typical of {len(ids)} windows of 5 s, moderated t", reason=reason, ranked=reason is None, detail=detail,
-        units=UnitValues("log_variance", ids, values, on),
+        floor=max(0.5 * step, hidden if shown else 0.0), units=UnitValues("log_variance", ids, values, on),
     )  # fmt: skip
     return _guarded(case, row, axis, answer)
 

@@ -14,7 +14,7 @@ from attlog.reference.model import Row
 Array = NDArray[np.float64]
 
 RATE_DPS, PULSE_S = 20.0, 1.0
-"""METRICS 3."""
+"""The pulse and what precedes it: docs/metrics.md, Noise."""
 SETTLE_S, LONGEST_S = 1.0, 8.0
 """The filter runs so long on the rest before the pulse, at least and at most."""
 

@@ -86,10 +86,8 @@ def distance(answer: Answer, better: str) -> tuple[float, float, float]:
 
 
 def floor(a: Answer, b: Answer) -> float:
-    """The difference below which two answers are the same, in their unit: ``detail``'s floor_deg or
-    counts_as_zero_below, the larger of both rows."""
-    keys = ("floor_deg", "counts_as_zero_below")
-    return max(float(answer.detail.get(key) or 0.0) for answer in (a, b) for key in keys)
+    """The difference below which two answers are the same, in their unit: the larger floor of both rows."""
+    return max(a.floor, a.counts_as_zero_below, b.floor, b.counts_as_zero_below)
 
 
 def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:

@@ -20,7 +20,7 @@ BEFORE_S = 5.0
 HOLD_S = 1.0
 BACK_DEG = 2.0
 LIMIT_S = 60.0
-"""METRICS 6."""
+"""What counts as a disturbance and as recovered: docs/metrics.md, the table."""
 SMOOTH_S = 0.1
 """Vibration alone is no manoeuvre: the specific force is averaged over this time first."""
 

@@ -124,7 +124,8 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
                 f"{STATISTICS[name]}, {len(groups)} groups" if groups else STATISTICS[name],
                 reason=why,
                 ranked=why is None,
-                detail={"samples": int(good.sum()), "floor_deg": case.reference.floor_deg},
+                detail={"samples": int(good.sum())},
+                floor=case.reference.floor_deg,
                 units=units if name == "rmse" else None,
             )
     return answers
@@ -188,8 +189,9 @@ def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
 
 def why_never_airborne(case: Case) -> str:
     """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
-    note = case.segments.notes.get("airborne", "")
-    return note if note.endswith("does not fly") else "the vehicle was never airborne (as far as the log tells)"
+    if not case.log.kind.flies:
+        return f"a {case.log.vehicle} does not fly"
+    return "the vehicle was never airborne (as far as the log tells)"
 
 
 def heading_is_offset_free(case: Case, row: Row) -> str | None:

@@ -67,12 +67,12 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     seconds = math.fsum(c.event.end - c.event.begin for c in found)
     method = f"mean of {len(overshoot)} events, t interval"
-    detail = {"unsettled": unsettled, "each": [float(x) for x in settling]}
+    detail = {"unsettled": unsettled}
     return {
         name: Answer(
             float(np.mean(values)), unit, window, len(values), seconds,
             _from_zero(name, interval.of_mean(values)), method,
-            detail=detail if name == "settling_s" else {"each": [float(x) for x in values]},
+            detail=detail if name == "settling_s" else {}, each=[float(x) for x in values],
         )
         for name, unit, values in (("overshoot_pct", "%", overshoot), ("settling_s", "s", settling))
     }  # fmt: skip

@@ -128,6 +128,6 @@ def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: lis
     seconds = math.fsum(c.event.end - c.event.begin for c in found)
     return Answer(
         summary.value, sign, window, count, seconds, summary.ci95, f"median of {count} events, order statistics",
-        detail={"p90": float(np.quantile(np.abs(values), 0.9)), "each": [float(v) for v in values]},
+        detail={"p90": float(np.quantile(np.abs(values), 0.9))}, each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, magnitude(errors), here),
     )  # fmt: skip

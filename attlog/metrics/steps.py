@@ -44,7 +44,7 @@ def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[Event]:
 
     The stroke is the largest excursion of the integrated body rate within 1 s of the
     onset, at least 5 deg (yaw 10); an onset less than 0.7 s after the last event's
-    90 % point belongs to that event (METRICS 4).
+    90 % point belongs to that event (docs/metrics.md, Quick movements).
     """
     events: list[Event] = []
     for label in np.unique(segment):

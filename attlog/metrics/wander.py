@@ -71,6 +71,6 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     floor = case.reference.floor_deg if window == "airborne" else row.step_deg / 2.0
     answer = Answer(
         value, "deg", window, groups, sum(r.seconds for r in records), ci95,
-        f"RMS about the mean drift, {groups} groups", detail={"floor_deg": floor},
+        f"RMS about the mean drift, {groups} groups", floor=floor,
     )  # fmt: skip
     return {"wander_deg": follow.unrank_frozen(case, row, "heading", answer)}

@@ -65,8 +65,8 @@ def without_value(row: EstimatorRow, metric: str, answer: Answer) -> Cell:
 
 def share(answer: Answer) -> str:
     """Which part of the time could be compared, ``of 62 %``; empty where (nearly) all of it."""
-    coverage = answer.detail.get("coverage_pct")
-    return f"of {coverage:.0f} %" if isinstance(coverage, (int, float)) and coverage < FULL_COVERAGE else ""
+    coverage = answer.coverage_pct
+    return f"of {coverage:.0f} %" if coverage is not None and coverage < FULL_COVERAGE else ""
 
 
 def distance(result: Result, metric: str, answer: Answer) -> float:

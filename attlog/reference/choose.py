@@ -107,10 +107,13 @@ def _build(
     reference.trim, trim_step = trim.step(log, attitude, options.trim)
     reference.floor_deg, reference.step_deg, floor_step = floor.step(t, q, attitude.step_deg, imu)
     start_step = _score(reference, _imu_times(imu, t), segments, options)
-    north = declination.step(log, options.declination)
-    reference.declination_deg = north.value if isinstance(north.value, float) else None
-    lag = delay.step(log, imu, reference, options.input_delay)
-    reference.input_delay_s = 1e-3 * float(lag.value) if lag.applied and isinstance(lag.value, float) else 0.0
+    aligned = scoring.aligned_at(attitude, found, segments) if kind == "onboard" else None
+    if aligned is not None:
+        reference.unscored = [(-np.inf, aligned), *reference.unscored]
+        text = "its own alignment: nothing is compared with it before this jump"
+        start_step.append(AlignmentStep("alignment", text, aligned, "s", attitude.source))
+    reference.declination_deg, north = declination.step(log, options.declination)
+    reference.input_delay_s, lag = delay.step(log, imu, reference, options.input_delay)
     reference.fault, gravity_step = gravity.check(reference, imu, segments)
     reference.fault = reference.fault or _frozen(reference, imu)
     reference.steps = [
@@ -137,8 +140,7 @@ def _without(log: FlightLog, imu: Imu | None, segments: Segments, options: Optio
     zero = np.zeros(0)
     index = np.zeros(0, np.int64)
     reference = Reference("none", "", zero, np.zeros((0, 4)), index, index, clock=_clock(options))
-    north = declination.step(log, options.declination)
-    reference.declination_deg = north.value if isinstance(north.value, float) else None
+    reference.declination_deg, north = declination.step(log, options.declination)
     start = _score(reference, _imu_times(imu, zero), segments, options)
     reference.steps = [AlignmentStep("reference", why, "none", option="--reference"), north, *start]
     return reference

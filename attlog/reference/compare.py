@@ -79,9 +79,9 @@ def measured(
     t: Array, q_est: Array, q_ref: Array, gap_segment: Index, segment: Index, scored: NDArray[np.bool_]
 ) -> Errors:
     """The errors between attitudes at common times (docs/metrics.md)."""
-    angles = np.empty((3, len(t)))
+    total, heading, inclination = angles = np.empty((3, len(t)))
     for a in range(0, len(t), CHUNK):
         e = rotation.error(q_est[a : a + CHUNK], q_ref[a : a + CHUNK])
         measures = (rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e))
         angles[:, a : a + CHUNK] = np.degrees(measures)
-    return Errors(t, *angles, gap_segment, segment, scored, q_est, q_ref)
+    return Errors(t, total, heading, inclination, gap_segment, segment, scored, q_est, q_ref)

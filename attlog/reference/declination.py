@@ -38,24 +38,27 @@ def model(log: FlightLog) -> earth.Field | None:
     return dated or earth.field(*where, None)
 
 
-def step(log: FlightLog, option: str | float) -> AlignmentStep:
-    """The declination in deg (``value``, None if unknown), with both the model's and the parameter's in the text."""
+def step(log: FlightLog, option: str | float) -> tuple[float | None, AlignmentStep]:
+    """The declination in deg (None if unknown), and the step with both the model's and the parameter's in the text."""
     if option not in ("auto", "model", "param"):
         try:
             given = float(option)
         except ValueError:
             raise UsageError(f"declination {option!r}: use auto, model, param or degrees") from None
-        return AlignmentStep("declination", "given by the user", given, "deg", "option", option="--declination")
+        return given, AlignmentStep("declination", "given by the user", given, "deg", "option", option="--declination")
     field, told = model(log), log.declination_param
     by_model = "no position, so no model" if field is None else f"{field.declination_deg:.1f} deg by {field.model}"
     by_param = "no declination parameter that is set" if told is None else f"{told:.1f} deg by {log.declination_source}"
     text = f"{by_model}; {by_param}"
+    value, source = None, ""
     if field is not None and option != "param":
-        return AlignmentStep("declination", text, field.declination_deg, "deg", field.model, option="--declination")
-    if told is not None and option != "model":
-        return AlignmentStep("declination", text, told, "deg", log.declination_source, option="--declination")
+        value, source = field.declination_deg, field.model
+    elif told is not None and option != "model":
+        value, source = told, log.declination_source
+    if value is not None:
+        return value, AlignmentStep("declination", text, value, "deg", source, option="--declination")
     text += "; unknown, so headings are magnetic and compared with their offset removed"
-    return AlignmentStep("declination", text, None, "deg", "", False, "--declination")
+    return None, AlignmentStep("declination", text, None, "deg", "", False, "--declination")
 
 
 def seen_deg(log: FlightLog, reference: Reference) -> float | None:

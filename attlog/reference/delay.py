@@ -82,20 +82,20 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     return float(coarse[best] - b / (2 * a))
 
 
-def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | float) -> AlignmentStep:
-    """The input delay in ms that lags of replayed rows are freed of, beside the one seen in the rates."""
+def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | float) -> tuple[float, AlignmentStep]:
+    """The input delay in s that lags of replayed rows are freed of; the step tells the one seen in the rates too."""
     name, switch = "input_delay", "--input-delay"
     if option == "off":
         text = "switched off: lags contain the sensor's filters"
-        return AlignmentStep(name, text, 0.0, "ms", "option", False, switch)
+        return 0.0, AlignmentStep(name, text, 0.0, "ms", "option", False, switch)
     if option != "auto":
         try:
             given = float(option)
         except ValueError:
             raise UsageError(f"input_delay {option!r}: use auto, off or milliseconds") from None
-        return AlignmentStep(name, "given by the user", given, "ms", "option", option=switch)
+        return 1e-3 * given, AlignmentStep(name, "given by the user", given, "ms", "option", option=switch)
     if imu is None:
-        return AlignmentStep(name, "no IMU is replayed", 0.0, "ms", "", False, switch)
+        return 0.0, AlignmentStep(name, "no IMU is replayed", 0.0, "ms", "", False, switch)
     told, source = by_parameter(imu)
     seen = by_rates(imu, reference)
     if seen is None:
@@ -103,4 +103,5 @@ def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | fl
     else:
         verdict = "" if abs(seen - told) <= AGREES_S else ", which disagrees: look at --clock"
         check = f"the rates show {1e3 * seen:.1f} ms against {reference.source}{verdict}"
-    return AlignmentStep(name, f"{1e3 * told:.1f} ms by {source}; {check}", 1e3 * told, "ms", source, told > 0, switch)
+    text = f"{1e3 * told:.1f} ms by {source}; {check}"
+    return told, AlignmentStep(name, text, 1e3 * told, "ms", source, told > 0, switch)

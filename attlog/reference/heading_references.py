@@ -110,7 +110,7 @@ def _smooth(t: Array, heading: Array, turning: Array, segment: Index) -> Array:
     high = np.minimum(
         np.searchsorted(t, t + 0.5 * MAG_SMOOTHING_S, "right"), np.searchsorted(segment, segment, "right")
     )
-    return turning + np.angle(total[high] - total[low])
+    return np.asarray(turning + np.angle(total[high] - total[low]))
 
 
 def _dual_antenna(log: FlightLog) -> HeadingReference | None:

@@ -92,7 +92,7 @@ class Errors:
 class Row:
     """One line of the comparison: a replayed estimate or an onboard attitude, aligned. A row equals only itself.
 
-    ``name`` as in DESIGN 6 (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q``
+    ``name`` as everywhere in the result (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q``
     are at the row's own times with trim, declination and heading offset applied.
     ``segment`` (n,) counts restarts. ``start`` is the time of its first attitude.
     ``estimator`` is what :func:`attlog.estimators.get` knows the filter by: a name or

@@ -6,7 +6,7 @@ import numpy as np
 
 from attlog.present.messages import alarming, messages
 from attlog.present.numbers import moment
-from attlog.report.figure import Figure, Rows, number, reach, said, series
+from attlog.report.figure import Figure, Rows, reach, said, series
 from attlog.report.pack import BUDGET, Store
 from attlog.result import Result, Trace
 
@@ -53,8 +53,7 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
 
 def scored_from(result: Result) -> float:
     """Seconds from which rows are compared: before it filters and onboard settle."""
-    steps = result.reference.alignment if result.reference else []
-    return next((float(s.value or 0.0) for s in steps if s.name == "scoring_start" and number(s.value)), 0.0)
+    return result.reference.scoring_start_s if result.reference else 0.0
 
 
 def legend(result: Result) -> list[str]:

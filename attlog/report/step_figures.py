@@ -55,7 +55,7 @@ def lag_dots(result: Result, names: Rows) -> list[dict[str, Any]]:
     out = []
     for row in result.estimators:
         found = find(row, "lag_ms", AIR)
-        single = [float(x) for x in (found.detail.get("each_ms") or []) if number(x)] if found is not None else []
+        single = [x for x in found.each if number(x)] if found is not None else []
         if found is not None and row.name in names and (found.value is not None or single):
             out.append(dot(names.index(row.name), found) | {"single": single})
     return out

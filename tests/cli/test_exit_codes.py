@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -128,6 +127,59 @@ def test_a_bug_is_70_with_one_line(attlog, samples, monkeypatch):
     expect(attlog("info", samples / LOGS[0]), 70, "a bug in attlog", "ZeroDivisionError")
 
 
+def breaks(monkeypatch, name, error):
+    """The analysis of the log of this name fails as nobody foresaw."""
+    from attlog import analysis
+
+    analyze = analysis.analyze
+
+    def broken(log, *args, **kwargs):
+        if log.name == name:
+            raise error
+        return analyze(log, *args, **kwargs)
+
+    monkeypatch.setattr(analysis, "analyze", broken)
+
+
+def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path, monkeypatch):
+    breaks(monkeypatch, LOGS[0], ZeroDivisionError("inside"))
+    logs = [samples / LOGS[0], tmp_path / "none.ulg", samples / LOGS[1]]
+    done = attlog("analyze", *logs, "-o", tmp_path, "--estimators", "gyro", "--json", "-")
+    expect(done, 70, f"{LOGS[0]}: a bug in attlog", "ZeroDivisionError: inside", "none.ulg: no such file")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"{LOGS[1]}.html", f"{LOGS[1]}.json"]
+    assert [json.loads(line)["log"]["name"] for line in done.out.strip().splitlines()] == [LOGS[1]]
+
+
+def test_a_bug_in_one_of_several_logs_shows_its_traceback_with_vv(attlog, samples, tmp_path, monkeypatch):
+    breaks(monkeypatch, LOGS[0], ZeroDivisionError("inside"))
+    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro", "-vv")
+    assert (done.code, "Traceback" in done.err) == (70, True)
+    assert (tmp_path / f"{LOGS[1]}.json").exists()
+
+
+def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, monkeypatch):
+    breaks(monkeypatch, LOGS[1], KeyboardInterrupt())
+    logs = [samples / LOGS[0], samples / LOGS[1], samples / LOGS[0]]
+    assert attlog("analyze", *logs, "-o", tmp_path, "--estimators", "gyro").code == 130
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"{LOGS[0]}.html", f"{LOGS[0]}.json"]
+
+
+def test_a_bug_while_a_log_is_told_loses_no_other(attlog, samples, tmp_path, monkeypatch):
+    from attlog.cli import terminal
+
+    shown = terminal.printed
+
+    def broken(result, *settings):
+        if result.log["name"] == LOGS[0]:
+            raise IndexError("no such column")
+        return shown(result, *settings)
+
+    monkeypatch.setattr(terminal, "printed", broken)
+    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro")
+    expect(done, 70, "IndexError")
+    assert len(list(tmp_path.glob("*.json"))) == 2
+
+
 def test_an_interrupt_is_130(attlog, samples, monkeypatch):
     def interrupted(*_a, **_k):
         raise KeyboardInterrupt
@@ -140,14 +192,3 @@ def test_no_command_prints_help(attlog):
     done = attlog()
     assert done.code == 2
     assert "analyze" in done.out + done.err
-
-
-def test_reports_of_equal_names_do_not_overwrite_each_other():
-    from attlog.cli.analyze import report_names
-
-    assert report_names([Path("a/x.ulg"), Path("b/x.ulg"), Path("x.bin"), Path("c/x.ulg")]) == [
-        "x.ulg",
-        "x.ulg-2",
-        "x.bin",
-        "x.ulg-3",
-    ]

@@ -104,7 +104,7 @@ def test_no_movement_is_said_in_a_pilots_words():
     del case.segments.segments[1]
     told = lag.compute(case, row, "airborne")["lag_ms"].reason
     assert told == "the vehicle was never airborne (as far as the log tells)"
-    case.segments.notes["airborne"] = "a boat does not fly"
+    case.log.vehicle = "boat"
     assert lag.compute(case, row, "airborne")["lag_ms"].reason == "a boat does not fly"
 
 

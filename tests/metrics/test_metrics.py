@@ -184,8 +184,8 @@ def test_a_filter_scored_on_its_good_half_says_so_and_is_not_best():
     quick = half.rows[0]
     quick.coverage_pct = 45.0
     table = {r.name: metrics.compute(half, r, ["all"]) for r in half.rows}
-    assert table["quick"]["all"]["inclination_rmse_deg"].detail["coverage_pct"] == 45.0
-    assert "coverage_pct" not in table["slow"]["all"]["inclination_rmse_deg"].detail
+    assert table["quick"]["all"]["inclination_rmse_deg"].coverage_pct == 45.0
+    assert table["slow"]["all"]["inclination_rmse_deg"].coverage_pct is None
     assert metrics.rank(table, half.rows).best == {}
     quick.coverage_pct = 90.0
     assert metrics.rank(table, half.rows).best["all"]["inclination_rmse_deg"] == ["quick"]

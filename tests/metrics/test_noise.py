@@ -301,7 +301,7 @@ def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
     for axis in ("roll", "tilt"):
         answer = noise.compute(case, row, "rest")[f"noise_{axis}_deg"]
         assert (answer.ranked, "never changes" in answer.reason) == (False, True)
-        assert np.isfinite(answer.detail["floor_deg"])
+        assert np.isfinite(answer.floor)
 
 
 def test_a_users_file_is_probed_itself_also_where_it_bears_the_name_of_a_built_in_filter(tmp_path):

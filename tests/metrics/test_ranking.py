@@ -8,11 +8,11 @@ from attlog.metrics.units import Summary, UnitValues, ids_of
 from tests.metrics import flights
 
 
-def answer(value, low, high, ranked=True, **detail):
-    return Answer(value, "deg", "all", 10, 10.0, (low, high), "", ranked=ranked, detail=detail)
+def answer(value, low, high, ranked=True, **more):
+    return Answer(value, "deg", "all", 10, 10.0, (low, high), "", ranked=ranked, **more)
 
 
-def by_units(sigmas, first=0, **detail):
+def by_units(sigmas, first=0, **more):
     """An answer on windows of 5 s with the given typical deviations."""
     ids, values = ids_of(5.0 * np.arange(first, first + len(sigmas))), 2 * np.log(np.asarray(sigmas, float))
 
@@ -22,7 +22,7 @@ def by_units(sigmas, first=0, **detail):
 
     whole = on(ids)
     units = UnitValues("log_variance", ids, values, on)
-    return Answer(whole.value, "deg", "hover", len(ids), 5.0 * len(ids), whole.ci95, "", detail=detail, units=units)
+    return Answer(whole.value, "deg", "hover", len(ids), 5.0 * len(ids), whole.ci95, "", units=units, **more)
 
 
 def test_rows_whose_intervals_lie_apart_are_told_apart():
@@ -32,11 +32,11 @@ def test_rows_whose_intervals_lie_apart_are_told_apart():
 
 
 def test_differences_below_the_floor_are_ties():
-    column = {"a": answer(0.001, 0.0009, 0.0011, floor_deg=0.005), "b": answer(0.004, 0.0039, 0.0041, floor_deg=0.005)}
+    column = {"a": answer(0.001, 0.0009, 0.0011, floor=0.005), "b": answer(0.004, 0.0039, 0.0041, floor=0.005)}
     assert ranking.family(column, "low").best == ["a", "b"]
     fine = {"a": by_units([0.001] * 20), "b": by_units([0.004] * 20)}
     assert ranking.family(fine, "low").best == ["a"]
-    coarse = {name: by_units([s] * 20, floor_deg=0.005) for name, s in (("a", 0.001), ("b", 0.004))}
+    coarse = {name: by_units([s] * 20, floor=0.005) for name, s in (("a", 0.001), ("b", 0.004))}
     assert ranking.family(coarse, "low").best == ["a", "b"]
 
 

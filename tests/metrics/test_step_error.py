@@ -33,7 +33,7 @@ def test_a_row_that_shows_10_percent_too_little_is_told_so():
     pct, deg = found["step_error_pct.0.5s"], found["step_error_deg.0.5s"]
     assert pct.value == pytest.approx(-10.0, abs=1.0)
     assert pct.n >= 8
-    strokes = 0.1 * np.array(deg.detail["each"]) / np.abs(np.array(pct.detail["each"]) / 100.0)
+    strokes = 0.1 * np.array(deg.each) / np.abs(np.array(pct.each) / 100.0)
     assert deg.value == pytest.approx(np.median(strokes), rel=0.1)
     assert deg.detail["p90"] >= deg.value
     assert deg.ci95[0] <= deg.value <= deg.ci95[1]
@@ -42,7 +42,7 @@ def test_a_row_that_shows_10_percent_too_little_is_told_so():
 def test_too_much_is_positive_and_left_turns_count_like_right_ones():
     found = answers(lambda t, q: short_by(t, q, lambda since: -0.1))["step_error_pct.1.0s"]
     assert found.value == pytest.approx(10.0, abs=1.0)
-    assert min(found.detail["each"]) > 8.0
+    assert min(found.each) > 8.0
 
 
 def test_a_constant_heading_offset_and_misalignment_cancel():

@@ -103,7 +103,7 @@ def test_what_may_not_be_ranked_is_shown_as_such(change):
 def test_low_coverage_is_printed_beside_the_value():
     result = make_result()
     poor = answer(2.0, "deg", "airborne")
-    poor.detail["coverage_pct"] = 62.0
+    poor.coverage_pct = 62.0
     result.estimators[1].metrics["airborne"]["inclination_rmse_deg"] = poor
     assert cells(result, "gyro")["inclination_rmse_deg"].small == ("1.9 to 2.1", "of 62 %")
 

@@ -259,6 +259,7 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
                 ),
                 AlignmentStep("trim", "AHRS_TRIM taken out", "1.18, 0.30", "deg", "parameter", True, "--trim"),
             ],
+            scoring_start_s=15.0,
         ),
         estimators=rows,
         definitions={

@@ -42,3 +42,33 @@ def test_heading_at_2_hz_is_within_ten_percent_of_the_full_rate_s(corpus: Path, 
 
     assert len(thin) < 0.25 * len(field.t)
     assert heading_rmse_deg(thin) < 1.1 * heading_rmse_deg(slice(None))
+
+
+COUNTER = '''"""Counts the steps that see a field."""
+import numpy as np
+NEEDS = {"gyro", "acc"}
+USES = {"mag"}
+STATE = {"q": 4, "seen": 1}
+
+def start(params, acc, mag, q0):
+    state = np.zeros(5)
+    state[0:4] = q0
+    return state
+
+def step(state, params, dt, gyr, acc, mag):
+    if mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2] > 0:
+        state[4] += 1
+'''
+
+
+def test_a_field_is_propagated_for_one_and_a_half_periods_and_then_missing(tmp_path: Path) -> None:
+    """2 Hz until 5 s: the filter sees a field up to 0.75 s after each sample, so until 5.75 s and not beyond."""
+    path = tmp_path / "counter.py"
+    path.write_text(COUNTER)
+    t = np.arange(2000) / 100.0
+    mag = np.full((2000, 3), np.nan)
+    mag[:501:50] = [0.2, 0.0, 0.4]
+    e = estimate(str(path), t, np.zeros((2000, 3)), np.tile([0.0, 0.0, -9.81], (2000, 1)), mag)
+    seen = np.flatnonzero(np.diff(e.aux["seen"][:, 0]) > 0) + 1
+    assert t[seen[-1]] == pytest.approx(5.75, abs=0.011)
+    assert np.diff(seen).max() == 1

@@ -1,0 +1,1 @@
+"""Many logs: each to its files, and what became of them all."""

@@ -1,0 +1,63 @@
+"""One log to files: the report, the JSON, and what both are called."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from attlog.config import Config
+    from attlog.result import Result
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What was found out about a log, and the files it stands in."""
+
+    result: Result
+    report: Path
+    json: Path
+
+
+def analyze_to_files(
+    log: Path,
+    config: Config,
+    folder: Path,
+    name: str = "",
+    *,
+    command: str = "",
+    plotly: Literal["inline", "shared"] = "inline",
+    deterministic: bool = False,
+) -> Written:
+    """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder; ``name`` is the file's own by default.
+
+    Each file appears whole or not at all, and nothing is written of a log that fails.
+    Errors as in :func:`attlog.analyze`; OutputError if a file cannot be written.
+    ``deterministic`` leaves measured times out of the JSON.
+    """
+    from attlog.analysis import analyze
+
+    name = name or log.name
+    written = Written(analyze(log, config, command=command), folder / f"{name}.html", folder / f"{name}.json")
+    written.result.to_html(written.report, plotly=plotly)
+    written.result.to_json(written.json, deterministic=deterministic)
+    return written
+
+
+def report_names(logs: Iterable[Path]) -> list[str]:
+    """The name of each log's report: its file name with suffix; a second of the same name gets a number.
+
+    Names that differ in case alone count as the same: some file systems do not tell them apart.
+    """
+    used: set[str] = set()
+    names = []
+    for log in logs:
+        name, k = log.name, 1
+        while name.casefold() in used:
+            k += 1
+            name = f"{log.name}-{k}"
+        used.add(name.casefold())
+        names.append(name)
+    return names

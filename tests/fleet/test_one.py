@@ -1,0 +1,59 @@
+"""One log to files: whole or not at all, under names that do not meet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from attlog import Config, Result
+from attlog.errors import EXIT_ORDER, LogUnreadable, OutputError, UsageError, exit_code, message, worst
+from attlog.fleet.one import analyze_to_files, report_names
+from tests.conftest import SAMPLES
+
+LOG = SAMPLES / "copter_yaw_turns.bin"
+GYRO = Config(estimators=["gyro"])
+
+
+def test_report_and_json_are_named_after_the_log_with_its_suffix(tmp_path: Path) -> None:
+    done = analyze_to_files(LOG, GYRO, tmp_path / "new", command="attlog analyze")
+    assert sorted((tmp_path / "new").iterdir()) == [done.report, done.json]
+    assert (done.report.name, done.json.name) == ("copter_yaw_turns.bin.html", "copter_yaw_turns.bin.json")
+    assert Result.load(done.json).to_json() == done.result.to_json()
+    assert "copter_yaw_turns.bin" in done.report.read_text(encoding="utf-8")
+    assert done.result.traces
+
+
+def test_the_name_can_be_given_and_measured_times_left_out(tmp_path: Path) -> None:
+    done = analyze_to_files(LOG, GYRO, tmp_path, "b-2", deterministic=True)
+    assert done.json.name == "b-2.json"
+    assert "cost_ns" not in done.json.read_text(encoding="utf-8").partition('"definitions"')[0]
+
+
+def test_nothing_is_written_of_a_log_that_fails(tmp_path: Path) -> None:
+    with pytest.raises(LogUnreadable):
+        analyze_to_files(tmp_path / "none.ulg", GYRO, tmp_path / "new")
+    with pytest.raises(UsageError):
+        analyze_to_files(LOG, Config(estimators=["mahonny"]), tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError):
+        analyze_to_files(LOG, GYRO, tmp_path / "file")
+
+
+def test_reports_of_equal_names_do_not_overwrite_each_other() -> None:
+    logs = [Path("a/x.ulg"), Path("b/x.ulg"), Path("x.bin"), Path("c/x.ulg"), Path("x.ulg-2"), Path("d/X.BIN")]
+    assert report_names(logs) == ["x.ulg", "x.ulg-2", "x.bin", "x.ulg-3", "x.ulg-2-2", "X.BIN-2"]
+
+
+def test_of_several_codes_the_gravest_counts() -> None:
+    assert EXIT_ORDER == (130, 70, 73, 2, 66, 65, 75, 1, 0)
+    assert (worst([65, 2, 66]), worst([1, 75, 0]), worst([73, 70]), worst([])) == (2, 75, 70, 0)
+    errors = (KeyboardInterrupt(), ZeroDivisionError(), OutputError("x"), LogUnreadable("x"))
+    assert [exit_code(e) for e in errors] == [130, 70, 73, 66]
+
+
+def test_a_message_names_the_log_once() -> None:
+    assert message(UsageError("a.bin: no such window"), "1", "a.bin") == "attlog: a.bin: no such window"
+    assert message(UsageError("no such window"), "1", "a.bin") == "attlog: a.bin: no such window"
+    assert message(ValueError("x"), "1.2", "a.bin").startswith("attlog: a.bin: a bug in attlog 1.2: ValueError: x\n")
