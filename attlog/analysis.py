@@ -181,11 +181,12 @@ def _without_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
     )  # fmt: skip
 
 
-def _withhold(why: str, rows: list[Row], table: list[EstimatorRow]) -> None:
+def _withhold(why: str, rows: Sequence[Row], table: Sequence[EstimatorRow]) -> None:
     """Where a sensor is beyond use (``why``, empty where it is not) no filter may be called good or bad."""
-    for row in [*rows, *table]:
-        if why and row.kind == "replay" and row.status in ("ok", "not_converged"):
-            row.status, row.reason = "not_judged", why
+    for some in (rows, table):
+        for row in some if why else []:
+            if row.kind == "replay" and row.status in ("ok", "not_converged"):
+                row.status, row.reason = "not_judged", why
 
 
 def _unanswered(case: Case, checks: list[Check], result: Result) -> list[Open]:

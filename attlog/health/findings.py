@@ -52,7 +52,8 @@ ABOUT: dict[str, About] = {
     ),
     "gravity direction": About(
         bad="error", cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
-        fault="mounting", means=_TILT, codes=("reference_contradicted",), beside=("ekf_failsafe", "ekf_check", "ekf_fault"),
+        fault="mounting", means=_TILT, codes=("reference_contradicted",),
+        beside=("ekf_failsafe", "ekf_check", "ekf_fault"),
     ),
     "gyro against attitude": About(
         warn="note", bad="error", cause="A wrong scale or orientation of the sensor, or a slow or filtered attitude.",
@@ -109,7 +110,8 @@ ABOUT: dict[str, About] = {
     ),
     "jitter": About(warn="note", cause="The logger was busy, or samples were lost.", fault="gaps"),
     "rate": About(
-        warn="note", bad="error", codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short"),
+        warn="note", bad="error",
+        codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short"),
     ),
     "delay": About(
         warn="note", cause="A low-pass filter ahead of the logger, or a clock that differs.",

@@ -30,7 +30,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     field = log.mags[log.mag].field
     spans = segments.spans("armed") or segments.spans("airborne")
     best: Check | None = None
-    for what, unit, stream, least in drives(log):
+    for what, stream, least in drives(log):
         seen = follow(field, stream, spans, least)
         if seen is None:
             continue
@@ -45,14 +45,14 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     return [best or not_judged(name, "The log holds no throttle or current that changes while armed.", limit)]
 
 
-def drives(log: FlightLog) -> list[tuple[str, str, Stream, float]]:
-    """What may bend the field: name, unit, stream, and the least range that tells something."""
+def drives(log: FlightLog) -> list[tuple[str, Stream, float]]:
+    """What may bend the field: name, stream, and the least range that tells something."""
     found = []
     if log.battery is not None and log.battery.x.shape[1] > 1 and np.isfinite(log.battery.x[:, 1]).any():
         current = Stream(log.battery.t, log.battery.x[:, 1:2], "A", "", log.battery.source)
-        found.append(("the current", "A", current, LEAST_AMPERE))
+        found.append(("the current", current, LEAST_AMPERE))
     if log.throttle is not None and len(log.throttle.t) > 1:
-        found.append(("the throttle", "1", log.throttle, LEAST_THROTTLE))
+        found.append(("the throttle", log.throttle, LEAST_THROTTLE))
     return found
 
 

@@ -56,11 +56,13 @@ def in_use(t: Array, start: float, segments: Segments) -> NDArray[np.bool_]:
     if "armed" in segments.unknown:
         later: NDArray[np.bool_] = t > start + ALIGNED_S
         return later | segments.mask(t, "airborne")
-    return segments.mask(t, "armed") | segments.mask(t, "airborne")
+    used: NDArray[np.bool_] = segments.mask(t, "armed") | segments.mask(t, "airborne")
+    return used
 
 
 def yaw_share(q: Array, index: NDArray[np.int64]) -> Array:
     """How much (k,) of each step at ``index`` turns about the vertical, 0 to 1."""
     step = rotation.to_rotvec(rotation.multiply(q[index], rotation.conjugate(q[index - 1])))
     size = np.sqrt(np.sum(step**2, axis=1))
-    return np.divide(np.abs(step[:, 2]), size, out=np.zeros(len(size)), where=size > 0)
+    share: Array = np.divide(np.abs(step[:, 2]), size, out=np.zeros(len(size)), where=size > 0)
+    return share

@@ -35,7 +35,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if not off:
         text = f"{listed(list(seen))} and {log.onboard} show the same tilt and heading."
         return [Check("second source", "good", text, 0.0, "deg", limit)]
-    name, worst = max(off.items(), key=lambda item: max(item[1].tilt / TILT_DEG[0], item[1].heading / HEADING_DEG[0]))
+    worst = max(off.values(), key=lambda d: max(d.tilt / TILT_DEG[0], d.heading / HEADING_DEG[0]))
     same = [n for n, d in off.items() if abs(d.tilt - worst.tilt) < 1.0 and abs(d.heading - worst.heading) < 3.0]
     verdict = "bad" if worst.tilt > TILT_DEG[1] or worst.heading > HEADING_DEG[1] else "warn"
     sizes = [(worst.heading, HEADING_DEG[0], "heading"), (worst.tilt, TILT_DEG[0], "tilt")]

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 SMOOTH_S, WINDOW_S = 0.2, 1.0
 """What is faster than a mean over 0.2 s is vibration; its standard deviation is taken over 1 s."""
-STRONG_M_S2, VERY_STRONG_M_S2 = 3.0, 8.0
+STRONG_M_S2, VERY_STRONG_M_S2 = 3.0, 15.0
 """Of the logged, mostly low-passed accelerometer: measured on the logs in hand (docs/flight.md)."""
 ONBOARD_M_S2 = (30.0, 60.0)
 """Of the autopilot's own level at full rate: ardupilot.org, "Measuring Vibration"."""
@@ -155,8 +155,9 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
         return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit)
     since = int(np.argmax(np.abs(unexplained) > CHANGED_M_S2))
     text = (
-        f"The mean vertical force goes from {force[0]:.2f} to {force[worst]:.2f} m/s^2 at {times[worst]:.0f} s, while the "
-        f"height shows an acceleration of {by_height[worst]:+.1f}: accelerometer or attitude is wrong by {size:.1f} m/s^2."
+        f"The mean vertical force goes from {force[0]:.2f} to {force[worst]:.2f} m/s^2 at {times[worst]:.0f} s, while "
+        f"the height shows an acceleration of {by_height[worst]:+.1f}: accelerometer or attitude is wrong by "
+        f"{size:.1f} m/s^2."
     )
     return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit, t=float(times[since]))
 

@@ -45,7 +45,7 @@ def problems(result: Result) -> list[Said]:
 
 
 def more(problem: Problem) -> tuple[tuple[str, str], ...]:
-    """Cause, remedy and meaning with their labels, those that are known; a remedy that the text names is not said twice."""
+    """Cause, remedy and meaning with their labels, those that are known; no remedy that the text names already."""
     remedy = "" if problem.remedy in problem.text else problem.remedy
     known = (("why", problem.cause), ("do", remedy), ("so", problem.means))
     return tuple((label, text) for label, text in known if text)

@@ -134,7 +134,8 @@ def _acceleration(log: FlightLog, t0: float, t1: float) -> Array:
         good = (gnss.fix >= 3) & np.isfinite(gnss.vel_ned).all(axis=1)
         if good.sum() > 3 and gnss.t[good][0] <= t0 + 1.0 and gnss.t[good][-1] >= t1 - 1.0:
             ends = [np.interp(x, gnss.t[good], gnss.vel_ned[good, k]) for x in (t0, t1) for k in range(3)]
-            return (np.array(ends[3:]) - np.array(ends[:3])) / (t1 - t0)
+            change: Array = (np.array(ends[3:]) - np.array(ends[:3])) / (t1 - t0)
+            return change
     return np.zeros(3)
 
 

@@ -25,10 +25,10 @@ def of(values: Mapping[str, float]) -> dict[Fault, str]:
             f"Compare the mounting with COMPASS_ORIENT ({now}), and calibrate the compass away from iron."
         )
     if "COMPASS_MOTCT" in values:
-        now = values["COMPASS_MOTCT"]
+        mode = values["COMPASS_MOTCT"]
         found["interference"] += (
-            " Then measure what is left with compassmot (COMPASS_MOTCT is 0: no compensation)." if now == 0
-            else f" Then repeat compassmot (COMPASS_MOTCT is {now:g} already)."
+            " Then measure what is left with compassmot (COMPASS_MOTCT is 0: no compensation)." if mode == 0
+            else f" Then repeat compassmot (COMPASS_MOTCT is {mode:g} already)."
         )  # fmt: skip
     if values.get("INS_HNTCH_ENABLE") == 0:
         found["vibration"] += " INS_HNTCH_ENABLE is 0: the harmonic notch filter is off."

@@ -22,8 +22,8 @@ RATIOS = {
 }
 FAULTS = ("compass x", "compass y", "compass z", "compass heading", "declination", "airspeed", "sideslip",
           "optical flow x", "optical flow y", "velocity north", "velocity east", "velocity down", "position north",
-          "position east", "position down", "accelerometer bias", "vertical accelerometer", "clipping")  # fmt: skip
-"""Bits 0 to 15 named the fusions that failed numerically in every version; later ones came with 1.11."""
+          "position east", "position down", "accelerometer bias")  # fmt: skip
+"""Fusions that failed numerically, by bit; later versions add bits that are no failures of fusion."""
 DOUBT = "While it lasts the onboard attitude is in doubt, and agreement with it proves little."
 
 
@@ -56,7 +56,7 @@ def _estimator(builder: LogBuilder) -> None:
         flags = table["filter_fault_flags"].astype(np.int64)
         if flags.any():
             bits = np.bitwise_or.reduce(flags)
-            names = [n for k, n in enumerate(FAULTS[:16]) if bits >> k & 1]
+            names = [n for k, n in enumerate(FAULTS) if bits >> k & 1]
             if names:
                 builder.problems.append(
                     Problem("ekf_fault", "warning", f"The EKF failed numerically: {', '.join(names)}.",
@@ -72,8 +72,9 @@ def _failsafe(builder: LogBuilder) -> None:
     on = table["failsafe"].astype(np.int64) != 0
     starts = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0) == 1)
     if len(starts):
+        first = float(builder.seconds(stamps(table))[starts[0]])
         builder.problems.append(
-            Problem("failsafe", "warning", "The autopilot was in failsafe.", t=float(builder.seconds(stamps(table))[starts[0]]),
+            Problem("failsafe", "warning", "The autopilot was in failsafe.", t=first,
                     count=len(starts), cause="Its messages say which link or sensor was lost.",
                     remedy="Read what the autopilot said at this time.",
                     means="Filters that are run again do not need what was lost.")
