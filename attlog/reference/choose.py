@@ -32,7 +32,7 @@ def choose(log: FlightLog, segments: Segments, options: Options | None = None) -
     options = options or Options()
     if options.clock not in ("sample", "publication"):
         raise UsageError(f"clock {options.clock!r}: use sample or publication")
-    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    imu = log.replay_imu
     kind, name, attitude, why = _pick(log, options.reference)
     if attitude is None:
         return _without(log, imu, segments, options, why)
