@@ -203,8 +203,8 @@ def _unanswered(case: Case, checks: list[Check], result: Result) -> list[Open]:
 def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
     """What the analysis itself found wrong: a reference that physics contradicts, estimators that failed."""
     means = "It is no reference for anything" if ref.kind == "none" else "It was asked for as reference all the same"
-    numbers = "".join(f": {step.text}" for step in ref.steps if step.name == "contradiction")
-    text = f"{ref.fault}{numbers}."
+    sentences = [ref.fault, *(step.text for step in ref.steps if step.name == "contradiction")]
+    text = " ".join(f"{sentence}." for sentence in sentences)
     refused = [Problem("reference_contradicted", "error", text, means=f"{means}.")] if ref.fault else []
     return refused + [
         Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"

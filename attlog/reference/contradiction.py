@@ -84,7 +84,7 @@ def contradicted(
         "and the mean force with them"
     )
     text = (
-        f"filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
+        f"Filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them, as gravity is, and {_shown(by_reference)} by "
         f"{reference.source}"
     )

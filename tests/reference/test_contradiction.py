@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from attlog import rotation, segments
-from attlog.flight.model import Attitude, FlightLog
+from attlog.flight.model import Attitude, FlightLog, Gnss
 from attlog.reference import Options, Row, choose, contradicted
 from attlog.segments import Segment, Segments
 
@@ -61,12 +61,25 @@ def test_a_right_attitude_is_kept_whatever_single_filters_say() -> None:
     assert refusal(flight(TURN), rows(TURN, tilted(TURN, 20.0), tilted(TURN, -20.0))) == ""
 
 
-def test_a_speed_that_gnss_knows_is_not_taken_for_a_tilt() -> None:
-    """A push of 4.6 m/s^2 tilts what follows the force by 25 deg; without GNSS it cannot be told from a wrong attitude."""
-    force = np.tile([0.0, 4.573, -9.80665], (len(T), 1))
-    log = flight(TURN, force)
+def test_a_strong_push_is_not_taken_for_gravity() -> None:
+    """4.6 m/s^2 tilt what follows the force by 25 deg, but the force is larger than gravity then."""
+    log = flight(TURN, np.tile([0.0, 4.573, -9.80665], (len(T), 1)))
     leaning = tilted(TURN, 25.0)
     assert refusal(log, rows(leaning, leaning, leaning)) == ""
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_weak_push_is_told_from_a_wrong_attitude_by_gnss(known: bool) -> None:
+    """3.2 m/s^2 tilt the force by 18 deg and hardly enlarge it: only the change of velocity tells."""
+    push = np.array([0.0, -3.2, 0.0])
+    log = flight(TURN, np.tile(push + [0.0, 0.0, -9.80665], (len(T), 1)))
+    if known:
+        t = np.arange(0.0, 60.0, 0.2)
+        nothing = np.full(len(t), np.nan)
+        velocity, fix = t[:, None] * push, np.full(len(t), 3)
+        log.gnss = [Gnss(0, t, "gnss", nothing, nothing, nothing, velocity, nothing, nothing, nothing, fix)]
+    leaning = tilted(TURN, -18.07)
+    assert bool(refusal(log, rows(leaning, leaning, leaning))) != known
 
 
 @pytest.mark.parametrize(("tilt", "refused"), [(17.0, True), (5.0, False)])
