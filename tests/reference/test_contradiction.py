@@ -63,7 +63,7 @@ def test_a_right_attitude_is_kept_whatever_single_filters_say() -> None:
 
 def test_a_strong_push_is_not_taken_for_gravity() -> None:
     """4.6 m/s^2 tilt what follows the force by 25 deg, but the force is larger than gravity then."""
-    log = flight(TURN, np.tile([0.0, 4.573, -9.80665], (len(T), 1)))
+    log = flight(TURN, np.tile([0.0, -4.573, -9.80665], (len(T), 1)))
     leaning = tilted(TURN, 25.0)
     assert refusal(log, rows(leaning, leaning, leaning)) == ""
 
@@ -78,7 +78,7 @@ def test_a_weak_push_is_told_from_a_wrong_attitude_by_gnss(known: bool) -> None:
         nothing = np.full(len(t), np.nan)
         velocity, fix = t[:, None] * push, np.full(len(t), 3)
         log.gnss = [Gnss(0, t, "gnss", nothing, nothing, nothing, velocity, nothing, nothing, nothing, fix)]
-    leaning = tilted(TURN, -18.07)
+    leaning = tilted(TURN, 18.07)
     assert bool(refusal(log, rows(leaning, leaning, leaning))) != known
 
 
