@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
 from attlog.health.gyro import HOPELESS_DPS
@@ -102,7 +104,7 @@ ABOUT: dict[str, About] = {
         means="Headings of filters and of the onboard attitude differ by a constant.",
     ),
     "gaps": About(
-        warn="note", cause="The logger lost records, or stops while the vehicle is disarmed.", fault="gaps",
+        warn="note", cause="The logger lost records, or stops while the vehicle is disarmed.",
         means="Filters start anew after each gap longer than half a second.", codes=("logger_dropouts",),
     ),
     "gyro range": About(
@@ -127,6 +129,8 @@ ABOUT: dict[str, About] = {
 """By the name of the check, in the order of entries that are equally bad."""
 BY_ATTITUDE = ("gravity direction", "gravity in flight", "vertical force", "field against attitude", "declination")
 """What is judged by the onboard attitude: nothing of its own where that is refused."""
+PAUSE_S = 5.0
+"""A gap this long is a pause of the logger and not lost records."""
 SPECIFIC = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
 """What a reader says of a compass that is not there says it all."""
 
@@ -248,6 +252,9 @@ def _logging(check: Check, log: FlightLog) -> str:
     imu, onboard = log.replay_imu, log.onboard_attitude
     if check.name == "rate":
         return log.advice("fast_imu", imu.gyro.rate) if imu is not None else log.advice("imu")
+    if check.name == "gaps" and imu is not None:
+        paused = float(np.diff(imu.gyro.t).max(initial=0.0)) >= PAUSE_S
+        return log.advice("rest") if paused else log.remedies["gaps"]
     if check.name == "coverage":
         return log.advice("attitude", onboard.rate if onboard is not None else None)
     return ""
