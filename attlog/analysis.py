@@ -23,10 +23,11 @@ from attlog.config import Config
 from attlog.errors import AttlogError, LogUnusable, PluginError, UsageError
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
-from attlog.health import Check, audit
+from attlog.health import Check, answerable, audit
+from attlog.health.findings import Open, findings, hopeless
 from attlog.metrics.base import Case, per_case
 from attlog.present.sentences import verdicts
-from attlog.reference.model import Reference, Row
+from attlog.reference.model import AlignmentStep, Reference, Row
 from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
@@ -91,6 +92,14 @@ def evaluate(
             estimator_rows.append(table_row)
             if row is not None:
                 rows.append(row)
+        contradiction = _contradicted(case, rows)
+    if contradiction is not None:
+        refused = _without_reference(case, *contradiction)
+        return evaluate(refused, specs, traces=traces, cost=cost, command=command)
+    with clock("audit"):
+        checks = _checks(case)
+        _withhold(hopeless(checks), rows, estimator_rows)
+    with clock("estimators"):
         for row in _onboard(case):
             rows.append(row)
             estimator_rows.append(_table_row(row, title=row.estimator))
@@ -101,14 +110,11 @@ def evaluate(
             if table_row.name in by_name:
                 table_row.metrics = metrics.compute(seen, by_name[table_row.name], case.windows, cost=cost)
         ranking = metrics.rank({r.name: r.metrics for r in estimator_rows}, rows)
-    with clock("audit"):
-        checks = _checks(case)
     result = Result(
         attlog=versions(),
         command=command,
         config=settings,
         log=dict(_described(case)),
-        problems=case.log.problems + _problems(case.reference, estimator_rows) + _slow(chosen, rows),
         audit=list(checks),
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
@@ -123,6 +129,8 @@ def evaluate(
         traces=metrics.traces(seen, rows) if traces else [],
     )
     result.verdicts = verdicts(result)
+    own = _problems(case.reference, estimator_rows) + _slow(chosen, rows)
+    result.problems = findings(case.log, checks, own, _unanswered(case, checks, result))
     result.timing = clock.seconds
     return result
 
@@ -152,9 +160,52 @@ def _described(case: Case) -> dict[str, Any]:
     return describe(case.log, case.segments)
 
 
+def _contradicted(case: Case, rows: list[Row]) -> tuple[str, AlignmentStep] | None:
+    """Why the onboard attitude is refused after all, by filters that agree; None where it is not, or was asked for."""
+    imu = case.log.replay_imu
+    if case.settings.get("reference", "auto") != "auto" or imu is None:
+        return None
+    return reference.contradicted(case.log, imu, case.reference, rows)
+
+
+def _without_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
+    """The same case without the reference that is refused: nothing computed with it is kept."""
+    options = reference_options(Config.of(case.settings))
+    refused = case.reference.refused | {case.reference.kind: fault}
+    ref = reference.refuse(case.log, case.segments, options, fault, refused)
+    ref.steps.append(step)
+    headings = reference.heading_references(case.log, case.segments, ref)
+    return Case(
+        case.log, case.segments, ref, heading_references=headings, imus=case.imus, windows=case.windows,
+        settings=case.settings, timing=case.timing,
+    )  # fmt: skip
+
+
+def _withhold(why: str, rows: Sequence[Row], table: Sequence[EstimatorRow]) -> None:
+    """Where a sensor is beyond use (``why``, empty where it is not) no filter may be called good or bad."""
+    for some in (rows, table):
+        for row in some if why else []:
+            if row.kind == "replay" and row.status in ("ok", "not_converged"):
+                row.status, row.reason = "not_judged", why
+
+
+def _unanswered(case: Case, checks: list[Check], result: Result) -> list[Open]:
+    """The questions that no row answers, each with its reason and what would answer it."""
+    by_question = {a.question: a for a in answerable(case.log, case.segments, checks, case.reference)}
+    found = []
+    for verdict in result.verdicts:
+        if not verdict.bars:
+            could = by_question.get(verdict.question)
+            found.append(Open(verdict.title, could.setting if could is not None else ""))
+    return found
+
+
 def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
     """What the analysis itself found wrong: a reference that physics contradicts, estimators that failed."""
-    refused = [Problem("reference_contradicted", "warning", f"{ref.fault}.")] if ref.fault else []
+    means = "It is no reference for anything" if ref.kind == "none" else "It was asked for as reference all the same"
+    sentences = [ref.fault, *(step.text for step in ref.steps if step.name == "contradiction")]
+    text = " ".join(f"{sentence}." for sentence in sentences)
+    refused = [Problem("reference_contradicted", "error", text, means=f"{means}.")] if ref.fault else []
     return refused + [
         Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"
     ]

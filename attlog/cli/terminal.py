@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from attlog.cli.table import Line, comparison
-from attlog.present.problems import problems
+from attlog.present.problems import nothing_wrong, problems
 from attlog.present.stand_ins import stand_in
 from attlog.present.text import clean, typeset
 from attlog.result import Result
@@ -28,16 +28,30 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     yield Line(shown(clean(stand_in(str(result.log.get("name") or "log"), "utf-8"))), "bold")
     for verdict in result.verdicts:
         yield from wrapped(f"  {verdict.question:<10}", shown(typeset(verdict.sentence)), width)
+    yield Line("")
+    yield from wrong(result, shown, width, verbose)
     table = comparison(result, window, width, shown)
     if table:
         yield Line("")
         yield from table
-    yield Line("")
-    for problem in problems(result):
-        if verbose or problem.style != "note":
-            where = f" ({problem.where})" if problem.where else ""
-            times = f" ({problem.count} times)" if problem.count > 1 else ""
-            yield from wrapped(f"  {problem.label.lower()}: ", shown(f"{typeset(problem.text)}{where}{times}"), width)
+
+
+def wrong(result: Result, shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[Line]:
+    """What is wrong with the log, the worst first, each with cause, remedy and meaning; notes only if ``verbose``."""
+    found = problems(result)
+    listed = [p for p in found if verbose or p.style != "note"]
+    yield Line(shown("What is wrong with this log"), "bold")
+    nothing = nothing_wrong(listed, len(found) - len(listed))
+    if nothing:
+        yield Line(f"  {nothing}")
+    for problem in listed:
+        where = f" ({problem.where})" if problem.where else ""
+        times = (
+            f" ({problem.count} times)" if problem.count > 1 and f"{problem.count} times" not in problem.text else ""
+        )
+        yield from wrapped(f"  {problem.label.lower()}: ", shown(f"{typeset(problem.text)}{where}{times}"), width)
+        for label, text in problem.more:
+            yield from wrapped(f"      {label:<4} ", shown(typeset(text)), width)
 
 
 def wrapped(label: str, text: str, width: int) -> Iterator[Line]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.advice import Logging, What, stand_still
+from attlog.flight.remedies import GENERAL, Fault
 from attlog.flight.vehicle import VehicleKind, kind_of
 
 Array = NDArray[np.float64]
@@ -193,7 +194,11 @@ class Firmware:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something the reader of a result must know. ``t`` s or ``offset`` bytes say where."""
+    """Something the reader of a result must know. ``t`` s (of the first, of ``count``) or ``offset`` bytes say where.
+
+    ``value`` in ``unit`` is its size. One sentence each: ``cause``, ``remedy``, and what
+    it ``means`` for the comparison; empty where nothing is known.
+    """
 
     code: str
     severity: Severity
@@ -201,6 +206,11 @@ class Problem:
     t: float | None = None
     offset: int | None = None
     count: int = 1
+    value: float | None = None
+    unit: str = ""
+    cause: str = ""
+    remedy: str = ""
+    means: str = ""
 
 
 @dataclass(slots=True)
@@ -217,7 +227,10 @@ class FlightLog:
     between IMU and vehicle that attitudes with ``has_trim`` have taken out, and
     ``declination_param`` (deg, east positive) what the autopilot was told; None where the
     log does not tell, with the names of the parameters in ``trim_source`` and
-    ``declination_source``. ``logging`` knows the vehicle's logging settings.
+    ``declination_source``. ``logging`` knows the vehicle's logging settings,
+    ``remedies`` what to do about a fault. ``acc_bias`` (n, 3) m/s^2 is what the onboard
+    estimator takes off the accelerometer in body axes, ``onboard_vibration`` (n, 3) m/s^2
+    the level that the autopilot measures itself at full rate.
     """
 
     path: Path
@@ -255,6 +268,9 @@ class FlightLog:
     declination_param: float | None = None
     declination_source: str = ""
     logging: Logging | None = None
+    remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL))
+    acc_bias: Stream | None = None
+    onboard_vibration: Stream | None = None
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     boot: int = 0
     boots: int = 1

@@ -3,7 +3,20 @@
 from __future__ import annotations
 
 from attlog.flight.model import FlightLog
-from attlog.health import accelerometer, attitude, delay, gyro, magnetometer, timing
+from attlog.health import (
+    acc_bias,
+    accelerometer,
+    attitude,
+    crash,
+    delay,
+    gyro,
+    interference,
+    jumps,
+    magnetometer,
+    sources,
+    timing,
+    vibration,
+)
 from attlog.health.model import Answerable, Check
 from attlog.health.questions import answerable
 from attlog.reference import choose
@@ -26,6 +39,12 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         *delay.checks(log, reference),
         *gyro.checks(log, phases),
         *accelerometer.checks(log, phases),
+        *acc_bias.checks(log, phases),
+        *vibration.checks(log, phases),
         *attitude.checks(log, phases),
+        *jumps.checks(log, phases),
+        *sources.checks(log, phases),
         *magnetometer.checks(log),
+        *interference.checks(log, phases),
+        *(crash.checks(phases) if log.imus else []),
     ]

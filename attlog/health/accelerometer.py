@@ -29,8 +29,10 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if found:
         return found
     rest = segments.mask(imu.acc.t, "rest")
-    still = rest if rest.sum() >= 10 else segments.mask(imu.acc.t, "idle")
-    return [gravity(log, imu, still, segments), direction(log, imu, still, segments)]
+    where = "at rest"
+    if rest.sum() < 10:
+        rest, where = segments.mask(imu.acc.t, "idle"), "on the ground with motors on"
+    return [gravity(log, imu, rest, segments, where), direction(log, imu, rest, segments, where)]
 
 
 def expected(log: FlightLog) -> float:
@@ -39,14 +41,14 @@ def expected(log: FlightLog) -> float:
     return STANDARD_GRAVITY if where is None else earth.gravity(where[0], where[2])
 
 
-def gravity(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segments) -> Check:
-    """Size of gravity in the specific force: at rest its norm, else its mean along the attitude's down in flight."""
+def gravity(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segments, where: str) -> Check:
+    """Size of gravity in the specific force: its norm at rest (``where``), else its mean in flight."""
     g = expected(log)
     if rest.sum() < 10:
         return gravity_in_flight(log, imu, segments, g)
     value = float(np.median(np.sqrt(np.sum(imu.acc.x[rest] ** 2, axis=1))))
     verdict = "bad" if not 7.0 <= value <= 13.0 else graded(abs(value - g), 0.3, np.inf)
-    text = f"At rest the accelerometer shows {value:.3f} m/s^2; gravity is {g:.3f}."
+    text = f"{where[0].upper()}{where[1:]} the accelerometer shows {value:.3f} m/s^2; gravity is {g:.3f}."
     if verdict != "good":
         text += f" Its scale seems to be {value / g:.2f} of what it should be, or it has an offset."
     return Check("gravity", verdict, text, round(value, 3), "m/s^2", f"good within 0.3 of {g:.2f}, bad outside 7 to 13")
@@ -88,7 +90,7 @@ def in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[Array, floa
     return rotation.rotate(q[known], imu.acc.x[use][known]).mean(axis=0), seconds
 
 
-def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segments) -> Check:
+def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segments, where: str) -> Check:
     """Angle between measured gravity and the attitude's down, with the vehicle's trim put back."""
     onboard = log.onboard_attitude
     if onboard is None:
@@ -104,7 +106,7 @@ def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segme
     measured = imu.acc.x[rest][known]
     measured = measured / np.sqrt(np.sum(measured**2, axis=1, keepdims=True))
     angle = float(np.median(degrees_between(measured, up)))
-    text = f"Measured gravity and {log.onboard} differ by {angle:.2f} deg at rest."
+    text = f"Measured gravity and {log.onboard} differ by {angle:.2f} deg {where}."
     if angle > TILT_LIMITS_DEG[1]:
         text += mounting_hint(measured, up)
     return Check("gravity direction", graded(angle, *TILT_LIMITS_DEG), text, round(angle, 3), "deg", limit)

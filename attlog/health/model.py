@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Check:
-    """One physics check of the log: ``verdict`` is good, look, bad or cannot_judge."""
+    """One physics check of the log: ``verdict`` is good, warn, bad or cannot_judge.
+
+    ``t`` s is where it begins, None for all of the log; ``count`` how often it happens.
+    """
 
     name: str
     verdict: str
@@ -15,6 +18,8 @@ class Check:
     value: float | str | None = None
     unit: str = ""
     threshold: str = ""
+    t: float | None = None
+    count: int = 1
 
 
 @dataclass(frozen=True, slots=True)

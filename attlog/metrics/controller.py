@@ -96,7 +96,7 @@ def commanded(case: Case, window: str) -> list[Span]:
 def flown(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tuple[str, str] | None]:
     """Set-point and onboard attitude in flight, or code and reason where there is none."""
     log = case.log
-    attitude = log.attitudes.get(log.onboard or "")
+    attitude = log.onboard_attitude
     if log.setpoints is None or len(log.setpoints.t) < 2 or attitude is None or len(attitude.t) < 2:
         return [], ("no_setpoint", "the log holds no attitude set-point beside the onboard attitude")
     if min(log.setpoints.rate, attitude.rate) < MIN_RATE_HZ:

@@ -62,7 +62,7 @@ def imu_of(case: Case, row: Row) -> Imu | None:
     """The unit that a row was replayed from; of onboard rows the one that the others were. None without one."""
     if row.imu is not None:
         return row.imu
-    return None if case.log.imu is None else case.log.imus[case.log.imu]
+    return case.log.replay_imu
 
 
 def detrended(t: Array, x: Array) -> Array:

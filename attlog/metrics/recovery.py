@@ -77,8 +77,8 @@ def time_back(t: Array, error: Array, disturbance: Span) -> float | None:
 def disturbances(case: Case) -> dict[str, Span]:
     """The largest disturbance of accelerometer and of magnetometer in scored flight, where there is one."""
     log, found = case.log, {}
-    if log.imu is not None:
-        acc = log.imus[log.imu].acc
+    if log.replay_imu is not None:
+        acc = log.replay_imu.acc
         found["acc"] = _in_flight(case, acc.t, acc.x, earth.gravity(45.0))
     if log.mag is not None:
         field = log.mags[log.mag].field

@@ -133,5 +133,6 @@ NOT_JUDGED = {
     "diverged": "diverged",
     "not_converged": "did not settle",
     "failed": "failed",
+    "not_judged": "not judged",
 }
 """Codes and states in a sentence, in brackets after names."""

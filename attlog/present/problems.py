@@ -19,7 +19,10 @@ SEVERITY = {
 
 @dataclass(slots=True)
 class Said:
-    """A problem as it is shown: ``where`` in words, ``t`` seconds or None, how often it came."""
+    """A problem as it is shown: ``where`` in words, ``t`` seconds or None, how often it came.
+
+    ``more``: why it came, what to do, and what it means for the comparison, each with its label.
+    """
 
     label: str
     style: str
@@ -27,6 +30,7 @@ class Said:
     where: str
     t: float | None
     count: int = 0
+    more: tuple[tuple[str, str], ...] = ()
 
 
 def problems(result: Result) -> list[Said]:
@@ -35,9 +39,25 @@ def problems(result: Result) -> list[Said]:
     gathered: dict[tuple[str, str], Said] = {}
     for problem in sorted(result.problems, key=lambda p: order.get(p.severity, 9)):
         label, style = SEVERITY.get(problem.severity, ("Note", "note"))
-        first = Said(label, style, problem.text, where(problem), shown_time(problem))
+        first = Said(label, style, problem.text, where(problem), shown_time(problem), more=more(problem))
         gathered.setdefault((problem.severity, problem.text), first).count += problem.count
     return list(gathered.values())
+
+
+def more(problem: Problem) -> tuple[tuple[str, str], ...]:
+    """Cause, remedy and meaning with their labels, those that are known; no remedy that the text names already."""
+    remedy = "" if problem.remedy in problem.text else problem.remedy
+    known = (("why", problem.cause), ("do", remedy), ("so", problem.means))
+    return tuple((label, text) for label, text in known if text)
+
+
+def nothing_wrong(said: list[Said], hidden: int = 0) -> str:
+    """What stands where no problem is listed; ``hidden`` notes are not."""
+    if said:
+        return ""
+    return f"No problem was found; {hidden} notes with -v." if hidden > 1 else (
+        "No problem was found; 1 note with -v." if hidden else "No problem was found."
+    )  # fmt: skip
 
 
 def shown_time(problem: Problem) -> float | None:
@@ -48,6 +68,7 @@ def shown_time(problem: Problem) -> float | None:
 def where(problem: Problem) -> str:
     """Where in the log: time or bytes."""
     if (t := shown_time(problem)) is not None:
-        return f"at {moment(t)}"
+        told = any(f" {t:.{k}f} s" in problem.text for k in (0, 1))  # not twice
+        return "" if told else f"at {moment(t)}"
     said = problem.offset is None or str(problem.offset) in problem.text
     return "" if said else f"at byte {problem.offset:,}"

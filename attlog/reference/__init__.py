@@ -1,6 +1,7 @@
 """What attitudes are compared with, and how the comparison is made fair."""
 
-from attlog.reference.choose import choose
+from attlog.reference.choose import choose, refuse
+from attlog.reference.contradiction import contradicted
 from attlog.reference.declination import seen_deg
 from attlog.reference.heading_references import heading_references
 from attlog.reference.model import AlignmentStep, Errors, HeadingReference, Reference, Row
@@ -15,8 +16,10 @@ __all__ = [
     "Reference",
     "Row",
     "choose",
+    "contradicted",
     "heading_references",
     "onboard_rows",
+    "refuse",
     "replayed",
     "seen_deg",
 ]

@@ -7,27 +7,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
 from attlog.errors import UsageError
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.reference import clock, declination, delay, floor, scoring, trim
-from attlog.reference.compare import interpolate
+from attlog.reference import clock, declination, delay, floor, gravity, scoring, trim
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.reference.options import Options
 from attlog.segments import Segments, gaps, resets
 
 Array = NDArray[np.float64]
 
-FAULT_DEG = 10.0
-"""A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is."""
-
 SLOW_HZ = 5.0
 
 FROZEN_DPS = 5.0
 """A gyro that varies by more than this does not belong to an attitude that never changes."""
-
-ACC_SAMPLES = 2000
-"""Accelerometer samples of one segment that are enough for its mean."""
 
 
 def choose(log: FlightLog, segments: Segments, options: Options | None = None) -> Reference:
@@ -40,7 +32,7 @@ def choose(log: FlightLog, segments: Segments, options: Options | None = None) -
     options = options or Options()
     if options.clock not in ("sample", "publication"):
         raise UsageError(f"clock {options.clock!r}: use sample or publication")
-    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    imu = log.replay_imu
     kind, name, attitude, why = _pick(log, options.reference)
     if attitude is None:
         return _without(log, imu, segments, options, why)
@@ -55,8 +47,13 @@ def choose(log: FlightLog, segments: Segments, options: Options | None = None) -
             second.refused = refused
             return second
         refused["onboard"] = second.fault
-    nothing = _without(log, imu, segments, options, reference.fault)
-    nothing.fault, nothing.refused = reference.fault, refused
+    return refuse(log, segments, options, reference.fault, refused)
+
+
+def refuse(log: FlightLog, segments: Segments, options: Options, fault: str, refused: dict[str, str]) -> Reference:
+    """No reference because of a fault; ``refused`` holds the sentence for each attitude that was not taken."""
+    nothing = _without(log, log.replay_imu, segments, options, fault)
+    nothing.fault, nothing.refused = fault, refused
     return nothing
 
 
@@ -117,7 +114,7 @@ def _build(
         start_step.append(AlignmentStep("alignment", text, aligned, "s", attitude.source))
     reference.declination_deg, north = declination.step(log, options.declination)
     reference.input_delay_s, lag = delay.step(log, imu, reference, options.input_delay)
-    reference.fault, gravity_step = _gravity(reference, imu, segments)
+    reference.fault, gravity_step = gravity.check(reference, imu, segments)
     reference.fault = reference.fault or _frozen(reference, imu)
     reference.steps = [
         AlignmentStep("reference", why, kind, source=attitude.source, option="--reference"),
@@ -200,29 +197,6 @@ def _north(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[A
     return [north, AlignmentStep("declination_seen", text, seen, "deg", "the log", False)]
 
 
-def _gravity(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[str, list[AlignmentStep]]:
-    """Median tilt in deg between the reference's down and gravity's; a sentence if it is a fault.
-
-    At rest, else idling, else in hover, where the mean specific force is gravity's too.
-    """
-    kind = next((k for k in ("rest", "idle", "hover") if segments.of(k)), None)
-    if imu is None or kind is None:
-        return "", []
-    found = [_tilt_deg(reference, imu, s.t0, s.t1) for s in segments.of(kind)]
-    tilts = [tilt for tilt in found if tilt is not None]
-    if not tilts:
-        return "", []
-    tilt = float(np.median(tilts))
-    where = {"rest": "at rest", "idle": "on the ground with motors on", "hover": "in hover"}[kind]
-    text = f"{where} {reference.source} and gravity in the accelerometer differ by this tilt (median of {len(tilts)})"
-    step = AlignmentStep("gravity_check", text, tilt, "deg", f"accelerometer {where}", False)
-    fault = (
-        f"{reference.source} disagrees with gravity {where} by {tilt:.0f} deg: it or the sensor's frame is wrong, "
-        "so agreement with it would mean nothing"
-    )
-    return (fault if tilt > FAULT_DEG else ""), [step]
-
-
 def _frozen(reference: Reference, imu: Imu | None) -> str:
     """A sentence if the reference never moves while the gyro turns faster than an offset explains, else nothing."""
     if imu is None or not len(imu.gyro.x):
@@ -235,19 +209,3 @@ def _frozen(reference: Reference, imu: Imu | None) -> str:
     if turning < FROZEN_DPS or np.ptp(reference.q, axis=0).max() > 1e-9:
         return ""
     return f"{reference.source} never changes while the gyro turns by {turning:.0f} deg/s rms: it holds no attitude"
-
-
-def _tilt_deg(reference: Reference, imu: Imu, t0: float, t1: float) -> float | None:
-    """Tilt in deg of the mean specific force, turned to earth by the reference, over a segment; None without both."""
-    t = imu.acc.t_best
-    inside = np.flatnonzero((t >= t0) & (t <= t1))
-    inside = inside[:: max(1, len(inside) // ACC_SAMPLES)]
-    q, _ = interpolate(reference.t, reference.q, reference.segment, t[inside])
-    force = imu.acc.x[inside]
-    good = np.isfinite(q).all(axis=1) & np.isfinite(force).all(axis=1)
-    if not good.any():
-        return None
-    if reference.trim is not None:
-        q = trim.apply(q, -reference.trim)
-    north, east, down = -np.mean(rotation.rotate(q[good], force[good]), axis=0)
-    return float(np.degrees(np.arctan2(np.hypot(north, east), down))) if down or north or east else None

@@ -30,7 +30,7 @@ def heading_references(log: FlightLog, segments: Segments, reference: Reference)
     attitude that was refused as reference is no heading reference either.
     """
     found: dict[str, HeadingReference] = {}
-    for name, attitude in (("onboard", log.attitudes.get(log.onboard or "")), ("truth", log.truth)):
+    for name, attitude in (("onboard", log.onboard_attitude), ("truth", log.truth)):
         if attitude is None or name in reference.refused:
             continue
         t, q, segment = _attitude(log, segments, reference, name, attitude)
@@ -51,7 +51,7 @@ def _attitude(
     if reference.kind == name and reference.name in ("", log.onboard):
         return reference.t, reference.q, reference.segment
     t, q, kept = clock.usable(attitude, reference.clock)
-    imu = log.imus[log.imu] if log.imu is not None and log.imu < len(log.imus) else None
+    imu = log.replay_imu
     jumped = np.zeros(len(attitude.t), np.int64)
     jumped[
         resets.known(log, log.onboard or "", segments)[0] if name == "onboard" else resets.find(attitude, imu)[0]
@@ -68,9 +68,9 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
     if reference.kind != "none":
         q, _ = interpolate(reference.t, reference.q, reference.segment, t)
         level = reference.source
-    elif log.imu is not None:
+    elif log.replay_imu is not None:
         try:
-            own, tilt = _tilt(log.imus[log.imu], reference.clock)
+            own, tilt = _tilt(log.replay_imu, reference.clock)
         except AttlogError:
             return None  # an IMU that no filter can be run on levels nothing
         q, _ = interpolate(own, tilt, gaps.number(own), t)

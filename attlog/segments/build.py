@@ -20,8 +20,8 @@ def build(log: FlightLog) -> Segments:
     continuous segments of the onboard attitude and what the flags tell, and the notes say so.
     """
     notes: dict[str, str] = {}
-    imu = next(iter(log.imus), None) if log.imu is None or log.imu >= len(log.imus) else log.imus[log.imu]
-    onboard = log.attitudes.get(log.onboard or "")
+    imu = log.replay_imu or next(iter(log.imus), None)
+    onboard = log.onboard_attitude
     clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
     clock = clock[np.isfinite(clock)]
     found: list[Segment] = gaps.find(clock)

@@ -138,7 +138,7 @@ def _blows(imu: Imu, within: list[Span], tumbling: bool = False) -> list[tuple[f
 
 def _overturned(log: FlightLog, airborne: Phase) -> list[tuple[float, float]]:
     """Starts of the spans in the air beyond 90 deg of tilt by the onboard attitude, of 0.3 s, with the largest tilt."""
-    attitude = log.attitudes.get(log.onboard or "")
+    attitude = log.onboard_attitude
     if attitude is None or len(attitude.t) == 0:
         return []
     over = np.degrees(rotation.inclination_angle(attitude.q))

@@ -16,7 +16,7 @@ STALE_S = 1.5
 
 def tilt_deg(log: FlightLog, at: Array) -> Array:
     """Tilt (m,) in deg by the onboard attitude (else the truth) nearest in time; NaN where there is none near."""
-    attitude = log.attitudes.get(log.onboard or "") or log.truth
+    attitude = log.onboard_attitude or log.truth
     if attitude is None or len(attitude.t) == 0:
         return np.full(len(at), np.nan)
     i = _nearest(attitude.t, at)

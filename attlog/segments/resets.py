@@ -47,7 +47,7 @@ def known(log: FlightLog, name: str, segments: Segments) -> tuple[Index, list[st
     """As ``find`` for the onboard attitude ``name``; those of the one that flew stand in the segments."""
     attitude = log.attitudes[name]
     if name != log.onboard:
-        return find(attitude, log.imus[log.imu] if log.imu is not None else None)
+        return find(attitude, log.replay_imu)
     there = segments.of("reset")
     return np.searchsorted(attitude.t, [s.t1 for s in there]).astype(np.int64), [s.why for s in there]
 

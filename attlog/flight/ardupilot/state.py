@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from attlog.flight.ardupilot import events, remedies
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns, on_earth
@@ -134,6 +135,10 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.motors = builder.attempt("Motor outputs", lambda: motors(builder, clock, log.vehicle, values), None)
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder, clock), None)
     log.battery = builder.attempt("The battery", lambda: battery(builder, clock), None)
+    log.acc_bias = builder.attempt("XKF2", lambda: acc_bias(builder, clock), None)
+    log.onboard_vibration = builder.attempt("VIBE", lambda: vibration(builder, clock, imu), None)
+    builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
+    log.remedies = remedies.of(values)
     log.texts = builder.texts(lambda offset: int(clock.at(np.array([offset]))[0]))
 
 
@@ -388,3 +393,23 @@ def battery(builder: LogBuilder, clock: Clock) -> Stream | None:
             x = x * 0.01
         return builder.stream(clock.of(table), x, "V, A", name, limit=1e4, allow_nan=True)
     return None
+
+
+def acc_bias(builder: LogBuilder, clock: Clock) -> Stream | None:
+    """Accelerometer bias (n, 3) in m/s^2 of EKF3's primary core (XKF2 of XKF4.PI; the first where that is unknown)."""
+    status = builder.messages.first("XKF4")
+    core = int(np.median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
+    table = units(builder.messages, "XKF2").get(core)
+    if table is None or not all(c in table for c in ("AX", "AY", "AZ")):
+        return None
+    return builder.stream(clock.of(table), columns(table, "AX", "AY", "AZ"), "m/s^2", "XKF2", frame="FRD", limit=10.0)
+
+
+def vibration(builder: LogBuilder, clock: Clock, imu: Imu | None) -> Stream | None:
+    """VIBE (n, 3) in m/s^2 of the replayed unit; before 4.1 there is one record for all."""
+    tables = units(builder.messages, "VIBE")
+    table = tables.get(imu.index if imu is not None else 0, tables.get(0))
+    if table is None or not all(c in table for c in ("VibeX", "VibeY", "VibeZ")):
+        return None
+    x = columns(table, "VibeX", "VibeY", "VibeZ")
+    return builder.stream(clock.of(table), x, "m/s^2", "VIBE", frame="FRD", limit=1e4)

@@ -11,6 +11,7 @@ from attlog import rotation
 from attlog.flight.builder import LogBuilder, columns, finite_within, on_earth
 from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import px4_mode
+from attlog.flight.px4 import events, remedies
 from attlog.flight.px4.imus import stamps
 from attlog.flight.timing import only_new
 from attlog.flight.vehicle import PX4_TYPES, named
@@ -55,6 +56,9 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
     log.throttle = builder.attempt("Throttle", lambda: throttle(builder), None)
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder), None)
     log.battery = builder.attempt("The battery", lambda: battery(builder), None)
+    log.acc_bias = builder.attempt("estimator_sensor_bias", lambda: acc_bias(builder), None)
+    events.report(builder)
+    log.remedies = remedies.of({n: v for n in log.params if (v := log.param(n)) is not None})
     log.texts = builder.texts()
 
 
@@ -256,3 +260,13 @@ def battery(builder: LogBuilder) -> Stream | None:
     x = columns(table, "voltage_v", "current_a")
     x[x < 0] = np.nan  # -1: no current sensor
     return builder.stream(stamps(table), x, "V, A", "battery_status", limit=1e4, allow_nan=True)
+
+
+def acc_bias(builder: LogBuilder) -> Stream | None:
+    """Accelerometer bias (n, 3) in m/s^2 of the first EKF instance (``estimator_sensor_bias``, since 1.11)."""
+    table = builder.messages.tables.get(("estimator_sensor_bias", 0))
+    if table is None or "accel_bias" not in table:
+        return None
+    return builder.stream(
+        stamps(table), columns(table, "accel_bias"), "m/s^2", "estimator_sensor_bias", frame="FRD", limit=10.0
+    )

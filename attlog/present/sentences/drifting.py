@@ -13,7 +13,7 @@ from attlog.result import Result, Verdict
 SITUATIONS = ("at rest", "in the air")
 """Where the heading may drift; reasons of this question start with it."""
 
-LOST = ("diverged", "not_converged", "failed")
+LOST = ("diverged", "not_converged", "failed", "not_judged")
 
 
 def drifting(result: Result) -> Verdict:

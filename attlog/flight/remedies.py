@@ -1,0 +1,28 @@
+"""What a pilot does about a fault of sensors or estimator; each firmware adds its own settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+Fault = Literal[
+    "gyro_bias", "accelerometer", "mounting", "compass", "compass_mounting", "interference", "vibration", "declination",
+    "trim", "gaps", "estimator", "crash",
+]  # fmt: skip
+"""What a remedy is asked for."""
+
+GENERAL: Mapping[Fault, str] = {
+    "gyro_bias": "Calibrate the gyro, and keep the vehicle still while it starts.",
+    "accelerometer": "Calibrate the accelerometer in six positions.",
+    "mounting": "Check how the autopilot is mounted and which orientation is set, then calibrate the level.",
+    "compass": "Calibrate the compass outdoors, away from iron.",
+    "compass_mounting": "Check the orientation that is set for the compass and calibrate it again, away from iron.",
+    "interference": "Move the compass away from motors and power wires, and twist plus with minus.",
+    "vibration": "Balance propellers, check bearings and arms for play, and mount the autopilot softer.",
+    "declination": "Let GNSS set the declination, and calibrate the compass.",
+    "trim": "Calibrate the level, and correct a tilted mounting in the frame and not in software.",
+    "gaps": "Use a faster memory card or log less.",
+    "estimator": "Look for its sensors among these findings: vibration, the field, GNSS.",
+    "crash": "Look at what was reported in the seconds before.",
+}
+"""Where nothing is known of the firmware."""

@@ -1,0 +1,264 @@
+"""What is wrong with this log: one list, made once, from checks, the autopilot's own reports and open questions.
+
+Each entry says what was seen, since when, why that usually happens, what to do, and
+what it means for the comparison. What two of them tell is one entry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from attlog.flight.model import FlightLog, Problem, Severity
+from attlog.flight.remedies import Fault
+from attlog.health.gyro import HOPELESS_DPS
+from attlog.health.model import Check
+
+ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
+"""Worst first."""
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a check that is not good means: how bad, why, which remedy, what for the comparison.
+
+    ``codes``: problems of readers and reports that say the same; ``beside``: those that are as important.
+    """
+
+    warn: Severity = "warning"
+    bad: Severity = "warning"
+    cause: str = ""
+    fault: Fault | None = None
+    means: str = ""
+    codes: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+
+
+_TILT = "Where the attitude is wrong, filters that agree with it are wrong as well."
+_HEADING = "Filters that use the compass take its error for heading."
+ABOUT: dict[str, About] = {
+    "gyro": About(bad="error", cause="The sensor or its driver stopped.", means="No filter can follow."),
+    "gravity": About(
+        cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.", fault="accelerometer",
+        means="Filters that check the size of the force trust it less; a wrong direction tilts all of them.",
+    ),
+    "gyro bias": About(
+        bad="error", cause="The gyro was not calibrated, was moved while it started, or warms up.", fault="gyro_bias",
+        means="Filters that do not estimate the gyro's bias lean and turn away by it.",
+    ),
+    "crash": About(
+        bad="error", cause="Lost thrust, lost attitude or contact with something.", fault="crash",
+        means="Nothing is compared after an impact.", codes=("crash",),
+    ),
+    "gravity direction": About(
+        bad="error", cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
+        fault="mounting", means=_TILT, codes=("reference_contradicted",),
+        beside=("ekf_failsafe", "ekf_check", "ekf_fault"),
+    ),
+    "gyro against attitude": About(
+        warn="note", bad="error", cause="A wrong scale or orientation of the sensor, or a slow or filtered attitude.",
+        fault="mounting", means="Errors grow with every turn.",
+    ),
+    "attitude jumps": About(
+        cause="The estimator found its heading or attitude wrong and set it anew.", fault="compass",
+        means="Before a jump the onboard attitude was wrong by about its size; jumps are cut out of comparisons.",
+        codes=("lane_switch", "estimator_instance_changed"),
+    ),
+    "second source": About(
+        cause="One of these estimators has failed, or was never aligned.", fault="estimator",
+        means="The one that flew is what filters are compared with; if it is the wrong one, so is the comparison.",
+    ),
+    "field against motors": About(
+        cause="Currents of motors and battery bend the field at the compass.", fault="interference", means=_HEADING,
+    ),
+    "field against attitude": About(
+        cause="A disturbed or badly calibrated compass, or an attitude that turns away.", fault="compass",
+        means=_HEADING,
+    ),
+    "field": About(
+        cause="The compass is not calibrated, or iron is near.", fault="compass", means=_HEADING,
+        codes=("mag_uncalibrated", "mag_raw", "mag_disabled"),
+    ),
+    "vibration": About(
+        cause="Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.", fault="vibration",
+        means="Filters that trust the accelerometer are pushed about; noise in flight contains it.",
+    ),
+    "vertical force": About(
+        bad="error", cause="Vibration that clips or is rectified in the sensor becomes a constant force.",
+        fault="vibration", means="Filters that trust the accelerometer tilt; gravity in flight is not to be trusted.",
+        codes=("vibration_failsafe",),
+    ),
+    "accelerometer bias": About(
+        cause="The accelerometer is off or was calibrated on a tilted surface, or the estimator has learned wrongly.",
+        fault="accelerometer",
+        means="Filters that are run again see the accelerometer as logged and lean by this tilt against it.",
+    ),
+    "gravity in flight": About(
+        cause="Wrong scale, vibration that the sensor rectifies or clips, or a wrong attitude.", fault="accelerometer",
+        means=_TILT,
+    ),
+    "declination": About(
+        warn="note", cause="A bent compass, or a heading that was not aligned with true north.", fault="declination",
+        means="Headings of filters and of the onboard attitude differ by a constant.",
+    ),
+    "gaps": About(
+        warn="note", cause="The logger lost records, or stops while the vehicle is disarmed.",
+        means="Filters start anew after each gap longer than half a second.", codes=("logger_dropouts",),
+    ),
+    "gyro range": About(
+        cause="A blow or vibration beyond the sensor's range.", fault="vibration", means="Rotation is lost there.",
+    ),
+    "jitter": About(warn="note", cause="The logger was busy, or samples were lost.", fault="gaps"),
+    "rate": About(
+        warn="note", bad="error",
+        codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short"),
+    ),
+    "delay": About(
+        warn="note", cause="A low-pass filter ahead of the logger, or a clock that differs.",
+        means="All filters are late by it; where the log tells it, lags are given without it.",
+    ),
+    "coverage": About(
+        warn="note", cause="The attitude was logged for a part of the time only.",
+        means="Filters are compared with it for that part only.",
+    ),
+    "trim": About(warn="note", cause="The level was calibrated on a slope, or the autopilot is mounted tilted.",
+                  fault="trim"),
+}  # fmt: skip
+"""By the name of the check, in the order of entries that are equally bad."""
+BY_ATTITUDE = ("gravity direction", "gravity in flight", "vertical force", "field against attitude", "declination")
+"""What is judged by the onboard attitude: nothing of its own where that is refused."""
+PAUSE_S = 5.0
+"""A gap this long is a pause of the logger and not lost records."""
+SPECIFIC = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
+"""What a reader says of a compass that is not there says it all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Open:
+    """A question without an answer, as its card is titled, and what would answer it (may be empty)."""
+
+    title: str
+    remedy: str = ""
+
+
+def findings(
+    log: FlightLog, checks: Iterable[Check], others: Iterable[Problem] = (), unanswered: Iterable[Open] = ()
+) -> list[Problem]:
+    """Everything that is not good, worst first, each once. ``others`` are problems that the analysis itself found."""
+    checks = list(checks)
+    told = [_timed(p) for p in [*log.problems, *others]]
+    for check in checks:
+        if check.verdict in ("warn", "bad"):
+            told = _joined(told, check, log)
+    missing = [c for c in checks if c.verdict == "cannot_judge"]
+    if missing:
+        names = ", ".join(c.name for c in missing)
+        text = f"Not checked: {names}. {missing[0].text}" if len(missing) == 1 else f"Not checked: {names}."
+        means = "What could not be checked may still be wrong."
+        told.append(Problem("not_checked", "info", text, count=1, means=means))
+    told += _open(list(unanswered))
+    told = [_explained(p, checks, log) for p in told]
+    place: dict[str, int] = {}
+    for i, (name, about) in enumerate(ABOUT.items()):
+        place |= dict.fromkeys((_code(name), *about.codes, *about.beside), i)
+    return sorted(_once(told), key=lambda p: (ORDER.index(p.severity), place.get(p.code, len(place)), p.t or 0.0))
+
+
+def hopeless(checks: Iterable[Check]) -> str:
+    """Why no filter can be judged at all: a gyro far from zero while the vehicle stands; empty where one can."""
+    for check in checks:
+        if check.name == "gyro bias" and isinstance(check.value, float) and abs(check.value) >= HOPELESS_DPS:
+            return f"the gyro reads {check.value:.0f} deg/s while the vehicle stands still"
+    return ""
+
+
+def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
+    """The list with what a check says: as an entry of its own, or as a part of the one that says the same."""
+    about = ABOUT.get(check.name, About())
+    severity = about.bad if check.verdict == "bad" else about.warn
+    value = check.value if isinstance(check.value, (int, float)) else None
+    means = about.means
+    if check.name == "gyro bias" and hopeless([check]):
+        means = "Nothing below is judged: filters would show how they cope with this gyro, not how good they are."
+    elif check.name == "gyro bias" and severity == "error":
+        severity = "warning"
+    own = Problem(
+        _code(check.name), severity, check.text, t=check.t, count=check.count, value=value,
+        unit=check.unit if value is not None else "", cause=about.cause,
+        remedy=log.remedies.get(about.fault, "") if about.fault else _logging(check, log), means=means,
+    )  # fmt: skip
+    if check.name in BY_ATTITUDE and any(p.code == "reference_contradicted" for p in told):
+        return told
+    if check.name.startswith(("field", "magnetometer")) and any(p.code in SPECIFIC for p in told):
+        return told
+    same = [p for p in told if p.code in about.codes]
+    if not same:
+        return [*told, own]
+    return [_merged(p, own, check.name) if p is same[0] else p for p in told if p is same[0] or p not in same]
+
+
+def _explained(problem: Problem, checks: list[Check], log: FlightLog) -> Problem:
+    """A refused reference with its cause: a mounting where it is off at rest throughout, else the estimator."""
+    if problem.code != "reference_contradicted" or problem.cause:
+        return problem
+    throughout = any(c.name == "gravity direction" and c.verdict == "bad" for c in checks)
+    cause = ABOUT["gravity direction"].cause if throughout else "The onboard estimator failed, or had not aligned."
+    return replace(problem, cause=cause, remedy=log.remedies["mounting" if throughout else "estimator"])
+
+
+def _merged(reported: Problem, own: Problem, name: str) -> Problem:
+    """One entry of a check and of what a reader, the autopilot or the analysis said of the same."""
+    if name == "rate":
+        return reported
+    severity = min(reported.severity, own.severity, key=ORDER.index)
+    told = own.text if reported.text in own.text else f"{reported.text} {own.text}"
+    first = min((t for t in (reported.t, own.t) if t is not None), default=None)
+    return replace(
+        own, code=reported.code, severity=severity, text=told, t=first, count=max(reported.count, own.count),
+        cause=reported.cause or own.cause, remedy=reported.remedy or own.remedy, means=reported.means or own.means,
+    )  # fmt: skip
+
+
+def _open(unanswered: list[Open]) -> list[Problem]:
+    """The questions without an answer as one entry; their cards say why."""
+    if not unanswered:
+        return []
+    titles = " ".join(item.title for item in unanswered)
+    remedies = dict.fromkeys(item.remedy for item in unanswered if item.remedy)
+    return [Problem("unanswered", "note", f"Not answered: {titles}", count=len(unanswered), remedy=" ".join(remedies))]
+
+
+def _once(told: list[Problem]) -> list[Problem]:
+    """Entries of the same code and sentence as one, with the sum of their counts and the first time."""
+    found: dict[tuple[str, str], Problem] = {}
+    for p in told:
+        known = found.get((p.code, p.text))
+        if known is not None:
+            t = min((x for x in (p.t, known.t) if x is not None), default=None)
+            p = replace(known, t=t, count=known.count + p.count)
+        found[p.code, p.text] = p
+    return list(found.values())
+
+
+def _timed(problem: Problem) -> Problem:
+    """A problem whose time is a number, or none."""
+    return problem if problem.t is None or abs(problem.t) < 1e12 else replace(problem, t=None)
+
+
+def _logging(check: Check, log: FlightLog) -> str:
+    """The setting that would log what a check lacks."""
+    imu, onboard = log.replay_imu, log.onboard_attitude
+    if check.name == "rate":
+        return log.advice("fast_imu", imu.gyro.rate) if imu is not None else log.advice("imu")
+    if check.name == "gaps" and imu is not None:
+        paused = float(np.diff(imu.gyro.t).max(initial=0.0)) >= PAUSE_S
+        return log.advice("rest") if paused else log.remedies["gaps"]
+    if check.name == "coverage":
+        return log.advice("attitude", onboard.rate if onboard is not None else None)
+    return ""
+
+
+def _code(name: str) -> str:
+    return name.replace(" ", "_")

@@ -1,0 +1,145 @@
+"""Faults put into a good flight are found with their size and time; the flight itself is silent."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+
+from attlog import rotation, segments
+from attlog.flight.model import Attitude, FlightLog, Stream
+from attlog.health import acc_bias, interference, jumps, sources, vibration
+from attlog.health.model import Check
+from tests.health.test_health import good
+
+
+def flown(name: str = "px4_steps.ulg") -> tuple[FlightLog, segments.Segments]:
+    log = deepcopy(good(name))
+    return log, segments.build(log)
+
+
+def only(found: list[Check], name: str) -> Check:
+    return next(c for c in found if c.name == name)
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin"])
+def test_a_good_flight_is_silent(name: str) -> None:
+    log, phases = flown(name)
+    for room in (vibration, interference, sources, acc_bias):
+        assert {c.verdict for c in room.checks(log, phases)} <= {"good", "cannot_judge"}
+    assert only(jumps.checks(log, phases), "attitude jumps").verdict in ("good", "warn")
+
+
+def test_vibration_that_begins_in_flight_is_told_with_its_size_and_onset() -> None:
+    log, phases = flown()
+    imu = log.replay_imu
+    assert imu is not None
+    a, b = max(phases.spans("airborne"), key=lambda s: s[1] - s[0])
+    start = 0.5 * (a + b)
+    later = imu.acc.t >= start
+    imu.acc.x[later, 2] += 5.0 * np.random.default_rng(1).normal(size=later.sum())
+    found = only(vibration.checks(log, phases), "vibration")
+    assert found.verdict == "bad"
+    assert found.t == pytest.approx(start, abs=2.0)
+    # white noise less its mean over about 20 or 40 samples
+    assert found.value == pytest.approx(5.0, rel=0.06)
+
+
+def test_more_vibration_with_more_throttle_is_no_onset() -> None:
+    log, phases = flown()
+    imu = log.replay_imu
+    assert imu is not None
+    a, b = max(phases.spans("airborne"), key=lambda s: s[1] - s[0])
+    t = imu.acc.t
+    later = t >= 0.5 * (a + b)
+    imu.acc.x[later, 2] += 2.5 * np.random.default_rng(1).normal(size=later.sum())
+    log.throttle = Stream(t, np.where(later, 0.8, 0.4)[:, None], "1", "", "throttle")
+    assert only(vibration.checks(log, phases), "vibration").t is None
+
+
+def test_a_force_that_vibration_takes_away_is_told_by_the_barometer() -> None:
+    log, phases = flown()
+    imu = log.replay_imu
+    assert imu is not None
+    a, b = max(phases.spans("airborne"), key=lambda s: s[1] - s[0])
+    start = 0.5 * (a + b)
+    imu.acc.x[imu.acc.t >= start, 2] += 2.5
+    found = only(vibration.checks(log, phases), "vertical force")
+    assert found.verdict == "bad"
+    assert found.value == pytest.approx(2.5, abs=0.5)
+    assert found.t == pytest.approx(start, abs=vibration.FORCE_S + 1.0)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.05, "good"), (0.2, "warn"), (0.5, "bad")])
+def test_a_field_that_follows_the_throttle_is_told_in_percent(share: float, verdict: str) -> None:
+    rng = np.random.default_rng(2)
+    t = np.arange(0.0, 60.0, 0.1)
+    throttle = 0.5 + 0.3 * np.sin(0.3 * t)
+    field = 40e-6 * (1.0 + share * (throttle - 0.2) / 0.6)
+    x = np.column_stack([field, np.zeros_like(t), np.zeros_like(t)]) + 0.1e-6 * rng.normal(size=(len(t), 3))
+    log, phases = flown()
+    log.mags[0].field, log.mag, log.battery = Stream(t, x, "T", "FRD", "mag"), 0, None
+    log.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
+    phases = segments.Segments([segments.Segment("armed", 0.0, 60.0)])
+    (found,) = interference.checks(log, phases)
+    assert found.verdict == verdict
+    assert found.value == pytest.approx(100 * share, rel=0.1)
+
+
+def test_a_field_that_does_not_follow_the_throttle_is_good_however_it_varies() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    seen = interference.follow(
+        Stream(t, np.column_stack([40e-6 * (1 + 0.3 * np.cos(1.7 * t)), 0 * t, 0 * t]), "T", "FRD", "mag"),
+        Stream(t, (0.5 + 0.3 * np.sin(0.3 * t))[:, None], "1", "", "throttle"), [(0.0, 60.0)], 0.1,
+    )  # fmt: skip
+    assert seen is not None
+    assert abs(seen[0]) < interference.LEAST_R
+
+
+def test_a_realignment_in_flight_is_told_with_size_and_time_and_one_before_arming_is_not() -> None:
+    log, _ = flown()
+    attitude = log.onboard_attitude
+    assert attitude is not None
+    a, b = max(segments.build(log).spans("airborne"), key=lambda s: s[1] - s[0])
+    at = 0.5 * (a + b)
+    turned = rotation.from_euler(0.0, 0.0, np.radians(25.0))
+    later = attitude.t >= at
+    attitude.q[later] = rotation.multiply(np.tile(turned, (later.sum(), 1)), attitude.q[later])
+    phases = segments.build(log)
+    found = only(jumps.checks(log, phases), "attitude jumps")
+    assert found.verdict == "bad"
+    assert found.value == pytest.approx(25.0, abs=1.0)
+    assert found.t == pytest.approx(at, abs=0.2)
+    assert "heading is realigned once" in found.text
+
+
+def test_a_second_source_that_leaves_is_told_with_its_size_and_time() -> None:
+    log, phases = flown()
+    flew = log.onboard_attitude
+    assert flew is not None
+    a, b = max(phases.spans("airborne"), key=lambda s: s[1] - s[0])
+    at = a + 0.4 * (b - a)
+    q = flew.q.copy()
+    later = flew.t >= at
+    turned = np.tile(rotation.from_euler(0.0, 0.0, np.radians(70.0)), (later.sum(), 1))
+    q[later] = rotation.multiply(turned, q[later])
+    log.attitudes["backup"] = Attitude(flew.t, q, "backup", t_sample=flew.t_sample)
+    (found,) = sources.checks(log, phases)
+    assert found.verdict == "bad"
+    assert found.value == pytest.approx(70.0, abs=1.0)
+    assert found.t == pytest.approx(at, abs=2.0)
+    assert "backup differs from vehicle_attitude by 70 deg in heading (median)" in found.text
+
+
+def test_an_estimated_bias_is_told_as_tilt_and_as_what_it_explains() -> None:
+    log, phases = flown()
+    imu, onboard = log.replay_imu, log.onboard_attitude
+    assert imu is not None
+    assert onboard is not None
+    imu.acc.x[:, 0] -= 0.4  # a fault that the estimator takes off again
+    log.acc_bias = Stream(np.array([0.0, 1.0]), np.tile([-0.4, 0.0, 0.0], (2, 1)), "m/s^2", "FRD", "bias")
+    (found,) = acc_bias.checks(log, phases)
+    assert found.verdict == "warn"
+    assert found.value == pytest.approx(-0.4)
+    assert "2.3 deg of tilt: it explains" in found.text
