@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 MARKS = {
     "good": "[green]good[/]",
-    "warn": "[yellow]look[/]",
+    "warn": "[yellow]warn[/]",
     "bad": "[red]bad[/]",
     "cannot_judge": "[dim]cannot judge[/]",
 }
