@@ -81,7 +81,7 @@ def command(
     ] = "inline",
     open_report: Annotated[bool, typer.Option("--open", help="Open the report in a browser.")] = False,
     deterministic: Annotated[
-        bool, typer.Option("--deterministic", help="Leave measured times out of the JSON.")
+        bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")
     ] = False,
     boot: Boot = None,
     system: System = None,

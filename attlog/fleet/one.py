@@ -35,13 +35,13 @@ def analyze_to_files(
 
     Each file appears whole or not at all, and nothing is written of a log that fails.
     Errors as in :func:`attlog.analyze`; OutputError if a file cannot be written.
-    ``deterministic`` leaves measured times out of the JSON.
+    ``deterministic`` leaves measured times out of both.
     """
     from attlog.analysis import analyze
 
     name = name or log.name
     written = Written(analyze(log, config, command=command), folder / f"{name}.html", folder / f"{name}.json")
-    written.result.to_html(written.report, plotly=plotly)
+    written.result.to_html(written.report, plotly=plotly, deterministic=deterministic)
     written.result.to_json(written.json, deterministic=deterministic)
     return written
 

@@ -8,20 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import (
-    allan,
-    controller,
-    drift,
-    drift_air,
-    drift_rest,
-    setpoint_response,
-    step_curves,
-    step_evidence,
-    steps,
-)
+from attlog.metrics import allan, controller, drift, drift_air, drift_rest, setpoint_response
 from attlog.metrics.base import Case
-from attlog.metrics.evidence import deviations, within
-from attlog.metrics.settled import rest_spans
+from attlog.metrics.envelope import Share, envelope
+from attlog.metrics.evidence import deviations
+from attlog.metrics.rest_traces import rest_traces
+from attlog.metrics.sensor_traces import sensor_traces
+from attlog.metrics.step_traces import step_traces
 from attlog.metrics.trace import Trace
 from attlog.reference.model import Row
 
@@ -31,35 +24,36 @@ Array = NDArray[np.float64]
 def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
     """All traces of all rows, figure by figure within a row; see :class:`Trace` for their columns.
 
-    A reference that is no row (truth) comes first, with its attitude alone.
+    A reference that is no row (truth) comes first, with its attitude alone; what is drawn
+    of all rows together and of the sensors comes last. Long logs become envelopes.
     """
-    reference = case.reference
-    found = (
-        attitude(reference.kind, reference.t, reference.q, reference.gap_segment) if reference.kind == "truth" else []
-    )
+    rows, reference = list(rows), case.reference
+    truth = len(reference.t) if reference.kind == "truth" else 0
+    angles = Share.of([truth, *(len(row.t) for row in rows)])
+    errors = Share.of(0 if row.errors is None else len(row.errors.t) for row in rows)
+    found = attitude(reference.kind, reference.t, reference.q, reference.gap_segment, angles) if truth else []
     for row in rows:
         found += [
-            *attitude(row.name, row.t, row.q, row.segment),
-            *difference(row),
-            *rest(case, row),
+            *attitude(row.name, row.t, row.q, row.segment, angles),
+            *difference(row, errors),
             *drifts(case, row),
             *allan_curves(case, row),
-            *step(case, row),
-            *bias(row),
+            *step_traces(case, row),
+            *bias(row, angles),
             *setpoint(case, row),
         ]
-    return found
+    return [*found, *rest_traces(case, rows), *sensor_traces(case)]
 
 
-def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64]) -> list[Trace]:
+def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Share) -> list[Trace]:
     """Roll, pitch, heading of attitudes (n, 4) at their own times; NaN after a gap or restart breaks the line."""
     if len(t) == 0:
         return []
     euler = np.degrees(rotation.to_euler(q))
-    return [Trace("attitude", name, t, _named(_broken(euler, run), ("roll", "pitch", "heading")))]
+    return [_enveloped("attitude", name, t, _broken(euler, run), ("roll", "pitch", "heading"), share)]
 
 
-def difference(row: Row) -> list[Trace]:
+def difference(row: Row, share: Share) -> list[Trace]:
     """Errors against the reference: total, signed heading, inclination, and differences in roll and pitch."""
     e = row.errors
     if e is None or len(e.t) == 0:
@@ -67,20 +61,7 @@ def difference(row: Row) -> list[Trace]:
     apart = np.degrees(rotation.wrap(rotation.to_euler(e.q_est) - rotation.to_euler(e.q_ref)))
     columns = np.column_stack([e.total, e.heading, e.inclination, apart[:, 0], apart[:, 1]])
     names = ("total", "heading", "inclination", "roll", "pitch")
-    return [Trace("difference", row.name, e.t, _named(_broken(columns, e.gap_segment), names))]
-
-
-def rest(case: Case, row: Row) -> list[Trace]:
-    """Deviations from the mean attitude of each rest, ``key`` = its number in time order."""
-    found = []
-    for number, span in enumerate(rest_spans(case, row, "rest")):
-        for segment in within(row.t, span, row.segment)[:1]:
-            if np.isfinite(row.q[segment]).all():
-                columns = deviations(row.q[segment])
-                found.append(
-                    Trace("rest", row.name, row.t[segment], _named(columns, ("roll", "pitch", "heading")), str(number))
-                )
-    return found
+    return [_enveloped("difference", row.name, e.t, _broken(columns, e.gap_segment), names, share)]
 
 
 def drifts(case: Case, row: Row) -> list[Trace]:
@@ -94,23 +75,9 @@ def drifts(case: Case, row: Row) -> list[Trace]:
     found = []
     for key, blocks in keyed:
         if blocks is not None and len(blocks.t) >= drift.MIN_BLOCKS:
-            columns = {"heading": blocks.e, "line": drift.line(blocks)}
+            mean = float(np.mean(blocks.e[np.isfinite(blocks.e)])) if np.isfinite(blocks.e).any() else 0.0
+            columns = {"heading": blocks.e - mean, "line": drift.line(blocks) - mean}
             found.append(Trace("drift", row.name, blocks.t, columns, key))
-    return found
-
-
-def step(case: Case, row: Row) -> list[Trace]:
-    """Every event laid on its onset: what row, reference and set-point turned about its axis, stroke positive."""
-    if row.is_reference or case.reference.rate < step_evidence.MIN_REFERENCE_HZ:
-        return []
-    found = []
-    for curve in step_curves.curves(case, row, "all"):
-        columns = {"est": curve.row, "ref": curve.reference}
-        wanted = step_curves.setpoint(case, curve)
-        if wanted is not None:
-            columns["set"] = wanted
-        key = f"{steps.AXES[curve.event.axis]}@{curve.event.onset:.2f}"
-        found.append(Trace("step", row.name, curve.seconds, columns, key))
     return found
 
 
@@ -128,11 +95,11 @@ def allan_curves(case: Case, row: Row) -> list[Trace]:
     return found
 
 
-def bias(row: Row) -> list[Trace]:
+def bias(row: Row, share: Share) -> list[Trace]:
     """The filter's own gyro bias estimate in deg/s."""
     if row.bias is None or len(row.t) == 0:
         return []
-    return [Trace("bias", row.name, row.t, _named(_broken(np.degrees(row.bias), row.segment), ("x", "y", "z")))]
+    return [_enveloped("bias", row.name, row.t, _broken(np.degrees(row.bias), row.segment), ("x", "y", "z"), share)]
 
 
 def setpoint(case: Case, row: Row) -> list[Trace]:
@@ -149,8 +116,9 @@ def setpoint(case: Case, row: Row) -> list[Trace]:
     return [Trace("setpoint", row.name, t, columns)] if columns else []
 
 
-def _named(columns: Array, names: tuple[str, ...]) -> dict[str, Array]:
-    return {name: columns[:, k] for k, name in enumerate(names)}
+def _enveloped(figure: str, name: str, t: Array, columns: Array, names: tuple[str, ...], share: Share) -> Trace:
+    at, kept = envelope(t, {name: columns[:, k] for k, name in enumerate(names)}, share(len(t)))
+    return Trace(figure, name, at, kept, ratio=len(t) / len(at))
 
 
 def _broken(columns: Array, run: NDArray[np.int64]) -> Array:

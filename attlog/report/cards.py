@@ -1,9 +1,10 @@
-"""The verdict cards: bars from a common zero."""
+"""The verdict cards: bars from a common zero, their scale set by the rows that are ranked."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from statistics import median
 from typing import Any
 
 from attlog.present.cards import caption, lead_and_tail, reasons, shown_unranked
@@ -14,10 +15,13 @@ from attlog.result import Verdict
 BARS = 7
 """Rows in a verdict card; the table has them all."""
 
+FAR = 4.0
+"""A row that is not ranked and this many times the middle one runs out of its card."""
+
 FULL_BAR_MS = 20.0
 """Lags below this do not fill a bar, so that half a millisecond does not look like much."""
 
-SECTIONS = {"quiet": "rest", "late": "step", "drifting": "drift"}
+SECTIONS = {"closest": "flight", "quiet": "rest", "late": "step", "drifting": "drift"}
 
 
 def card(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
@@ -28,7 +32,12 @@ def card(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
     if len(bars) > BARS:
         kept = [*bars[: BARS - 2], *[b for b in bars[BARS - 2 : -1] if b[0] == "onboard"], bars[-1]]
     unranked = shown_unranked(verdict)
-    low, high = span([v for _, v, _ in kept], FULL_BAR_MS if verdict.question == "late" else 0.0)
+    middle = median(abs(v) for _, v, _ in kept) if kept else 0.0
+    ranked = {name for name, _, _ in kept if name not in unranked and not look[name].lost}
+    low, high = span(
+        [v for name, v, _ in kept if name in ranked or abs(v) <= FAR * middle],
+        FULL_BAR_MS if verdict.question == "late" else 0.0,
+    )
     pale = "; pale: shown, not ranked" if any(name in unranked for name, _, _ in kept) else ""
     return {
         "id": verdict.question,
@@ -42,11 +51,13 @@ def card(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
                 "name": look[name].name,
                 "pale": name in unranked,
                 "slot": look[name].slot,
-                "x": round(100 * (min(value, 0.0) - low) / (high - low), 1),
-                "width": round(100 * abs(value) / (high - low), 1),
+                "x": round(100 * (min(shown, 0.0) - low) / (high - low), 1),
+                "width": round(100 * abs(shown) / (high - low), 1),
+                "beyond": "" if shown == value else "◂ " if value < 0 else "▸ ",
                 "text": quantity(value, unit),
             }
             for name, value, unit in kept
+            for shown in [min(max(value, low), high)]
         ],
         "zero": round(-100 * low / (high - low), 1),
         "left_out": len(bars) - len(kept),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from attlog.present.numbers import interval, quantity
-from attlog.report.pack import Store, reduce
+from attlog.report.pack import Store
 from attlog.result import Answer, Trace
 
 
@@ -18,7 +18,8 @@ from attlog.result import Answer, Trace
 class Figure:
     """A place in the page: ``kind`` names the drawing function of the script, ``data`` is what it draws.
 
-    ``words`` says for those who do not see it what it shows.
+    ``words`` says for those who do not see it what it shows. ``views`` names what can be
+    chosen in it: ``data["views"]`` holds as many, each laid over the rest of ``data``.
     """
 
     id: str
@@ -29,6 +30,7 @@ class Figure:
     data: dict[str, Any] = field(default_factory=dict)
     wide: bool = True
     words: str = ""
+    views: list[str] = field(default_factory=list)
 
 
 class Rows:
@@ -50,30 +52,34 @@ class Rows:
 
 
 def series(
-    traces: list[Trace], columns: tuple[str, ...], names: Rows, store: Store, budget: int, step: float
+    traces: list[Trace], columns: tuple[str, ...], names: Rows, store: Store, step: float
 ) -> tuple[list[dict[str, Any]], float]:
-    """Traces reduced to a budget and put into the store, and the ratio of reduction (1: all samples kept)."""
-    total = sum(len(t.t) for t in traces)
-    out, before, after = [], 0, 0
-    for trace in traces:
-        keep = max(int(budget * len(trace.t) / total), 200) if total > 1.1 * budget else len(trace.t)
-        present = {c: np.asarray(trace.columns[c], np.float64) for c in columns if c in trace.columns}
-        t, kept = reduce(np.asarray(trace.t, np.float64), present, keep)
-        before, after = before + len(trace.t), after + len(t)
-        out.append(
-            {
-                "r": names.index(trace.row),
-                "k": trace.key,
-                "t": store.times(t),
-                "y": {c: store.values(y, step) for c, y in kept.items()},
-            }
-        )
-    return out, before / after if after else 1.0
+    """Traces put into the store, and how many samples one stored sample stands for (1: all were kept)."""
+    drawn = [
+        {
+            "r": names.index(trace.row),
+            "k": trace.key,
+            "ratio": round(trace.ratio, 2),
+            **stored(trace, columns, store, step),
+        }
+        for trace in traces
+    ]
+    whole, kept = sum(len(t.t) * t.ratio for t in traces), sum(len(t.t) for t in traces)
+    return drawn, whole / kept if kept else 1.0
+
+
+def stored(trace: Trace, columns: tuple[str, ...], store: Store, step: float) -> dict[str, Any]:
+    """Where times and columns of a trace stand in the store."""
+    present = {c: np.asarray(trace.columns[c], np.float64) for c in columns if c in trace.columns}
+    return {
+        "t": store.times(np.asarray(trace.t, np.float64)),
+        "y": {c: store.values(y, step) for c, y in present.items()},
+    }
 
 
 def said(ratio: float) -> str:
     """The sentence about reduction."""
-    if ratio <= 1.0:
+    if ratio <= 1.005:
         return "Every sample is stored."
     return f"Stored: smallest and largest value of each stretch, 1 in {ratio:.1f} samples; no peak is lost."
 

@@ -6,28 +6,28 @@ place what is missing.
 
 from __future__ import annotations
 
-from attlog.report.cost_figures import more
 from attlog.report.drift_figures import drift
 from attlog.report.figure import Figure, Rows
 from attlog.report.flight_figures import flight
 from attlog.report.look import Look
 from attlog.report.pack import Store
 from attlog.report.rest_figures import rest
+from attlog.report.sensor_figures import sensors
 from attlog.report.step_figures import steps
 from attlog.result import Result
 
 
 def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, list[Figure]]:
-    """Figures by section of the page: flight, rest, step, drift, more."""
+    """Figures by section of the page: flight, rest, step, drift, sensors."""
     names = Rows({key: look.name for key, look in looks.items()})
-    traces = [t for t in result.traces if t.row in looks and len(t.t)]
+    traces = [t for t in result.traces if (not t.row or t.row in looks) and len(t.t)]
     by = {kind: [t for t in traces if t.figure == kind] for kind in {t.figure for t in traces}}
     found = {
         "flight": flight(by, names, store, result),
         "rest": rest(by, names, store),
         "step": steps(by, names, store, result),
         "drift": drift(by, names, store, result),
-        "more": more(by, names, store, result),
+        "sensors": sensors(by, names, store),
     }
     for part in found.values():
         fill(part)

@@ -7,7 +7,7 @@ import numpy as np
 from attlog.present.messages import alarming, messages
 from attlog.present.numbers import moment
 from attlog.report.figure import Figure, Rows, reach, said, series
-from attlog.report.pack import BUDGET, Store
+from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
 ANGLE_STEP = 0.01
@@ -25,7 +25,7 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
     strip = Figure("strip", "strip", "", "", 120)
     figures = [strip]
     if by.get("attitude"):
-        drawn, ratio = series(by["attitude"], ("roll", "pitch", "heading"), names, store, BUDGET, ANGLE_STEP)
+        drawn, ratio = series(by["attitude"], ("roll", "pitch", "heading"), names, store, ANGLE_STEP)
         caption = "Drag across a figure to zoom: all figures with flight time follow. Double-click to go back. "
         caption += " ".join([*legend(result), said(ratio)])
         data = {"series": drawn, "cut": heading_cut(by["attitude"])}
@@ -34,7 +34,7 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
         )
     if by.get("difference"):
         columns = ("inclination", "roll", "pitch", "heading")
-        drawn, ratio = series(by["difference"], columns, names, store, BUDGET, ANGLE_STEP)
+        drawn, ratio = series(by["difference"], columns, names, store, ANGLE_STEP)
         reference = result.reference.choice if result.reference else "onboard"
         caption = {
             "truth": "Zero is the logged truth. ",

@@ -46,7 +46,7 @@ def looks(result: Result) -> dict[str, Look]:
         shown = set(sorted(replays, key=lambda name: -leads(result, name))[:FEW])
     known = {r.name for r in rows}
     called = row_names(result)
-    others = list(dict.fromkeys(t.row for t in result.traces if t.row not in known))
+    others = list(dict.fromkeys(t.row for t in result.traces if t.row and t.row not in known))
     others += [r.name for r in rows if r.kind != "replay"]
     lost = {r.name for r in rows if r.status in ("diverged", "failed")}
     references = {r.name for r in rows if r.is_reference} or set(others[:1])

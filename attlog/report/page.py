@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,23 +21,24 @@ from attlog.report.figures import sections
 from attlog.report.look import looks
 from attlog.report.marks import time_marks
 from attlog.report.pack import Store, packed
-from attlog.result import Result
+from attlog.result import MEASURED_TIMES, Result
 
 WEB = Path(__file__).parent / "web"
-SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "figures.js", "page.js")
+SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "figures.js", "export.js", "page.js")
 """Joined in this order into the one script of the page."""
 
 
-def write_report(result: Result, path: str | Path, *, plotly: str = "inline") -> None:
+def write_report(result: Result, path: str | Path, *, plotly: str = "inline", deterministic: bool = False) -> None:
     """Write the report of a result to ``path`` (atomically). OutputError if it cannot be written.
 
     ``plotly`` is ``inline`` (one file that loads nothing) or ``shared`` (the bundle
     is written once beside the report and loaded from there, for batches).
+    ``deterministic`` leaves measured times out: the same log gives the same bytes.
     """
     path = Path(path)
     plot = bundle()
     shared = plotly == "shared"
-    html = render(result, plot, shared=shared)
+    html = render(result, plot, shared=shared, deterministic=deterministic)
     if shared:
         beside = path.parent / plot.name
         if not beside.is_file() or beside.read_bytes() != plot.script:
@@ -44,10 +46,12 @@ def write_report(result: Result, path: str | Path, *, plotly: str = "inline") ->
     write_atomic(path, html)
 
 
-def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
+def render(result: Result, plot: Bundle, *, shared: bool = False, deterministic: bool = False) -> str:
     """The report as text: template, style and script of this package, data packed."""
     from jinja2 import Environment, FileSystemLoader
 
+    whole = result.to_dict(deterministic)
+    result = timeless(result) if deterministic else result
     look = looks(result)
     store = Store()
     figures = sections(result, look, store)
@@ -85,7 +89,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         "moment": moment,
         "counted": counted,
     }
-    document = json.dumps(result.to_dict(), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    document = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return environment.get_template("page.html").render(
         result=result,
         policy=policy(plot, style, script, shared=shared),
@@ -109,6 +113,27 @@ def render(result: Result, plot: Bundle, *, shared: bool = False) -> str:
         bundle=None if shared else base64.b64encode(plot.packed).decode(),
         shared=plot.name if shared else None,
         bundle_name=plot.name,
+    )
+
+
+def timeless(result: Result) -> Result:
+    """The result without what differs between two runs of the same log."""
+
+    def left(found: dict[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in found.items() if name not in MEASURED_TIMES}
+
+    def by_window(found: dict[str, Any]) -> dict[str, Any]:
+        return {window: left(columns) for window, columns in found.items()}
+
+    rows = [replace(row, ns_per_update=None, metrics=by_window(row.metrics)) for row in result.estimators]
+    return replace(
+        result,
+        timing={},
+        estimators=rows,
+        definitions=left(result.definitions),
+        best=by_window(result.best),
+        worst=by_window(result.worst),
+        ranked=by_window(result.ranked),
     )
 
 

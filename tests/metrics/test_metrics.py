@@ -138,7 +138,8 @@ def test_traces_have_the_columns_that_the_figures_draw(case):
         "attitude": {"roll", "pitch", "heading"}, "difference": {"total", "heading", "inclination", "roll", "pitch"},
         "rest": {"roll", "pitch", "heading"}, "drift": {"heading", "line"},
         "allan": {"tau", "deviation", "low", "high"},
-        "step": {"est", "ref"}, "bias": {"x", "y", "z"},
+        "step": {"est", "ref"}, "steps": {"median", "low", "high", "ref"},
+        "spread": {"angle", "share"}, "bias": {"x", "y", "z"},
     }  # fmt: skip
     found = metrics.traces(case, case.rows)
     for trace in found:

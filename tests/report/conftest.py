@@ -147,19 +147,11 @@ def traces(names: tuple[str, ...]) -> list[Trace]:
                 coarse | {"inclination": np.hypot(coarse["roll"], coarse["pitch"]), "total": np.abs(coarse["heading"])},
             )
         )
-        out.append(
-            Trace("rest", name, t[at_rest], {a: error[a][at_rest] - error[a][at_rest].mean() for a in AXES}, "0")
-        )
+        out.append(Trace("rest", name, t[at_rest], {a: error[a][at_rest] - error[a][at_rest].mean() for a in AXES}))
         tau = np.geomspace(0.02, 10, 20)
         deviation = size / np.sqrt(tau)
-        out.append(
-            Trace(
-                "allan",
-                name,
-                tau,
-                {"tau": tau, "deviation": deviation, "low": deviation * 0.8, "high": deviation * 1.3},
-            )
-        )
+        columns = {"tau": tau, "deviation": deviation, "low": deviation * 0.8, "high": deviation * 1.3}
+        out += [Trace("allan", name, tau, columns, axis) for axis in AXES]
         for key, span in (("rest", REST), ("onboard", AIR)):
             block = np.arange(span[0], span[1]) + 0.5
             slope = 0.01 * (i % 5 - 2)
@@ -169,13 +161,40 @@ def traces(names: tuple[str, ...]) -> list[Trace]:
             )
         if i:
             out.append(Trace("bias", name, t[::50], {a: np.full(len(t[::50]), 0.1 * i) for a in "xyz"}))
-        for start in (66.0, 72.0, 78.0):
-            near = (t > start - 0.5) & (t < start + 1.0)
-            for axis in ("roll", "pitch"):
-                ref = truth[axis][near] - truth[axis][near][0]
-                est = np.roll(ref, i) * (1 - 0.1 * i)
-                out.append(Trace("step", name, t[near] - start, {"est": est, "ref": ref}, axis))
-    return out
+        start = 72.0
+        near = (t > start - 0.5) & (t < start + 1.0)
+        ref = truth["roll"][near] - truth["roll"][near][0]
+        columns = {"est": np.roll(ref, i) * (1 - 0.1 * i), "ref": ref, "set": 25.0 * (t[near] >= start)}
+        out.append(Trace("step", name, t[near] - start, columns, f"roll@{start:.2f}"))
+        grid = np.linspace(-0.3, 1.2, 151)
+        for axis in ("all axes", "roll", "pitch"):
+            off = 10.0 * i * (grid > 0) * grid
+            columns = {"median": off, "low": off - 3, "high": off + 3, "ref": 100 * (grid > 0.2)}
+            out.append(Trace("steps", name, grid, columns, axis, values={"events": 6.0}))
+        angle = np.linspace(-0.05, 0.05, 61)
+        share = np.exp(-0.5 * (angle / size) ** 2)
+        out.append(Trace("spread", name, angle, {"angle": angle, "share": 100 * share / share.sum()}))
+    return out + sensors(t)
+
+
+def sensors(t: np.ndarray) -> list[Trace]:
+    """What the sensors' figures draw."""
+    f = np.linspace(0.1, RATE / 2, 500)
+    density = {a: (k + 1) / (1 + f) for k, a in enumerate("xyz")}
+    second = np.arange(0.5, SECONDS)
+    shaking = {a: 0.2 * (k + 1) * np.ones(len(second)) for k, a in enumerate("xyz")}
+    size = {"low": 9.5 * np.ones(len(second)), "mean": 9.8 * np.ones(len(second)), "high": np.full(len(second), 10.2)}
+    return [
+        *(
+            Trace("spectrum", "", f, {"frequency": f} | density, key, values={"nyquist_hz": RATE / 2, "seconds": 125.0})
+            for key in ("gyro", "accelerometer")
+        ),
+        Trace("vibration", "", second, shaking | {"clipped": 1.0 * (second == 100.5)}, values={"samples": 1.0}),
+        Trace("gravity", "", second, size, values={"expected": 9.81}),
+        Trace("field", "", second, {k: 5 * v for k, v in size.items()}, values={"expected": 48.3}),
+        Trace("throttle", "", second, {"throttle": 50.0 * ((second > AIR[0]) & (second < AIR[1]))}),
+        Trace("rest_bias", "", np.array([25.0]), {a: np.array([0.2]) for a in "xyz"}),
+    ]
 
 
 def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Result:

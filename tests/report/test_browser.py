@@ -21,10 +21,15 @@ def test_it_opens_without_complaint_or_request_and_draws_every_figure(visit, rep
         "spread",
         "allan",
         "step",
+        "steps",
         "lag",
+        "drift",
         "drifts",
+        "spectrum",
+        "vibration",
+        "gravity",
+        "field",
         "bias",
-        "cost",
     } <= set(figures)
     assert [name for name, drawn in figures.items() if not drawn] == []
 
@@ -35,7 +40,9 @@ def test_the_verdicts_stand_in_the_first_screen_without_script(visit, report):
         box = card.bounding_box()
         assert box["y"] + box["height"] < 900
         assert len(card.query_selector(".say").inner_text()) > 40
+    assert page.query_selector("#problems").bounding_box()["y"] < 600
     assert page.query_selector("#table").bounding_box()["y"] < 900
+    assert page.query_selector("#part-flight").bounding_box()["y"] > 900
     assert page.query_selector("noscript") is not None
     assert page.query_selector("#table").inner_text().count("\n") > 5
 
@@ -44,7 +51,7 @@ def test_zoom_in_one_figure_moves_all_with_flight_time_and_double_click_returns(
     page = visit(report)
     whole = page.range("attitude")
     drag(page, "attitude", 0.3, 0.5)
-    seen = {figure: page.range(figure) for figure in ("strip", "attitude", "difference", "bias")}
+    seen = {figure: page.range(figure) for figure in ("strip", "attitude", "difference", "vibration", "bias")}
     assert len({tuple(round(x, 6) for x in r) for r in seen.values()}) == 1
     assert seen["bias"][0] > whole[0] + 20
     assert seen["bias"][1] < whole[1] - 20
@@ -158,14 +165,44 @@ def test_dark_follows_the_button_in_page_and_figures(visit, report):
     assert page.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(18, 22, 28)"
 
 
-@pytest.mark.slow
-def test_movements_can_be_stepped_through(visit, report):
+def test_what_a_figure_shows_can_be_chosen(visit, report):
     page = visit(report)
-    assert page.page.locator("#event option").count() == 2 + 6
-    first = page.page.input_value("#event")
-    page.page.click("#event-next")
-    assert page.page.input_value("#event") != first
+    title = "() => document.getElementById('spectrum').layout.yaxis.title.text"
+    assert page.page.evaluate(title) == "°/s/√Hz"
+    page.page.select_option("select[data-figure=spectrum]", label="accelerometer")
+    assert page.page.evaluate(title) == "m/s²/√Hz"
+    for figure, views in (("allan", 3), ("drift", 2), ("steps", 3)):
+        assert page.page.locator(f"select[data-figure={figure}] option").count() == views
     assert page.complaints == []
+
+
+def test_a_figure_can_be_saved_with_its_legend_as_picture_and_numbers(visit, report, tmp_path):
+    page = visit(report)
+
+    def saved(figure: str, kind: str) -> bytes:
+        with page.page.expect_download() as download:
+            page.page.click(f".out[data-figure={figure}] [data-out={kind}]")
+        assert download.value.suggested_filename == f"attlog-{figure}.{kind}"
+        return download.value.path().read_bytes()
+
+    svg = saved("steps", "svg").decode()
+    for text in ("All movements together", "Mahony, Xu 0.6", "VQF"):
+        assert text in svg
+    assert saved("steps", "png")[:8] == b"\x89PNG\r\n\x1a\n"
+    lines = saved("bias", "csv").decode().splitlines()
+    assert lines[0] == "axis,line,x,y"
+    assert '"x, °/s","VQF",0,0.4' in lines
+    assert page.complaints == []
+
+
+def test_values_under_the_pointer_stand_in_the_margin_and_hide_no_line(visit, report):
+    page = visit(report).page
+    area = page.locator("#difference .nsewdrag").first
+    area.scroll_into_view_if_needed()
+    area.hover()
+    page.wait_for_timeout(500)
+    assert "VQF" in page.locator("#difference-read").inner_text()
+    assert page.locator("#difference .hoverlayer .hovertext").count() == 0
 
 
 def test_the_result_can_be_saved_from_the_page(visit, report):

@@ -8,12 +8,13 @@ import pytest
 from attlog.metrics.trace import Trace
 from attlog.present.names import row_name
 from attlog.report import write_report
+from attlog.report.cards import card
 from attlog.report.figure import Rows, reach, told
 from attlog.report.figures import sections
 from attlog.report.look import looks
 from attlog.report.marks import time_marks
 from attlog.report.pack import Store
-from attlog.report.rest_figures import levelled
+from attlog.result import Verdict
 from tests.report.browser import own_bytes
 from tests.report.conftest import make_result
 
@@ -38,7 +39,7 @@ def test_a_row_has_one_colour_and_dash_in_every_figure(visit, report):
 
 def test_figures_with_numbers_say_them_in_words(visit, report):
     names = [row_name(row) for row in make_result().estimators if row.kind == "replay"]
-    for figure in ("attitude", "difference", "rest", "lag", "drifts", "cost"):
+    for figure in ("attitude", "difference", "rest", "lag", "drifts", "bias"):
         assert any(name in figures(make_result())[figure].words for name in names), figure
     page = visit(report).page
     for plot in page.query_selector_all(".plot[aria-describedby]"):
@@ -55,13 +56,28 @@ def test_dots_in_words_are_value_and_interval():
     assert told(dots, ["ekf", "fan"], "ms") == "ekf: +9 ms (+7 to +11); fan: not judged"
 
 
-def test_the_close_up_at_rest_shows_noise_without_drift():
-    rng = np.random.default_rng(1)
-    t = np.arange(0.0, 20.0, 0.01)
-    noise = rng.normal(0.0, 0.01, len(t))
-    flat = levelled(Trace("rest", "gyro", t, {"roll": 3.0 * t + noise}, "")).columns["roll"]
-    assert np.std(flat) == pytest.approx(0.01, rel=0.1)
-    assert np.abs(flat).max() < 0.06
+def test_a_row_that_is_not_ranked_and_far_beyond_runs_out_of_its_card():
+    bars = [("vqf", 1.0, "deg/min"), ("gyro", -40.0, "deg/min"), ("mahony@xu-0.6", 2.0, "deg/min")]
+    verdict = Verdict(
+        "drifting", "?", "VQF drifts least.", "drift_rest_deg_per_min", "rest", bars, [("gyro", "diverged")]
+    )
+    drawn = {bar["id"]: bar for bar in card(verdict, looks(make_result()))["bars"]}
+    assert drawn["gyro"]["beyond"] == "◂ "
+    assert drawn["mahony@xu-0.6"]["beyond"] == ""
+    assert drawn["mahony@xu-0.6"]["width"] == pytest.approx(2 * drawn["vqf"]["width"])
+    assert drawn["mahony@xu-0.6"]["width"] == 100.0
+
+
+def test_the_lag_figure_shows_single_movements_of_ranked_rows_only():
+    result = make_result()
+    for row in result.estimators[1:]:
+        row.metrics["airborne"]["lag_ms"].each = [250.0, 3.0]
+    result.estimators[1].metrics["airborne"]["lag_ms"].ranked = False
+    drawn = {d["r"]: d for d in figures(result)["lag"].data["rows"]}
+    assert drawn[1]["single"] == []
+    assert drawn[1]["ok"] is False
+    assert 2 not in drawn
+    assert drawn[3]["single"] == [250.0, 3.0]
 
 
 def test_modes_armed_airborne_messages_and_failsafes_stand_on_the_time_axis():

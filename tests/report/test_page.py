@@ -30,6 +30,23 @@ def test_the_same_result_gives_the_same_page():
     assert render(result, bundle()) == render(result, bundle())
 
 
+def test_without_measured_times_two_runs_give_the_same_bytes(tmp_path):
+    pages = []
+    for factor in (1.0, 2.0):
+        result = make_result()
+        result.timing = {stage: factor * seconds for stage, seconds in result.timing.items()}
+        for row in result.estimators:
+            row.ns_per_update = None if row.ns_per_update is None else factor * row.ns_per_update
+            if "all" in row.metrics:
+                row.metrics["all"]["cost_ns"].value *= factor
+        write_report(result, tmp_path / "report.html", deterministic=True)
+        pages.append((tmp_path / "report.html").read_bytes())
+    assert pages[0] == pages[1]
+    assert b"Time taken" not in pages[0]
+    block = re.search(r'id="result">([^<]+)<', pages[0].decode()).group(1)
+    assert json.loads(gzip.decompress(base64.b64decode(block))) == make_result().to_dict(deterministic=True)
+
+
 def test_the_configuration_can_be_copied_into_a_file():
     text = re.search(r'<pre id="config"[^>]*>(.*?)</pre>', render(make_result(), bundle()), re.S).group(1)
     config = tomllib.loads(html.unescape(text))

@@ -50,15 +50,63 @@ const draws = {
     return p;
   },
   bias(id, f, range) {
-    return panels(id, f, ['x', 'y', 'z'].map((k) => [k, k + ', °/s', { least: 0.02 }]), { range, phases: 'plain', trace: { hovertemplate: '%{y:.3f} °/s' } });
+    const p = panels(id, f, ['x', 'y', 'z'].map((k) => [k, k + ', °/s', { least: 0.02 }]), { range, phases: 'plain', trace: { say: ' °/s', digits: 3 } });
+    if (f.rests) ['x', 'y', 'z'].forEach((k, i) => {
+      const ax = p.layout['yaxis' + (i ? i + 1 : '')], all = f.rests[k], low = Math.min(...all), high = Math.max(...all), pad = 0.06 * (Math.max(high, ax.range[1]) - Math.min(low, ax.range[0]));
+      p.traces.push(plain('gyro at rest', css('--tx'), f.rests.t, all, { mode: 'markers', marker: { size: 9, color: css('--tx') }, yaxis: i ? 'y' + (i + 1) : 'y', say: ' °/s', digits: 3 }));
+      ax.range = [Math.min(ax.range[0], low - pad), Math.max(ax.range[1], high + pad)];
+    });
+    return p;
+  },
+  spectrum(id, f) {
+    const L = layout(id), all = Object.values(f.axes).flat();
+    const traces = Object.entries(f.axes).map(([k, y], i) => plain(k, css('--e' + (i + 1)), f.x, y, { say: ' ' + f.unit, digits: 4, at: ' Hz' }));
+    L.shapes.push({ type: 'line', xref: 'x', yref: 'paper', x0: f.nyquist, x1: f.nyquist, y0: 0, y1: 1, line: { color: css('--bad'), width: 1.2, dash: 'dash' } });
+    L.annotations.push(note(Math.log10(f.nyquist), 'half of ' + (2 * f.nyquist).toFixed(0) + ' Hz', { xanchor: 'right' }), ...letters(f.axes));
+    L.xaxis = axis('frequency, Hz', Object.assign({ type: 'log', range: [Math.log10(f.x[0]), Math.log10(f.nyquist * 1.12)] }, decades(f.x, narrow(id) ? 6 : 10)));
+    L.yaxis = axis(f.unit, Object.assign({ type: 'log' }, decades(all, 8)));
+    const top = Math.log10(Math.max(...all)), floor = Math.log10(all.filter((v) => v > 0).sort((a, b) => a - b)[Math.floor(all.length / 100)] || 1e-6);
+    L.yaxis.range = [Math.max(floor, top - 5) - 0.1, top + 0.15];
+    L.margin.l += 10;
+    return { traces, layout: L };
+  },
+  vibration(id, f, range) {
+    const L = layout(id), traces = Object.entries(f.axes).map(([k, y], i) => plain(k, css('--e' + (i + 1)), f.t, y, { say: ' m/s²' }));
+    const top = Math.max(0.1, ...Object.values(f.axes).flatMap((y) => y.filter((_, i) => f.t[i] >= range[0] && f.t[i] <= range[1])));
+    if (f.clipped.length) traces.push(plain('clipped', css('--bad'), f.clipped.map((c) => c[0]), f.clipped.map(() => top * 1.04), {
+      mode: 'markers', marker: { symbol: 'triangle-down', size: 9, color: css('--bad') }, customdata: f.clipped.map((c) => c[1]), hoverinfo: 'skip', say: undefined,
+    }));
+    L.xaxis = axis('time, s', { range: range.slice() });
+    L.yaxis = axis('m/s²', { range: [0, top * 1.08] });
+    L.annotations.push(...letters(f.axes));
+    phases(L, false);
+    return { traces, layout: L };
+  },
+  size(id, f, range) {
+    const L = layout(id), tint = css('--e1'), here = (y) => y.filter((_, i) => f.t[i] >= range[0] && f.t[i] <= range[1]), traces = [];
+    if (f.throttle) traces.push(plain('throttle', css('--mu'), f.throttle[0], f.throttle[1], { yaxis: 'y2', line: { color: css('--edge'), width: 1 }, say: ' %', digits: 0 }));
+    traces.push(plain('smallest', tint, f.t, f.low, { line: { width: 0 }, hoverinfo: 'skip', say: undefined }));
+    traces.push(plain('largest', tint, f.t, f.high, { line: { width: 0 }, fill: 'tonexty', fillcolor: faded(tint, 0.25), hoverinfo: 'skip', say: undefined }));
+    traces.push(plain('mean', tint, f.t, f.mean, { line: { color: tint, width: 1.6 }, say: ' ' + f.unit }));
+    // a bump on landing leaves the figure: it is as high as FAR of all
+    const wanted = f.expected === undefined ? [] : [f.expected], most = (y, share) => y.slice().sort((a, b) => a - b)[Math.min(Math.floor(share * y.length), y.length - 1)];
+    const low = Math.min(most(here(f.low), 1 - FAR), ...wanted), high = Math.max(most(here(f.high), FAR), ...wanted), pad = 0.15 * (high - low) || 1;
+    const over = f.high.map((v, i) => (v > high + pad ? f.t[i] : null)).filter((t) => t !== null);
+    if (over.length) traces.push(plain('beyond', tint, over, over.map(() => high + pad), { mode: 'markers', arrow: true, hoverinfo: 'skip', say: undefined, cliponaxis: false, marker: { symbol: 'triangle-up', size: 8, color: tint } }));
+    if (wanted.length) L.shapes.push({ type: 'line', xref: 'paper', yref: 'y', x0: 0, x1: 1, y0: f.expected, y1: f.expected, line: { color: css('--tx'), width: 1.3, dash: 'dash' } });
+    L.xaxis = axis('time, s', { range: range.slice() });
+    L.yaxis = axis(f.unit, { range: [low - pad, high + pad], zeroline: false });
+    if (f.throttle) { L.yaxis2 = axis('throttle, %', { overlaying: 'y', side: 'right', range: [0, 100], showgrid: false, zeroline: false, tickvals: [0, 50, 100] }); L.margin.r += 40; }
+    phases(L, false);
+    return { traces, layout: L };
   },
   rest(id, f) {
-    const p = panels(id, f, [['roll', 'roll, °', { least: 0.002 }], ['pitch', 'pitch, °', { least: 0.002 }], ['heading', 'heading, °', { least: 0.002 }]], { range: f.range, calm: true, trace: { hovertemplate: '%{y:.4f}°', opacity: 0.85 } });
-    for (const t of p.traces) t.line.width = 1.1;
+    const p = panels(id, f, [['roll', 'roll, °', { least: 0.002 }], ['pitch', 'pitch, °', { least: 0.002 }], ['heading', 'heading, °', { least: 0.002 }]], { range: f.range, calm: true, trace: { digits: 4, opacity: 0.85 } });
+    for (const t of p.traces) if (t.line) t.line.width = 1.1;
     return p;
   },
   spread(id, f) {
-    const L = layout(id), traces = f.shares.map((s) => trace(s.r, f.x, s.y, { line: Object.assign(line(s.r), { shape: 'hvh' }), hovertemplate: '%{y:.1f} %' }));
+    const L = layout(id), traces = f.shares.map((s) => trace(s.r, f.x, s.y, { line: Object.assign(line(s.r), { shape: 'hvh' }), say: ' %', digits: 1, at: '°' }));
     L.xaxis = axis('angle, °', { hoverformat: '.4f' });
     L.yaxis = axis('share of samples, %', { rangemode: 'tozero' });
     return { traces, layout: L };
@@ -66,8 +114,7 @@ const draws = {
   allan(id, f) {
     const L = layout(id), traces = [];
     for (const c of f.curves) traces.push(trace(c.r, c.tau, c.deviation, {
-      customdata: c.low ? c.tau.map((_, i) => (c.low[i] === null ? '' : ' [' + c.low[i].toPrecision(2) + ' to ' + c.high[i].toPrecision(2) + ']')) : c.tau.map(() => ''),
-      hovertemplate: '%{y:.2~r}°%{customdata}', name: name(c.r) + (c.key ? ' ' + safe(c.key) : ''),
+      also: c.low ? c.tau.map((_, i) => (c.low[i] === null ? '' : ' [' + c.low[i].toPrecision(2) + ' to ' + c.high[i].toPrecision(2) + ']')) : undefined, digits: 4,
     }));
     L.xaxis = axis('averaging time τ, s', Object.assign({ type: 'log', hoverformat: '.2~r' }, decades(f.curves.flatMap((c) => c.tau), narrow(id) ? 6 : 10)));
     L.yaxis = axis('Allan deviation, °', Object.assign({ type: 'log' }, decades(f.curves.flatMap((c) => c.deviation), 8)));
@@ -75,40 +122,38 @@ const draws = {
     return { traces, layout: L };
   },
   step(id, f) {
-    const events = choices[event], single = events.length === 1, L = layout(id), traces = [], lines = new Map(), reference = [[], []], around = [-0.3, 1.2];
-    const add = (r, key) => { const k = r + key; if (!lines.has(k)) lines.set(k, { r, key, x: [], y: [] }); return lines.get(k); };
-    for (const e of events) {
-      let best = null;
-      for (const s of e.lines) {
-        const t = times(s.t), est = values(s.y.est), ref = values(s.y.ref);
-        const zero = onset(t, ref), top = ref.reduce((m, v, i) => (t[i] > 0 && t[i] < 1 && Math.abs(v - zero) > Math.abs(m) ? v - zero : m), 0), scale = single || !top ? 1 : 100 / top;
-        if (!best || t.length < best[0].length) best = [t, ref.map((v) => v - zero), scale];
-        const a = add(s.r, 'est'), d = add(s.r, 'off');
-        for (let i = 0; i < t.length; i++) if (single || (t[i] >= around[0] && t[i] <= around[1])) { a.x.push(t[i] * 1e3); a.y.push((est[i] - zero) * scale); d.x.push(t[i] * 1e3); d.y.push((est[i] - ref[i]) * scale); }
-        for (const l of [a, d]) { l.x.push(null); l.y.push(null); }
-      }
-      for (let i = 0; i < best[0].length; i++) if (single || (best[0][i] >= around[0] && best[0][i] <= around[1])) { reference[0].push(best[0][i] * 1e3); reference[1].push(best[1][i] * best[2]); }
-      reference[0].push(null); reference[1].push(null);
+    const L = layout(id), traces = [], ms = (t) => Array.from(t, (v) => v * 1e3), longest = f.lines.reduce((a, b) => (b.t.n > a.t.n ? b : a));
+    for (const l of f.lines) {
+      const est = values(l.y.est), ref = values(l.y.ref), own = { at: ' ms', line: line(l.r, 1.8) };
+      traces.push(trace(l.r, ms(times(l.t)), gaps(est), own), trace(l.r, ms(times(l.t)), gaps(est.map((v, i) => v - ref[i])), Object.assign({ yaxis: 'y2' }, own)));
     }
-    const unit = single ? '°' : ' %', hover = single ? {} : { hoverinfo: 'skip', hovertemplate: undefined }, thin = single ? 1.8 : 0.8;
-    for (const l of lines.values()) traces.push(trace(l.r, l.x, l.y, Object.assign({ yaxis: l.key === 'est' ? 'y' : 'y2', line: line(l.r, thin), hovertemplate: '%{y:.2f}' + unit }, hover)));
-    traces.push(Object.assign({ type: 'scatter', mode: single && reference[0].length < 90 ? 'lines+markers' : 'lines', x: reference[0], y: reference[1], meta: null, name: 'reference', line: { color: css('--e0'), width: single ? 2.2 : 1.2 }, marker: { size: 5, color: css('--e0') }, hovertemplate: '%{y:.2f}' + unit }, hover));
-    L.xaxis = axis('time from the start of the movement, ms', Object.assign({ anchor: 'y2', hoverformat: '.0f' }, single ? {} : { range: around.map((v) => v * 1e3) }));
-    L.yaxis = axis(single ? safe(events[0].axis) + ' change, °' : safe(events[0].axis) + ', % of movement', { domain: [0.42, 1] });
-    L.yaxis2 = axis(single ? 'minus reference, °' : 'minus reference, %', { domain: [0, 0.34], nticks: 5 });
-    if (!single) {
-      const shown = reference[1].filter((v) => v !== null && Number.isFinite(v));
-      L.yaxis.range = [Math.max(Math.min(...shown), -100) - 30, Math.min(Math.max(...shown), 200) + 30];
-      const [low, high] = fitted(traces, 'y2', 10, true);
-      L.yaxis2.range = [Math.max(low, -60), Math.min(high, 60)];
+    const black = css('--e0'), x = ms(times(longest.t));
+    traces.push(plain('reference', black, x, gaps(values(longest.y.ref)), { mode: x.length < 90 ? 'lines+markers' : 'lines', line: { color: black, width: 2.2 }, marker: { size: 5, color: black }, say: '°', at: ' ms' }));
+    if (longest.y.set) traces.push(plain('set-point', black, x, gaps(values(longest.y.set)), { line: { color: css('--mu'), width: 2, dash: 'dash' }, say: '°', at: ' ms' }));
+    L.xaxis = axis('time from the start of the movement, ms', { anchor: 'y2' });
+    L.yaxis = axis(safe(f.axis) + ' change, °', { domain: [0.42, 1], range: fitted(traces, 'y', 1, true) });
+    L.yaxis2 = axis('minus reference, °', { domain: [0, 0.34], nticks: 5, range: fitted(traces, 'y2', 0.5, true) });
+    return leaving({ traces, layout: L });
+  },
+  steps(id, f) {
+    const L = layout(id), bands = [], lines = [];
+    for (const l of f.lines) {
+      const own = f.x.map((_, i) => i).filter((i) => l.median[i] !== null), pick = (y) => own.map((i) => y[i]), x = pick(f.x), edge = { line: { color: colour(l.r), width: 0 }, hoverinfo: 'skip', say: undefined };
+      bands.push(trace(l.r, x, pick(l.low), Object.assign({}, edge, { name: name(l.r) + ', 10 %' })), trace(l.r, x, pick(l.high), Object.assign({}, edge, { name: name(l.r) + ', 90 %', fill: 'tonexty', fillcolor: faded(colour(l.r), 0.09) })));
+      lines.push(trace(l.r, x, pick(l.median), { say: ' %', digits: 1, at: ' ms', line: line(l.r, 2) }));
     }
-    return { traces, layout: L };
+    L.xaxis = axis('time from the start of the movement, ms', { range: [f.x[0], f.x[f.x.length - 1]] });
+    L.yaxis = axis('minus reference, % of the movement', { range: fitted(lines.concat(bands), 'y', 4, true) });
+    const p = leaving({ traces: lines, layout: L });
+    return { traces: bands.concat(p.traces), layout: L };
   },
   lag(id, f) {
     const p = dotted(id, f.rows, 'lag, ms (left: ahead, right: behind)', ' ms');
     if (f.half) { p.layout.shapes.push(band(-f.half, f.half, css('--arm'))); if (!narrow(id)) p.layout.annotations.push(note(0, '± half an IMU sample')); }
+    const [low, high] = p.layout.xaxis.range;
     f.rows.forEach((d) => {
-      if (d.single.length && !hidden.has(d.r)) p.traces.unshift({ type: 'scatter', mode: 'markers', x: d.single, y: d.single.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !hidden.has(d.r), marker: d.ok ? { size: 5, color: colour(d.r), opacity: 0.55 } : { size: 6, color: css('--bg'), line: { color: colour(d.r), width: 1.2 } }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });
+      const x = d.single.filter((v) => v >= low && v <= high);
+      if (x.length && !hidden.has(d.r)) p.traces.unshift({ type: 'scatter', mode: 'markers', x, y: x.map((_, i) => p.place(d.r) + ((i * 7919) % 101) / 101 * 0.5 - 0.25), meta: d.r, visible: !hidden.has(d.r), name: name(d.r), marker: { size: 5, color: colour(d.r), opacity: 0.55 }, hovertemplate: name(d.r) + ': %{x:.0f} ms<extra></extra>' });
     });
     return p;
   },
@@ -117,51 +162,30 @@ const draws = {
     const L = layout(id), traces = [];
     for (const s of ordered(f.series)) for (const [key, w, opacity] of [['heading', 1.1, 0.7], ['line', 2.6, 1]]) if (s.y[key]) {
       const [X, Y] = reduced(times(s.t), values(s.y[key]), null, width(id), false);
-      traces.push(trace(s.r, X, Y, { line: line(s.r, w), opacity, hoverinfo: key === 'line' ? 'skip' : undefined, hovertemplate: key === 'line' ? undefined : '%{y:.2f}°' }));
+      traces.push(trace(s.r, X, Y, { line: line(s.r, w), opacity, hoverinfo: key === 'line' ? 'skip' : 'none', say: key === 'line' ? undefined : '°' }));
     }
     L.xaxis = axis('time, s', { range: f.range, hoverformat: '.0f' });
-    L.yaxis = axis('heading, °', { range: fitted(traces, 'y', 0.1) });
-    return { traces, layout: L };
+    L.yaxis = axis('heading, °', { range: fitted(traces, 'y', 0.1, true) });
+    return leaving({ traces, layout: L });
   },
   setpoint(id, f) {
     const L = layout(id), traces = [];
     for (const s of f.series) for (const key of Object.keys(s.y)) {
-      traces.push(trace(s.r, Array.from(times(s.t), (v) => v * 1e3), Array.from(values(s.y[key])), { name: safe(key), hovertemplate: '%{y:.2f}', line: Object.assign(line(s.r), { dash: { roll: 'solid', pitch: 'dash', yaw: 'dot' }[key] || D.rows[s.r].dash }) }));
+      traces.push(trace(s.r, Array.from(times(s.t), (v) => v * 1e3), Array.from(values(s.y[key])), { name: safe(key), say: '', at: ' ms', line: Object.assign(line(s.r), { dash: { roll: 'solid', pitch: 'dash', yaw: 'dot' }[key] || D.rows[s.r].dash }) }));
     }
     L.xaxis = axis('time after the command, ms');
     L.yaxis = axis('share of the command');
     return { traces, layout: L };
   },
-  cost(id, f) {
-    const L = layout(id, { hovermode: 'closest' }), x = f.points.map((p) => p.x), y = f.points.map((p) => p.y), least = Math.min(...y), most = Math.max(...y, 1e-6);
-    const log = least > 0 && most / least > 8, bottom = log ? Math.log10(least) - 0.2 : 0, top = log ? Math.log10(most) + 0.2 : most * 1.1;
-    const low = Math.log10(Math.min(...x)), high = Math.log10(Math.max(...x)), pad = Math.max(0.25, (high - low) * 0.12);
-    const across = (width(id) - 80) / (high - low + 2 * pad), up = (v) => ((log ? Math.log10(v) : v) - bottom) / (top - bottom) * (L.height - 62), taken = [];
-    const traces = f.points.map((p) => {
-      const text = short(name(p.r), 22), left = (Math.log10(p.x) - low + pad) * across, height = up(p.y), w = text.length * 6.6;
-      const boxes = { 'middle right': [left + 8, height - 8, w], 'middle left': [left - 8 - w, height - 8, w], 'top center': [left - w / 2, height + 8, w], 'bottom center': [left - w / 2, height - 24, w] };
-      const free = (b) => b[0] > -10 && b[0] + w < width(id) - 80 && taken.every((o) => b[0] > o[0] + o[2] || o[0] > b[0] + w || Math.abs(b[1] - o[1]) > 15);
-      const where = Object.keys(boxes).find((k) => free(boxes[k])) || 'middle right';
-      taken.push(boxes[where], [left - 6, height - 8, 12]);
-      return {
-        type: 'scatter', mode: 'markers+text', x: [p.x], y: [p.y], text: [text], textposition: where, textfont: { size: 11.5, color: css('--tx') }, meta: p.r, visible: !hidden.has(p.r), cliponaxis: false,
-        marker: { size: 11, color: colour(p.r), symbol: D.rows[p.r].dash === 'solid' ? 'circle' : 'diamond' }, hovertemplate: name(p.r) + ': %{x:.0f} ns, %{y:.2f}°<extra></extra>',
-      };
-    });
-    L.xaxis = axis('cost, ns per sample', Object.assign({ type: 'log' }, decades(x, 8), { range: [low - pad, high + pad] }));
-    L.yaxis = axis('tilt error, ° RMS', Object.assign(log ? { type: 'log' } : {}, log ? decades(y, 6) : {}, { range: [bottom, top] }));
-    return { traces, layout: L };
-  },
 };
+const FAR = 0.985;
 const SYMBOLS = { 'against truth': 'diamond', 'against smoother': 'diamond', 'against mag': 'square', 'against gnss_yaw': 'triangle-up', 'against course': 'triangle-down' };
-const REFIT = ['lag', 'drifts', 'difference', 'rest', 'drift', 'cost'];
-const TIMED = ['strip', 'attitude', 'difference', 'bias'];
+const REFIT = ['lag', 'drifts', 'difference', 'rest', 'drift', 'step', 'steps'];
+const TIMED = ['strip', 'attitude', 'difference', 'bias', 'vibration', 'size'];
+const gaps = (y) => Array.from(y, (v) => (Number.isNaN(v) ? null : v));
 
-// the reference's angle when the movement starts
-function onset(t, ref) {
-  const i = Math.min(at(t, 0), t.length - 1);
-  return Number.isFinite(ref[i]) ? ref[i] : 0;
-}
+// x, y, z in their colours, in place of a legend
+const letters = (axes) => Object.keys(axes).map((k, i) => ({ x: 0.005 + 0.035 * i, y: 1, xref: 'paper', yref: 'paper', xanchor: 'left', yanchor: 'bottom', text: k, showarrow: false, font: { size: 13, color: css('--e' + (i + 1)) } }));
 
 // failsafes and critical messages across a figure
 function alarms(L, range) {
@@ -172,31 +196,34 @@ function alarms(L, range) {
 // one line per row: a value with its interval, filled at rest, hollow in the air
 function dotted(id, all, title, unit) {
   const dots = all.filter((d) => !hidden.has(d.r)), rows = [...new Set(dots.map((d) => d.r))], L = layout(id, { hovermode: 'closest' }), traces = [];
-  const place = (r) => rows.length - 1 - rows.indexOf(r);
+  const place = (r) => rows.length - 1 - rows.indexOf(r), ends = spanOf(dots);
   const count = new Map();
   for (const d of dots.filter((d) => d.v !== null)) {
     const i = count.get(d.r) || 0, n = dots.filter((o) => o.r === d.r).length;
     count.set(d.r, i + 1);
     const y = place(d.r) + (n > 1 ? 0.28 - (0.56 * i) / (n - 1) : 0), full = !d.where || d.where === 'at rest' || d.where === 'against truth';
+    const out = d.v < ends[0] ? -1 : d.v > ends[1] ? 1 : 0;
     traces.push({
-      type: 'scatter', mode: 'markers', x: [d.v], y: [y], meta: d.r, visible: !hidden.has(d.r),
-      error_x: d.ci ? { type: 'data', symmetric: false, array: [d.ci[1] - d.v], arrayminus: [d.v - d.ci[0]], color: colour(d.r), thickness: 2, width: 4 } : undefined,
-      marker: { size: 9, symbol: SYMBOLS[d.where] || 'circle', color: full ? colour(d.r) : css('--bg'), line: { color: colour(d.r), width: 2 } },
+      type: 'scatter', mode: 'markers', x: [out < 0 ? ends[0] : out ? ends[1] : d.v], y: [y], meta: d.r, visible: !hidden.has(d.r), name: name(d.r), cliponaxis: !out,
+      error_x: out ? undefined : d.ci ? { type: 'data', symmetric: false, array: [d.ci[1] - d.v], arrayminus: [d.v - d.ci[0]], color: colour(d.r), thickness: 2, width: 4 } : undefined,
+      marker: { size: 9, symbol: out ? (out < 0 ? 'triangle-left' : 'triangle-right') : SYMBOLS[d.where] || 'circle', color: full && d.ok !== false ? colour(d.r) : css('--bg'), line: { color: colour(d.r), width: 2 } },
       hovertemplate: name(d.r) + (d.where ? ', ' + safe(d.where) : '') + ': ' + minus(d.v.toFixed(2)) + unit + (d.ci ? ' [' + minus(d.ci[0].toFixed(2)) + ' to ' + minus(d.ci[1].toFixed(2)) + ']' : '') + '<extra></extra>',
     });
   }
   const longest = Math.max(1, ...rows.map((r) => Math.min(D.rows[r].name.length, 22)));
   L.margin.l = Math.min(24 + 6.6 * longest, width(id) * 0.42);
-  L.xaxis = axis(title, { zerolinewidth: 2, range: spanOf(dots) });
+  L.xaxis = axis(title, { zerolinewidth: 2, range: ends });
   L.yaxis = axis('', { tickvals: rows.map((r) => place(r)), ticktext: rows.map((r) => short(name(r), 22)), range: [-0.6, rows.length - 0.4], fixedrange: true, zeroline: false });
   return { traces, layout: L, place };
 }
 
-// intervals far wider than the values may run out of the figure, values never
+// fitted to what is ranked: values far beyond it and intervals far wider run out of the figure
 function spanOf(dots) {
-  const all = dots.flatMap((d) => [...(d.v === null ? [] : [d.v]), ...(d.single || [])]), most = Math.max(1e-3, ...all.map(Math.abs));
-  const ends = dots.flatMap((d) => (d.ci ? d.ci : [])).filter((v) => Math.abs(v) < 4 * most);
-  const low = Math.min(0, ...all, ...ends), high = Math.max(0, ...all, ...ends), pad = (high - low) * 0.08;
+  const values = (some) => some.flatMap((d) => [...(d.v === null ? [] : [d.v]), ...(d.single || [])]);
+  const sound = dots.filter((d) => d.ok !== false && !D.rows[d.r].lost), best = sound.length ? sound : dots;
+  const core = best.filter((d) => d.v !== null).map((d) => Math.abs(d.v)), most = Math.max(1e-3, ...core);
+  const near = (v) => Math.abs(v) < 4 * most, all = [...values(best).filter(near), ...values(dots).filter(near), ...best.flatMap((d) => d.ci || []).filter(near)];
+  const low = Math.min(0, ...all), high = Math.max(0, ...all), pad = (high - low) * 0.08 || 1;
   return [low - pad, high + pad];
 }
 

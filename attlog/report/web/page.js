@@ -1,15 +1,17 @@
 // The page: draws figures when they come near, links zoom, legend, table, theme, print.
-const choices = [];
-let event = 0, full = [0, 1], range = [0, 1], busy = false;
+const picked = {};
+let full = [0, 1], range = [0, 1], busy = false;
 const waiting = new Set(), failures = [];
 const ids = () => Object.keys(D.figures);
+const shownOf = (id) => Object.assign({}, D.figures[id], (D.figures[id].views || [])[picked[id] || 0]);
 const timed = (id) => TIMED.includes(D.figures[id].kind);
 
 function draw(id) {
   waiting.delete(id);
-  const f = D.figures[id];
+  const f = shownOf(id);
   stored = drawn = 0;
   try {
+    $(id).style.height = tall(id) + 'px';
     const p = draws[f.kind](id, f, range);
     Plotly.react($(id), p.traces, p.layout, CONFIG);
   } catch (error) {
@@ -20,6 +22,8 @@ function draw(id) {
   if (f.kind === 'attitude') $('ratio').textContent = 'The attitude figure now draws ' + drawn.toLocaleString('en') + ' of ' + stored.toLocaleString('en') + ' points.';
   if ($(id).dataset.ready) return;
   $(id).dataset.ready = '1';
+  $(id).on('plotly_hover', (e) => readout(id, e));
+  $(id).on('plotly_unhover', () => { $(id + '-read').textContent = ''; });
   if (timed(id)) {
     $(id).on('plotly_relayout', (e) => { if (!busy && 'xaxis.range[0]' in e) zoom([+e['xaxis.range[0]'], +e['xaxis.range[1]']]); });
     $(id).on('plotly_doubleclick', () => { zoom(full); return false; });
@@ -62,24 +66,21 @@ function legend() {
   document.querySelector('.legend').hidden = false;
 }
 
-function movements() {
-  const f = D.figures.step;
-  if (!f) return;
-  const select = $('event'), count = {};
-  const offer = (text) => { const option = document.createElement('option'); option.value = select.length; option.textContent = text; select.append(option); };
-  for (const axis of new Set(f.events.map((e) => e.axis))) {
-    offer('all in ' + axis);
-    choices.push(f.events.filter((e) => e.axis === axis));
-  }
-  for (const e of f.events) {
-    count[e.axis] = (count[e.axis] || 0) + 1;
-    offer(e.axis + ' ' + (e.at ? 'at ' + e.at.replace(/s$/, '') + ' s' : count[e.axis]));
-    choices.push([e]);
-  }
-  const go = (i) => { event = (i + choices.length) % choices.length; select.value = event; draw('step'); };
-  select.addEventListener('change', () => go(+select.value));
-  $('event-back').addEventListener('click', () => go(event - 1));
-  $('event-next').addEventListener('click', () => go(event + 1));
+// what the lines show where the pointer is, in the margin above the figure: a box would hide them
+function readout(id, e) {
+  const points = e.points.filter((p) => p.data.say !== undefined);
+  if (!points.length) return;
+  const x = points[0].x, digits = Math.abs(x) < 10 ? 2 : Math.abs(x) < 1000 ? 1 : 0;
+  const say = (p) => p.data.name + ' ' + minus(p.y.toFixed(p.data.digits)) + p.data.say + (p.data.also ? p.data.also[p.pointIndex] : '');
+  $(id + '-read').textContent = minus((+x).toFixed(digits)) + points[0].data.at + ': ' + [...new Set(points.map(say))].join(' · ');
+}
+
+function selectors() {
+  document.querySelectorAll('select[data-figure]').forEach((select) => {
+    const id = select.dataset.figure;
+    select.parentNode.hidden = false;
+    select.addEventListener('change', () => { picked[id] = +select.value; if (!waiting.has(id)) draw(id); });
+  });
 }
 
 function sortable(table) {
@@ -110,7 +111,7 @@ function printed() {
   let theme, opened = [];
   addEventListener('beforeprint', () => {
     theme = root.dataset.theme; printing = true; root.dataset.theme = 'light';
-    opened = [...document.querySelectorAll('details:not([open]):not(.noprint)')];
+    opened = [...document.querySelectorAll('details.inprint:not([open])')];
     opened.forEach((d) => { d.open = true; });
     waiting.clear();
     redraw();
@@ -160,10 +161,11 @@ function resized() {
 }
 
 const idle = () => new Promise((done) => setTimeout(done, 0));
+const painted = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done, 0)); setTimeout(done, 300); });
 
 // figures in view first, those near when they come near, the rest when nothing else is to be done
 async function drawAll() {
-  for (const id of ids()) { $(id).style.height = $(id).dataset.height + 'px'; waiting.add(id); }
+  for (const id of ids()) { $(id).style.height = tall(id) + 'px'; waiting.add(id); }
   const watch = new IntersectionObserver((seen) => {
     for (const s of seen) if (s.isIntersecting && waiting.has(s.target.id)) { watch.unobserve(s.target); draw(s.target.id); }
   }, { rootMargin: '600px' });
@@ -177,13 +179,14 @@ async function drawAll() {
 async function start() {
   themes();
   document.querySelectorAll('#table').forEach(sortable);
+  await painted();
   if (!('DecompressionStream' in window)) throw new Error('this browser is too old (it lacks DecompressionStream)');
   await startData();
   full = D.marks.range; range = full;
-  legend(); movements(); copies();
+  legend(); selectors(); copies();
   await startPlotly();
   if (!window.Plotly) throw new Error('plotly.js could not be loaded; it has to lie beside this file');
-  printed(); resized(); jumps();
+  printed(); resized(); jumps(); exports();
   await drawAll();
 }
 start().catch((error) => { $('failed').hidden = false; $('failed').textContent = 'Figures are missing: ' + error.message + '. Verdicts, tables and everything below do not need them.'; root.dataset.drawn = 'failed'; throw error; });

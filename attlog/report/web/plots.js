@@ -1,6 +1,7 @@
 // What all figures share: layout, axes, shaded phases, lines.
 const width = (id) => (printing ? PRINT_WIDTH : Math.max(260, $(id).clientWidth));
 const narrow = (id) => width(id) < 520;
+const tall = (id) => Math.round(+$(id).dataset.height * (printing ? 0.55 : 1));
 const hidden = new Set();
 const CONFIG = { responsive: false, displaylogo: false, displayModeBar: false, doubleClick: false, scrollZoom: false };
 
@@ -15,9 +16,9 @@ function axis(title, more) {
 function layout(id, more) {
   const text = css('--tx'), small = narrow(id);
   return Object.assign({
-    width: width(id), height: +$(id).dataset.height, paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)',
+    width: width(id), height: tall(id), paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)',
     font: { family: 'system-ui,-apple-system,Segoe UI,Roboto,Arial,sans-serif', size: 12, color: text }, showlegend: false,
-    margin: { l: small ? 50 : 64, r: small ? 8 : 14, t: 22, b: 40 }, hovermode: 'x unified',
+    margin: { l: small ? 50 : 64, r: small ? 8 : 14, t: 22, b: 40 }, hovermode: 'x',
     hoverlabel: { bgcolor: css('--bg'), bordercolor: css('--bd'), font: { size: 11.5, color: text }, namelength: 40 },
     dragmode: small ? false : 'zoom', shapes: [], annotations: [],
   }, more || {});
@@ -26,16 +27,18 @@ function layout(id, more) {
 const band = (a, b, fill) => ({ type: 'rect', xref: 'x', yref: 'paper', x0: a, x1: b, y0: 0, y1: 1, fillcolor: fill, line: { width: 0 }, layer: 'below' });
 const bar = (x, color, dash) => ({ type: 'line', xref: 'x', yref: 'paper', x0: x, x1: x, y0: 0, y1: 1, line: { color, width: 1.2, dash }, layer: 'below' });
 const note = (x, text, more) => Object.assign({ x, y: 1, xref: 'x', yref: 'paper', yanchor: 'bottom', text, showarrow: false, font: { size: 11.5, color: css('--mu') } }, more || {});
-const MANY_MARKS = 300;
+const MANY_MARKS = 80;
+// too many to be told apart are not drawn until the figure is zoomed
+const few = (marks, range) => { const here = marks.filter((m) => (m.length > 2 ? m[1] : m[0]) >= range[0] && m[0] <= range[1]); return here.length > MANY_MARKS ? [] : here; };
 
 // rest, airborne, impact, gaps and resets behind a figure with flight time
 function phases(L, named) {
   const M = D.marks, range = L.xaxis.range, seen = (a, b) => b >= range[0] && a <= range[1];
   for (const [a, b] of M.airborne) L.shapes.push(band(a, b, css('--arm')));
-  for (const [a, b] of M.rest.slice(0, MANY_MARKS)) L.shapes.push(band(a, b, css('--rest')));
+  for (const [a, b] of few(M.rest, range)) L.shapes.push(band(a, b, css('--rest')));
   for (const [a, b] of M.impact) L.shapes.push(band(a, Math.max(b, a), css('--crash')), bar(a, css('--bad'), 'solid'));
-  for (const [a, b] of M.gaps.slice(0, MANY_MARKS)) L.shapes.push(band(a, b, css('--gap')), bar(a, css('--edge'), 'solid'), bar(b, css('--edge'), 'solid'));
-  for (const [t] of M.resets.slice(0, MANY_MARKS)) L.shapes.push(bar(t, css('--bad'), 'dot'));
+  for (const [a, b] of few(M.gaps, range)) L.shapes.push(band(a, b, css('--gap')), bar(a, css('--edge'), 'solid'), bar(b, css('--edge'), 'solid'));
+  for (const [t] of few(M.resets, range)) L.shapes.push(bar(t, css('--bad'), 'dot'));
   if (!named) return;
   const share = (a, b) => (Math.min(b, range[1]) - Math.max(a, range[0])) / (range[1] - range[0]);
   const label = (spans, text, least) => {
@@ -52,8 +55,13 @@ function phases(L, named) {
 
 const line = (r, w) => ({ color: colour(r), width: w || (D.rows[r].onboard ? 2.2 : 1.5), dash: D.rows[r].dash });
 const trace = (r, x, y, more) => Object.assign({
-  type: 'scatter', mode: 'lines', x, y, meta: r, name: name(r), line: line(r), hovertemplate: '%{y:.2f}°', visible: !hidden.has(r),
+  type: 'scatter', mode: 'lines', x, y, meta: r, name: name(r), line: line(r), hoverinfo: 'none', say: '°', digits: 2, at: ' s', visible: !hidden.has(r),
 }, more || {});
+const plain = (text, color, x, y, more) => Object.assign({
+  type: 'scatter', mode: 'lines', x, y, meta: null, name: text, line: { color, width: 1.3 }, hoverinfo: 'none', say: '', digits: 2, at: ' s',
+}, more || {});
+const faded = (color, share) => 'rgba(' + [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16)).join(',') + ',' + share + ')';
+const SPARSE_S = 1.5;
 
 // the onboard line below the filters where it would hide them, above where it is the reference
 const ordered = (series) => series.slice().sort((a, b) => D.rows[b.r].onboard - D.rows[a.r].onboard);
@@ -66,8 +74,16 @@ function panels(id, f, columns, options) {
     if (!s.y[key]) return;
     let y = values(s.y[key]);
     if (opt && opt.map) y = y.map(opt.map);
+    const own = Object.assign({ yaxis: i ? 'y' + (i + 1) : 'y' }, options.trace);
+    // more than 1.5 s in a pixel: nobody can see movements, lines would be a carpet
+    if ((range[1] - range[0]) / width(id) > SPARSE_S) {
+      const e = enveloped(times(s.t), y, range, width(id), opt && opt.wraps);
+      traces.push(trace(s.r, e.bandX, e.bandY, Object.assign({}, own, { fill: 'toself', fillcolor: faded(colour(s.r), 0.08), line: { color: colour(s.r), width: 0 }, hoverinfo: 'skip', say: undefined })));
+      traces.push(trace(s.r, e.X, e.Y, Object.assign({}, own, { line: line(s.r, 1.1) })));
+      return;
+    }
     const [X, Y] = reduced(times(s.t), y, range, width(id), opt && opt.wraps);
-    traces.push(trace(s.r, X, Y, Object.assign({ yaxis: i ? 'y' + (i + 1) : 'y' }, options.trace)));
+    traces.push(trace(s.r, X, Y, own));
   });
   const last = columns.length > 1 ? 'y' + columns.length : 'y';
   L.xaxis = axis(options.time || 'time, s', { range: range.slice(), anchor: last, hoverformat: '.2f', showspikes: true, spikemode: 'across', spikethickness: 1, spikecolor: css('--mu'), spikedash: 'dot' });
@@ -76,5 +92,25 @@ function panels(id, f, columns, options) {
     L['yaxis' + (i ? i + 1 : '')] = axis(title, Object.assign({ domain: [Math.max(top - height, 0), top], nticks: 5, range: fitted(traces, i ? own : 'y', opt && opt.least || 0.2, options.calm, options.from), zeroline: !(opt && opt.map) }, opt && opt.axis));
   });
   if (options.phases) phases(L, options.phases === 'named');
-  return { traces, layout: L };
+  return leaving({ traces, layout: L });
+}
+
+const MOSTLY = 0.05;
+// an arrow at the edge where a line leaves the figure
+function leaving(p) {
+  const found = [], within = p.layout.xaxis.range;
+  for (const t of p.traces) {
+    const key = t.yaxis || 'y', ax = p.layout['yaxis' + key.slice(1)];
+    if (t.meta == null || t.fill || t.mode !== 'lines' || !ax || !ax.range || ax.type === 'log') continue;
+    for (const [edge, beyond, symbol] of [[ax.range[1], (v) => v > ax.range[1], 'triangle-up'], [ax.range[0], (v) => v < ax.range[0], 'triangle-down']]) {
+      const inside = (v, k) => v !== null && beyond(v) && (!within || (t.x[k] >= within[0] && t.x[k] <= within[1])), i = t.y.findIndex(inside);
+      if (t.y.filter(inside).length > MOSTLY * t.y.length) t.opacity = 0.35;
+      if (i >= 0) found.push({
+        type: 'scatter', mode: 'markers', x: [t.x[i]], y: [edge], yaxis: key, meta: t.meta, name: t.name, visible: t.visible, cliponaxis: false, arrow: true, hoverinfo: 'skip',
+        marker: { symbol, size: 11, color: colour(t.meta), line: { color: css('--bg'), width: 1 } },
+      });
+    }
+  }
+  p.traces.push(...found);
+  return p;
 }

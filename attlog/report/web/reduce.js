@@ -32,6 +32,37 @@ function reduced(t, y, range, pixels, wraps) {
   return [X, Y];
 }
 
+// Middle and band of smallest to largest value per three pixel columns, for ranges in which nobody can see movements.
+function enveloped(t, y, range, pixels, wraps) {
+  const from = Math.max(at(t, range[0]) - 1, 0), to = Math.min(at(t, range[1]) + 1, t.length), n = Math.max(Math.round(pixels / 3), 50);
+  const X = [], Y = [], bandX = [], bandY = [];
+  let part = [];
+  const close = () => {
+    for (const [x, low] of part) { bandX.push(x); bandY.push(low); }
+    for (const [x, , high] of part.reverse()) { bandX.push(x); bandY.push(high); }
+    if (part.length) { bandX.push(null); bandY.push(null); X.push(part[0][0]); Y.push(null); }
+    part = [];
+  };
+  stored += to - from;
+  for (let c = 0, step = (to - from) / n; c < n && step > 0; c++) {
+    const i0 = from + Math.floor(c * step), i1 = Math.max(from + Math.floor((c + 1) * step), i0 + 1);
+    let low = Infinity, high = -Infinity, sum = 0, count = 0;
+    for (let i = i0; i < i1 && i < to; i++) {
+      if (Number.isNaN(y[i])) continue;
+      if (y[i] < low) low = y[i];
+      if (y[i] > high) high = y[i];
+      sum += y[i]; count++;
+    }
+    if (!count || (wraps && high - low > 180)) { close(); continue; }
+    const x = t[i0], middle = sum / count;
+    if (wraps && part.length && Math.abs(Y[Y.length - 1] - middle) > 180) close();
+    part.push([x, low, high]); X.push(x); Y.push(middle);
+  }
+  close();
+  drawn += X.length + bandX.length;
+  return { X, Y, bandX, bandY };
+}
+
 // the range of visible values with a margin, from what is drawn; a diverged filter may leave the figure, and in a
 // calm one also those that move CALM times as far as the middle one; `from` leaves out what comes before, if anything stays
 const CALM = 8;

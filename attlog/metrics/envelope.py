@@ -1,0 +1,65 @@
+"""Long arrays for figures: the smallest and the largest value of each bucket, so that no peak is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BUDGET = 100_000
+"""Samples per angle over all rows of a figure; beyond it envelopes take over."""
+FEWEST = 2000
+"""Samples that every row keeps, however many rows there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """How many samples a row may keep of its own: its share of the budget of the figure."""
+
+    total: int
+
+    @classmethod
+    def of(cls, lengths: Iterable[int]) -> Share:
+        """For rows of these lengths."""
+        return cls(sum(lengths))
+
+    def __call__(self, n: int) -> int:
+        """Samples to keep of n."""
+        return n if self.total <= 1.1 * BUDGET else min(n, max(BUDGET * n // self.total, FEWEST))
+
+
+def envelope(t: Array, columns: dict[str, Array], keep: int) -> tuple[Array, dict[str, Array]]:
+    """Times and columns with at most ``keep`` samples: two per bucket, its smallest and largest value.
+
+    The two values of a bucket stand at its first and its middle time, so that all
+    columns share the times; a peak keeps its height and moves by less than a bucket.
+    A bucket with NaN in it keeps a NaN, so that a gap stays a gap.
+    """
+    n, buckets = len(t), max(keep // 2, 1)
+    if n <= max(keep, 2):
+        return t, columns
+    edges = np.linspace(0, n, buckets + 1).astype(np.int64)
+    first, middle = edges[:-1], (edges[:-1] + edges[1:]) // 2
+    return np.column_stack([t[first], t[middle]]).ravel(), {k: extremes(y, edges) for k, y in columns.items()}
+
+
+def extremes(y: Array, edges: NDArray[np.int64]) -> Array:
+    """Smallest and largest value between edges (m + 1,), in the order they came, as one array (2 m,)."""
+    first = edges[:-1]
+    gap = np.isnan(y)
+    low = np.minimum.reduceat(np.where(gap, np.inf, y), first)
+    high = np.maximum.reduceat(np.where(gap, -np.inf, y), first)
+    size = np.diff(edges)
+    bucket = np.repeat(np.arange(len(first)), size)
+    place = np.arange(len(y))
+    at_low = np.minimum.reduceat(np.where(y == low[bucket], place, len(y)), first)
+    at_high = np.minimum.reduceat(np.where(y == high[bucket], place, len(y)), first)
+    out = np.column_stack([np.where(at_low <= at_high, low, high), np.where(at_low <= at_high, high, low)])
+    out[~np.isfinite(out)] = np.nan
+    holes = np.logical_or.reduceat(gap, first)
+    out[holes, 1] = np.nan
+    return out.ravel()

@@ -1,0 +1,74 @@
+"""Arrays of quick movements: one that is like most of them, and what all of them have in common."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.metrics import step_curves, step_evidence, steps
+from attlog.metrics.base import Case, per_case
+from attlog.metrics.step_curves import Curve
+from attlog.metrics.steps import Event
+from attlog.metrics.trace import Trace
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+GRID_S = np.linspace(-0.3, 1.2, 151)
+"""Times from the onset at which events are compared."""
+BAND = (10.0, 90.0)
+FEWEST = 3
+"""Events from which a band is drawn; of fewer it would be the events themselves."""
+
+
+def step_traces(case: Case, row: Row) -> list[Trace]:
+    """``step``: the representative event. ``steps``: over all events of each axis, and of all axes together."""
+    if row.is_reference or case.reference.rate < step_evidence.MIN_REFERENCE_HZ:
+        return []
+    curves = step_curves.curves(case, row, "all")
+    event = representative(case)
+    found = [one(case, row, curve) for curve in curves if curve.event == event]
+    for axis in (None, *range(len(steps.AXES))):
+        own = [c for c in curves if axis is None or c.event.axis == axis]
+        if len(own) >= FEWEST and (axis is not None or len({c.event.axis for c in own}) > 1):
+            found.append(together(row, own, "all axes" if axis is None else steps.AXES[axis]))
+    return found
+
+
+@per_case
+def representative(case: Case) -> Event | None:
+    """The event of median stroke about the axis with most events; None without events."""
+    events = steps.of_reference(case)
+    if not events:
+        return None
+    count = [sum(e.axis == axis for e in events) for axis in range(len(steps.AXES))]
+    own = sorted((e for e in events if e.axis == int(np.argmax(count))), key=lambda e: (abs(e.delta_deg), e.onset))
+    return own[(len(own) - 1) // 2]
+
+
+def one(case: Case, row: Row, curve: Curve) -> Trace:
+    """What row, reference and set-point turned about the axis of one event since its onset, stroke positive."""
+    columns = {"est": curve.row, "ref": curve.reference}
+    wanted = step_curves.setpoint(case, curve)
+    if wanted is not None:
+        columns["set"] = wanted
+    event = curve.event
+    return Trace("step", row.name, curve.seconds, columns, f"{steps.AXES[event.axis]}@{event.onset:.2f}")
+
+
+def together(row: Row, curves: list[Curve], axis: str) -> Trace:
+    """Median and band of the row's error over events laid on their onset, in % of the stroke; NaN where few reach."""
+    stroke = np.array([abs(c.event.delta_deg) for c in curves])[:, None]
+    error = np.array([laid(c, c.error) for c in curves]) / stroke * 100.0
+    moved = np.array([laid(c, c.reference) for c in curves]) / stroke * 100.0
+    enough = np.isfinite(error).sum(axis=0) >= FEWEST
+    columns = {name: np.full(len(GRID_S), np.nan) for name in ("median", "low", "high", "ref")}
+    columns["median"][enough] = np.nanmedian(error[:, enough], axis=0)
+    columns["low"][enough], columns["high"][enough] = np.nanpercentile(error[:, enough], BAND, axis=0)
+    columns["ref"][enough] = np.nanmedian(moved[:, enough], axis=0)
+    return Trace("steps", row.name, GRID_S, columns, axis, values={"events": float(len(curves))})
+
+
+def laid(curve: Curve, y: Array) -> Array:
+    """A curve's values on the common times; NaN beyond its ends."""
+    return np.interp(GRID_S, curve.seconds, y, left=np.nan, right=np.nan)

@@ -1,0 +1,42 @@
+"""An envelope loses no peak and no gap, within what the figure may hold."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from attlog.metrics.envelope import BUDGET, Share, envelope
+
+FINITE = st.floats(-180, 180, width=32)
+
+
+@given(hnp.arrays(np.float64, st.integers(1, 400), elements=FINITE), st.integers(2, 300))
+def test_reduction_keeps_the_extremes_within_the_budget(y, keep):
+    t, columns = envelope(np.arange(len(y)) * 0.01, {"y": y}, keep)
+    assert len(t) == len(columns["y"]) <= max(keep, 2)
+    assert np.max(columns["y"]) == np.max(y)
+    assert np.min(columns["y"]) == np.min(y)
+    assert np.all(np.diff(t) >= 0)
+
+
+def test_a_gap_stays_a_gap():
+    y = np.sin(np.arange(10_000) / 50)
+    y[5000] = np.nan
+    _, columns = envelope(np.arange(10_000) * 0.01, {"y": y}, 500)
+    assert np.isnan(columns["y"]).sum() == 1
+
+
+def test_extremes_stand_in_the_order_they_came():
+    rising = np.arange(1000.0)
+    _, columns = envelope(rising, {"y": rising, "z": -rising}, 100)
+    assert np.all(np.diff(columns["y"]) > 0)
+    assert np.all(np.diff(columns["z"]) < 0)
+
+
+def test_rows_share_what_a_figure_may_hold_by_their_length():
+    share = Share.of([1_000_000, 1_000_000, 40_000])
+    assert 2 * share(1_000_000) + share(40_000) <= 1.01 * BUDGET
+    assert share(40_000) < share(1_000_000)
+    assert Share.of([1000, 500])(1000) == 1000

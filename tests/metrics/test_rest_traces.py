@@ -1,0 +1,48 @@
+"""The rest close up: noise without drift, and its spread counted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog.metrics.envelope import Share
+from attlog.metrics.rest_traces import close_up, residual, rest_traces, spreads
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+T = np.arange(0.0, 20.0, 0.01)
+
+
+def angles(size: float, slope: float = 3.0, seed: int = 1) -> np.ndarray:
+    """Three angles in deg with noise of a size and a drift."""
+    return slope * T[:, None] + np.random.default_rng(seed).normal(0.0, size, (len(T), 3))
+
+
+def test_the_close_up_shows_noise_without_drift():
+    flat = close_up("gyro", T, angles(0.01), Share.of([len(T)])).columns["roll"]
+    assert np.std(flat) == pytest.approx(0.01, rel=0.1)
+    assert np.abs(flat).max() < 0.06
+
+
+def test_wander_slower_than_five_seconds_is_not_in_the_spread():
+    slow = np.sin(2 * np.pi * T / 200.0)[:, None] * [1.0, 1.0]
+    assert np.std(residual(T, angles(0.01)[:, :2] + slow)) == pytest.approx(0.01, rel=0.1)
+
+
+def test_the_spread_counts_shares_of_samples_in_bins_common_to_all_rows():
+    rows = [flights.row(T, np.tile([1.0, 0.0, 0.0, 0.0], (len(T), 1))) for _ in range(2)]
+    found = spreads([(rows[0], T, angles(0.01)), (rows[1], T, angles(0.02, seed=2))])
+    np.testing.assert_array_equal(found[0].columns["angle"], found[1].columns["angle"])
+    for trace, size in zip(found, (0.01, 0.02), strict=True):
+        share = trace.columns["share"] / 100.0
+        assert 0.97 < share.sum() <= 1.0
+        assert np.sqrt(np.sum(share * trace.t**2) / share.sum()) == pytest.approx(size, rel=0.15)
+
+
+def test_a_row_that_settles_after_the_rest_has_no_close_up(monkeypatch):
+    row = flights.row(T, np.tile([1.0, 0.0, 0.0, 0.0], (len(T), 1)))
+    case = flights.case([row], [Segment("rest.long", 0.0, 4.0, "still")])
+    monkeypatch.setattr("attlog.metrics.rest_traces.own_start", lambda case, row: 9.0)
+    assert rest_traces(case, [row]) == []
+    monkeypatch.setattr("attlog.metrics.rest_traces.own_start", lambda case, row: 1.0)
+    assert [t.figure for t in rest_traces(case, [row])] == ["rest", "spread"]
