@@ -77,7 +77,7 @@ def test_every_definition_parameter_segment_and_alignment_step_is_in_the_page():
 def test_what_is_wrong_stands_between_the_cards_and_the_table_with_cause_and_remedy():
     result = make_result()
     result.problems.append(
-        Problem("x", "error", "It shakes.", cause="A loose arm.", remedy="Fasten it.", means="Noisy.")
+        Problem("x", "error", "It shakes heavily.", cause="A loose arm.", remedy="Fasten it.", means="Noisy.")
     )
     page = render(result, bundle())
     places = [page.index(mark) for mark in ('class="cards"', 'id="problems"', "It shakes heavily.", 'id="comparison"')]
