@@ -18,7 +18,7 @@ from attlog.cli.streams import is_of_a_stream
 from attlog.errors import INTERRUPTED, UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
-    from attlog.cli.table import Line
+    from attlog.cli.layout import Line
     from attlog.config import Config
     from attlog.fleet.one import Written
     from attlog.fleet.several import Outcome, Task
@@ -191,7 +191,7 @@ def _outcomes(
 
 def _summary(logs: Sequence[Path], outcomes: Sequence[Outcome], folder: Path) -> Iterator[Line]:
     """How many reports there are, and which logs have none."""
-    from attlog.cli.table import Line
+    from attlog.cli.layout import Line
 
     without = [outcome for outcome in outcomes if outcome.written is None]
     yield Line("")
@@ -244,7 +244,7 @@ def _on_off(text: str | None) -> bool | None:
 
 
 def _show(done: Written, settings: Config, on_stderr: bool, verbose: int) -> None:
-    from attlog.cli.table import Line
+    from attlog.cli.layout import Line
     from attlog.cli.terminal import printed
     from attlog.report import bundle_notice
 

@@ -15,7 +15,7 @@ from attlog.errors import UsageError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from attlog.cli.table import Line
+    from attlog.cli.layout import Line
 
 
 def _no_color(wanted: bool) -> None:

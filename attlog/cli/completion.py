@@ -44,7 +44,7 @@ def references(incomplete: str) -> list[str]:
 
 
 def messages(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of the messages in the log that stands before on the line, whatever their case."""
+    """Names of the messages in the log that stands before on the line."""
     from attlog import formats
     from attlog.errors import AttlogError
 
@@ -53,4 +53,4 @@ def messages(ctx: typer.Context, incomplete: str) -> list[str]:
         names = formats.open(log).names() if log else []
     except AttlogError:
         return []  # no log, nothing to offer; the command itself will say why
-    return [name for name in names if name.casefold().startswith(incomplete.casefold())]
+    return [name for name in names if name.startswith(incomplete)]

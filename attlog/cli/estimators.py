@@ -9,8 +9,7 @@ import typer
 
 from attlog.cli import completion
 from attlog.cli.common import NoColor, console, say
-from attlog.cli.layout import columns
-from attlog.cli.table import Line
+from attlog.cli.layout import Line, columns
 
 if TYPE_CHECKING:
     from attlog.estimators import Estimator

@@ -10,8 +10,7 @@ import typer
 
 from attlog import __version__
 from attlog.cli.common import Boot, Json, Logs, NoColor, Quiet, System, Verbose, console, say
-from attlog.cli.layout import columns
-from attlog.cli.table import Line
+from attlog.cli.layout import Line, columns
 from attlog.errors import BUG, exit_code, message, worst
 
 DIFFERS = 1
@@ -47,11 +46,9 @@ def command(
             if as_json:
                 typer.echo(_json_text(report, one_line=several))
             elif not quiet:
-                from attlog.present.text import cleaned
-
                 out = console()
                 say([Line("")] * (number > 0), out)
-                say(lines(cleaned(report), out.width, verbose), out)
+                say(lines(printable(report), out.width, verbose), out)
             if verify and not report["verify"]["agrees"]:
                 codes.add(DIFFERS)
         except Exception as error:
@@ -73,6 +70,16 @@ def _json_text(report: dict[str, Any], one_line: bool) -> str:
     except UnicodeEncodeError:
         return json.dumps(report, allow_nan=False, **layout)
     return text
+
+
+def printable(report: dict[str, Any]) -> dict[str, Any]:
+    """The report without what a stranger's log could do to a terminal; strange bytes of a file name as escapes."""
+    from attlog.present.stand_ins import stand_in
+    from attlog.present.text import cleaned
+
+    name = stand_in(report["log"]["name"], "utf-8")
+    safe: dict[str, Any] = cleaned(report | {"log": report["log"] | {"name": name}})
+    return safe
 
 
 def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line]:

@@ -1,12 +1,21 @@
-"""Plain tables: columns side by side, the last one broken between words, no line that ends with blanks."""
+"""Lines of text, and plain tables whose last column is broken between words; no line ends with blanks."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 GAP = 2
 NARROWEST = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of text; ``style`` is empty, ``bold``, ``dim`` or a colour."""
+
+    text: str
+    style: str = ""
 
 
 def columns(rows: Iterable[tuple[str, ...]], width: int, indent: str = "  ") -> list[list[str]]:

@@ -101,6 +101,7 @@ def _in_processes(names: dict[Path, str], task: Task, jobs: int) -> Iterator[Out
     finally:
         for child in set(multiprocessing.active_children()) - others:
             child.terminate()  # an interrupted analysis would go on for minutes
+            child.join()
         pool.shutdown(wait=False, cancel_futures=True)
 
 
