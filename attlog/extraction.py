@@ -232,7 +232,7 @@ def _parquet(table: Extract, about: dict[str, Any]) -> bytes:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise OutputError('Parquet needs pyarrow: pip install "attlog[export]", or use --format csv') from None
+        raise OutputError("Parquet needs pyarrow: pip install pyarrow, or use --format csv") from None
     arrow = pyarrow.Table.from_pandas(table.frame(), preserve_index=False)
     arrow = arrow.replace_schema_metadata((arrow.schema.metadata or {}) | {b"attlog": json.dumps(about).encode()})
     buffer = io.BytesIO()

@@ -192,10 +192,12 @@ def _outcomes(
 def _summary(logs: Sequence[Path], outcomes: Sequence[Outcome], folder: Path) -> Iterator[Line]:
     """How many reports there are, and which logs have none."""
     from attlog.cli.layout import Line
+    from attlog.present.numbers import counted
 
     without = [outcome for outcome in outcomes if outcome.written is None]
     yield Line("")
-    yield Line(f"{len(logs)} logs: {len(outcomes) - len(without)} reports in {folder}", "bold")
+    written = counted(len(outcomes) - len(without), "report")
+    yield Line(f"{counted(len(logs), 'log')}: {written} in {folder}", "bold")
     for outcome in without:
         yield Line(f"  no report: {outcome.log} (exit code {outcome.code})")
 

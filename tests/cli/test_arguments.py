@@ -52,7 +52,7 @@ def test_a_summary_names_what_has_no_report(attlog, samples, tmp_path):
     (tmp_path / "bad.ulg").write_bytes(b"x" * 500)
     done = attlog(samples / "copter_yaw_turns.bin", tmp_path / "bad.ulg", "-o", tmp_path, "--estimators", "gyro")
     assert done.code == 65
-    assert "2 logs: 1 reports in" in done.out
+    assert "2 logs: 1 report in" in done.out
     assert f"no report: {tmp_path / 'bad.ulg'} (exit code 65)" in done.out
 
 
