@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
-__all__ = ["AttlogError", "Config", "Result", "analyze", "estimate", "evaluate", "prepare", "read"]
+__all__ = ["Aids", "AttlogError", "Config", "Result", "analyze", "estimate", "evaluate", "prepare", "read"]
 
 if TYPE_CHECKING:
     from attlog.analysis import analyze, evaluate, prepare
     from attlog.config import Config
     from attlog.errors import AttlogError
-    from attlog.estimators import estimate
+    from attlog.estimators import Aids, estimate
     from attlog.flight import read
     from attlog.result import Result
 
 _HOMES = {
+    "Aids": "attlog.estimators",
     "AttlogError": "attlog.errors",
     "Config": "attlog.config",
     "Result": "attlog.result",

@@ -7,6 +7,7 @@ Each stage lives in its own room; this file only hands things on and keeps the t
 
 from __future__ import annotations
 
+import logging
 import math
 import platform
 import time
@@ -31,6 +32,17 @@ from attlog.reference.model import AlignmentStep, Reference, Row
 from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
+
+STAGES = logging.getLogger("attlog.stages")
+"""Tells what is being done; who wants to know adds a handler."""
+SAID = {
+    "read": "reading the log",
+    "segments": "finding rest and flight",
+    "reference": "aligning the reference",
+    "estimators": "running filters",
+    "metrics": "measuring",
+    "audit": "checking against physics",
+}
 
 
 def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
@@ -252,6 +264,7 @@ class Stopwatch:
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         begin = time.perf_counter()
+        STAGES.info(SAID[stage])
         try:
             yield
         finally:
@@ -353,6 +366,7 @@ def _aids(case: Case) -> estimators.Aids:
 
 def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[Row, EstimatorRow]:
     """Run one estimator over one IMU and align what comes out."""
+    STAGES.info("running %s", spec.name)
     log, ref = case.log, case.reference
     mag = None if log.mag is None else log.mags[log.mag]
     uses_mag = mag is not None and "mag" in spec.estimator.uses

@@ -7,6 +7,7 @@ file at once. The resolved configuration stands in every result and can be fed b
 from __future__ import annotations
 
 import difflib
+import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -75,16 +76,19 @@ class Config(BaseModel):
 
     @classmethod
     def load(cls, path: Path, **options: Any) -> Config:
-        """A configuration from a TOML file, overridden by ``options``.
+        """A configuration from a TOML or JSON file, overridden by ``options``.
 
+        A file that begins like a JSON object is one: the names at its top, or a result of
+        ``attlog analyze``, of which the configuration it was made with is taken.
         LogUnreadable if the file cannot be opened, UsageError for everything wrong in it.
         """
         try:
-            values = tomllib.loads(path.read_text(encoding="utf-8"))
+            text = path.read_text(encoding="utf-8-sig")
         except OSError as error:
             raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise UsageError(f"{path}: not valid TOML: {error}") from error
+        except UnicodeDecodeError as error:
+            raise UsageError(f"{path}: no UTF-8 text at byte {error.start}") from error
+        values = _from_json(text, path) if text.lstrip().startswith("{") else _from_toml(text, path)
         return cls.build(values | options, origin=str(path))
 
     def resolved(self) -> dict[str, Any]:
@@ -96,6 +100,26 @@ class Config(BaseModel):
         import tomli_w
 
         return tomli_w.dumps(self.resolved())
+
+
+def _from_toml(text: str, path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"{path}: not valid TOML: {error}") from error
+
+
+def _from_json(text: str, path: Path) -> dict[str, Any]:
+    """The names of a configuration: of the object itself, or of the result that it is."""
+    try:
+        document: dict[str, Any] = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{path}: not valid JSON: {error}") from error
+    if "schema" not in document:
+        return document
+    if not isinstance(document.get("config"), dict):
+        raise UsageError(f"{path}: holds no configuration: it has a schema but no object named config")
+    return dict(document["config"])
 
 
 def _explain(error: ValidationError, known: list[str]) -> list[str]:

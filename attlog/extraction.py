@@ -9,12 +9,14 @@ beside it, so that PlotJuggler and pandas read the CSV as it is.
 
 from __future__ import annotations
 
+import difflib
 import io
 import json
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +25,15 @@ from attlog import formats, rotation
 from attlog.errors import OutputError, UsageError
 from attlog.flight.model import FlightLog
 from attlog.flight.record_time import clock_of
+from attlog.formats import Messages
 from attlog.output import write_atomic
 from attlog.summary import sha256
 
 if TYPE_CHECKING:
     import pandas
+
+
+INSTANCE = re.compile(r"(?P<name>.+?)(?:\.(?P<dot>\d{1,9})|\[(?P<bracket>\d{1,9})\])")
 
 
 @dataclass(slots=True)
@@ -38,6 +44,10 @@ class Extract:
     columns: dict[str, NDArray[Any]]
     units: dict[str, str] = field(default_factory=dict)
     note: str = ""
+
+    def __len__(self) -> int:
+        """The number of rows."""
+        return len(next(iter(self.columns.values()), ()))
 
     def between(self, start: float | None, end: float | None) -> Extract:
         """Only the rows with start <= time_s <= end; all rows of a table without time."""
@@ -57,28 +67,55 @@ class Extract:
 def messages(log: FlightLog, names: Iterable[str], system: int | None = None) -> Iterator[Extract]:
     """The named messages as the log holds them (all instances), scaled as the format prints them.
 
-    Without names all of them. ``system`` is the MAVLink vehicle that ``log`` was read for.
-    UsageError names what the log has where a name is unknown.
+    Without names all of them; names as :func:`wanted` takes them. ``system`` is the MAVLink
+    vehicle that ``log`` was read for.
+    UsageError for names that the log does not have.
     """
-    opened = formats.open(log.path).boot(log.boot)
-    known = opened.names()
-    wanted = list(names) or known
-    unknown = [n for n in wanted if n not in known]
-    if unknown:
-        raise UsageError(f"{log.path}: no message {', '.join(unknown)}; it has {', '.join(sorted(known))}")
+    opened = formats.open(log.path, system).boot(log.boot)
     clock = clock_of(opened, system)
-    for name in wanted:
-        for instance in opened.instances(name):
-            table = opened[name, instance]
-            columns: dict[str, NDArray[Any]] = {}
-            stamps = clock(table)
-            if stamps is not None:
-                columns["time_s"] = (stamps - log.t0_us) / 1e6
-            for column, spec in table.fields.items():
-                columns.update(_flat(column, table.value(column) if spec.scale != 1.0 else table[column]))
-            units = {c: spec.unit for c, spec in table.fields.items() if spec.unit}
-            several = len(opened.instances(name)) > 1
-            yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
+    for name, instance in wanted(opened, names):
+        table = opened[name, instance]
+        columns: dict[str, NDArray[Any]] = {}
+        stamps = clock(table)
+        if stamps is not None:
+            columns["time_s"] = (stamps - log.t0_us) / 1e6
+        for column, spec in table.fields.items():
+            columns.update(_flat(column, table.value(column) if spec.scale != 1.0 else table[column]))
+        units = {c: spec.unit for c, spec in table.fields.items() if spec.unit}
+        several = len(opened.instances(name)) > 1
+        yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
+
+
+def wanted(opened: Messages, asked: Iterable[str]) -> list[tuple[str, int]]:
+    """The messages and instances that names mean, each once: ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``; without any all.
+
+    UsageError tells of every name that means nothing what comes near, else what there is.
+    """
+    known = opened.names()
+    found: dict[tuple[str, int], None] = {}
+    wrong = []
+    for text in list(asked) or known:
+        name, instance = _name_and_instance(text, known)
+        name = name if name in known else next((n for n in known if n.casefold() == name.casefold()), name)
+        instances = opened.instances(name)
+        if not instances:
+            near = difflib.get_close_matches(name.casefold(), [n.casefold() for n in known], 3)
+            close = [n for n in known if n.casefold() in near]
+            hint = f"did you mean {', '.join(close)}?" if close else f"it has {', '.join(sorted(known))}"
+            wrong.append(f"no message {text}; {hint}")
+        elif instance is not None and instance not in instances:
+            wrong.append(f"no instance {instance} of {name}; it has {', '.join(map(str, instances))}")
+        else:
+            found |= dict.fromkeys((name, i) for i in instances if instance in (None, i))
+    if wrong:
+        raise UsageError("\n".join(f"{opened.path}: {line}" for line in wrong))
+    return list(found)
+
+
+def _name_and_instance(text: str, known: Collection[str]) -> tuple[str, int | None]:
+    """A name as it is if a message bears it, else what stands before ``.N`` or ``[N]``, and N."""
+    match = None if text in known else INSTANCE.fullmatch(text)
+    return (match["name"], int(match["dot"] or match["bracket"])) if match else (text, None)
 
 
 def streams(log: FlightLog) -> Iterator[Extract]:
@@ -134,14 +171,47 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
 def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> list[Path]:
     """Write tables; returns the files written.
 
-    One table goes to ``path`` itself if that ends in the format's suffix; otherwise
+    One table goes to ``path`` itself if that ends in the format's suffix and is no folder; otherwise
     ``path`` is a folder and every table becomes a file in it. OutputError if a file
     cannot be written or pyarrow is missing.
     """
+    listed = list(tables)
+    meta = _about(log)
+    single = path.suffix.lower() == f".{kind}" and not path.is_dir()
+    if single and len(listed) > 1:
+        raise UsageError(f"-o {path}: {_too_many(listed)} need a folder")
+    written = []
+    for table in listed:
+        target = path if single else path / f"{table.name}.{kind}"
+        about = meta | {"table": table.name, "units": table.units, "source": table.note}
+        write_atomic(target, _csv(table) if kind == "csv" else _parquet(table, about))
+        if kind == "csv":
+            write_atomic(target.with_name(target.name + ".json"), json.dumps(about, indent=1) + "\n")
+        written.append(target)
+    return written
+
+
+def write_stream(tables: Iterable[Extract], log: FlightLog, stream: BinaryIO, kind: str) -> None:
+    """Write the one table to an open stream. UsageError if there are several."""
+    listed = list(tables)
+    if len(listed) != 1:
+        raise UsageError(f"-o -: standard output takes one table, not {_too_many(listed)}")
+    (table,) = listed
+    about = _about(log) | {"table": table.name, "units": table.units, "source": table.note}
+    stream.write(_csv(table).encode("utf-8", "replace") if kind == "csv" else _parquet(table, about))
+    stream.flush()
+
+
+def _too_many(tables: list[Extract]) -> str:
+    names = ", ".join(t.name for t in tables[:6])
+    return f"{len(tables)} tables ({names}{' ...' if len(tables) > 6 else ''})"
+
+
+def _about(log: FlightLog) -> dict[str, Any]:
+    """What every file says of the log that it comes from."""
     from attlog import __version__
 
-    listed = list(tables)
-    meta = {
+    return {
         "log": log.path.name,
         "sha256": sha256(log.path),
         "attlog": __version__,
@@ -149,22 +219,12 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
         "t0_us": log.t0_us,
         "utc_offset_s": log.utc_offset,
     }
-    single = path.suffix == f".{kind}"
-    if single and len(listed) > 1:
-        raise UsageError(f"-o {path}: {len(listed)} tables need a folder ({', '.join(t.name for t in listed[:6])} ...)")
-    written = []
-    for table in listed:
-        target = path if single else path / f"{table.name}.{kind}"
-        about = meta | {"table": table.name, "units": table.units, "source": table.note}
-        if kind == "csv":
-            buffer = io.StringIO()
-            table.frame().to_csv(buffer, index=False, lineterminator="\n")
-            write_atomic(target, buffer.getvalue())
-            write_atomic(target.with_name(target.name + ".json"), json.dumps(about, indent=1) + "\n")
-        else:
-            write_atomic(target, _parquet(table, about))
-        written.append(target)
-    return written
+
+
+def _csv(table: Extract) -> str:
+    buffer = io.StringIO()
+    table.frame().to_csv(buffer, index=False, lineterminator="\n")
+    return buffer.getvalue()
 
 
 def _parquet(table: Extract, about: dict[str, Any]) -> bytes:
@@ -172,7 +232,7 @@ def _parquet(table: Extract, about: dict[str, Any]) -> bytes:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise OutputError('Parquet needs pyarrow: pip install "attlog[export]", or use --format csv') from None
+        raise OutputError("Parquet needs pyarrow: pip install pyarrow, or use --format csv") from None
     arrow = pyarrow.Table.from_pandas(table.frame(), preserve_index=False)
     arrow = arrow.replace_schema_metadata((arrow.schema.metadata or {}) | {b"attlog": json.dumps(about).encode()})
     buffer = io.BytesIO()

@@ -5,8 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from attlog import formats, reference, segments
 from attlog.flight import read
+from attlog.flight.record_time import clock_of
 from attlog.health import answerable, audit
 from attlog.plain import plain
 from attlog.summary import describe
@@ -15,15 +19,18 @@ from attlog.summary import describe
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None, verify: bool = False) -> dict[str, Any]:
     """Contents, physics checks, answerable questions and problems of a log.
 
-    Keys: ``log``, ``messages`` (name, instance, records, fields), ``audit``,
-    ``answerable``, ``problems``, ``damage``, ``verify`` (None unless asked for). Works on
-    logs without inertial data too. LogUnreadable or LogUnusable as in ``attlog.read``.
+    Keys: ``log``, ``messages`` of the boot (name, instance, records, rate_hz, fields; the rate
+    is None without times or span), ``audit``, ``answerable``, ``problems``, ``damage``,
+    ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
+    or LogUnusable as in ``attlog.read``.
     """
     log = read(path, boot=boot, system=system)
     phases = segments.build(log) if log.imu is not None else None
     chosen = reference.choose(log, phases) if phases is not None else None
     checks = audit(log, phases, chosen)
-    messages = formats.open(path)
+    messages = formats.open(path, system)
+    part = messages.boot(log.boot)
+    stamps = clock_of(part, system)
     verification = None
     if verify:
         from attlog.formats.verify import verify as compare
@@ -32,8 +39,14 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     return {
         "log": plain(describe(log, phases)),
         "messages": [
-            {"name": table.name, "instance": table.instance, "records": len(table), "fields": len(table.fields)}
-            for table in messages.values()
+            {
+                "name": table.name,
+                "instance": table.instance,
+                "records": len(table),
+                "rate_hz": _rate(stamps(table)),
+                "fields": len(table.fields),
+            }
+            for table in part.values()
         ],
         "audit": plain(checks),
         "answerable": plain(answerable(log, phases, checks, chosen)),
@@ -41,3 +54,11 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
         "damage": {"bytes": messages.damage_bytes, "places": plain(messages.damage)},
         "verify": verification,
     }
+
+
+def _rate(stamps: NDArray[np.int64] | None) -> float | None:
+    """Intervals per second of boot times (n,) in us."""
+    if stamps is None or len(stamps) < 2:
+        return None
+    span = float(stamps[-1] - stamps[0]) / 1e6
+    return (len(stamps) - 1) / span if span > 0 else None

@@ -4,7 +4,8 @@
 
 Three sets below the corpus folder (default $ATTLOG_CORPUS): ``broad/`` (9-axis IMU with
 optical truth; motion phases), ``euroc/`` (quadrotor without magnetometer; after 20 s,
-inclination only), ``sitl/`` (simulated firmware flights with truth; after 15 s). Per row:
+inclination only), ``sitl/`` (simulated firmware flights with truth; after 15 s). Without a
+corpus the sample logs of the repository stand in, treated like ``sitl/``. Per row:
 mean over the set of total, heading and inclination RMSE in deg and ns per update. ``--lag`` adds lag and step gain
 from ``attlog.analyze`` on the simulated flights. ``ahrs`` is plain Python: minutes.
 """
@@ -29,6 +30,7 @@ from attlog.estimators import estimate, place, select
 from attlog.estimators.engine.samples import Sampling
 
 Array = NDArray[np.float64]
+SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
 FLIP = np.array([1.0, -1.0, -1.0])
 HALF = np.sqrt(0.5)
 TO_NED = np.array([0.0, HALF, HALF, 0.0])
@@ -82,27 +84,40 @@ def sitl(root: Path) -> Iterator[Trial]:
     """The simulated flights with truth in the log, scored after 15 s, true declination given."""
     with (root / "sitl" / "MANIFEST.csv").open(encoding="utf-8") as file:
         declination = {r["file"]: float(r["declination_true"] or 0) for r in csv.DictReader(file)}
-    for path in sorted((root / "sitl").glob("*/*")):
-        if path.suffix not in (".ulg", ".bin"):
-            continue
-        log = attlog.read(path)
-        if log.truth is None or log.imu is None or log.mag is None:
-            continue
-        imu, field = log.imus[log.imu], log.mags[log.mag].field
-        t = imu.gyro.t
-        yield Trial(
-            f"sitl/{path.parent.name}",
-            path.stem,
-            t,
-            imu.gyro.x,
-            imu.acc.x,
-            place(t, field.t_best, field.x),
-            log.truth.t,
-            log.truth.q,
-            log.truth.t > 15.0,
-            imu.gyro.sampling,
-            declination.get(f"{path.parent.name}/{path.name}", 0.0),
-        )
+    for path in flights(root):
+        trial = flight(path, f"sitl/{path.parent.name}", declination.get(f"{path.parent.name}/{path.name}", 0.0))
+        if trial is not None:
+            yield trial
+
+
+def samples(root: Path) -> Iterator[Trial]:
+    """The flights with truth in the repository, scored like the simulated ones."""
+    for path in sorted(root.iterdir()):
+        if path.suffix in (".ulg", ".bin"):
+            trial = flight(path, "samples", attlog.prepare(path).reference.declination_deg)
+            if trial is not None:
+                yield trial
+
+
+def flight(path: Path, group: str, declination: float) -> Trial | None:
+    """A simulated flight with truth and magnetometer, scored after 15 s; None for another."""
+    log = attlog.read(path)
+    if log.truth is None or log.imu is None or log.mag is None:
+        return None
+    imu, field = log.imus[log.imu], log.mags[log.mag].field
+    return Trial(
+        group,
+        path.stem,
+        imu.gyro.t,
+        imu.gyro.x,
+        imu.acc.x,
+        place(imu.gyro.t, field.t_best, field.x),
+        log.truth.t,
+        log.truth.q,
+        log.truth.t > 15.0,
+        imu.gyro.sampling,
+        declination,
+    )
 
 
 Peer = Callable[[Trial], tuple[Array, float]]
@@ -193,14 +208,18 @@ def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple
     return found
 
 
-def lags(root: Path, specs: list[str]) -> dict[str, list[Array]]:
+def flights(corpus: Path | None) -> list[Path]:
+    """The simulated flights of the corpus, else of the repository."""
+    found = SAMPLES.iterdir() if corpus is None else (corpus / "sitl").glob("*/*")
+    return sorted(path for path in found if path.suffix in (".ulg", ".bin"))
+
+
+def lags(paths: list[Path], specs: list[str]) -> dict[str, list[Array]]:
     """Per row the list of (lag ms, step gain of roll) of the simulated flights that have steps."""
     from attlog.config import Config
 
     found: dict[str, list[Array]] = {}
-    for path in sorted((root / "sitl").glob("*/*")):
-        if path.suffix not in (".ulg", ".bin"):
-            continue
+    for path in paths:
         for row in attlog.analyze(path, Config(estimators=specs)).estimators:
             answers = row.metrics.get("all", {})
             values = [answers[m].value if m in answers else None for m in ("lag_ms", "step_gain_roll")]
@@ -218,9 +237,13 @@ def main() -> None:
     parser.add_argument("--lag", action="store_true", help="lag and step gain on the simulated flights as well")
     given = parser.parse_args()
     if given.corpus is None:
-        parser.error("name the data with --corpus or ATTLOG_CORPUS")
-    sets = {"broad": broad, "euroc": euroc, "sitl": sitl}
-    cases = [c for name in given.sets.split(",") for c in sets[name](given.corpus)]
+        print(
+            "Neither --corpus nor ATTLOG_CORPUS: BROAD, EuRoC and simulated flights are skipped, the sample logs serve."
+        )
+        cases = list(samples(SAMPLES))
+    else:
+        sets = {"broad": broad, "euroc": euroc, "sitl": sitl}
+        cases = [c for name in given.sets.split(",") for c in sets[name](given.corpus)]
     specs = [row.name for row in select(given.estimators)]
     for spec in specs:
         estimate(spec, *(x[:50] for x in (cases[0].t, cases[0].gyr, cases[0].acc, cases[0].acc)))
@@ -233,7 +256,7 @@ def main() -> None:
                 print(f"{group:16}{row:28}{len(values):4}{total:8.2f}{heading:9.2f}{inclination:8.2f}{ns:9.0f}")
     if given.lag:
         print(f"{'row':44}{'n':>4}{'lag ms':>9}{'step gain':>11}   medians over simulated flights")
-        for row, values in lags(given.corpus, specs).items():
+        for row, values in lags(flights(given.corpus), specs).items():
             lag, gain = (np.median(x[np.isfinite(x)]) if np.isfinite(x).any() else np.nan for x in np.transpose(values))
             print(f"{row:44}{len(values):4}{lag:9.1f}{gain:11.3f}")
 

@@ -13,12 +13,25 @@ from tests.conftest import ROOT
 
 def test_the_notebook_runs_from_top_to_bottom(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT / "docs")
+    monkeypatch.setenv("MPLBACKEND", "agg")
     notebook = json.loads((ROOT / "docs" / "library.ipynb").read_text(encoding="utf-8"))
     names: dict[str, object] = {}
     cells = ["".join(c["source"]) for c in notebook["cells"] if c["cell_type"] == "code"]
     assert len(cells) > 5
     for number, cell in enumerate(cells):
         exec(compile(cell, f"cell {number}", "exec"), names)
+
+
+def test_the_notebook_is_committed_as_it_ran_with_its_pictures() -> None:
+    path = ROOT / "docs" / "library.ipynb"
+    cells = [c for c in json.loads(path.read_text(encoding="utf-8"))["cells"] if c["cell_type"] == "code"]
+    assert [c["execution_count"] for c in cells] == list(range(1, len(cells) + 1))
+    outputs = [o for c in cells for o in c["outputs"]]
+    assert [o for o in outputs if o["output_type"] == "error" or o.get("name") == "stderr"] == []
+    assert sum("image/png" in o.get("data", {}) for o in outputs) == 2
+    assert path.stat().st_size < 300_000
+    texts = [json.dumps(o) for o in outputs if "image/png" not in o.get("data", {})]
+    assert not [t for t in texts if re.search(r"/(home|root|tmp|work)/", t)]
 
 
 def commands(document: str) -> list[str]:

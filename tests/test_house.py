@@ -42,7 +42,7 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "testing": {"estimators"},
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis"},
-    "fleet": {"config", "analysis", "result", "report"},
+    "fleet": {"config", "analysis", "result", "report", "formats"},
     "cli": BELOW_THE_RESULT
     | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present", "fleet"},
 }

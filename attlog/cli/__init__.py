@@ -5,21 +5,38 @@ Command modules import typer and nothing heavy, so that ``attlog --help`` answer
 
 from __future__ import annotations
 
-import io
 import sys
-from typing import Annotated
+import traceback
+from typing import Annotated, Any
 
 import typer
 
 from attlog import __version__
-from attlog.cli import analyze, check_estimator, estimators, extract, info, new, schema
+from attlog.cli import analyze, check_estimator, estimators, extract, info, new, schema, streams
+from attlog.cli.arguments import Group, WithJson
 from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
+
+
+class Commands(Group):
+    """The commands, with errors of standard output told apart from bugs."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except OSError as error:
+            if streams.is_of_a_stream(error):  # typer would end with 1 where the reader went away
+                raise typer.Exit(streams.lost(error)) from None
+            raise
+
 
 app = typer.Typer(
     name="attlog",
-    help="Re-run attitude filters on a flight log and say which is quiet at rest, late in a step, drifting in heading.",
+    cls=Commands,
+    help="Re-run attitude filters on a flight log and say which is quiet at rest, late in a step, drifting in heading."
+    " attlog LOG means attlog analyze LOG.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # it takes [default: x] and [@PRESET] for markup and drops them
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -39,8 +56,8 @@ def _root(
     """Options of every command stand with the command."""
 
 
-app.command("analyze")(analyze.command)
-app.command("info")(info.command)
+app.command("analyze", cls=WithJson)(analyze.command)
+app.command("info", cls=WithJson)(info.command)
 app.command("extract")(extract.command)
 app.command("estimators")(estimators.command)
 app.command("new")(new.command)
@@ -48,27 +65,24 @@ app.command("check-estimator")(check_estimator.command)
 app.command("schema")(schema.command)
 
 
-def _show_everything() -> None:
-    """Signs that the terminal's encoding lacks get ASCII stand-ins, file names that are not UTF-8 escapes."""
-    import codecs
-
-    from attlog.present.stand_ins import on_encode_error
-
-    codecs.register_error("attlog", on_encode_error)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="attlog")
-
-
 def main() -> None:
     """Entry point: run the command, print expected errors as one message, end with the documented exit code."""
-    _show_everything()
+    streams.show_everything()
+    sys.exit(streams.flushed(_code()))
+
+
+def _code() -> int:
     try:
         app()
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 0
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        return INTERRUPTED
     except Exception as error:
+        if isinstance(error, OSError) and streams.is_of_a_stream(error):
+            return streams.lost(error)
         if "-vv" in sys.argv and not isinstance(error, AttlogError):
-            raise
+            traceback.print_exc()
         print(message(error, __version__), file=sys.stderr)
-        sys.exit(exit_code(error))
+        return exit_code(error)
+    return 0

@@ -1,22 +1,27 @@
-"""``attlog analyze``: one report and one JSON per log, three sentences and the table on the terminal."""
+"""``attlog analyze``: one report and one JSON per log, sentences and the table on the terminal."""
 
 from __future__ import annotations
 
 import sys
-import traceback
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from attlog import __version__
-from attlog.cli.common import Boot, NoColor, Quiet, System, Verbose, console, existing, number_or
-from attlog.errors import AttlogError, UsageError, exit_code, message, worst
-from attlog.fleet.one import analyze_to_files, report_names
+from attlog.cli import completion
+from attlog.cli.arguments import command_line
+from attlog.cli.common import Boot, Json, Logs, NoColor, Quiet, System, Verbose, console, number_or, say
+from attlog.cli.progress import Shown, progress
+from attlog.cli.streams import is_of_a_stream
+from attlog.errors import INTERRUPTED, UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
+    from attlog.cli.layout import Line
     from attlog.config import Config
     from attlog.fleet.one import Written
+    from attlog.fleet.several import Outcome, Task
     from attlog.result import Result
 
 BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared": "shared"}
@@ -24,16 +29,17 @@ BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared":
 
 
 def command(
-    logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", readable=False, help="Flight logs: .ulg, .bin, .log, .tlog.")
-    ],
+    logs: Logs,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for reports and JSON.")] = Path(
         "reports"
     ),
+    jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Analyse so many logs at a time.")] = 1,
     estimators: Annotated[
         str | None,
         typer.Option(
-            metavar="LIST", help="default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. [default: default]"
+            metavar="LIST",
+            autocompletion=completion.rows,
+            help="default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. [default: default]",
         ),
     ] = None,
     imu: Annotated[
@@ -43,12 +49,19 @@ def command(
         str | None, typer.Option(metavar="N|none", help="Magnetometer to use. [default: the log's choice]")
     ] = None,
     reference: Annotated[
-        str | None, typer.Option(metavar="R", help="auto, truth, onboard, onboard:NAME or none. [default: auto]")
+        str | None,
+        typer.Option(
+            metavar="R",
+            autocompletion=completion.references,
+            help="auto, truth, onboard, onboard:NAME or none. [default: auto]",
+        ),
     ] = None,
     window: Annotated[
         str | None,
         typer.Option(
-            metavar="W", help="all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). [default: all]"
+            metavar="W",
+            autocompletion=completion.windows,
+            help="all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). [default: all]",
         ),
     ] = None,
     score_from: Annotated[
@@ -68,14 +81,16 @@ def command(
         str | None, typer.Option(metavar="MS|off", help="Known delay of the logged IMU. [default: from the log]")
     ] = None,
     params: Annotated[
-        str | None, typer.Option(metavar="F.param", help="Parameters for what the log does not tell.")
+        str | None, typer.Option(metavar="F.param", help="Parameters for what the log does not tell. [default: none]")
     ] = None,
     config: Annotated[
-        Path | None, typer.Option(metavar="F.toml", help="Options from a file; options given here win.")
+        Path | None,
+        typer.Option(
+            metavar="F.toml|F.json",
+            help="Options from a file or from an earlier result; options here win. [default: none]",
+        ),
     ] = None,
-    json: Annotated[
-        str | None, typer.Option("--json", metavar="-", help="- prints the JSON on standard output.")
-    ] = None,
+    json: Json = False,
     plotly: Annotated[
         str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")
     ] = "inline",
@@ -90,8 +105,6 @@ def command(
     verbose: Verbose = 0,
 ) -> None:
     """Re-run attitude filters on each LOG and compare them with the onboard attitude: a report, a JSON, a table."""
-    if json not in (None, "-"):
-        raise UsageError(f"--json {json}: only - (standard output); files are written to the folder of -o")
     if plotly not in BUNDLES:
         raise UsageError(f"--plotly {plotly}: use inline or shared")
     options = {
@@ -112,33 +125,89 @@ def command(
         "input_delay": None if input_delay is None else number_or(input_delay, ("auto", "off"), "--input-delay"),
     }
     settings = _settings(config, {k: v for k, v in options.items() if v is not None})
-    codes: set[int] = set()
-    for number, (log, name) in enumerate(zip(logs, report_names(logs), strict=True), 1):
-        if len(logs) > 1 and not quiet and sys.stderr.isatty():
-            print(f"[{number}/{len(logs)}] {log}", file=sys.stderr)
-        try:
-            existing(log)
-            done = analyze_to_files(
-                log, settings, output, name,
-                command=" ".join(["attlog", *sys.argv[1:]]), plotly=BUNDLES[plotly], deterministic=deterministic,
-            )  # fmt: skip
-            if json == "-":
-                print(_json_text(done.result, deterministic, one_line=len(logs) > 1))
-            if not quiet:
-                _show(done, settings, on_stderr=json == "-", verbose=verbose)
-            if open_report:
-                typer.launch(str(done.report))
-        except BrokenPipeError:
-            raise  # nobody reads on: no fault of this log
-        except Exception as error:
-            if len(logs) == 1:
-                raise
-            if verbose > 1 and not isinstance(error, AttlogError):
-                traceback.print_exception(error)
-            print(message(error, __version__, str(log)), file=sys.stderr)
-            codes.add(exit_code(error))
-    if codes:
+    from attlog.fleet.find import find
+    from attlog.fleet.several import Task
+
+    found, wrong = find(logs)
+    for error in wrong:
+        print(message(error, __version__), file=sys.stderr)
+    task = Task(settings, output, command_line(), BUNDLES[plotly], deterministic)
+
+    def tell(outcome: Outcome) -> None:
+        if outcome.written is None:
+            print(outcome.trace * (verbose > 1) + outcome.message, file=sys.stderr)
+            return
+        if json:
+            print(_json_text(outcome.written.result, deterministic, one_line=max(len(logs), len(found)) > 1))
+        if not quiet:
+            _show(outcome.written, settings, on_stderr=json, verbose=verbose)
+        if open_report:
+            typer.launch(str(outcome.written.report))
+
+    with progress(quiet, verbose > 0) as shown:
+        outcomes, interrupted = _outcomes(found, task, jobs, shown, tell)
+    if len(found) > 1 and not quiet:
+        say(_summary(found, outcomes, output), console(stderr=json))
+    if interrupted:
+        print(_kept(found, outcomes, output), file=sys.stderr)
+        raise typer.Exit(INTERRUPTED)
+    codes = {exit_code(error) for error in wrong} | {outcome.code for outcome in outcomes}
+    if worst(codes):
         raise typer.Exit(worst(codes))
+
+
+def _outcomes(
+    logs: Sequence[Path], task: Task, jobs: int, shown: Shown, tell: Callable[[Outcome], None]
+) -> tuple[list[Outcome], bool]:
+    """What became of each log, told as it comes, and whether the user stopped the run."""
+    from attlog.fleet.one import report_names
+    from attlog.fleet.several import failed, outcomes
+
+    done: list[Outcome] = []
+
+    def next_one() -> None:
+        if len(logs) > 1 and len(done) < len(logs):
+            shown.before = f"[{len(done) + 1}/{len(logs)}] " + (f"{logs[len(done)].name}: " if jobs == 1 else "")
+            if jobs > 1 and shown.stages:
+                shown.show(f"{shown.before}{jobs} at a time ...")
+
+    try:
+        next_one()
+        for outcome in outcomes(logs, report_names(logs), task, jobs):
+            shown.clear()
+            try:
+                tell(outcome)
+            except Exception as error:
+                if is_of_a_stream(error):
+                    raise
+                outcome = failed(outcome.log, error)
+                tell(outcome)
+            done.append(outcome)
+            next_one()
+    except KeyboardInterrupt:
+        return done, True
+    return done, False
+
+
+def _summary(logs: Sequence[Path], outcomes: Sequence[Outcome], folder: Path) -> Iterator[Line]:
+    """How many reports there are, and which logs have none."""
+    from attlog.cli.layout import Line
+    from attlog.present.numbers import counted
+
+    without = [outcome for outcome in outcomes if outcome.written is None]
+    yield Line("")
+    written = counted(len(outcomes) - len(without), "report")
+    yield Line(f"{counted(len(logs), 'log')}: {written} in {folder}", "bold")
+    for outcome in without:
+        yield Line(f"  no report: {outcome.log} (exit code {outcome.code})")
+
+
+def _kept(logs: Sequence[Path], outcomes: Sequence[Outcome], folder: Path) -> str:
+    """What stands in the folder after an interrupt."""
+    kept = [outcome.written.report.name for outcome in outcomes if outcome.written is not None]
+    if not kept:
+        return f"attlog: interrupted; nothing was written, reports of earlier runs in {folder} are untouched"
+    return f"attlog: interrupted; kept {len(kept)} of {len(logs)} reports in {folder}: {', '.join(kept)}"
 
 
 def _settings(path: Path | None, options: dict[str, Any]) -> Config:
@@ -177,16 +246,13 @@ def _on_off(text: str | None) -> bool | None:
 
 
 def _show(done: Written, settings: Config, on_stderr: bool, verbose: int) -> None:
-    from rich.text import Text
-
+    from attlog.cli.layout import Line
     from attlog.cli.terminal import printed
-    from attlog.present.stand_ins import stand_in
     from attlog.report import bundle_notice
 
     out = console(stderr=on_stderr)
-    for line in printed(done.result, settings.window or "all", out.width, out.encoding, bool(verbose)):
-        out.print(Text(line.text, line.style), soft_wrap=True)
-    out.print(Text(stand_in(f"report: {done.report}", out.encoding)), soft_wrap=True)
+    say(printed(done.result, settings.window or "all", out.width, out.encoding, bool(verbose)), out)
+    say([Line(f"report: {done.report}")], out)
     notice = bundle_notice()
     if notice:
         print(f"attlog: {notice}", file=sys.stderr)

@@ -6,13 +6,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from attlog.cli import completion
 from attlog.cli.common import NoColor, console
 
 if TYPE_CHECKING:
     from attlog.testing import Outcome
 
 FAILED = 1
-Name = Annotated[str, typer.Argument(metavar="NAME|FILE.py", help="A filter; @PRESET and :k=v may follow.")]
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME|FILE.py", autocompletion=completion.filters, help="A filter; @PRESET and :k=v may follow."
+    ),
+]
 
 
 def command(name: Name, no_color: NoColor = False) -> None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.errors import LogUnreadable, UsageError
+from attlog.errors import UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from attlog.cli.layout import Line
 
 
 def _no_color(wanted: bool) -> None:
@@ -20,20 +23,43 @@ def _no_color(wanted: bool) -> None:
         os.environ["NO_COLOR"] = "1"
 
 
+Logs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="LOG|DIR|GLOB...",
+        readable=False,
+        show_default=False,
+        help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns.",
+    ),
+]
 Log = Annotated[
     Path,
     typer.Argument(
-        metavar="LOG", readable=False, help="A flight log: .ulg, .bin, .log, .tlog (told apart by content)."
+        metavar="LOG", readable=False, show_default=False, help="A flight log (told apart by content; .gz works too)."
     ),
 ]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print JSON on standard output (--json - does the same), one line for each log.")
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
-Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Say more; -vv shows a traceback for a bug.")]
+Verbose = Annotated[
+    int,
+    typer.Option("-v", "--verbose", count=True, show_default=False, help="Say more; -vv shows a traceback for a bug."),
+]
 NoColor = Annotated[
     bool, typer.Option("--no-color", callback=_no_color, is_eager=True, help="No colours (also by NO_COLOR).")
 ]
-Boot = Annotated[int | None, typer.Option("--boot", metavar="N", help="Which power-up of a log with several, from 0.")]
+Boot = Annotated[
+    int | None,
+    typer.Option(
+        "--boot", metavar="N", help="Which power-up of a log with several, from 0. [default: the one with most data]"
+    ),
+]
 System = Annotated[
-    int | None, typer.Option("--system", metavar="N", help="Which MAVLink system of a log with several.")
+    int | None,
+    typer.Option(
+        "--system", metavar="N", help="Which MAVLink system of a log with several. [default: the autopilot heard most]"
+    ),
 ]
 
 
@@ -48,15 +74,28 @@ def console(stderr: bool = False) -> Console:
     return Console(stderr=stderr, highlight=False, soft_wrap=False, width=width)
 
 
-def existing(path: Path) -> Path:
-    """The path of a log that is a file. UsageError for ``-``, LogUnreadable for what is not there."""
-    if str(path) == "-":
-        raise UsageError("a log cannot come from standard input: it is memory-mapped; give a file name")
-    if not path.exists():
-        raise LogUnreadable(f"{path}: no such file")
-    if path.is_dir():
-        raise LogUnreadable(f"{path}: is a folder; name a log file inside it")
-    return path
+def say(lines: Iterable[Line], out: Console) -> None:
+    """Print lines as they are: not broken, nothing in them taken for markup, no blanks behind them."""
+    from rich.text import Text
+
+    from attlog.present.stand_ins import stand_in
+
+    for line in lines:
+        out.print(Text(stand_in(line.text, out.encoding).rstrip(), line.style), soft_wrap=True)
+
+
+def one_log(path: Path) -> Path:
+    """The one log that a name means, also where it is a folder or a pattern. Errors as in ``fleet.find``."""
+    from attlog.fleet.find import find
+
+    logs, wrong = find([path])
+    if wrong:
+        raise wrong[0]
+    if len(logs) > 1:
+        raise UsageError(
+            f"{path}: {len(logs)} logs; this command takes one ({', '.join(p.name for p in logs[:3])} ...)"
+        )
+    return logs[0]
 
 
 def number_or(text: str, words: tuple[str, ...], option: str) -> float | str:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.cli.common import NoColor, console
+from attlog.cli import completion
+from attlog.cli.common import NoColor, console, say
+from attlog.cli.layout import Line, columns
 
 if TYPE_CHECKING:
     from attlog.estimators import Estimator
 
-Name = Annotated[str | None, typer.Argument(metavar="[NAME|FILE.py]", help="Print all about this one.")]
+Name = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[NAME|FILE.py]",
+        autocompletion=completion.filters,
+        help="Print all about this one. [default: list all]",
+    ),
+]
 
 
 def command(name: Name = None, no_color: NoColor = False) -> None:
@@ -19,7 +29,8 @@ def command(name: Name = None, no_color: NoColor = False) -> None:
     from attlog.estimators import get
 
     if name is None:
-        _table()
+        out = console()
+        say(overview(out.width), out)
     else:
         typer.echo(describe(get(name)))
 
@@ -45,28 +56,34 @@ def describe(estimator: Estimator) -> str:
     return "\n".join(lines)
 
 
-def _table() -> None:
-    """One row for each estimator; one that cannot be loaded is a row that says why."""
-    from rich.table import Table
-
+def overview(width: int) -> Iterator[Line]:
+    """Every estimator with source, sensors and presets; one that cannot be loaded says why."""
     from attlog.errors import AttlogError
     from attlog.estimators import DEFAULT, get, names
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for head in ("name", "what", "source", "needs", "uses", "presets"):
-        table.add_column(head, overflow="fold")
+    rows: list[tuple[str, str]] = []
     for name in names():
         try:
             e = get(name)
         except AttlogError as error:
-            table.add_row(name, str(error), "", "", "", "")
+            rows.append((name, str(error)))
             continue
-        table.add_row(name, e.title, e.source, _sensors(e.needs), _sensors(e.uses - e.needs), ", ".join(e.presets))
-    out = console()
-    out.print(table)
-    out.print(f"\ndefault: {', '.join(DEFAULT)}", soft_wrap=True)
-    out.print("attlog estimators NAME prints parameters and equations; attlog new FILE.py starts a filter of your own.")
+        optional = e.uses - e.needs
+        rows += [
+            (name, e.title),
+            ("", f"needs {_sensors(e.needs)}" + (f"; uses {_sensors(optional)} if there" if optional else "")),
+            ("", f"source: {e.source}"),
+        ]
+        rows += [("", f"presets: {', '.join(f'{name}@{p}' for p in e.presets)}")] if e.presets else []
+    for row, laid in zip(rows, columns(rows, width, indent=""), strict=True):
+        yield from (Line(line, "bold" if row[0] else "") for line in laid)
+    yield Line("")
+    yield Line(f"default: {', '.join(DEFAULT)}")
+    yield Line(
+        "attlog estimators NAME prints parameters and equations; attlog new FILE.py starts a filter of your own."
+    )
 
 
 def _sensors(sensors: frozenset[str]) -> str:
-    return ", ".join(s for s in ("gyro", "acc", "mag") if s in sensors)
+    known = ("gyro", "acc", "mag")
+    return ", ".join([*(s for s in known if s in sensors), *sorted(sensors - set(known))])

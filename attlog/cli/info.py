@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+import sys
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
 import typer
 
-from attlog.cli.common import Boot, Log, NoColor, Quiet, System, Verbose, console, existing
+from attlog import __version__
+from attlog.cli.common import Boot, Json, Logs, NoColor, Quiet, System, Verbose, console, say
+from attlog.cli.layout import Line, columns
+from attlog.errors import BUG, exit_code, message, worst
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-MARKS = {
-    "good": "[green]good[/]",
-    "warn": "[yellow]look[/]",
-    "bad": "[red]bad[/]",
-    "cannot_judge": "[dim]cannot judge[/]",
-}
+DIFFERS = 1
+WORDS = {"good": "good", "warn": "warn", "bad": "bad", "cannot_judge": "cannot judge"}
+STYLES = {"good": "", "warn": "yellow", "bad": "red", "cannot_judge": "dim"}
 
 
 def command(
-    log: Log,
-    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    logs: Logs,
+    as_json: Json = False,
     verify: Annotated[
         bool, typer.Option("--verify", help="Read the log again with pyulog or pymavlink and compare every value.")
     ] = False,
@@ -31,76 +30,113 @@ def command(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
-    """Say what is in LOG, check it against physics, and tell which questions it can answer."""
+    """Say what is in each LOG, check it against physics, and tell which questions it can answer."""
+    from attlog.cli.streams import is_of_a_stream
+    from attlog.fleet.find import find
     from attlog.inspection import inspect
 
-    existing(log)
-    report = inspect(log, boot=boot, system=system, verify=verify)
-    if as_json:
-        import json
+    found, wrong = find(logs)
+    several = max(len(found), len(logs)) > 1
+    codes = {exit_code(error) for error in wrong}
+    for error in wrong:
+        print(message(error, __version__), file=sys.stderr)
+    for number, log in enumerate(found):
+        try:
+            report = inspect(log, boot=boot, system=system, verify=verify)
+            if as_json:
+                typer.echo(_json_text(report, one_line=several))
+            elif not quiet:
+                out = console()
+                say([Line("")] * (number > 0), out)
+                say(lines(printable(report), out.width, verbose), out)
+            if verify and not report["verify"]["agrees"]:
+                codes.add(DIFFERS)
+        except Exception as error:
+            if is_of_a_stream(error) or (verbose > 1 and exit_code(error) == BUG):
+                raise
+            print(message(error, __version__, str(log)), file=sys.stderr)
+            codes.add(exit_code(error))
+    if worst(codes):
+        raise typer.Exit(worst(codes))
 
-        typer.echo(json.dumps(report, ensure_ascii=False, indent=1, allow_nan=False))
-    elif not quiet:
-        from attlog.present.text import cleaned
 
-        _show(cleaned(report), console(), verbose)
-    if verify and not report["verify"]["agrees"]:
-        raise typer.Exit(1)
+def _json_text(report: dict[str, Any], one_line: bool) -> str:
+    import json
+
+    layout: dict[str, Any] = {"separators": (",", ":")} if one_line else {"indent": 1}
+    text = json.dumps(report, ensure_ascii=False, allow_nan=False, **layout)
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return json.dumps(report, allow_nan=False, **layout)
+    return text
 
 
-def _show(report: dict[str, Any], out: Console, verbose: int) -> None:
-    from rich.markup import escape
-    from rich.table import Table
+def printable(report: dict[str, Any]) -> dict[str, Any]:
+    """The report without what a stranger's log could do to a terminal; strange bytes of a file name as escapes."""
+    from attlog.present.stand_ins import stand_in
+    from attlog.present.text import cleaned
 
-    log = report["log"]
-    firmware = " ".join(x for x in (log["firmware"]["name"], log["firmware"]["version"]) if x) or "unknown firmware"
-    out.print(
-        f"[bold]{escape(log['name'])}[/]  {log['format']}, {log['size'] / 1e6:.1f} MB, sha256 {log['sha256'][:12]}"
-    )
-    simulated = ", simulated" if log["simulated"] else ""
-    out.print(escape(f"{log['vehicle'] or 'unknown vehicle'}, {firmware}{simulated}"))
-    when = log["date_utc"] or "date unknown"
-    boots = f", boot {log['boot']} of {log['boots']}" if log["boots"] > 1 else ""
-    out.print(f"{when}, {log['duration_s']:.1f} s{boots}")
-    for what in ("imu", "mag", "attitude", "truth"):
-        sensor = log[what]
-        reason = log["choices"].get(what, "")
-        line = "none" if sensor is None else f"{sensor['source']} at {sensor['rate_hz']:.1f} Hz"
-        out.print(f"  {what:<9} {escape(line)}" + (f"  [dim]{escape(reason)}[/]" if reason else ""))
-    if log["seconds"]:
-        told = (f"{k} {'unknown' if s is None else f'{s:.1f} s'}" for k, s in log["seconds"].items())
-        out.print("  " + ", ".join(told))
+    name = stand_in(report["log"]["name"], "utf-8")
+    safe: dict[str, Any] = cleaned(report | {"log": report["log"] | {"name": name}})
+    return safe
 
-    if report["audit"]:
-        table = Table(
-            "check", "verdict", "what was seen", box=None, pad_edge=False, title="Physics", title_justify="left"
-        )
-        for check in report["audit"]:
-            table.add_row(check["name"], MARKS[check["verdict"]], escape(check["text"]))
-        out.print(table)
-    if report["answerable"]:
-        table = Table(
-            "question", "", "why", box=None, pad_edge=False, title="What can be answered", title_justify="left"
-        )
-        for item in report["answerable"]:
-            why = " ".join(x for x in (item["reason"], item["setting"]) if x)
-            table.add_row(item["question"], "[green]yes[/]" if item["can"] else "[red]no[/]", escape(why))
-        out.print(table)
+
+def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line]:
+    """A report of :func:`attlog.inspection.inspect` as text of at most ``width`` columns where words can be broken."""
+    yield from _head(report["log"], width)
+    checks = [(c["name"], WORDS[c["verdict"]], c["text"]) for c in report["audit"]]
+    yield from _part("Physics", checks, width, [STYLES[c["verdict"]] for c in report["audit"]])
+    questions = report["answerable"]
+    answers = [
+        (q["question"], "yes" if q["can"] else "no", " ".join(x for x in (q["reason"], q["setting"]) if x))
+        for q in questions
+    ]
+    yield from _part("What can be answered", answers, width, ["" if q["can"] else "red" for q in questions])
     problems = [p for p in report["problems"] if verbose or p["severity"] != "info"]
-    if problems:
-        out.print("[bold]Problems[/]")
-        for p in problems:
-            since = "" if p["t"] is None else f" (from {p['t']:.1f} s on)"
-            out.print(f"  {p['severity']}: {escape(p['text'])}{since}")
-    if verbose:
-        table = Table(
-            "message", "instance", "records", "fields", box=None, pad_edge=False, title="Messages", title_justify="left"
+    told = [(p["severity"], p["text"] + ("" if p["t"] is None else f" (from {p['t']:.1f} s on)")) for p in problems]
+    yield from _part("Problems", told, width, [""] * len(told))
+    messages = [
+        (
+            m["name"] + (f".{m['instance']}" if m["instance"] else ""),
+            f"{m['records']:>7} records",
+            "" if m["rate_hz"] is None else f"{m['rate_hz']:>8.2f} Hz",
+            f"{m['fields']:>3} fields",
         )
-        for m in report["messages"]:
-            table.add_row(escape(m["name"]), str(m["instance"]), str(m["records"]), str(m["fields"]))
-        out.print(table)
+        for m in report["messages"]
+    ]
+    yield from _part("Messages", messages, width, [""] * len(messages))
     if report["verify"] is not None:
         v = report["verify"]
-        out.print(f"[bold]{'Agrees' if v['agrees'] else 'Differs from'}[/] with {v['oracle']}: {escape(v['text'])}")
-        for line in v["differences"]:
-            out.print(f"  {escape(line)}")
+        yield Line("")
+        yield Line(f"{'Agrees with' if v['agrees'] else 'Differs from'} {v['oracle']}: {v['text']}", "bold")
+        yield from (Line(f"  {line}") for line in v["differences"])
+
+
+def _head(log: dict[str, Any], width: int) -> Iterator[Line]:
+    """Which file, vehicle, firmware, when, how long; the sensors and why they were chosen."""
+    firmware = " ".join(x for x in (log["firmware"]["name"], log["firmware"]["version"]) if x) or "unknown firmware"
+    yield Line(f"{log['name']}  {log['format']}, {log['size'] / 1e6:.1f} MB, sha256 {log['sha256'][:12]}", "bold")
+    yield Line(f"{log['vehicle'] or 'unknown vehicle'}, {firmware}{', simulated' if log['simulated'] else ''}")
+    boots = f", boot {log['boot']} of {log['boots']}" if log["boots"] > 1 else ""
+    yield Line(f"{log['date_utc'] or 'date unknown'}, {log['duration_s']:.1f} s{boots}")
+    sensors = []
+    for what in ("imu", "mag", "attitude", "truth"):
+        sensor = log[what]
+        found = "none" if sensor is None else f"{sensor['source']} at {sensor['rate_hz']:.1f} Hz"
+        reason = log["choices"].get(what, "")
+        sensors.append((what, found + (f"  ({reason.rstrip('.')})" if reason else "")))
+    yield from (Line(line) for row in columns(sensors, width) for line in row)
+    if log["seconds"]:
+        yield Line(
+            "  " + ", ".join(f"{k} {'unknown' if s is None else f'{s:.1f} s'}" for k, s in log["seconds"].items())
+        )
+
+
+def _part(title: str, rows: Sequence[tuple[str, ...]], width: int, styles: list[str]) -> Iterator[Line]:
+    """A titled table; nothing without rows."""
+    if rows:
+        yield Line("")
+        yield Line(title, "bold")
+        for laid, style in zip(columns(rows, width), styles, strict=True):
+            yield from (Line(line, style) for line in laid)

@@ -10,6 +10,7 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from attlog.cli.layout import Line
 from attlog.present.cells import Cell
 from attlog.present.names import row_names
 from attlog.present.table import Heading, main_table
@@ -23,14 +24,6 @@ SHORTEST_NAME = 8
 
 Shown = Callable[[str], str]
 """A text as the output can show it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One line of text; ``style`` is empty, ``bold`` or ``dim``."""
-
-    text: str
-    style: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Iterator
 
-from attlog.cli.table import Line, comparison
+from attlog.cli.layout import Line
+from attlog.cli.table import comparison
 from attlog.present.problems import nothing_wrong, problems
 from attlog.present.stand_ins import stand_in
 from attlog.present.text import clean, typeset

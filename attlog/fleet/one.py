@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,12 +36,13 @@ def analyze_to_files(
 
     Each file appears whole or not at all, and nothing is written of a log that fails.
     Errors as in :func:`attlog.analyze`; OutputError if a file cannot be written.
-    ``deterministic`` leaves measured times out of both.
+    ``deterministic`` leaves measured times out of both files. The logger ``attlog.stages`` tells the stage.
     """
     from attlog.analysis import analyze
 
     name = name or log.name
     written = Written(analyze(log, config, command=command), folder / f"{name}.html", folder / f"{name}.json")
+    logging.getLogger("attlog.stages").info("writing the report")
     written.result.to_html(written.report, plotly=plotly, deterministic=deterministic)
     written.result.to_json(written.json, deterministic=deterministic)
     return written

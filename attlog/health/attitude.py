@@ -110,7 +110,7 @@ def trims(log: FlightLog, onboard: Attitude) -> list[Check]:
     """The vehicle's trim: a constant difference between the IMU and what the attitude says."""
     if not onboard.has_trim:
         return []
-    limit = "look above 3 deg"
+    limit = "warn above 3 deg"
     vector = log.trim
     if vector is None:
         return [not_judged("trim", "The log holds no parameters of the trim.", limit)]

@@ -24,7 +24,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if found:
         return found
     peak = float(np.degrees(np.abs(imu.gyro.x).max()))
-    limit = "look from 1999 deg/s, the range of the sensor"
+    limit = "warn from 1999 deg/s, the range of the sensor"
     clipped = int((np.degrees(np.abs(imu.gyro.x)).max(axis=1) >= FULL_SCALE_DPS).sum())
     text = f"Largest rate {peak:.0f} deg/s" + (f"; {clipped} samples at the sensor's limit." if clipped else ".")
     found = [Check("gyro range", "warn" if clipped else "good", text, round(peak, 1), "deg/s", limit)]

@@ -36,9 +36,9 @@ class Answerable:
     setting: str = ""
 
 
-def graded(value: float, good: float, look: float) -> str:
-    """The verdict of a size: good up to ``good``, look up to ``look``, else bad."""
-    return "good" if value <= good else "warn" if value <= look else "bad"
+def graded(value: float, good: float, warn: float) -> str:
+    """The verdict of a size: good up to ``good``, warn up to ``warn``, else bad."""
+    return "good" if value <= good else "warn" if value <= warn else "bad"
 
 
 def not_judged(name: str, why: str, threshold: str = "") -> Check:

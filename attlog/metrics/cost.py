@@ -79,9 +79,6 @@ def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], u
     swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
     acc = np.array([0.0, 0.0, -9.81]) + swing
     mag = np.where(np.arange(SAMPLES)[:, None] % MAG_EVERY == 0, np.array([20.0, 0.0, 40.0]) + swing, np.nan)
-    found = estimators.get(estimator)
-    runs = (
-        estimators.estimate(found, t, 0.3 * swing, acc, mag if uses_mag else None, **dict(parameters))
-        for _ in range(REPEATS)
-    )
+    asked = estimators.Row(estimators.get(estimator), params=dict(parameters))
+    runs = (estimators.estimate(asked, t, 0.3 * swing, acc, mag if uses_mag else None) for _ in range(REPEATS))
     return tuple(run.ns_per_update for run in runs)

@@ -10,9 +10,14 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
+import json
+import shlex
+import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 FOLDER = Path(__file__).parent / "bundle"
 SMALL = "plotly-basic.min.js.gz"
@@ -67,9 +72,28 @@ def bundle_notice(folder: Path = FOLDER) -> str | None:
     """What to tell the user where reports have to carry the full bundle; None where all is well."""
     if bundle(folder).small:
         return None
-    source = Path(__file__).parents[2]
-    where = source if (source / "hatch_build.py").is_file() else "FOLDER_OF_THE_SOURCE"
+    source = source_folder()
+    if source is None:
+        again = "in the folder of its source: python -m pip install --force-reinstall --no-deps ."
+    else:
+        editable = "-e " if source == Path(__file__).parents[2] else ""
+        folder_name = shlex.quote(str(source))
+        again = f"{shlex.quote(sys.executable)} -m pip install --force-reinstall --no-deps {editable}{folder_name}"
     return (
         "reports carry the full plotly.js (1.5 MB more, slower to open) because the small one could not be fetched "
-        f"when attlog was installed; with network, this fetches it: pip install --force-reinstall --no-deps {where}"
+        f"when attlog was installed; with network, this fetches it: {again}"
     )
+
+
+def source_folder() -> Path | None:
+    """The folder that this attlog was installed from, None where it is not known or gone."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    try:
+        told = json.loads(distribution("attlog").read_text("direct_url.json") or "{}").get("url", "")
+    except (PackageNotFoundError, ValueError):  # run without an installation, or one that tells something else
+        told = ""
+    folders = [Path(__file__).parents[2]]
+    if told.startswith("file:"):
+        folders.append(Path(url2pathname(urlsplit(told).path)))
+    return next((folder for folder in folders if (folder / "hatch_build.py").is_file()), None)

@@ -192,3 +192,58 @@ def test_no_command_prints_help(attlog):
     done = attlog()
     assert done.code == 2
     assert "analyze" in done.out + done.err
+
+
+def test_an_interrupt_says_what_was_kept(attlog, samples, tmp_path, monkeypatch):
+    breaks(monkeypatch, LOGS[1], KeyboardInterrupt())
+    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro")
+    expect(done, 130, f"kept 1 of 2 reports in {tmp_path}: {LOGS[0]}.html")
+    done = attlog("analyze", samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro")
+    expect(done, 130, "nothing was written")
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_all_processes(samples, tmp_path):
+    import signal
+    import subprocess
+    import sys
+    import time
+
+    command = [sys.executable, "-m", "attlog", samples, "-o", tmp_path, "-j", "2", "--estimators", "all"]
+    run = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    time.sleep(6)
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=20)
+    assert run.returncode == 130, err
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    time.sleep(1)
+    left = subprocess.run(["ps", "-s", str(run.pid), "-o", "stat="], capture_output=True, text=True).stdout.split()
+    assert [state for state in left if not state.startswith("Z")] == []
+
+
+@pytest.mark.rights
+def test_a_log_that_may_not_be_read_loses_no_other(attlog, samples, tmp_path):
+    import shutil
+
+    (tmp_path / "secret.ulg").write_bytes(b"x")
+    (tmp_path / "secret.ulg").chmod(0)
+    shutil.copy(samples / LOGS[0], tmp_path / LOGS[0])
+    done = attlog("analyze", tmp_path, "-o", tmp_path / "out", "--estimators", "gyro")
+    expect(done, 66, "secret.ulg")
+    assert (tmp_path / "out" / f"{LOGS[0]}.html").exists()
+
+
+def test_a_bug_is_70_with_its_traceback_too(attlog, samples, monkeypatch):
+    def broken(*_a, **_k):
+        raise ZeroDivisionError("inside")
+
+    monkeypatch.setattr("attlog.inspection.inspect", broken)
+    done = attlog("info", samples / LOGS[0], "-vv")
+    assert (done.code, "Traceback" in done.err) == (70, True)
+
+
+def test_a_plug_in_that_cannot_be_loaded_is_2_where_it_is_asked_for(attlog, tmp_path):
+    (tmp_path / "broken.py").write_text("raise RuntimeError('no good')\n")
+    for command in ("check-estimator", "estimators"):
+        expect(attlog(command, tmp_path / "broken.py"), 2, "no good")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pandas
@@ -107,3 +109,63 @@ def test_every_message_is_on_the_clock_of_the_flight(corpus, log, message):
     flight = attlog.read(corpus / log)
     (table,) = extraction.messages(flight, [message])
     assert -30 < table.columns["time_s"][0] < table.columns["time_s"][-1] < flight.seconds + 30
+
+
+def test_one_table_to_standard_output_is_what_the_file_holds(attlog, samples, tmp_path):
+    log = samples / "copter_steps_stabilize.bin"
+    assert attlog("extract", log, "ATT", "-o", tmp_path / "a.csv").code == 0
+    done = subprocess.run([sys.executable, "-m", "attlog", "extract", log, "ATT", "-o", "-"], capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout == (tmp_path / "a.csv").read_bytes()
+    several = attlog("extract", log, "ATT", "IMU", "-o", "-")
+    assert several.code == 2
+    assert "one table, not 2 tables (ATT, IMU" in several.err
+
+
+def test_the_suffix_of_the_file_says_the_format(attlog, samples, tmp_path):
+    log = samples / "copter_steps_stabilize.bin"
+    assert attlog("extract", log, "ATT", "-o", tmp_path / "a.parquet").code == 0
+    assert len(pandas.read_parquet(tmp_path / "a.parquet")) > 1000
+    done = attlog("extract", log, "ATT", "-o", tmp_path / "a.parquet", "--format", "csv")
+    assert done.code == 2
+    assert "parquet" in done.err
+
+
+def test_a_name_in_any_case_and_one_instance(attlog, corpus, tmp_path):
+    from pymavlink import DFReader
+
+    log = corpus / "sitl/ardupilot/copter_hover_rest.bin"
+    assert attlog("extract", log, "imu.1", "IMU[1]", "-o", tmp_path / "imu.csv").code == 0
+    reader = DFReader.DFReader_binary(str(log))
+    expected = []
+    while (m := reader.recv_match(type="IMU")) is not None:
+        if m.I == 1:
+            expected.append(m.TimeUS)
+    table = pandas.read_csv(tmp_path / "imu.csv")
+    assert table["TimeUS"].tolist() == expected
+    assert set(table["I"]) == {1}
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"), [("ATTI", "did you mean ATT"), ("MAG.7", "no instance 7 of MAG"), ("zzz", "it has ")]
+)
+def test_every_unknown_name_is_told_at_once(attlog, samples, tmp_path, asked, told):
+    done = attlog("extract", samples / "copter_steps_stabilize.bin", asked, "BARRO", "-o", tmp_path / "x")
+    assert done.code == 2
+    assert told in done.err
+    assert "did you mean BARO" in done.err
+
+
+def test_a_range_without_rows_is_told_with_the_times_there_are(attlog, samples, tmp_path):
+    log = samples / "copter_steps_stabilize.bin"
+    done = attlog("extract", log, "ATT", "--from", "5000", "-o", tmp_path / "a.csv")
+    assert done.code == 0
+    assert "ATT: no row from 5000 s: its times are 0.0 to" in done.err
+    assert len(pandas.read_csv(tmp_path / "a.csv")) == 0
+
+
+def test_without_pyarrow_parquet_is_73_and_says_what_is_needed(attlog, samples, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    done = attlog("extract", samples / "copter_steps_stabilize.bin", "ATT", "-o", tmp_path / "a.parquet")
+    assert done.code == 73
+    assert "pip install pyarrow" in done.err

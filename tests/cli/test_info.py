@@ -55,3 +55,25 @@ def test_a_strangers_log_cannot_write_to_the_terminal(attlog, tmp_path):
     assert "owned" in done.out
     assert "\x1b" not in done.out
     assert done.out.count("at byte") == 1
+
+
+def test_it_lists_messages_with_the_rates_that_pymavlink_sees(attlog, samples):
+    from pymavlink import DFReader
+
+    log = samples / "copter_yaw_turns.bin"
+    reader = DFReader.DFReader_binary(str(log))
+    times = []
+    while (m := reader.recv_match(type="ATT")) is not None:
+        times.append(m.TimeUS)
+    rate = 1e6 * (len(times) - 1) / (times[-1] - times[0])
+    done = attlog("info", log)
+    (line,) = [line for line in done.out.splitlines() if line.startswith("  ATT ")]
+    assert line.split()[1:5] == [str(len(times)), "records", f"{rate:.2f}", "Hz"]
+
+
+def test_several_logs_are_told_one_after_the_other_and_a_bad_one_loses_none(attlog, samples, tmp_path):
+    (tmp_path / "bad.ulg").write_bytes(b"x" * 400)
+    done = attlog("info", samples / "px4_hover.ulg", tmp_path / "bad.ulg", samples / "copter_yaw_turns.bin")
+    assert done.code == 65
+    assert done.out.index("px4_hover.ulg") < done.out.index("copter_yaw_turns.bin")
+    assert "bad.ulg" in done.err

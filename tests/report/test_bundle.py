@@ -10,7 +10,9 @@ import http.server
 import importlib.util
 import io
 import re
+import shlex
 import subprocess
+import sys
 import tarfile
 import threading
 import tomllib
@@ -135,7 +137,11 @@ def test_without_npm_node_comes_from_a_wheel(hook, monkeypatch, tmp_path):
 def test_a_missing_bundle_falls_back_to_the_full_one_and_says_so(tmp_path):
     full = bundle(tmp_path)
     assert not full.small
-    assert "reinstall" in bundle_notice(tmp_path)
+    command = bundle_notice(tmp_path).rpartition("this fetches it: ")[2]
+    python, *arguments, folder = shlex.split(command)
+    assert python == sys.executable
+    assert arguments == ["-m", "pip", "install", "--force-reinstall", "--no-deps", "-e"]
+    assert (Path(folder) / "hatch_build.py").is_file()
     assert len(full.styles) == 2
 
 

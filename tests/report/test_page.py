@@ -15,6 +15,7 @@ from attlog.errors import OutputError
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.page import render
+from attlog.result import Problem
 from tests.report.conftest import make_result
 
 
@@ -71,3 +72,14 @@ def test_every_definition_parameter_segment_and_alignment_step_is_in_the_page():
         assert step.text in text
     for value in (result.log["sha256"], result.command, "2a3dc4b7", "gain of the correction", "AHRS_TRIM_X"):
         assert value in text
+
+
+def test_what_is_wrong_stands_between_the_cards_and_the_table_with_cause_and_remedy():
+    result = make_result()
+    result.problems.append(
+        Problem("x", "error", "It shakes heavily.", cause="A loose arm.", remedy="Fasten it.", means="Noisy.")
+    )
+    page = render(result, bundle())
+    places = [page.index(mark) for mark in ('class="cards"', 'id="problems"', "It shakes heavily.", 'id="comparison"')]
+    assert places == sorted(places)
+    assert all(text in page for text in ("why: A loose arm.", "do: Fasten it.", "so: Noisy."))

@@ -176,4 +176,4 @@ def kernel(estimator: Estimator, switches: Mapping[int, float], dtype: str) -> A
         outputs=estimator.outputs,
         **{f"b{i}": "" if bias is None else f" - BATCH_[{bias.start + i} * SETS_ + set_]" for i in range(3)},
     )
-    return cache.compiled(source, "advance")
+    return cache.compiled(source, "advance", f"{estimator.name} for many parameter sets")

@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.util
+import logging
 import os
 import platform
 import stat
@@ -24,6 +25,7 @@ from typing import Any
 
 import attlog
 
+COMPILING = logging.getLogger("attlog.compiling")
 HEADER = "import math\n\nimport numpy as np\n"
 
 
@@ -40,16 +42,22 @@ def plain(source: str, name: str, known: Mapping[str, Any]) -> Callable[..., Any
 
 
 @functools.lru_cache(maxsize=256)
-def compiled(source: str, name: str) -> Callable[..., Any]:
-    """The function ``name`` of source decorated for numba, from the cache where possible."""
+def compiled(source: str, name: str, what: str = "") -> Callable[..., Any]:
+    """The function ``name`` of source decorated for numba, from the cache where possible.
+
+    ``what`` it is for people: the logger ``attlog.compiling`` tells that it is compiled, which takes seconds.
+    """
     folder = _folder()
     text = f"{HEADER}from numba import njit\n\nKEEP = {folder is not None}\n\n{source}"
     if folder is None:
+        COMPILING.info("compiling %s (at every start: no cache folder can be written)", what or name)
         namespace: dict[str, Any] = {}
         exec(compile(text, "<attlog kernel>", "exec"), namespace)
         return _function(namespace, name)
     stem = "k_" + hashlib.sha256(text.encode()).hexdigest()[:24]
     path = folder / f"{stem}.py"
+    if not any(folder.glob(f"__pycache__/{stem}*.nbi")):
+        COMPILING.info("compiling %s (once; kept in %s)", what or name, folder)
     try:
         return _function(vars(_load(path, text)), name)
     except Exception:

@@ -149,13 +149,13 @@ def not_compiled(estimator: Estimator) -> str:
 
 
 @functools.lru_cache(maxsize=64)
-def _loaded(step: Callable[..., Any], bias: int | None, outputs: int, aided: bool) -> tuple[Any, str]:
+def _loaded(step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, what: str) -> tuple[Any, str]:
     """The compiled kernel and "", or None and why there is none.
 
     A plug-in that is loaded again is another function, so its kernel is made anew.
     """
     try:
-        return cache.compiled(_source(step, bias, outputs, aided), "advance"), ""
+        return cache.compiled(_source(step, bias, outputs, aided), "advance", what), ""
     except Exception as error:
         return None, " ".join(str(error).split())[:400]
 
@@ -163,7 +163,7 @@ def _loaded(step: Callable[..., Any], bias: int | None, outputs: int, aided: boo
 def _kernel(estimator: Estimator) -> tuple[Any, str]:
     """The kernel of an estimator, and why it is not a compiled one ("" if it is)."""
     assert estimator.step is not None
-    compiled, reason = _loaded(estimator.step, _bias_at(estimator), estimator.outputs, estimator.aided)
+    compiled, reason = _loaded(estimator.step, _bias_at(estimator), estimator.outputs, estimator.aided, estimator.name)
     if compiled is not None:
         return compiled, ""
     if estimator.origin == "attlog":

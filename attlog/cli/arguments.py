@@ -1,0 +1,59 @@
+"""What may be left out on the command line: the word ``analyze``, and the ``-`` after ``--json``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+from attlog.errors import UsageError
+
+DEFAULT = "analyze"
+
+
+class Group(TyperGroup):
+    """The commands; ``attlog flight.ulg`` means ``attlog analyze flight.ulg``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        own = {name for option in self.get_params(ctx) for name in (*option.opts, *option.secondary_opts)}
+        if args and args[0] not in self.commands and args[0] not in own and looks_like_a_log(args):
+            args = [DEFAULT, *args]
+        return super().parse_args(ctx, args)
+
+
+def looks_like_a_log(args: list[str]) -> bool:
+    """Whether words without a command name logs or options of ``analyze``; a lone word is a mistyped command."""
+    first = args[0]
+    if first.startswith("-"):
+        return len(args) > 1
+    return any(c in first for c in "./\\*?") or Path(first).exists()
+
+
+class WithJson(TyperCommand):
+    """A command whose ``--json`` may be followed by ``-``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        kept: list[str] = []
+        for k, arg in enumerate(args):
+            if arg.startswith("--json="):
+                self._only_dash(arg.partition("=")[2])
+                arg = "--json"
+            elif k and args[k - 1] == "--json":
+                if arg == "-":
+                    continue
+                if arg.endswith(".json"):
+                    self._only_dash(arg)
+            kept.append(arg)
+        return super().parse_args(ctx, kept)
+
+    @staticmethod
+    def _only_dash(value: str) -> None:
+        if value != "-":
+            raise UsageError(f"--json {value}: only - (standard output); analyze writes files to the folder of -o")
+
+
+def command_line() -> str:
+    """The command as it was typed."""
+    return " ".join(["attlog", *sys.argv[1:]])

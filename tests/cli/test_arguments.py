@@ -1,0 +1,115 @@
+"""What may be left out, what may be given, and what ``--help`` tells of it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+GYRO = ("--estimators", "gyro", "-q")
+
+
+@pytest.mark.parametrize(
+    "words", [["LOG", "-o", "OUT"], ["-o", "OUT", "LOG"], ["./*.bin", "-o", "OUT"], [".", "-o", "OUT"]]
+)
+def test_the_word_analyze_may_be_left_out(attlog, samples, tmp_path, monkeypatch, words):
+    shutil.copy(samples / "copter_yaw_turns.bin", tmp_path / "a.bin")
+    monkeypatch.chdir(tmp_path)
+    given = [{"LOG": "a.bin", "OUT": str(tmp_path / "out")}.get(word, word) for word in words]
+    done = attlog(*given, *GYRO)
+    assert (done.code, done.out, done.err) == (0, "", "")
+    assert (tmp_path / "out" / "a.bin.html").exists()
+
+
+def test_a_mistyped_command_is_told_with_the_one_that_was_meant(attlog):
+    done = attlog("anlyze", "flight.ulg")
+    assert done.code == 2
+    assert "analyze" in done.err
+
+
+@pytest.mark.parametrize("asked", [["--json"], ["--json", "-"], ["--json=-"]])
+@pytest.mark.parametrize("command", ["info", "analyze"])
+def test_json_on_standard_output_with_or_without_a_dash(attlog, samples, tmp_path, asked, command):
+    more = ["-o", tmp_path, *GYRO] if command == "analyze" else []
+    done = attlog(command, *asked, samples / "copter_yaw_turns.bin", *more)
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["log"]["name"] == "copter_yaw_turns.bin"
+
+
+@pytest.mark.parametrize("command", ["info", "analyze"])
+def test_several_logs_are_one_object_a_line(attlog, samples, tmp_path, command):
+    logs = [samples / "copter_yaw_turns.bin", samples / "px4_hover.ulg"]
+    more = ["-o", tmp_path, "--estimators", "gyro"] if command == "analyze" else []
+    done = attlog(command, *logs, "--json", *more)
+    assert done.code == 0, done.err
+    assert [json.loads(line)["log"]["name"] for line in done.out.splitlines()] == [log.name for log in logs]
+    if command == "analyze":
+        assert "2 logs: 2 reports in" in done.err
+
+
+def test_a_summary_names_what_has_no_report(attlog, samples, tmp_path):
+    (tmp_path / "bad.ulg").write_bytes(b"x" * 500)
+    done = attlog(samples / "copter_yaw_turns.bin", tmp_path / "bad.ulg", "-o", tmp_path, "--estimators", "gyro")
+    assert done.code == 65
+    assert "2 logs: 1 report in" in done.out
+    assert f"no report: {tmp_path / 'bad.ulg'} (exit code 65)" in done.out
+
+
+@pytest.mark.parametrize("command", ["analyze", "info", "extract", "estimators", "new", "check-estimator", "schema"])
+def test_help_is_plain_and_loses_no_bracket(attlog, command):
+    done = attlog(command, "--help")
+    assert done.code == 0
+    assert [line for line in done.out.splitlines() if line != line.rstrip()] == []
+    if command == "analyze":
+        text = " ".join(done.out.split())
+        for told in (
+            "NAME[@PRESET][:k=v,...]",
+            "[default: the one that flew]",
+            "[default: 15 s]",
+            "[default: reports]",
+        ):
+            assert told in text
+
+
+def test_an_earlier_result_is_a_configuration(attlog, samples, tmp_path):
+    log = samples / "copter_yaw_turns.bin"
+    asked = ["--estimators", "gyro,mahony:kp=0.7", "--declination", "3", "--window", "10:40", "--score-from", "20"]
+    assert attlog("analyze", log, "-o", tmp_path / "a", *asked).code == 0
+    again = attlog("analyze", log, "-o", tmp_path / "b", "--config", tmp_path / "a" / f"{log.name}.json")
+    assert again.code == 0, again.err
+    first, second = (json.loads((tmp_path / x / f"{log.name}.json").read_text()) for x in "ab")
+    assert first["config"] == second["config"]
+    assert first["config"]["declination"] == 3.0
+    other = attlog("analyze", log, "-o", tmp_path / "c", "-q", "--config", tmp_path / "a" / f"{log.name}.json", *GYRO)
+    assert other.code == 0, other.err
+    assert json.loads((tmp_path / "c" / f"{log.name}.json").read_text())["config"] == first["config"] | {
+        "estimators": ["gyro"]
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [('{"schema": "x"}', "no object named config"), ("{", "not valid JSON"), ('{"clok": "sample"}', "'clock'")],
+)
+def test_a_json_file_that_is_no_configuration_is_2(attlog, samples, tmp_path, text, told):
+    (tmp_path / "c.json").write_text(text)
+    done = attlog("analyze", samples / "copter_yaw_turns.bin", "--config", tmp_path / "c.json", "-o", tmp_path / "out")
+    assert done.code == 2
+    assert told in done.err
+
+
+def test_deterministic_reports_have_the_same_bytes(attlog, samples, tmp_path):
+    pages = []
+    for _ in range(2):
+        done = attlog(samples / "copter_yaw_turns.bin", "-o", tmp_path, "--estimators", "gyro,vqf", "--deterministic")
+        assert done.code == 0, done.err
+        pages.append((tmp_path / "copter_yaw_turns.bin.html").read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_several_jobs_print_every_result(attlog, samples, tmp_path):
+    logs = [samples / "copter_yaw_turns.bin", samples / "px4_hover.ulg"]
+    done = attlog("-j", 2, *logs, "-o", tmp_path, "--estimators", "gyro", "--json")
+    assert done.code == 0, done.err
+    assert {json.loads(line)["log"]["name"] for line in done.out.splitlines()} == {log.name for log in logs}
