@@ -91,10 +91,11 @@ class EstimatorRow:
 
 @dataclass(slots=True)
 class Verdict:
-    """The answer to one of the three questions in plain sentences.
+    """The answer to one of the four questions in plain sentences.
 
-    ``question``: quiet, late, drifting. ``sentence`` is plain text. ``bars`` are
-    (row, value, unit) for the card, ``not_judged`` (row, reason).
+    ``question``: closest, quiet, late, drifting. ``sentence`` is plain text. ``bars`` are
+    (row, value, unit) for the card, ``not_judged`` (row, reason), ``notes`` sentences on
+    what was measured, for the card's details.
     """
 
     question: str
@@ -104,6 +105,7 @@ class Verdict:
     window: str
     bars: list[tuple[str, float, str]] = field(default_factory=list)
     not_judged: list[tuple[str, str]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 @dataclass(slots=True)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from attlog.present.numbers import MINUS, listed
 from attlog.present.sentences.drifting import SITUATIONS
+from attlog.present.sentences.quiet import WHERE
 from attlog.result import Verdict
 
 
@@ -14,7 +15,8 @@ def caption(verdict: Verdict) -> str:
     """What the bars of a card are."""
     drift = "Drift at rest" if "rest" in verdict.metric else "Drift in the air"
     return {
-        "quiet": "Noise (1σ) of roll or pitch, whichever is worse",
+        "closest": "Tilt error, RMS",
+        "quiet": f"Noise of roll and pitch (1σ within 5 s), {WHERE.get(verdict.window, verdict.window)}",
         "late": f"Lag against the reference; {MINUS}: ahead of it",
         "drifting": drift,
     }.get(verdict.question, "")

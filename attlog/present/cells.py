@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from attlog.present.columns import Column
+from attlog.present.contest import Judged, why_unranked
 from attlog.present.names import CODES
 from attlog.present.numbers import SIGNED, half_width, interval, number
-from attlog.present.rows import find, has_value, is_best, is_ranked, value_of
+from attlog.present.rows import has_value, is_best, is_ranked, value_of
+from attlog.present.text import typeset
 from attlog.result import Answer, EstimatorRow, Result
 
 FULL_COVERAGE = 95.0
@@ -33,31 +35,31 @@ class Cell:
     sort: float | None = None
 
 
-def cell(result: Result, row: EstimatorRow, column: Column) -> Cell:
-    """The cell of a row in a column; of several metrics the larger value counts and all must be best to be marked."""
-    found = {m: a for m, a in ((m, find(row, m, column.windows)) for m in column.metrics) if a is not None}
-    values = {m: a for m, a in found.items() if has_value(a)}
-    if not found:
+def cell(result: Result, row: EstimatorRow, column: Column, window: str) -> Cell:
+    """The cell of a row in a column, which has one window for all rows."""
+    answer = row.metrics.get(window, {}).get(column.metric)
+    if answer is None:
         word = "failed" if row.status == "failed" else "n/a"
         return Cell(word, brief=word, missing=True, reason=row.reason)
-    if not values:
-        return without_value(row, *next(iter(found.items())))
-    metric, answer = max(values.items(), key=lambda item: abs(value_of(item[1])))
-    others = [a for a in values.values() if not a.ranked]
+    if not has_value(answer):
+        return without_value(row, column.metric, answer)
+    ranked = is_ranked(result, row, column.metric, window)
     return Cell(
         number(answer.value, answer.unit),
         tuple(x for x in (interval(answer.ci95, answer.unit), share(answer)) if x),
         half=half_width(answer.ci95, answer.unit) if answer.unit in SIGNED else "",
         brief=number(answer.value, answer.unit),
-        best=column.contest and all(is_best(result, row, m, a.window) for m, a in values.items()),
-        unranked=row.kind == "replay" and not all(is_ranked(row, a) for a in values.values()),
-        reason=next((a.reason for a in others if a.reason), answer.reason) or "",
-        sort=distance(result, metric, answer),
+        best=column.contest and is_best(result, row, column.metric, window),
+        unranked=row.kind == "replay" and column.contest and not ranked,
+        reason=typeset(why_unranked(Judged(row, answer, ranked)) if row.kind == "replay" and not ranked else ""),
+        sort=distance(result, column.metric, answer),
     )
 
 
 def without_value(row: EstimatorRow, metric: str, answer: Answer) -> Cell:
-    """The cell of an answer that is not there: a word, and the reason."""
+    """The cell of an answer that is not there: a word, and the reason; a filter that lost its way says so first."""
+    if row.kind == "replay" and row.status == "failed":
+        return Cell("failed", brief="failed", missing=True, reason=row.reason)
     itself = row.is_reference and answer.code == "not_applicable" and not metric.startswith("cost")
     word, brief = ("reference", "ref") if itself else CODES.get(answer.code or "", ("n/a", "n/a"))
     return Cell(word, brief=brief, missing=True, reason=answer.reason or "")

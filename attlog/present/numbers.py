@@ -77,6 +77,13 @@ def quantity(value: float | None, unit: str = "", signed: bool | None = None) ->
     return text + sign if sign.startswith(("°", "×")) else f"{text} {sign}"
 
 
+def below(value: float, unit: str = "") -> str:
+    """A size that stays below this, with its unit: rounded up, so that the sentence is never less than the number."""
+    size = abs(value)
+    scale = 10.0 ** decimals(size, unit)
+    return quantity(math.ceil(size * scale - 1e-9) / scale, unit, signed=False)
+
+
 def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
     """The interval as text, ``−6.7 to −2.7``; empty where there is none."""
     if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):

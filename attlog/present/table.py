@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from attlog.present.cells import Cell, cell
-from attlog.present.columns import AXIS_COLUMNS, Column, columns
+from attlog.present.columns import AXIS_COLUMNS, ERRORS, NOISE, Column, columns
 from attlog.present.numbers import unit_sign
-from attlog.present.rows import find, has_value, ordered
+from attlog.present.rows import has_value, ordered, window_of
 from attlog.result import EstimatorRow, Result
 
 
@@ -37,13 +38,14 @@ class Table:
 
 
 def main_table(result: Result, window: str = "all") -> Table:
-    """The comparison of all rows: every column of COLUMNS in which at least one row has a value.
+    """The comparison of all rows: every column in which at least one row has a value.
 
     With ``window`` other than ``all`` every column is looked up there only.
     """
     chosen = columns(result)
     if window != "all":
-        chosen = [Column(c.title, c.metrics, (window,), c.contest, c.spare) for c in chosen]
+        chosen = [dataclasses.replace(c, windows=(window,)) for c in chosen if c.metric != NOISE]
+        chosen.insert(len(ERRORS), Column("Noise", NOISE, (window,)))
     return filled(result, chosen)
 
 
@@ -58,7 +60,7 @@ def window_tables(result: Result) -> dict[str, Table]:
     out = {}
     for window in windows:
         metrics = dict.fromkeys(m for r in result.estimators for m in r.metrics.get(window, {}))
-        contests = [Column(m, (m,), (window,), not m.startswith(("step_gain", "distortion"))) for m in metrics]
+        contests = [Column(m, m, (window,), not m.startswith(("step_gain", "distortion"))) for m in metrics]
         table = filled(result, contests)
         if table.columns:
             out[window] = table
@@ -66,17 +68,15 @@ def window_tables(result: Result) -> dict[str, Table]:
 
 
 def filled(result: Result, wanted: Iterable[Column]) -> Table:
-    """The columns in which at least one row has a value, for all rows; that row's window counts for all first."""
+    """The columns in which at least one row has a value, for all rows, each in one window."""
     rows = ordered(result)
     table, chosen = Table(), []
     for column in wanted:
-        answers = (find(row, m, column.windows) for row in rows for m in column.metrics)
+        window = window_of(result, column.metric, column.windows)
+        answers = (row.metrics.get(window, {}).get(column.metric) for row in rows)
         first = next((a for a in answers if a is not None and has_value(a)), None)
-        if first is None:
-            continue
-        metric = column.metrics[0] if len(column.metrics) == 1 else f"max({', '.join(column.metrics)})"
-        table.columns.append(Heading(column.title, unit_sign(first.unit), metric, first.window, column.spare))
-        windows = (first.window, *column.windows)
-        chosen.append(Column(column.title, column.metrics, windows, column.contest, column.spare))
-    table.rows = [(row, [cell(result, row, column) for column in chosen]) for row in rows]
+        if first is not None:
+            table.columns.append(Heading(column.title, unit_sign(first.unit), column.metric, window, column.spare))
+            chosen.append((column, window))
+    table.rows = [(row, [cell(result, row, column, window) for column, window in chosen]) for row in rows]
     return table

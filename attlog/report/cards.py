@@ -64,6 +64,7 @@ def card(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
         "reasons": reasons(
             verdict, {k: v.name for k, v in look.items()}, {k for k, v in look.items() if not v.onboard}
         ),
+        "notes": verdict.notes,
         "figures": SECTIONS.get(verdict.question, "flight"),
     }
 

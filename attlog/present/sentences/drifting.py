@@ -2,112 +2,138 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+from attlog.present.contest import Contest, Judged, contest
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
-from attlog.present.names import NOT_JUDGED, against_heading
-from attlog.present.numbers import quantity
-from attlog.present.rows import AIR, REST, find
-from attlog.present.sentences.judged import Absent, Judged, bars, counted, onboard_part, some, split, unranked
-from attlog.present.sentences.reasons import cannot, commonest, switch
+from attlog.present.names import against_heading
+from attlog.present.numbers import duration, moment, quantity
+from attlog.present.rows import AIR, REST
+from attlog.present.sentences.reasons import cannot, commonest, switch, why_not
+from attlog.present.sentences.words import bars, bound, counted, left_out, onboard_part, some, values
+from attlog.present.text import typeset
 from attlog.result import Result, Verdict
 
+DRIFT_REST = "drift_rest_deg_per_min"
 SITUATIONS = ("at rest", "in the air")
 """Where the heading may drift; reasons of this question start with it."""
 
-LOST = ("diverged", "not_converged", "failed", "not_judged")
-
 
 def drifting(result: Result) -> Verdict:
-    """The verdict on heading drift; an interval across zero is "none told, less than X", never "no drift"."""
+    """The verdict on heading drift: told where the interval excludes zero, else bounded by its larger end."""
     reference = quoted_heading_reference(result)
-    rest, rest_without = split([(row, find(row, "drift_rest_deg_per_min", REST)) for row in result.estimators])
-    air, air_without = split([(row, find(row, f"{DRIFT_AIR}.{reference}", AIR)) for row in result.estimators])
-    shown = rest if any(j.ranked for j in rest) or not air else air
-    others = [
-        (a.row.name, f"{where}, {a.reason}")
-        for where, part in zip(SITUATIONS, (rest_without, air_without), strict=True)
-        for a in part
+    rest = contest(result, DRIFT_REST, REST)
+    air = contest(result, f"{DRIFT_AIR}.{reference}", AIR)
+    shown = rest if rest.ranked or not air.filters else air
+    reasons = [
+        (name, reason if found is shown and has_value(found, name) else f"{where}, {reason}")
+        for where, found in zip(SITUATIONS, (rest, air), strict=True)
+        for name, reason in left_out(found)
+        if found is shown or not has_value(found, name)
     ]
     return Verdict(
-        "drifting",
-        "How fast does the heading drift?",
-        says(result, rest, air, rest_without, air_without),
-        "drift_rest_deg_per_min" if shown is rest else f"{DRIFT_AIR}.{reference}",
-        shown[0].answer.window if shown else "rest",
-        bars(shown, "deg/min"),
-        others + unranked(shown),
+        "drifting", "How fast does the heading drift?", says(result, rest, air, reference), shown.metric, shown.window,
+        bars(shown), reasons, notes(rest),
+    )  # fmt: skip
+
+
+def has_value(found: Contest, name: str) -> bool:
+    """Whether the row of this id has a value."""
+    return any(j.row.name == name for j in found.judged)
+
+
+def says(result: Result, rest: Contest, air: Contest, reference: str) -> str:
+    """A sentence for each situation that can be told, else why none can."""
+    in_air = f"In the air against {against_heading(reference)}"
+    said = [
+        drift_part(found, where) for found, where in ((rest, "At rest"), (air, in_air)) if found.ranked or found.filters
+    ]
+    if said:
+        return " ".join(said)
+    if rest.absent and air.absent:
+        (code, why_rest), (_, why_air) = commonest(rest.absent), commonest(air.absent)
+        return f"Cannot be judged. At rest: {why_rest}.{switch(result, code)} In the air: {why_air}."
+    return cannot(result, rest.absent + air.absent, "neither a rest nor a flight is long enough")
+
+
+def drift_part(found: Contest, where: str) -> str:
+    """One situation: who drifts, below which bound the others stay, whose rests disagree, who lost its way."""
+    told = [j for j in found.ranked if j.told][::-1]
+    still = [j for j in found.ranked if not j.told]
+    parts = [drifts(found, told)] if told else []
+    if still:
+        no = "no drift is told of" if len(still) > 1 or not told else "none is told of"
+        who = counted([j.name for j in still]) if len(still) <= 3 or told else f"any of {len(still)} filters"
+        parts.append(f"{no} {who}: less than {bound(still)}")
+    if told and found.best and len(found.best) < len(found.ranked):
+        parts.append(f"least: {some(found.best, len(found.ranked))}")
+    disagree = [j for j in found.filters if j.row.status == "ok" and j.answer.detail.get("agree") is False]
+    if disagree:
+        parts.append(f"the rests disagree for {counted([j.name for j in disagree])}: {spread(disagree)}")
+    others = [j for j in found.filters if not j.ranked and j not in disagree and j.row.status == "ok"]
+    if others:
+        parts.append(f"{counted([j.name for j in others])} {'is' if len(others) == 1 else 'are'} not ranked")
+    parts += last_named([j for j in found.filters if j.row.status != "ok"])
+    if not parts:
+        parts = [f"no filter can be ranked: {why_not(found)}"]
+    return f"{where}, {'; '.join(parts)}.{onboard_part(found, interval=True)}"
+
+
+def drifts(found: Contest, told: list[Judged]) -> str:
+    """Rows whose drift is told, the fastest first; "most" only for the row that the ranking finds worst."""
+    if len(told) == 1:
+        return f"{told[0].name} drifts {told[0].text}{told[0].interval}{changing(told[0])}"
+    if found.worst is not None and found.worst.row.name == told[0].row.name:
+        most, others = told[0], told[1:]
+        text = f"{most.name} drifts most: {most.text}{most.interval}{changing(most)}"
+        return f"{text}; {some(others, len(found.ranked))} {values(others[::-1])}"
+    return f"{some(told, len(found.ranked))} drift{'s' if len(told) == 1 else ''}, {values(told[::-1])}"
+
+
+def changing(judged: Judged) -> str:
+    """That the rate itself rises or falls."""
+    change = judged.answer.detail.get("changes")
+    return f" (the rate itself changes from {signed(change[0])} to {signed(change[1])})" if change else ""
+
+
+def signed(value: float) -> str:
+    """A drift with sign and unit."""
+    return quantity(value, "deg/min")
+
+
+def spread(judged: list[Judged]) -> str:
+    """The range over rests that do not tell one drift."""
+    ranges: list[Any] = [j.answer.detail["range"] for j in judged if j.answer.detail.get("range")]
+    low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
+    return f"{signed(low)} to {signed(high)}"
+
+
+def last_named(judged: list[Judged]) -> list[str]:
+    """Rows that lost their way: their drift is named, after all others."""
+    return [f"{j.name}, which {j.row.status.replace('_', ' ')}, {j.text}" for j in judged[:2]] + (
+        [f"{len(judged) - 2} more filters lost their way"] if len(judged) > 2 else []
     )
 
 
-def says(
-    result: Result, rest: list[Judged], air: list[Judged], rest_without: list[Absent], air_without: list[Absent]
-) -> str:
-    """A sentence for each situation that can be told, else why none can."""
-    in_air = f"In the air against {against_heading(quoted_heading_reference(result))}"
-    both = any(j.ranked for j in rest) and any(j.ranked for j in air)
-    said = [p for p in (drift_part(rest, "At rest", both), drift_part(air, in_air, both)) if p]
-    if said:
-        return " ".join(said)
-    at_rest = bool(rest) and not air
-    shown, where = (rest, "At rest") if at_rest else (air, in_air)
-    replayed = [j for j in shown if j.replay]
-    if replayed:
-        return f"{where}, {unranked_part(replayed)}." + onboard_part(shown, "deg/min")
-    if rest_without and air_without:
-        (code, why_rest), (_, why_air) = commonest(rest_without), commonest(air_without)
-        return f"Cannot be judged. At rest: {why_rest}.{switch(result, code)} In the air: {why_air}."
-    nothing = "neither a rest nor a flight is long enough"
-    return cannot(result, rest_without + air_without, nothing)
+def notes(rest: Contest) -> list[str]:
+    """Every rest with its time, what of it could be used, and what it says for one row; the earth's own turn."""
+    rows = [j.answer for j in rest.filters] or [
+        a.row.metrics[rest.window][rest.metric] for a in rest.absent if a.row.kind == "replay"
+    ]
+    if not rows:
+        return []
+    said = [f"Rest from {moment(r.t0)} to {moment(r.t1)}: {usable(r.usable_s, r.reason)}." for r in rows[0].records]
+    turn = turned(rows[0].detail)
+    return said + ([turn] if turn else [])
 
 
-def drift_part(judged: list[Judged], where: str, brief: bool) -> str:
-    """One sentence on drift in one situation, ``brief`` on what cannot be told; empty where nothing may be ranked."""
-    ranked = sorted((j for j in judged if j.ranked), key=lambda j: abs(j.value))
-    if not ranked:
-        return ""
-    drifts = [j for j in ranked if not (j.answer.ci95 and j.answer.ci95[0] <= 0 <= j.answer.ci95[1])]
-    still = [j for j in ranked if j not in drifts]
-    if not drifts:
-        who = f"of {ranked[0].name}" if len(ranked) == 1 else f"of any of {len(ranked)} filters"
-        says = f"{where}, no drift {who} is told: less than {bound(ranked)}"
-    else:
-        worst = drifts[-1]
-        says = f"{where}, {worst.name} drifts {'most: ' if len(ranked) > 1 else ''}"
-        says += f"{quantity(worst.value, 'deg/min')}{worst.interval}"
-        if still:
-            says += f"; none told of {some(still, len(ranked))}: less than {bound(still)}"
-        elif len(ranked) > 1:
-            says += f"; least: {drifts[0].name}, {quantity(drifts[0].value, 'deg/min')}{drifts[0].interval}"
-    return says + untold(judged, brief) + "." + onboard_part(judged, "deg/min")
+def usable(seconds: float, reason: str | None) -> str:
+    """How much of a rest counts."""
+    return typeset(reason) if reason else f"{duration(seconds)} usable"
 
 
-def untold(judged: list[Judged], brief: bool) -> str:
-    """Whose drift cannot be told beside those that can."""
-    unsure = [j.name for j in judged if j.replay and j.row.status == "ok" and not j.ranked]
-    lost = [j for j in judged if j.replay and j.row.status != "ok"]
-    if brief:
-        names = unsure + [j.name for j in lost]
-        return f"; {counted(names)} cannot be judged" if names else ""
-    judged_not = f"; {counted(unsure)} cannot be judged" if unsure else ""
-    return judged_not + (f"; {lost_part(lost)}" if lost else "")
-
-
-def bound(judged: list[Judged]) -> str:
-    """What the drifts of all these rows stay below: the largest end of their intervals."""
-    ends = [abs(end) for j in judged for end in (j.answer.ci95 or (j.value, j.value))]
-    return quantity(max(ends), "deg/min", signed=False)
-
-
-def unranked_part(replayed: list[Judged]) -> str:
-    """Why no filter's drift is compared: rests that disagree, or filters that lost their way."""
-    ranges = [j.answer.detail["range"] for j in replayed if j.row.status == "ok" and "range" in j.answer.detail]
-    if ranges:
-        low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
-        return f"the rests disagree: drifts from {quantity(low, 'deg/min')} to {quantity(high, 'deg/min')}"
-    lost = lost_part([j for j in replayed if j.row.status != "ok"])
-    return "no filter's drift can be ranked" + (f": {lost}" if lost else "")
-
-
-def lost_part(judged: list[Judged]) -> str:
-    """Which filters lost their way, and how."""
-    states = {state: [j.name for j in judged if j.row.status == state] for state in LOST}
-    return ", ".join(f"{counted(names)} {NOT_JUDGED[state]}" for state, names in states.items() if names)
+def turned(detail: Mapping[str, Any]) -> str:
+    """How fast the earth turns the heading of a perfect gyro."""
+    turn = detail.get("earth_turn_deg_per_min")
+    return f"The earth itself turns by {quantity(turn, 'deg/min')} here." if turn is not None else ""

@@ -1,79 +1,160 @@
-"""How much lag in a step? The pooled lag of each row that follows the reference's shape."""
+"""How late, and how wrong, is a filter in a step? The lag of each row, and the angle it is off after a movement."""
 
 from __future__ import annotations
 
-from attlog.present.names import against_whom, name_in_sentence
+from attlog.present.contest import Contest, Judged, contest
+from attlog.present.names import against_whom
 from attlog.present.numbers import counted as count
-from attlog.present.numbers import quantity
-from attlog.present.rows import AIR, find
-from attlog.present.sentences.judged import Absent, Judged, bars, counted, onboard_part, some, split, unranked
+from attlog.present.numbers import listed, number, quantity
+from attlog.present.rows import AIR, is_baseline
 from attlog.present.sentences.reasons import cannot, why_not
+from attlog.present.sentences.words import NAMED, bars, bound, counted, left_out, some, values
 from attlog.result import Result, Verdict
 
-NOT_PURE = "not_a_pure_delay"
+LAG = "lag_ms"
+STEP_DEG, STEP_PCT, AFTER = "step_error_deg.0.5s", "step_error_pct.0.5s", "0.5 s"
+NOT_PURE = ("not_a_pure_delay", "lag_at_edge")
+WRONG_PCT = 10.0
+"""From this share of the movement on a filter is called short of it or beyond it."""
+ONE_SAMPLE = (0.8, 1.2)
+SLOW_IMU_S = 0.015
+"""Lags of one sample are said to be that where samples are further apart than this."""
+SHOWN_DELAY_MS = 0.5
 
 
 def late(result: Result) -> Verdict:
-    """The verdict on lag in quick movements."""
-    judged, without = split([(row, find(row, "lag_ms", AIR)) for row in result.estimators])
-    ranked = sorted((j for j in judged if j.ranked), key=lambda j: j.value)
-    bent = [a for a in without if a.code == NOT_PURE and a.row.kind == "replay"]
-    if ranked:
-        sentence = says(result, ranked, bent) + onboard_part(judged, "ms")
-    elif bent or any(j.replay for j in judged):
-        sentence = f"No filter's lag can be judged: {why_not(result, judged, without)}."
-        sentence += (" Compare their tilt errors instead." if bent else "") + onboard_part(judged, "ms")
+    """The verdict on quick movements: who is late, and who shows a wrong angle afterwards."""
+    lag, step = contest(result, LAG, AIR), contest(result, STEP_DEG, AIR)
+    impure = [a for a in lag.absent if a.code in NOT_PURE and a.row.kind == "replay" and not is_baseline(a.row)]
+    if lag.ranked:
+        sentence = says(result, lag) + impure_part([a.row.name for a in impure], result)
+        sentence += onboard_lag(lag) + step_part(result, step)
+    elif lag.filters or impure:
+        sentence = f"No filter's lag can be judged: {why_not(lag)}.{onboard_lag(lag)}{step_part(result, step)}"
     else:
-        sentence = cannot(result, without, "the flight holds too few quick movements (3 per axis are needed)")
+        sentence = cannot(result, lag.absent, "the flight holds too few quick movements (3 per axis are needed)")
     return Verdict(
-        "late",
-        "How much lag in a step?",
-        sentence,
-        "lag_ms",
-        judged[0].answer.window if judged else "airborne",
-        bars(judged, "ms"),
-        [(a.row.name, a.reason) for a in without] + unranked(judged),
+        "late", "How late in a step?", sentence, LAG, lag.window, bars(lag), left_out(lag), notes(result, lag)
     )
 
 
-def says(result: Result, ranked: list[Judged], bent: list[Absent]) -> str:
-    """Who lags most and against what, then who does not, then whose movement is no pure delay."""
-    half = half_sample_ms(result)
-    slow = [j for j in ranked if j.value > half and not (j.answer.ci95 and j.answer.ci95[0] <= 0)]
+def says(result: Result, lag: Contest) -> str:
+    """Who lags by its interval and by how much, else below which bound none does."""
+    ranked = lag.ranked
+    slow = [j for j in ranked if j.told and j.value > zero_below(j)]
+    early = [j for j in ranked if j.told and j.value < -zero_below(j)]
+    rest = [j for j in ranked if j not in slow and j not in early]
+    against = f"against {against_whom(result)} in {count(max(j.answer.n for j in ranked), 'quick movement')}"
+    parts = []
     if slow:
-        text = most(result, ranked, slow)
+        parts.append(f"{lagging(result, lag, slow)} {against}")
+    if early:
+        parts.append(ahead(result, early, ranked) + ("" if slow else f" {against}"))
+    if rest and parts:
+        who = some(rest, len(ranked))
+        parts.append(f"{who} {'is' if len(rest) == 1 else 'are'} not measurably late: less than {bound(rest)}")
+    elif rest:
+        who = f"{rest[0].name} is not" if len(rest) == 1 else f"None of {len(rest)} filters is"
+        parts.append(f"{who} measurably late: less than {bound(rest)} {against}")
+    return ". ".join(parts) + "."
+
+
+def zero_below(judged: Judged) -> float:
+    """Lags below this count as none, ms: half an IMU sample."""
+    return float(judged.answer.detail.get("counts_as_zero_below") or 0.0)
+
+
+def lagging(result: Result, lag: Contest, slow: list[Judged]) -> str:
+    """Rows that are told late, the latest first; "most" only for the row that the ranking finds worst."""
+    slowest = slow[::-1]
+    if len(slow) == 1:
+        return f"{slow[0].name} lags by {slow[0].text}{slow[0].interval}{sample(result, slow[0])}"
+    if lag.worst is not None and lag.worst.row.name == slowest[0].row.name:
+        most, others = slowest[0], slowest[1:]
+        text = f"{most.name} lags most: {most.text}{most.interval}{sample(result, most)}"
+        return f"{text}; {some(others, len(lag.ranked))} by {values(others[::-1])}"
+    return f"{some(slow, len(lag.ranked))} lag by {values(slow)}"
+
+
+def sample(result: Result, judged: Judged) -> str:
+    """That a lag is one sample of a slow log, which is as late as a filter that uses the newest sample can be."""
+    rate = float((result.log.get("imu") or {}).get("rate_hz") or 0.0)
+    if rate <= 0 or 1.0 / rate < SLOW_IMU_S or not ONE_SAMPLE[0] <= judged.value * rate / 1000.0 <= ONE_SAMPLE[1]:
+        return ""
+    return f", one sample of this log's {number(rate, 'Hz')} Hz IMU,"
+
+
+def ahead(result: Result, early: list[Judged], ranked: list[Judged]) -> str:
+    """Rows that come before what they are compared with: if all filters do, that itself is late."""
+    who = some(early, len(ranked))
+    text = f"{who} {'is' if len(early) == 1 else 'are'} ahead by {values(early)}"
+    flew = result.reference is not None and result.reference.choice == "onboard"
+    return f"{text}, so that the onboard attitude is the late one" if flew and len(early) == len(ranked) > 1 else text
+
+
+def impure_part(names: list[str], result: Result) -> str:
+    """Whose lag cannot be told because it goes through the movement in another shape."""
+    if not names:
+        return ""
+    called = [j.name for j in contest(result, STEP_DEG, AIR).judged if j.row.name in names]
+    who = counted(called) if len(called) == len(names) else count(len(names), "filter")
+    verb = "does" if len(names) == 1 else "do"
+    return f" {who} {verb} not follow as a pure delay would, so {'its' if len(names) == 1 else 'their'} lag is not told."
+
+
+def onboard_lag(lag: Contest) -> str:
+    """The lag of what flew, where something better is the reference."""
+    flew = lag.onboard
+    return f" Onboard: {flew.text}{flew.interval}." if flew is not None else ""
+
+
+def step_part(result: Result, step: Contest) -> str:
+    """How wrong the angle is after a movement: who is short of it, and how far the others are off."""
+    filters = [j for j in step.filters if j.row.status == "ok"]
+    if not filters:
+        return ""
+    percent = {j.row.name: share(j, step.window) for j in filters}
+    wrong = [j for j in filters if abs(percent[j.row.name]) >= WRONG_PCT][::-1]
+    others = [j for j in filters if j not in wrong]
+    if wrong and len(wrong) <= NAMED:
+        said = listed([f"{j.name} is still {short(percent[j.row.name])} ({j.text})" for j in wrong])
+        said += f"; {off(others)}" if others else ""
+    elif wrong:
+        least, most = (f(abs(percent[j.row.name]) for j in wrong) for f in (min, max))
+        said = f"{len(wrong)} of {len(filters)} filters are still {number(least, '%')} to {quantity(most, '%')} off"
+        said += f"; {off(others)}" if others else ""
     else:
-        names = [j.name for j in ranked]
-        none = f"Of {counted(names)} none lags" if len(names) > 1 else f"{names[0]} does not lag"
-        text = f"{none if bent else 'No filter lags'} measurably"
-        text += f" against {against_whom(result)} over {count(max(j.answer.n for j in ranked), 'step')}"
-        text += f"; less than {half:.2g} ms, half an IMU sample, counts as zero." if half else "."
-    return text + (f" {bent_part(bent, result)}." if bent else "")
+        said = off(others)
+    told = f", {some(step.best, len(step.ranked))} least" if step.best else ""
+    return f" {AFTER} after it {said}{told}."
 
 
-def half_sample_ms(result: Result) -> float:
-    """Half an IMU sample: a lag below it counts as zero."""
-    rate = (result.log.get("imu") or {}).get("rate_hz") or 0.0
-    return 500.0 / rate if rate > 0 else 0.0
+def share(judged: Judged, window: str) -> float:
+    """The error as a signed share of the movement, %; 0 where it is not told."""
+    answer = judged.row.metrics.get(window, {}).get(STEP_PCT)
+    return 0.0 if answer is None or answer.value is None else answer.value
 
 
-def most(result: Result, ranked: list[Judged], slow: list[Judged]) -> str:
-    """The largest lag with its interval, and the other end."""
-    worst = slow[-1]
-    text = f"{worst.name} lags {'most: ' if len(ranked) > 1 else ''}"
-    text += f"{quantity(worst.value, 'ms')}{worst.interval} against {against_whom(result)}"
-    text += f" over {count(worst.answer.n, 'step')}."
-    others = [j for j in ranked if j not in slow]
-    if others:
-        return text + f" {some(others, len(ranked))} {'does' if len(others) == 1 else 'do'} not lag measurably."
-    if len(ranked) > 1:
-        text += f" Least: {ranked[0].name}, {quantity(ranked[0].value, 'ms')}{ranked[0].interval}."
-    return text
+def short(percent: float) -> str:
+    """How much of the movement is missing or too much."""
+    return f"{quantity(abs(percent), '%')} {'short' if percent < 0 else 'too far'}"
 
 
-def bent_part(bent: list[Absent], result: Result) -> str:
-    """How many rows go through the movement at a wrong angle, and what that means for their lag."""
-    of = sum(row.kind == "replay" for row in result.estimators)
-    who = f"{len(bent)} of {of}" if len(bent) > 1 else name_in_sentence(bent[0].row)
-    verb = "show" if len(bent) > 1 else "shows"
-    return f"{who} {verb} a wrong angle in the movement, which is not a pure delay"
+def off(judged: list[Judged]) -> str:
+    """How far rows are off, in degrees."""
+    least_first = sorted(judged, key=lambda j: j.value)
+    if len(judged) <= NAMED:
+        return f"{listed([j.name for j in least_first])} {'is' if len(judged) == 1 else 'are'} off by {values(least_first)}"
+    return f"{len(judged)} filters are off by {values(least_first)}"
+
+
+def notes(result: Result, lag: Contest) -> list[str]:
+    """The delay of the logged sensors, which is no filter's fault."""
+    told = [row.metrics.get(lag.window, {}).get(LAG) for row in result.estimators if row.kind == "replay"]
+    delays = [float(a.detail["input_delay_ms"]) for a in told if a is not None and "input_delay_ms" in a.detail]
+    if not delays:
+        return []
+    delay = max(delays, key=abs)
+    if abs(delay) < SHOWN_DELAY_MS:
+        return ["No delay of the logged IMU is known; lags are taken as they are."]
+    return [f"The logged IMU itself comes {quantity(delay, 'ms', signed=False)} late; that is not counted as lag."]

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 
+from attlog.present.contest import Absent, Contest, why_unranked
 from attlog.present.names import NOT_JUDGED, name_in_sentence
-from attlog.present.sentences.judged import Absent, Judged, counted
+from attlog.present.rows import is_baseline
+from attlog.present.sentences.words import counted, why_absent
+from attlog.present.text import typeset
 from attlog.result import Result
 
 ADVICE = {
@@ -18,7 +21,7 @@ ADVICE = {
 def cannot(result: Result, without: list[Absent], nothing: str) -> str:
     """The sentence for a question that no row answers: the commonest reason and what a pilot can do."""
     code, reason = commonest(without)
-    flew = (result.log.get("seconds") or {}).get("airborne") != 0
+    flew = ((result.log.get("seconds") or {}).get("airborne") or 0.0) > 0
     advice = f" {ADVICE[code]}" if code in ADVICE and flew else ""
     return f"Cannot be judged: {reason or nothing}.{switch(result, code)}{advice}"
 
@@ -26,28 +29,32 @@ def cannot(result: Result, without: list[Absent], nothing: str) -> str:
 def switch(result: Result, code: str) -> str:
     """How this vehicle would log its rest before arming, as a sentence after a blank; empty for other codes."""
     advice = str((result.log.get("advice") or {}).get("rest") or "")
-    return f" {advice}" if advice and code in ("no_rest", "rest_too_short") else ""
+    return f" {advice.rstrip('.')}." if advice and code in ("no_rest", "rest_too_short") else ""
 
 
 def commonest(without: list[Absent]) -> tuple[str, str]:
-    """Code and reason that most rows give, rows to which the question does not apply only if there are no others."""
-    reasons = Counter((a.code, a.reason) for a in without if a.reason and a.code != "not_applicable")
-    reasons = reasons or Counter((a.code, a.reason) for a in without if a.reason)
+    """Code and reason that most filters give; the baseline, what flew and what does not apply only without others."""
+    filters = [a for a in without if a.row.kind == "replay" and not is_baseline(a.row)]
+    given = [(a.code, why_absent(a.row, a.reason)) for a in filters or without]
+    reasons = Counter((code, reason) for code, reason in given if reason and code != "not_applicable")
+    reasons = reasons or Counter((code, reason) for code, reason in given if reason)
     if not reasons:
         return "", ""
     code, reason = reasons.most_common(1)[0][0]
-    reason = reason.rstrip(".")
+    reason = typeset(reason.rstrip("."))
     return code, reason[0].lower() + reason[1:] if reason[:2].istitle() else reason
 
 
-def why_not(result: Result, judged: list[Judged], without: list[Absent]) -> str:
-    """Who is not judged and why in few words, filters with the same reason together."""
+def why_not(found: Contest) -> str:
+    """Who is not ranked and why in few words, filters with the same reason together."""
     groups: dict[str, list[str]] = {}
-    codes = {a.row.name: a.code for a in without} | {j.row.name: "unranked" for j in judged if not j.ranked}
-    for row in result.estimators:
-        if row.kind == "replay" and row.name in codes:
-            reason = next((j.answer.reason for j in judged if j.row is row), None) or ""
-            short = NOT_JUDGED.get(codes[row.name]) or reason.partition(":")[0].partition(";")[0] or "not ranked"
-            groups.setdefault(NOT_JUDGED.get(row.status, short), []).append(name_in_sentence(row))
+    for judged in found.filters:
+        if not judged.ranked:
+            short = why_unranked(judged).partition(":")[0].partition(";")[0].partition(",")[0]
+            groups.setdefault(NOT_JUDGED.get(judged.row.status, typeset(short)), []).append(judged.name)
+    for absent in found.absent:
+        if absent.row.kind == "replay" and not is_baseline(absent.row):
+            short = NOT_JUDGED.get(absent.row.status) or NOT_JUDGED.get(absent.code) or typeset(absent.reason)
+            groups.setdefault(short, []).append(name_in_sentence(absent.row))
     several = {why: why.replace("does not", "do not") if len(names) > 1 else why for why, names in groups.items()}
     return ", ".join(f"{counted(names)} ({several[why]})" for why, names in groups.items())

@@ -1,0 +1,82 @@
+"""Which filter is closest to what all are compared with? The tilt error of each row, and its heading error."""
+
+from __future__ import annotations
+
+from attlog.present.contest import Contest, contest
+from attlog.present.names import against_whom
+from attlog.present.rows import AIR
+from attlog.present.sentences.reasons import cannot, why_not
+from attlog.present.sentences.words import Words, bars, last, leading, left_out, lost, lost_part, onboard_part, values
+from attlog.result import Result, Verdict
+
+TILT, HEADING = "inclination_rmse_deg", "heading_rmse_deg"
+
+
+def closest(result: Result) -> Verdict:
+    """The verdict on errors: in flight where there is any, else over the whole log."""
+    tilt = contest(result, TILT, AIR)
+    heading = contest(result, HEADING, (tilt.window,))
+    if tilt.ranked:
+        sentence = says(result, tilt, heading)
+    elif tilt.filters:
+        sentence = f"No filter can be ranked: {why_not(tilt)}.{onboard_part(tilt)}"
+    else:
+        sentence = cannot(result, tilt.absent, "the log holds no attitude to compare with")
+    return Verdict(
+        "closest", title(result), sentence, TILT, tilt.window, bars(tilt), left_out(tilt), notes(result, tilt)
+    )
+
+
+def title(result: Result) -> str:
+    """The question: agreement with what flew is no truth."""
+    whom = result.reference.choice if result.reference else ""
+    return "Which filter is closest?" if whom != "onboard" else "Which filter agrees best with onboard?"
+
+
+def says(result: Result, tilt: Contest, heading: Contest) -> str:
+    """Who is closest in tilt and who is farthest, then the same of the heading, then who lost its way."""
+    agrees = result.reference is not None and result.reference.choice == "onboard"
+    text = leading(tilt, tilt_words(result, agrees=agrees)) + "."
+    text += last(tilt, tilt_words(result, agrees=agrees))
+    text += heading_part(tilt, heading)
+    gone = lost_part(lost(result))
+    if tilt.onboard is not None:
+        flew = heading.onboard
+        text += f" Onboard: {tilt.onboard.text}{f', heading {flew.text}' if flew is not None else ''}."
+    return text + (f" {gone}." if gone else "")
+
+
+def tilt_words(result: Result, *, agrees: bool) -> Words:
+    """How the tilt error is spoken of: against the onboard attitude it is agreement, not truth."""
+    whom = against_whom(result)
+    if agrees:
+        return Words(
+            f"agrees best in tilt with {whom}", f"agree best in tilt with {whom}", "agrees least",
+            f"is the only filter to compare in tilt with {whom}: ", f"compared in tilt with {whom}",
+        )  # fmt: skip
+    return Words(
+        f"is closest in tilt to {whom}", f"are closest in tilt to {whom}", "is farthest",
+        f"is the only filter to compare in tilt with {whom}: ", f"compared in tilt with {whom}",
+    )  # fmt: skip
+
+
+def heading_part(tilt: Contest, heading: Contest) -> str:
+    """The heading error: who leads where it is ranked, else that of the rows that lead in tilt."""
+    if heading.ranked:
+        words = Words("is closest", "are closest", "is farthest", "alone can be compared: ", "compared")
+        return f" In heading {leading(heading, words)}.{last(heading, words)}"
+    leaders = tilt.best or tilt.ranked
+    beside = [j for j in (heading.of(leader.row) for leader in leaders) if j is not None]
+    if not beside:
+        return ""
+    if len(beside) == 1:
+        return f" Its heading is off by {values(beside)}{beside[0].interval}, not ranked."
+    return f" Their headings are off by {values(sorted(beside, key=lambda j: j.value))}, not ranked."
+
+
+def notes(result: Result, tilt: Contest) -> list[str]:
+    """What an error means here, and over which part of the log."""
+    seconds = max((j.answer.seconds for j in tilt.filters), default=0.0)
+    where = "in the air" if tilt.window == "airborne" else "over the whole log" if tilt.window == "all" else "armed"
+    over = [f"RMS error {where}, {seconds:.0f} s."] if seconds else []
+    return ([result.reference.text] if result.reference else []) + over
