@@ -44,6 +44,6 @@ def reasons(verdict: Verdict, names: Mapping[str, str], filters: set[str]) -> li
 
 def lead_and_tail(sentence: str) -> tuple[str, str]:
     """The part of a verdict that is set in bold, up to the first full stop or semicolon, and the rest."""
-    nothing = sentence.startswith(("No ", "Cannot "))
+    nothing = sentence.startswith(("No filter can", "No filter's", "Cannot "))
     end = re.search(r"[.;:](?= |$)" if nothing else r"[.;](?= |$)", sentence)
     return (sentence[: end.end()], sentence[end.end() :].strip()) if end else (sentence, "")

@@ -26,7 +26,7 @@ class Column:
 
 
 NOISE = "noise_tilt_deg"
-NOISE_TITLES = {"rest": "Noise at rest", "hover": "Noise in hover", "cruise": "Noise in flight", "idle": "Noise idling"}
+NOISE_TITLES = {"rest": "Noise at rest", "hover": "Noise in hover", "cruise": "Noise moving", "idle": "Noise idling"}
 
 ERRORS = (
     Column("Tilt error RMS", "inclination_rmse_deg", AIR, spare=1),

@@ -9,6 +9,7 @@ from attlog.present.numbers import SIGNED, interval, quantity
 from attlog.present.rows import has_value, is_baseline, is_best, is_ranked, value_of, window_of
 from attlog.result import Answer, EstimatorRow, Result
 
+THE_BASELINE = "the gyro alone, shown for comparison"
 NOT_COMPARED = "too little of what it was measured on is shared with the other filters"
 
 
@@ -134,6 +135,8 @@ def contest(result: Result, metric: str, windows: tuple[str, ...]) -> Contest:
 
 def why_unranked(judged: Judged) -> str:
     """Why a value is shown and not ranked."""
+    if is_baseline(judged.row):
+        return THE_BASELINE
     if judged.row.status != "ok":
         return judged.row.reason or judged.row.status.replace("_", " ")
     return judged.answer.reason or NOT_COMPARED

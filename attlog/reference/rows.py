@@ -84,8 +84,11 @@ def _measure(row: Row, segments: Segments, reference: Reference, free_heading: b
     if not good.any():
         row.status, row.reason = "failed", "no finite attitude at all"
     elif len(lost):
-        row.status = "diverged"
-        row.reason = f"{len(lost)} attitudes are not finite, the first at {row.t[lost[0]]:.1f} s"
+        bad = np.flatnonzero(~good & (row.t > first))
+        for_good = not good[lost[0] :].any()
+        row.status = "failed" if for_good else "diverged"
+        often = "" if for_good else f"{len(bad)} times "
+        row.reason = f"returned NaN {often}from {row.t[bad[0]]:.1f} s on"
     return row
 
 

@@ -66,6 +66,7 @@ def row(name: str, i: int, **changes: object) -> EstimatorRow:
         },
         metrics={
             "rest": {
+                "noise_tilt_deg": answer(noise, "deg", "rest", noise / 10),
                 "noise_roll_deg": answer(noise, "deg", "rest", noise / 10),
                 "noise_pitch_deg": answer(noise * 0.9, "deg", "rest", noise / 10),
                 "noise_heading_deg": answer(noise * 2, "deg", "rest", noise / 10),
@@ -73,6 +74,8 @@ def row(name: str, i: int, **changes: object) -> EstimatorRow:
             },
             "airborne": {
                 "lag_ms": lag_answer,
+                "step_error_deg.0.5s": answer((0.2, 12.7, 8.0, 1.5, 0.4)[i % 5], "deg", "airborne", 0.1),
+                "step_error_pct.0.5s": answer((0.4, -51.8, -25.2, -4.8, 1.6)[i % 5], "%", "airborne", 1.0),
                 "lag_roll_ms": lag_answer,
                 "step_gain": gain,
                 "step_gain_roll": gain,
@@ -112,6 +115,7 @@ def onboard() -> EstimatorRow:
         ns_per_update=None,
         metrics={
             "rest": {
+                "noise_tilt_deg": answer(0.012, "deg", "rest", 0.001),
                 "noise_roll_deg": answer(0.012, "deg", "rest", 0.001),
                 "noise_pitch_deg": answer(0.011, "deg", "rest", 0.001),
                 "noise_heading_deg": answer(0.02, "deg", "rest", 0.001),
@@ -195,6 +199,11 @@ def sensors(t: np.ndarray) -> list[Trace]:
         Trace("throttle", "", second, {"throttle": 50.0 * ((second > AIR[0]) & (second < AIR[1]))}),
         Trace("rest_bias", "", np.array([25.0]), {a: np.array([0.2]) for a in "xyz"}),
     ]
+
+
+def _is_compared(row: EstimatorRow, metric: str, window: str) -> bool:
+    found = row.metrics.get(window, {}).get(metric)
+    return row.kind == "replay" and row.name != "gyro" and found is not None and found.value is not None
 
 
 def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Result:
@@ -291,11 +300,18 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
         },
         best={
             "rest": {
-                "noise_roll_deg": ["gyro", "vqf", "mahony@xu-0.6"],
-                "noise_pitch_deg": ["gyro", "vqf", "mahony@xu-0.6"],
-                "drift_rest_deg_per_min": ["mahony@xu-0.6", "vqf"],
+                "noise_tilt_deg": ["vqf", "mahony@xu-0.6"],
+                "drift_rest_deg_per_min": ["mahony@xu-0.6", "madgwick@marg", "vqf"],
             },
-            "airborne": {"lag_ms": ["gyro", "vqf"], "inclination_rmse_deg": ["gyro"]},
+            "airborne": {"lag_ms": ["vqf"], "inclination_rmse_deg": ["complementary@fan"]},
+        },
+        worst={"rest": {"noise_tilt_deg": ["madgwick@marg"]}, "airborne": {"lag_ms": ["mahony@xu-0.6"]}},
+        ranked={
+            window: {
+                metric: [r.name for r in rows if _is_compared(r, metric, window)]
+                for metric in dict.fromkeys(m for r in rows for m in r.metrics.get(window, {}))
+            }
+            for window in ("rest", "airborne", "all")
         },
         timing={"read": 0.21, "estimators": 0.33},
         traces=traces(names) if with_traces else [],

@@ -4,9 +4,21 @@ from __future__ import annotations
 
 from attlog.present.contest import Contest, contest
 from attlog.present.names import against_whom
+from attlog.present.numbers import duration, listed
 from attlog.present.rows import AIR
-from attlog.present.sentences.reasons import cannot, why_not
-from attlog.present.sentences.words import Words, bars, last, leading, left_out, lost, lost_part, onboard_part, values
+from attlog.present.sentences.reasons import cannot
+from attlog.present.sentences.words import (
+    NAMED,
+    Words,
+    bars,
+    last,
+    leading,
+    left_out,
+    lost,
+    lost_part,
+    single,
+    values,
+)
 from attlog.result import Result, Verdict
 
 TILT, HEADING = "inclination_rmse_deg", "heading_rmse_deg"
@@ -19,7 +31,7 @@ def closest(result: Result) -> Verdict:
     if tilt.ranked:
         sentence = says(result, tilt, heading)
     elif tilt.filters:
-        sentence = f"No filter can be ranked: {why_not(tilt)}.{onboard_part(tilt)}"
+        sentence = unranked(result, tilt, heading)
     else:
         sentence = cannot(result, tilt.absent, "the log holds no attitude to compare with")
     return Verdict(
@@ -38,40 +50,61 @@ def says(result: Result, tilt: Contest, heading: Contest) -> str:
     agrees = result.reference is not None and result.reference.choice == "onboard"
     text = leading(tilt, tilt_words(result, agrees=agrees)) + "."
     text += last(tilt, tilt_words(result, agrees=agrees))
-    text += heading_part(tilt, heading)
+    text += heading_part(tilt, heading) + flew(tilt, heading)
     gone = lost_part(lost(result))
-    if tilt.onboard is not None:
-        flew = heading.onboard
-        text += f" Onboard: {tilt.onboard.text}{f', heading {flew.text}' if flew is not None else ''}."
     return text + (f" {gone}." if gone else "")
 
 
 def tilt_words(result: Result, *, agrees: bool) -> Words:
     """How the tilt error is spoken of: against the onboard attitude it is agreement, not truth."""
     whom = against_whom(result)
+    alone, close = f"is the only filter to compare in tilt with {whom}", f" in tilt against {whom}"
     if agrees:
-        return Words(
-            f"agrees best in tilt with {whom}", f"agree best in tilt with {whom}", "agrees least",
-            f"is the only filter to compare in tilt with {whom}: ", f"compared in tilt with {whom}",
-        )  # fmt: skip
-    return Words(
-        f"is closest in tilt to {whom}", f"are closest in tilt to {whom}", "is farthest",
-        f"is the only filter to compare in tilt with {whom}: ", f"compared in tilt with {whom}",
-    )  # fmt: skip
+        one, several = (f"{verb} best in tilt with {whom}" for verb in ("agrees", "agree"))
+        return Words(one, several, "agrees least", alone, close)
+    return Words(f"is closest in tilt to {whom}", f"are closest in tilt to {whom}", "is farthest", alone, close)
+
+
+def unranked(result: Result, tilt: Contest, heading: Contest) -> str:
+    """The errors where no filter was compared with another: all of them lost, or too little time."""
+    whom = against_whom(result)
+    sound = [j for j in tilt.filters if j.row.status == "ok"]
+    if not sound:
+        who = f"All {len(tilt.filters)} filters" if len(tilt.filters) > 1 else tilt.filters[0].name
+        end = "either they or the onboard attitude is wrong" if "onboard" in whom else "none can be judged"
+        return f"{who} diverged from {whom}: {end}.{flew(tilt, heading)}"
+    seconds = duration(max(j.answer.seconds for j in sound))
+    spread = f"{values(sound)} against {whom}"
+    if len(sound) <= NAMED:
+        spread = f"{listed([f'{j.name} {j.text}{j.interval}' for j in sound])} against {whom}"
+    text = f"Filters cannot be ranked over {seconds}: tilt errors are {spread}."
+    beside = [j for j in (heading.of(one.row) for one in sound) if j is not None]
+    text += f" Heading errors are {values(beside, named=False)}." if beside else ""
+    gone = lost_part(lost(result))
+    return text + flew(tilt, heading) + (f" {gone}." if gone else "")
+
+
+def flew(tilt: Contest, heading: Contest) -> str:
+    """The errors of the attitude that flew, where something better is the reference."""
+    if tilt.onboard is None:
+        return ""
+    return f" Onboard: {tilt.onboard.text}{f', heading {heading.onboard.text}' if heading.onboard else ''}."
 
 
 def heading_part(tilt: Contest, heading: Contest) -> str:
     """The heading error: who leads where it is ranked, else that of the rows that lead in tilt."""
     if heading.ranked:
-        words = Words("is closest", "are closest", "is farthest", "alone can be compared: ", "compared")
+        words = Words("is closest", "are closest", "is farthest", "alone can be compared")
+        if not heading.best and len(heading.ranked) > 1:
+            return f" No heading is told apart from the others: {values(heading.ranked, named=False)}."
         return f" In heading {leading(heading, words)}.{last(heading, words)}"
     leaders = tilt.best or tilt.ranked
     beside = [j for j in (heading.of(leader.row) for leader in leaders) if j is not None]
     if not beside:
         return ""
     if len(beside) == 1:
-        return f" Its heading is off by {values(beside)}{beside[0].interval}, not ranked."
-    return f" Their headings are off by {values(sorted(beside, key=lambda j: j.value))}, not ranked."
+        return f" Its heading is off by {single(beside[0])}, not ranked."
+    return f" Their headings are off by {values(beside, named=bool(tilt.best))}, not ranked."
 
 
 def notes(result: Result, tilt: Contest) -> list[str]:

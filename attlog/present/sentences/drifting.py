@@ -8,7 +8,7 @@ from typing import Any
 from attlog.present.contest import Contest, Judged, contest
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
 from attlog.present.names import against_heading
-from attlog.present.numbers import duration, moment, quantity
+from attlog.present.numbers import below, duration, moment, quantity
 from attlog.present.rows import AIR, REST
 from attlog.present.sentences.reasons import cannot, commonest, switch, why_not
 from attlog.present.sentences.words import bars, bound, counted, left_out, onboard_part, some, values
@@ -16,6 +16,7 @@ from attlog.present.text import typeset
 from attlog.result import Result, Verdict
 
 DRIFT_REST = "drift_rest_deg_per_min"
+BOUNDS_DIFFER = 3.0
 SITUATIONS = ("at rest", "in the air")
 """Where the heading may drift; reasons of this question start with it."""
 
@@ -65,7 +66,7 @@ def drift_part(found: Contest, where: str) -> str:
     if still:
         no = "no drift is told of" if len(still) > 1 or not told else "none is told of"
         who = counted([j.name for j in still]) if len(still) <= 3 or told else f"any of {len(still)} filters"
-        parts.append(f"{no} {who}: less than {bound(still)}")
+        parts.append(f"{no} {who}: less than {bounds(still)}")
     if told and found.best and len(found.best) < len(found.ranked):
         parts.append(f"least: {some(found.best, len(found.ranked))}")
     disagree = [j for j in found.filters if j.row.status == "ok" and j.answer.detail.get("agree") is False]
@@ -88,7 +89,15 @@ def drifts(found: Contest, told: list[Judged]) -> str:
         most, others = told[0], told[1:]
         text = f"{most.name} drifts most: {most.text}{most.interval}{changing(most)}"
         return f"{text}; {some(others, len(found.ranked))} {values(others[::-1])}"
-    return f"{some(told, len(found.ranked))} drift{'s' if len(told) == 1 else ''}, {values(told[::-1])}"
+    return f"{some(told, len(found.ranked))} drift: {values(told)}"
+
+
+def bounds(still: list[Judged]) -> str:
+    """What these drifts stay below; where the bounds of filters differ much, the range of bounds."""
+    ends = sorted((max(map(abs, j.ends)) for j in still))
+    if ends[-1] <= BOUNDS_DIFFER * ends[0]:
+        return bound(still)
+    return f"{below(ends[0], 'deg/min')} to {below(ends[-1], 'deg/min')}, depending on the filter"
 
 
 def changing(judged: Judged) -> str:

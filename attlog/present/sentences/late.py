@@ -51,7 +51,7 @@ def says(result: Result, lag: Contest) -> str:
     if early:
         parts.append(ahead(result, early, ranked) + ("" if slow else f" {against}"))
     if rest and parts:
-        who = some(rest, len(ranked))
+        who = some(rest, len(ranked)) if len(rest) <= NAMED else f"The other {len(rest)} filters"
         parts.append(f"{who} {'is' if len(rest) == 1 else 'are'} not measurably late: less than {bound(rest)}")
     elif rest:
         who = f"{rest[0].name} is not" if len(rest) == 1 else f"None of {len(rest)} filters is"
@@ -115,18 +115,28 @@ def step_part(result: Result, step: Contest) -> str:
         return ""
     percent = {j.row.name: share(j, step.window) for j in filters}
     wrong = [j for j in filters if abs(percent[j.row.name]) >= WRONG_PCT][::-1]
-    others = [j for j in filters if j not in wrong]
-    if wrong and len(wrong) <= NAMED:
-        said = listed([f"{j.name} is still {short(percent[j.row.name])} ({j.text})" for j in wrong])
-        said += f"; {off(others)}" if others else ""
-    elif wrong:
-        least, most = (f(abs(percent[j.row.name]) for j in wrong) for f in (min, max))
-        said = f"{len(wrong)} of {len(filters)} filters are still {number(least, '%')} to {quantity(most, '%')} off"
-        said += f"; {off(others)}" if others else ""
-    else:
-        said = off(others)
-    told = f", {some(step.best, len(step.ranked))} least" if step.best else ""
-    return f" {AFTER} after it {said}{told}."
+    least = [j for j in step.best if j not in wrong]
+    others = [j for j in filters if j not in wrong and j not in least]
+    parts = [still(wrong, percent, len(filters))] if wrong else []
+    if least:
+        are = "is" if len(least) == 1 else "are"
+        parts.append(f"{some(least, len(filters))} {are} least off, {values(least)}")
+    parts += [off(others, all_of_them=not wrong and not least)] if others else []
+    return f" {AFTER} after a movement {'; '.join(parts)}."
+
+
+def still(wrong: list[Judged], percent: dict[str, float], of: int) -> str:
+    """Rows that show too little or too much of the movement, the largest error first."""
+    if len(wrong) > NAMED:
+        shares = sorted(abs(percent[j.row.name]) for j in wrong)
+        ends = f"{number(shares[0], '%')} to {quantity(shares[-1], '%')}"
+        return f"{len(wrong)} of {of} filters are still off by {ends} of it ({values(wrong)})"
+    said = []
+    for k, j in enumerate(wrong):
+        same = k > 0 and (percent[j.row.name] < 0) == (percent[wrong[k - 1].row.name] < 0)
+        text = quantity(abs(percent[j.row.name]), "%") if same else short(percent[j.row.name])
+        said.append(f"{j.name} {'' if same else 'is still '}{text} ({j.text})")
+    return listed(said)
 
 
 def share(judged: Judged, window: str) -> float:
@@ -140,12 +150,11 @@ def short(percent: float) -> str:
     return f"{quantity(abs(percent), '%')} {'short' if percent < 0 else 'too far'}"
 
 
-def off(judged: list[Judged]) -> str:
+def off(judged: list[Judged], *, all_of_them: bool) -> str:
     """How far rows are off, in degrees."""
-    least_first = sorted(judged, key=lambda j: j.value)
     if len(judged) <= NAMED:
-        return f"{listed([j.name for j in least_first])} {'is' if len(judged) == 1 else 'are'} off by {values(least_first)}"
-    return f"{len(judged)} filters are off by {values(least_first)}"
+        return f"{listed([j.name for j in judged])} {'is' if len(judged) == 1 else 'are'} off by {values(judged)}"
+    return f"{'all' if all_of_them else 'the other'} {len(judged)} filters are off by {values(judged)}"
 
 
 def notes(result: Result, lag: Contest) -> list[str]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from attlog.present.contest import Contest, Judged, contest
+from attlog.present.contest import Contest, contest
 from attlog.present.numbers import counted as count
-from attlog.present.numbers import listed
 from attlog.present.rows import AIR, PHASES
 from attlog.present.sentences.closest import TILT
 from attlog.present.sentences.reasons import cannot, why_not
@@ -12,11 +11,11 @@ from attlog.present.sentences.words import Words, bars, last, leading, left_out,
 from attlog.result import Result, Verdict
 
 NOISE = "noise_tilt_deg"
-SIGMA = " (1 sigma within 5 s)"
-WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in other flight", "idle": "with motors idling"}
+SIGMA = "1 sigma within 5 s"
+WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
 """Phases in words; flight other than hover is ``cruise``."""
 
-WORDS = Words("wanders least", "wander least", "wanders most", "wanders ", "alike")
+WORDS = Words("wanders least", "wander least", "wanders most", "is the only filter to be ranked")
 
 
 def quiet(result: Result) -> Verdict:
@@ -39,7 +38,7 @@ def quiet(result: Result) -> Verdict:
 def says(result: Result, ranked: list[Contest]) -> str:
     """Who wanders least in the first phase, what its tilt is worth, who wanders most, then the other phases."""
     lead = ranked[0]
-    text = leading(lead, WORDS, f"{SIGMA} {WHERE[lead.window]}") + beside(result, lead) + "."
+    text = leading(lead, WORDS, SIGMA, f" {WHERE[lead.window]}") + beside(result, lead) + "."
     text += last(lead, WORDS)
     others = [f"{WHERE[found.window]} {clause(found)}" for found in ranked[1:]]
     return text + (f" {others[0][0].upper()}{'; '.join(others)[1:]}." if others else "")
@@ -52,15 +51,7 @@ def beside(result: Result, lead: Contest) -> str:
     errors = [j for j in (tilt.of(leader.row) for leader in leaders) if j is not None]
     if not errors:
         return ""
-    if len(errors) == 1:
-        return f"; its tilt error is {errors[0].text}"
-    return f"; their tilt errors are {in_order(errors)}"
-
-
-def in_order(errors: list[Judged]) -> str:
-    """Errors in the order of the names before them; the range where those are counted."""
-    listing = listed([j.text for j in errors])
-    return listing if len(errors) <= 3 else values(sorted(errors, key=lambda j: j.value))
+    return f"; its tilt error is {errors[0].text}" if len(errors) == 1 else f"; their tilt errors are {values(errors)}"
 
 
 def clause(found: Contest) -> str:
@@ -68,7 +59,7 @@ def clause(found: Contest) -> str:
     if len(found.ranked) == 1:
         return f"{found.ranked[0].name} {found.ranked[0].text}"
     if not found.best:
-        return f"too close to rank, {values(found.ranked) if len(found.ranked) > 3 else in_order(found.ranked)}"
+        return f"not told apart, {values(found.ranked, named=False)}"
     return f"{some(found.best, len(found.ranked))} least, {values(found.best)}"
 
 

@@ -1,28 +1,24 @@
-"""Is the log itself so wrong that its verdicts mean nothing? Then each card says that first."""
+"""Is a sensor so wrong that no verdict on this log means anything? Then each card says that first."""
 
 from __future__ import annotations
 
-import re
-
 from attlog.present.text import typeset
-from attlog.result import Problem, Result, Verdict
+from attlog.result import Check, Result, Verdict
 
-NOT_OF_THE_LOG = ("estimator_failed",)
-"""Problems of severity error that concern one filter, not the flight."""
-FIRST = re.compile(r"[.:;](?= |$)")
+SPOILING = {"gyro bias": "the gyro is wrong", "gravity": "the accelerometer is wrong"}
+"""Checks of the sensors that every filter lives on, and what a bad one means."""
 
 
-def spoiling(result: Result) -> Problem | None:
-    """The first severe problem of the log, None where its data can be used."""
-    return next((p for p in result.problems if p.severity == "error" and p.code not in NOT_OF_THE_LOG), None)
+def spoiling(result: Result) -> Check | None:
+    """The first bad check of a sensor that every filter lives on, None where both can be used."""
+    return next((check for check in result.audit if check.verdict == "bad" and check.name in SPOILING), None)
 
 
 def spoiled(result: Result, verdict: Verdict) -> Verdict:
-    """The verdict, led by what is severely wrong with the log if anything is."""
-    problem = spoiling(result)
-    if problem is not None:
-        text = typeset(problem.text)
-        end = FIRST.search(text)
-        cause = text[: end.start()] if end else text
-        verdict.sentence = f"Do not rely on this: {cause}. {verdict.sentence}"
+    """The verdict, led by what is wrong with the sensors if anything is."""
+    check = spoiling(result)
+    if check is not None:
+        found = typeset(check.text.rstrip("."))
+        found = found[0].lower() + found[1:] if found[:2].istitle() else found
+        verdict.sentence = f"Do not rely on this, {SPOILING[check.name]}: {found}. {verdict.sentence}"
     return verdict

@@ -19,32 +19,41 @@ LOST = ("diverged", "not_converged", "failed")
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """The words of a question: verb phrases for one and several rows, and the rest of the sentence.
+    """The words of a question: verb phrases for one and several rows.
 
     ``one`` and ``several`` follow names ("wanders least", "wander least"), ``last`` follows
-    the name of the worst row, ``alone`` the only row that could be compared, ``close``
-    follows how many are too close to rank.
+    the name of the worst row, ``alone`` the only row that could be compared. ``close``
+    follows "No filter is told apart from the others".
     """
 
     one: str
     several: str
     last: str
     alone: str
-    close: str
+    close: str = ""
 
 
-def leading(found: Contest, words: Words, where: str = "") -> str:
-    """Who leads, with value and interval; ``where`` follows the value. No full stop at the end."""
+def leading(found: Contest, words: Words, unit: str = "", where: str = "") -> str:
+    """Who leads, with value and interval, no full stop at the end.
+
+    ``unit`` says in brackets what the number is, ``where`` follows it.
+    """
     ranked, best = found.ranked, found.best
     if len(ranked) == 1:
-        return f"{ranked[0].name} {words.alone}{ranked[0].text}{ranked[0].interval}{where}"
+        return f"{ranked[0].name} {words.alone}: {single(ranked[0], unit)}{where}"
     if len(best) == 1:
-        return f"{best[0].name} {words.one}: {best[0].text}{best[0].interval}{where}"
+        return f"{best[0].name} {words.one}: {single(best[0], unit)}{where}"
+    noted = f" ({unit})" if unit else ""
     if best:
-        names = some(best, len(ranked))
-        return f"{names} {words.several}, not told apart: {values(best)}{where}"
-    who = "Both filters are" if len(ranked) == 2 else f"All {len(ranked)} filters are"
-    return f"{who} {words.close}, too close to rank: {values(ranked)}{where}"
+        return f"{some(best, len(ranked))} {words.several}, not told apart: {values(best)}{noted}{where}"
+    who = "The two filters are not told apart" if len(ranked) == 2 else "No filter is told apart from the others"
+    return f"{who}{words.close}: {values(ranked, named=False)}{noted}{where}"
+
+
+def single(judged: Judged, unit: str = "") -> str:
+    """One value with its interval, and in the same brackets what the number is."""
+    brackets = "; ".join(x for x in (unit, judged.interval.strip(" ()")) if x)
+    return f"{judged.text} ({brackets})" if brackets else judged.text
 
 
 def last(found: Contest, words: Words) -> str:
@@ -52,12 +61,13 @@ def last(found: Contest, words: Words) -> str:
     return f" {found.worst.name} {words.last}: {found.worst.text}{found.worst.interval}." if found.worst else ""
 
 
-def values(judged: list[Judged]) -> str:
+def values(judged: list[Judged], *, named: bool = True) -> str:
     """The values of rows in the order of their names; the ends of the range where they are only counted."""
-    if len(judged) <= NAMED:
+    if len(judged) <= NAMED and (named or len(judged) == 2):
         return listed([j.text for j in judged])
-    low, high = judged[0], judged[-1]
-    return low.text if low.text == high.text else f"{low.text} to {high.text}"
+    ends = sorted(judged, key=lambda j: j.size)
+    low, high = ends[0].text, ends[-1].text
+    return low if low == high else f"{low} to {high}"
 
 
 def some(judged: list[Judged], of: int) -> str:
@@ -77,10 +87,11 @@ def lost(result: Result) -> list[EstimatorRow]:
 
 
 def lost_part(rows: list[EstimatorRow]) -> str:
-    """Which filters lost their way, and how: ``Mahony Xu 0.6 diverged``; a row whose values are no numbers says so."""
+    """Which filters lost their way, and how: ``Mahony Xu 0.6 diverged``, ``Mine returned NaN from 0.0 s on``."""
     groups: dict[str, list[str]] = {}
     for row in rows:
-        groups.setdefault(NOT_JUDGED[row.status], []).append(name_in_sentence(row))
+        how = row.reason if row.status == "failed" and row.reason else NOT_JUDGED[row.status]
+        groups.setdefault(typeset(how), []).append(name_in_sentence(row))
     return ", ".join(f"{counted(names)} {state}" for state, names in groups.items())
 
 
@@ -92,8 +103,8 @@ def left_out(found: Contest) -> list[tuple[str, str]]:
 
 
 def why_absent(row: EstimatorRow, reason: str) -> str:
-    """Why a row has no value: what the row itself is said to suffer from comes before what it is missing."""
-    return row.reason if row.kind == "replay" and row.status in LOST and row.reason else reason
+    """Why a row has no value: that it failed comes before what was missing for it."""
+    return row.reason if row.status == "failed" and row.reason else reason
 
 
 def bars(found: Contest) -> list[tuple[str, float, str]]:

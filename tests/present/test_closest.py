@@ -1,0 +1,79 @@
+"""Which filter is closest?"""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.present.made import TILT, row, sentence, tilt, verdict
+from tests.present.made import HEADING as HEAD
+from tests.present.made import result as made
+
+
+def test_against_truth_tilt_and_heading_are_told_with_who_is_farthest_and_what_flew():
+    rows = [row("vqf", tilt(1.2, 1.6)), row("ekf12", tilt(3.7, 13.7)), row("mahony", tilt(1.7, 4.0))]
+    rows.append(row("onboard", tilt(0.9, 0.92)))
+    found = made(rows, {TILT: ["vqf"], HEAD: ["vqf", "mahony"]}, {TILT: "ekf12", HEAD: "ekf12"}, "truth")
+    assert sentence("closest", found) == (
+        "VQF is closest in tilt to the logged truth: 1.2° (1.1 to 1.3). EKF12 is farthest: 3.7° (3.3 to 4.1). "
+        "In heading VQF and Mahony are closest, not told apart: 1.6° and 4.0°. EKF12 is farthest: 13.7° (12.3 to 15.1). "
+        "Onboard: 0.90°, heading 0.92°."
+    )
+
+
+def test_against_onboard_it_is_agreement_and_the_heading_is_shown_but_not_ranked():
+    rows = [row("vqf", tilt(1.2, 9.4)), row("mahony", tilt(3.7, 2.0)), row("onboard", {}, is_reference=True)]
+    for one in rows[:2]:
+        one.metrics["airborne"][HEAD].ranked = False
+    found = verdict("closest", made(rows, {TILT: ["vqf"]}, {TILT: "mahony"}))
+    assert found.title == "Which filter agrees best with onboard?"
+    assert found.sentence == (
+        "VQF agrees best in tilt with onboard (agreement, not truth): 1.2° (1.1 to 1.3). "
+        "Mahony agrees least: 3.7° (3.3 to 4.1). Its heading is off by 9.4° (8.5 to 10.3), not ranked."
+    )
+
+
+def test_filters_that_are_not_told_apart_are_not_named():
+    found = made([row("vqf", tilt(1.2)), row("mahony", tilt(3.7)), row("ekf12", tilt(2.0))])
+    assert sentence("closest", found) == (
+        "No filter is told apart from the others in tilt against onboard (agreement, not truth): 1.2° to 3.7°."
+    )
+
+
+def test_too_short_a_flight_still_gives_the_errors():
+    rows = [row("vqf", tilt(1.2, ranked=False, reason="too short")), row("mahony", tilt(3.7, ranked=False))]
+    assert sentence("closest", made(rows, reference="truth")) == (
+        "Filters cannot be ranked over 60 s: tilt errors are VQF 1.2° (1.1 to 1.3) and Mahony 3.7° (3.3 to 4.1) "
+        "against the logged truth."
+    )
+
+
+def test_where_no_flight_was_scored_the_whole_log_counts():
+    found = verdict("closest", made([row("vqf", tilt(1.2, window="all")), row("mahony", tilt(2.0, window="all"))]))
+    assert found.window == "all"
+    assert "over the whole log" in found.notes[-1]
+
+
+def test_filters_that_all_diverge_from_onboard_do_not_acquit_it():
+    rows = [row(n, tilt(50.0), status="diverged", reason="tilt error above 30 deg") for n in ("vqf", "mahony")]
+    assert sentence("closest", made(rows)) == (
+        "All 2 filters diverged from onboard (agreement, not truth): either they or the onboard attitude is wrong."
+    )
+
+
+@pytest.mark.parametrize("reference", ["onboard", "truth"])
+def test_the_gyro_alone_is_never_closest_and_its_bar_is_pale(reference):
+    rows = [row("gyro", tilt(0.1)), row("vqf", tilt(1.2)), row("mahony", tilt(3.7))]
+    found = verdict("closest", made(rows, {TILT: ["gyro", "vqf"]}, {TILT: "mahony"}, reference))
+    assert found.sentence.startswith("VQF ")
+    assert "gyro" in dict(found.not_judged)
+
+
+def test_who_lost_its_way_is_named():
+    rows = [row("vqf", tilt(1.2)), row("mahony", tilt(2.0)), row("nan", {}, status="failed", reason="returned NaN from 0.0 s on")]
+    assert sentence("closest", made(rows)).endswith("Nan returned NaN from 0.0 s on.")
+
+
+def test_nothing_to_compare_with_says_so():
+    assert sentence("closest", made([], reference="none")) == (
+        "Cannot be judged: the log holds no attitude to compare with."
+    )

@@ -1,0 +1,100 @@
+"""How fast does the heading drift?"""
+
+from __future__ import annotations
+
+import pytest
+
+from attlog.metrics.answer import Record
+from tests.present.made import DRIFT_AIR, DRIFT_REST, absent, drift, merged, row, sentence, verdict
+from tests.present.made import result as made
+
+
+def test_a_drift_is_told_where_its_interval_excludes_zero_however_wide_it_is():
+    rows = [row("a", drift(254.5, 40.0)), row("b", drift(0.02))]
+    assert sentence("drifting", made(rows)) == (
+        "At rest, A drifts +254.5°/min (+214.5 to +294.5); none is told of B: less than 0.12°/min."
+    )
+
+
+def test_others_are_bounded_by_the_larger_end_of_their_intervals_never_less():
+    rows = [row("a", drift(0.02, 0.1)), row("b", drift(-0.05, 0.1234))]
+    assert sentence("drifting", made(rows)) == "At rest, no drift is told of A and B: less than 0.18°/min."
+    assert sentence("drifting", made([row("a", drift(0.1, 0.2)), row("b", drift(3.0, 9.0))])) == (
+        "At rest, no drift is told of A and B: less than 0.30°/min to 12.0°/min, depending on the filter."
+    )
+
+
+def test_most_and_least_come_from_the_ranking():
+    rows = [row("a", drift(-4.8)), row("b", drift(2.0)), row("c", drift(0.0))]
+    found = made(rows, {DRIFT_REST: ["c"]}, {DRIFT_REST: "a"})
+    assert sentence("drifting", found) == (
+        "At rest, A drifts most: −4.8°/min (−4.9 to −4.7); B +2.0°/min; none is told of C: less than 0.10°/min; least: C."
+    )
+    assert "A and B drift: −4.8°/min and +2.0°/min" in sentence("drifting", made(rows))
+
+
+@pytest.mark.parametrize(
+    ("present", "quoted", "said"),
+    [
+        (("onboard", "truth"), "truth", "the logged truth"),
+        (("onboard", "gnss_yaw", "mag"), "gnss_yaw", "the GNSS heading"),
+        (("mag", "onboard"), "onboard", "onboard (agreement, not truth)"),
+        (("course", "mag"), "mag", "the magnetometer (agreement, not truth)"),
+    ],
+)
+def test_one_heading_reference_is_quoted_whatever_it_ranks(present, quoted, said):
+    answers = [drift(2.0, against=p, ranked=p != quoted, reason=None if p != quoted else "not ranked") for p in present]
+    found = verdict("drifting", made([row("a", merged(*answers))]))
+    assert found.metric == f"{DRIFT_AIR}.{quoted}"
+    assert f"In the air against {said}, " in found.sentence
+    assert found.sentence.count("against") == 1
+
+
+def test_a_heading_reference_that_only_onboard_rows_have_is_not_quoted():
+    rows = [row("a", drift(4.0, against="mag")), row("onboard:AHR2", drift(0.4, against="onboard"))]
+    assert "against the magnetometer" in sentence("drifting", made(rows))
+
+
+def test_rests_that_disagree_are_said_as_a_range():
+    apart = drift(0.5, 4.0, ranked=False, reason="the rests of this log disagree", detail={"agree": False, "range": [-2.0, 4.7]})
+    assert sentence("drifting", made([row("a", apart)])) == (
+        "At rest, the rests disagree for A: −2.0°/min to +4.7°/min."
+    )
+
+
+def test_a_rate_that_changes_is_said():
+    changing = drift(2.0, detail={"changes": [0.5, 3.5]})
+    assert "(the rate itself changes from +0.50°/min to +3.5°/min)" in sentence("drifting", made([row("a", changing)]))
+
+
+def test_rows_that_diverged_are_named_last_with_their_drift_and_never_least():
+    rows = [row("a", drift(1.0)), row("lost", drift(0.01, 0.001), status="diverged"), row("b", drift(2.0))]
+    found = verdict("drifting", made(rows))
+    assert found.sentence.endswith("; Lost, which diverged, +0.01°/min.")
+    assert [name for name, _, _ in found.bars] == ["a", "b", "lost"]
+
+
+def test_every_rest_is_listed_with_what_could_be_used_of_it():
+    rows = [row("a", drift(1.0))]
+    rows[0].metrics["rest"][DRIFT_REST].records = [
+        Record(0.0, 14.2, 0.0, reason="0 s after settling; 8 are needed"), Record(700.0, 736.0, 31.0, 1.0, (0.9, 1.1)),
+    ]  # fmt: skip
+    assert verdict("drifting", made(rows)).notes == [
+        "Rest from 0.0 s to 14.2 s: 0 s after settling; 8 are needed.",
+        "Rest from 0:11:40 to 0:12:16: 31 s usable.",
+    ]
+
+
+def test_without_any_drift_both_reasons_are_given():
+    metrics = merged(
+        absent(DRIFT_REST, "rest", "no_rest", "No rest."),
+        absent(f"{DRIFT_AIR}.onboard", "airborne", "record_too_short", "8 s in the air; 20 are needed"),
+    )
+    assert sentence("drifting", made([row("a", metrics)])) == (
+        "Cannot be judged. At rest: no rest. In the air: 8 s in the air; 20 are needed."
+    )
+
+
+def test_the_part_that_is_not_answered_is_explained():
+    air = merged(drift(6.0, against="onboard"), absent(DRIFT_REST, "rest", "no_rest", "no rest"))
+    assert verdict("drifting", made([row("a", air)])).not_judged == [("a", "at rest, no rest")]
