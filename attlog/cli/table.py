@@ -18,7 +18,7 @@ from attlog.present.text import clean
 from attlog.result import EstimatorRow, Result
 
 GAP = "  "
-LEGEND = "* best (several: too close to rank)   ~ shown, not ranked"
+LEGEND = "* best (several: not told apart)   ~ shown, not ranked"
 HALF = "   ± half of the 95 % interval"
 SHORTEST_NAME = 8
 

@@ -93,7 +93,9 @@ def heading_reference_name(reference: str) -> str:
 def against_heading(reference: str) -> str:
     """The same in a verdict, with a warning where it is no truth."""
     shared = reference in ("onboard", "mag")
-    return f"{heading_reference_name(reference)} (agreement, not truth)" if shared else heading_reference_name(reference)
+    return (
+        f"{heading_reference_name(reference)} (agreement, not truth)" if shared else heading_reference_name(reference)
+    )
 
 
 def against_whom(result: Result) -> str:

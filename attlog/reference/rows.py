@@ -85,7 +85,7 @@ def _measure(row: Row, segments: Segments, reference: Reference, free_heading: b
         row.status, row.reason = "failed", "no finite attitude at all"
     elif len(lost):
         bad = np.flatnonzero(~good & (row.t > first))
-        for_good = not good[lost[0] :].any()
+        for_good = not np.any(np.flatnonzero(good) > lost[0])
         row.status = "failed" if for_good else "diverged"
         often = "" if for_good else f"{len(bad)} times "
         row.reason = f"returned NaN {often}from {row.t[bad[0]]:.1f} s on"

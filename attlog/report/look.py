@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from attlog.present.names import row_names
-from attlog.present.rows import leads, ordered
+from attlog.present.rows import is_baseline, leads, ordered
 from attlog.result import Result
 
 COLOURS = 8
 """Filter colours of the palette in ``style.css``; slot 0 is the onboard attitude."""
+
+GREY = 9
+"""Slot of the gyro alone, which is shown for comparison."""
 
 DASHES = ("solid", "dash", "dot", "dashdot")
 """Line of filters 1 to 8, 9 to 16, 17 to 24, and so on."""
@@ -61,7 +64,11 @@ def looks(result: Result) -> dict[str, Look]:
         )
         for i, name in enumerate(others)
     }
-    for i, name in enumerate(replays):
+    grey = {r.name for r in rows if is_baseline(r)}
+    for name in replays:
+        if name in grey:
+            out[name] = Look(called[name], GREY, DASHES[0], name in shown, False, name in lost)
+    for i, name in enumerate(n for n in replays if n not in grey):
         dash = DASHES[(i // COLOURS) % len(DASHES)]
         out[name] = Look(called[name], 1 + i % COLOURS, dash, name in shown, False, name in lost)
     first = [name for name in others if name in references or name == "onboard"]

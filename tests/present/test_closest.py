@@ -69,7 +69,11 @@ def test_the_gyro_alone_is_never_closest_and_its_bar_is_pale(reference):
 
 
 def test_who_lost_its_way_is_named():
-    rows = [row("vqf", tilt(1.2)), row("mahony", tilt(2.0)), row("nan", {}, status="failed", reason="returned NaN from 0.0 s on")]
+    rows = [
+        row("vqf", tilt(1.2)),
+        row("mahony", tilt(2.0)),
+        row("nan", {}, status="failed", reason="returned NaN from 0.0 s on"),
+    ]
     assert sentence("closest", made(rows)).endswith("Nan returned NaN from 0.0 s on.")
 
 

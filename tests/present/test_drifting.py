@@ -56,7 +56,9 @@ def test_a_heading_reference_that_only_onboard_rows_have_is_not_quoted():
 
 
 def test_rests_that_disagree_are_said_as_a_range():
-    apart = drift(0.5, 4.0, ranked=False, reason="the rests of this log disagree", detail={"agree": False, "range": [-2.0, 4.7]})
+    apart = drift(
+        0.5, 4.0, ranked=False, reason="the rests of this log disagree", detail={"agree": False, "range": [-2.0, 4.7]}
+    )
     assert sentence("drifting", made([row("a", apart)])) == (
         "At rest, the rests disagree for A: −2.0°/min to +4.7°/min."
     )

@@ -34,7 +34,9 @@ def test_less_than_half_a_sample_is_no_lag():
 def test_most_is_said_only_of_the_row_that_the_ranking_finds_worst():
     rows = [row("a", lag(12)), row("b", lag(14)), row("c", lag(0))]
     assert "lag by +12 ms and +14 ms" in sentence("late", made(rows, {LAG: ["c"]}))
-    assert "B lags most: +14 ms (+13 to +15); A by +12 ms against" in sentence("late", made(rows, {LAG: ["c"]}, {LAG: "b"}))
+    assert "B lags most: +14 ms (+13 to +15); A by +12 ms against" in sentence(
+        "late", made(rows, {LAG: ["c"]}, {LAG: "b"})
+    )
 
 
 def test_one_movement_is_in_the_singular():
@@ -93,9 +95,7 @@ def test_the_delay_of_the_logged_imu_is_printed():
 
 def test_all_impure():
     rows = [row("a", impure()), row("b", impure())]
-    assert sentence("late", made(rows)) == (
-        "No filter's lag can be judged: A and B (wrong angle in the movement)."
-    )
+    assert sentence("late", made(rows)) == ("No filter's lag can be judged: A and B (wrong angle in the movement).")
 
 
 @pytest.mark.parametrize(("airborne", "advice"), [(60.0, True), (0.0, False), (None, False)])

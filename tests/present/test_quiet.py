@@ -60,7 +60,10 @@ def test_the_gyro_alone_is_never_quietest():
 
 
 def test_a_row_that_was_not_compared_is_not_named_and_says_why():
-    rows = [row("frozen", noise(0.0001, ranked=False, reason="does not follow motion: gain 0.1")), row("vqf", noise(0.01))]
+    rows = [
+        row("frozen", noise(0.0001, ranked=False, reason="does not follow motion: gain 0.1")),
+        row("vqf", noise(0.01)),
+    ]
     found = verdict("quiet", made([*rows, row("mahony", noise(0.09))], {NOISE: ["vqf"]}))
     assert found.sentence.startswith("VQF wanders least")
     assert ("frozen", "does not follow motion: gain 0.1") in found.not_judged

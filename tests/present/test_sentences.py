@@ -37,7 +37,12 @@ def test_a_gyro_that_reads_wrong_standing_still_is_said_by_every_card():
 
 
 def test_what_a_filter_of_nan_is_missing_is_not_blamed_on_the_log():
-    nan = row("nan", absent("noise_tilt_deg", "rest", "rest_too_short", "rest too short"), status="failed", reason="returned NaN from 0.0 s on")
+    nan = row(
+        "nan",
+        absent("noise_tilt_deg", "rest", "rest_too_short", "rest too short"),
+        status="failed",
+        reason="returned NaN from 0.0 s on",
+    )
     found = {v.question: v for v in verdicts(result([nan, row("a", noise(0.01))]))}
     assert ("nan", "returned NaN from 0.0 s on") in found["quiet"].not_judged
     assert sentence("quiet", result([nan])) == "Cannot be judged: returned NaN from 0.0 s on."

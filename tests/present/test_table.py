@@ -12,7 +12,7 @@ from attlog.present.table import axis_table, main_table, window_tables
 from attlog.report.look import looks
 from tests.report.conftest import answer, make_result
 
-TILT_NOISE = "max(noise_roll_deg, noise_pitch_deg)"
+TILT_NOISE = "noise_tilt_deg"
 
 
 def cells(result, name):
@@ -27,25 +27,35 @@ def test_every_code_has_a_word_and_a_short_one():
     assert max(len(brief) for _, brief in WORDS.values()) <= 9
 
 
-def test_of_roll_and_pitch_the_worse_noise_counts_and_both_must_be_best():
+def test_each_phase_has_its_own_column_of_noise_in_the_order_of_the_sentence():
     result = make_result()
-    rest = result.estimators[1].metrics["rest"]
-    rest["noise_pitch_deg"] = answer(0.5, "deg", "rest", 0.02)
-    assert cells(result, "gyro")[TILT_NOISE].text == "0.50"
-    assert cells(result, "gyro")[TILT_NOISE].small == ("0.48 to 0.52",)
-    result.best["rest"] = {"noise_roll_deg": ["gyro", "vqf"], "noise_pitch_deg": ["vqf"]}
-    assert not cells(result, "gyro")[TILT_NOISE].best
-    assert cells(result, "vqf")[TILT_NOISE].best
+    for row in result.estimators[1:]:
+        for phase in ("idle", "hover"):
+            row.metrics[phase] = {TILT_NOISE: answer(0.3, "deg", phase, 0.1)}
+    found = [(c.title, c.window) for c in main_table(result).columns if c.metric == TILT_NOISE]
+    assert found == [("Noise at rest", "rest"), ("Noise in hover", "hover"), ("Noise idling", "idle")]
+
+
+def test_a_column_has_one_window_for_all_rows():
+    result = make_result()
+    result.estimators[2].metrics["airborne"].pop("inclination_rmse_deg")
+    result.estimators[2].metrics["all"]["inclination_rmse_deg"] = answer(9.0, "deg", "all")
+    assert cells(result, "complementary@fan")["inclination_rmse_deg"].missing
 
 
 def test_an_asked_window_is_the_only_one_that_is_looked_at():
     metrics = {c.metric for c in main_table(make_result(), "all").columns}
     assert {"lag_ms", TILT_NOISE} <= metrics
-    assert {c.metric for c in main_table(make_result(), "rest").columns} == {
-        TILT_NOISE,
-        "noise_heading_deg",
-        "drift_rest_deg_per_min",
-    }
+    assert {c.metric for c in main_table(make_result(), "rest").columns} == {TILT_NOISE, "drift_rest_deg_per_min"}
+
+
+def test_the_gyro_alone_stands_after_the_filters_and_has_no_star():
+    result = make_result()
+    result.best["rest"][TILT_NOISE] = ["gyro", "vqf"]
+    names = [row.name for row, _ in main_table(result).rows]
+    assert names[-1] == "gyro"
+    assert not cells(result, "gyro")[TILT_NOISE].best
+    assert cells(result, "gyro")[TILT_NOISE].unranked
 
 
 def test_lag_is_called_lag_on_every_axis():
@@ -80,24 +90,22 @@ def test_missing_is_a_word_never_a_number():
 
 def test_best_marks_come_from_the_result_and_not_for_shape():
     result = make_result()
-    result.best["airborne"]["step_gain"] = ["gyro"]
-    assert cells(result, "gyro")[TILT_NOISE].best
+    result.best["airborne"]["step_gain_roll"] = ["vqf"]
+    assert cells(result, "vqf")[TILT_NOISE].best
     assert not cells(result, "madgwick@marg")[TILT_NOISE].best
-    assert not cells(result, "gyro")["step_gain"].best
+    table = axis_table(result)
+    gain = next(i for i, c in enumerate(table.columns) if c.metric == "step_gain_roll")
+    assert not any(cells[gain].best or cells[gain].unranked for _, cells in table.rows)
 
 
-@pytest.mark.parametrize("change", [{"status": "diverged"}, {}])
-def test_what_may_not_be_ranked_is_shown_as_such(change):
+def test_what_was_not_compared_is_shown_as_such_with_its_reason():
     result = make_result()
-    row = result.estimators[1]
-    if change:
-        row.status = "diverged"
-    else:
-        row.metrics["rest"]["noise_roll_deg"] = Answer(
-            0.1, "deg", "rest", ranked=False, reason="does not follow motion"
-        )
-    assert cells(result, row.name)[TILT_NOISE].unranked
-    assert not cells(result, "vqf")[TILT_NOISE].unranked
+    row = next(r for r in result.estimators if r.name == "vqf")
+    row.metrics["rest"][TILT_NOISE] = Answer(0.1, "deg", "rest", ranked=False, reason="does not follow motion")
+    result.ranked["rest"][TILT_NOISE].remove("vqf")
+    assert cells(result, "vqf")[TILT_NOISE].unranked
+    assert cells(result, "vqf")[TILT_NOISE].reason == "does not follow motion"
+    assert not cells(result, "mahony@xu-0.6")[TILT_NOISE].unranked
 
 
 def test_low_coverage_is_printed_beside_the_value():

@@ -20,12 +20,12 @@ def test_it_is_the_report_of_the_demo():
     assert log in RESULT["command"]
 
 
-def test_it_answers_all_three_questions():
-    assert [v["question"] for v in RESULT["verdicts"]] == ["quiet", "late", "drifting"]
+def test_it_answers_all_four_questions():
+    assert [v["question"] for v in RESULT["verdicts"]] == ["closest", "quiet", "late", "drifting"]
     for verdict in RESULT["verdicts"]:
         assert verdict["bars"]
         assert not verdict["sentence"].startswith(("Cannot", "No filter's"))
-        assert len(verdict["sentence"].split()) <= 50
+        assert len(verdict["sentence"].split()) <= 70
 
 
 def test_it_is_small_and_names_no_place_on_a_machine():

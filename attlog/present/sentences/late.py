@@ -99,7 +99,9 @@ def impure_part(names: list[str], result: Result) -> str:
     called = [j.name for j in contest(result, STEP_DEG, AIR).judged if j.row.name in names]
     who = counted(called) if len(called) == len(names) else count(len(names), "filter")
     verb = "does" if len(names) == 1 else "do"
-    return f" {who} {verb} not follow as a pure delay would, so {'its' if len(names) == 1 else 'their'} lag is not told."
+    return (
+        f" {who} {verb} not follow as a pure delay would, so {'its' if len(names) == 1 else 'their'} lag is not told."
+    )
 
 
 def onboard_lag(lag: Contest) -> str:
@@ -115,7 +117,7 @@ def step_part(result: Result, step: Contest) -> str:
         return ""
     percent = {j.row.name: share(j, step.window) for j in filters}
     wrong = [j for j in filters if abs(percent[j.row.name]) >= WRONG_PCT][::-1]
-    least = [j for j in step.best if j not in wrong]
+    least = step.best
     others = [j for j in filters if j not in wrong and j not in least]
     parts = [still(wrong, percent, len(filters))] if wrong else []
     if least:

@@ -108,7 +108,9 @@ def why_absent(row: EstimatorRow, reason: str) -> str:
 
 
 def bars(found: Contest) -> list[tuple[str, float, str]]:
-    """What the card draws, the smallest size first, lost rows last: (row id, value, unit)."""
+    """What the card draws, the smallest size first, lost rows last: (row id, value, unit); none without a filter."""
+    if not any(j.replay for j in found.judged):
+        return []
     shown = sorted((j for j in found.judged if j.shown), key=lambda j: j.row.status != "ok")
     return [(j.row.name, j.value, j.answer.unit) for j in shown]
 

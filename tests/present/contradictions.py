@@ -1,0 +1,221 @@
+"""Does anything that a report says contradict what it shows? Each rule reads the words and looks into the result."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from attlog.present.cards import shown_unranked
+from attlog.present.names import name_in_sentence
+from attlog.present.numbers import below, number, quantity
+from attlog.present.table import main_table
+from attlog.result import Answer, EstimatorRow, Result, Verdict
+from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT
+
+PHASES = {"at rest": "rest", "in hover": "hover", "in moving flight": "cruise", "with motors idling": "idle"}
+NO_ANSWER = ("Cannot be judged", "No filter can be ranked", "No filter's lag can be judged")
+CODE = re.compile(
+    r"\b[a-z]+_[a-z_]+\b|[a-z]@|\bdeg\b|\bNone\b(?! of)|\bnan\b|\+-|-0\.0|\b1 \w+(?:s|es) \w+ed\b|\b1 quick movements"
+)
+NUMBER = re.compile(r"[−+]?<?\d[\d,]*(?:\.\d+)?(?=°|°/min| ms| %|(?: to [−+]?<?\d[\d.,]*)(?:°|\)| %|;)|\))")
+COUNT = re.compile(r"(\d+) of (\d+) filters")
+
+
+def contradictions(result: Result) -> list[str]:
+    """What is wrong, one line each; empty where nothing is."""
+    found: list[str] = []
+    for verdict in result.verdicts:
+        said = verdict.sentence
+        rules = [*superlatives(result, verdict), *bounds(result, verdict), *figures(result, verdict)]
+        rules += [*answered(result, verdict), *bars(result, verdict), *heading_references(result, verdict)]
+        rules += [f"code or id in words: {m[0]!r}" for m in CODE.finditer(" ".join([said, *verdict.notes]))]
+        found += [f"{verdict.question}: {why} | {said}" for why in rules]
+    return found + list(marks(result))
+
+
+def marked(table: dict[str, dict[str, list[str]]], window: str, metric: str) -> set[str]:
+    """The rows that the ranking marks in a column."""
+    return set(table.get(window, {}).get(metric, ()))
+
+
+def rows_in(result: Result, text: str) -> set[str]:
+    """Ids of the rows that are named in a text; of names that begin alike the longest counts."""
+    found = set()
+    for row in sorted(result.estimators, key=lambda r: -len(name_in_sentence(r))):
+        name = name_in_sentence(row)
+        if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.]*\w)", text):
+            found.add(row.name)
+            text = text.replace(name, "#")
+    return found
+
+
+def superlatives(result: Result, verdict: Verdict) -> Iterator[str]:
+    """Best and worst in words are best and worst in the ranking, in the column that the words are about."""
+    said = verdict.sentence
+    for clause in re.split(r"(?<=[.;]) (?=[A-Z0-9a-z])", said):
+        for kind, metric, window in claims(verdict, clause, said):
+            best, worst = marked(result.best, window, metric), marked(result.worst, window, metric)
+            head = clause[: clause.find(kind)] if kind not in ("least: ",) else clause[clause.find(kind) :]
+            head = re.sub(r"^.*after a movement ", "", head)
+            named, counted = rows_in(result, head), COUNT.search(head)
+            compared = marked(result.ranked, window, metric)
+            if kind in WORST:
+                if named != worst:
+                    yield f"{named} called worst, ranking says {worst}"
+            elif counted:
+                if int(counted[1]) != len(best & compared):
+                    yield f"{counted[0]} called best, ranking says {best}"
+            elif named != best - {"gyro"}:
+                yield f"{named} called best, ranking says {best}"
+    if "told apart from the others" in said.split(". ")[0] and marked(result.best, verdict.window, verdict.metric):
+        yield "called too close although the ranking marks some"
+
+
+WORST = ("is farthest", "agrees least", "wanders most", "lags most", "drifts most")
+
+
+def claims(verdict: Verdict, clause: str, said: str) -> Iterator[tuple[str, str, str]]:
+    """(words, metric, window) of every superlative in a clause."""
+    air = "airborne" if verdict.question != "closest" else verdict.window
+    heading = said.find("In heading")
+    after = heading >= 0 and said.find(clause) >= heading
+    metric = {"closest": HEADING if after else TILT, "quiet": NOISE, "late": LAG}.get(verdict.question, "")
+    window = verdict.window if verdict.question in ("closest", "quiet", "late") else air
+    if verdict.question == "drifting":
+        rest = "In the air against" not in said[: said.find(clause) + len(clause)]
+        metric, window = (DRIFT_REST, "rest") if rest else (drift_metric(said), "airborne")
+    for words in ("is closest", "are closest", "agrees best", "agree best", "wanders least", "wander least", *WORST):
+        if words in clause:
+            yield words, metric, window
+    if verdict.question == "late" and (m := re.search(r"(?:is|are) least off", clause)):
+        yield m[0], STEP, verdict.window
+    if verdict.question == "drifting" and "least: " in clause:
+        yield "least: ", metric, window
+    if verdict.question == "quiet" and " least," in clause:
+        phase = next((p for words, p in PHASES.items() if clause.lower().startswith(words)), None)
+        if phase:
+            yield " least,", NOISE, phase
+
+
+def drift_metric(said: str) -> str:
+    """The column of the heading reference that a sentence quotes."""
+    words = {"truth": "truth", "smoother": "smoother", "GNSS heading": "gnss_yaw", "onboard": "onboard"}
+    words |= {"magnetometer": "mag", "GNSS course": "course"}
+    air = said[said.find("In the air against") :].partition(",")[0]
+    return f"{DRIFT_AIR}.{next(key for word, key in words.items() if word in air)}"
+
+
+def bounds(result: Result, verdict: Verdict) -> Iterator[str]:
+    """A row of which nothing is told stays below the number that is said, by both ends of its interval."""
+    said = verdict.sentence
+    unit, metric = {"late": ("ms", LAG), "drifting": ("deg/min", "")}.get(verdict.question, ("", ""))
+    for part in re.split(r"(?=In the air against)", said):
+        stated = re.findall(r"less than (?:[\d.,]+°/min to )?([\d.,]+)", part)
+        if not stated or not unit:
+            continue
+        column = metric or (drift_metric(said) if part.startswith("In the air against") else DRIFT_REST)
+        window = "rest" if column == DRIFT_REST else verdict.window if column == LAG else "airborne"
+        for row in result.estimators:
+            answer = row.metrics.get(window, {}).get(column)
+            compared = row.name in marked(result.ranked, window, column) and row.estimator != "gyro"
+            if not compared or answer is None or answer.value is None or answer.ci95 is None:
+                continue
+            told = not answer.ci95[0] <= 0 <= answer.ci95[1]
+            if column == LAG:
+                told = told and abs(answer.value) > float(answer.detail.get("counts_as_zero_below") or 0)
+            if not told and max(map(abs, answer.ci95)) > float(stated[-1].replace(",", "")) + 1e-9:
+                yield f"{row.name} can be {max(map(abs, answer.ci95)):.3g}, said to be less than {stated[-1]}"
+
+
+def figures(result: Result, verdict: Verdict) -> Iterator[str]:
+    """Every number in a sentence is a number of the columns that it is about, as the table writes it."""
+    if any(words in verdict.sentence for words in NO_ANSWER):
+        return
+    known = {text for row in result.estimators for text in numbers_of(row, verdict.question)}
+    said = re.sub(r"^Do not rely on this, .*?\. (?=[A-Z])", "", verdict.sentence)
+    for m in NUMBER.finditer(said):
+        if m[0].lstrip("+−") not in known and m[0] not in known:
+            yield f"{m[0]} is no number of the table"
+
+
+def numbers_of(row: EstimatorRow, question: str) -> Iterator[str]:
+    """The values and interval ends of a row as they are written, without sign too."""
+    wanted = {
+        "closest": (TILT, HEADING), "quiet": (NOISE, TILT), "late": (LAG, STEP, STEP_PCT),
+        "drifting": (DRIFT_REST, DRIFT_AIR),
+    }[question]  # fmt: skip
+    for window in row.metrics.values():
+        for metric, answer in window.items():
+            if metric.startswith(wanted) and answer.value is not None:
+                yield from written(answer)
+
+
+def written(answer: Answer) -> Iterator[str]:
+    """An answer's numbers as text."""
+    ends = [abs(x) for x in answer.ci95 or ()]
+    values = [answer.value, *(answer.ci95 or ()), *answer.detail.get("range", ()), *answer.detail.get("changes", ())]
+    for value in (v for v in values if v is not None):
+        yield number(value, answer.unit)
+        yield number(abs(value), answer.unit, False)
+    for end in [max(ends)] if ends else []:
+        yield re.sub(r"[^\d.,<]+$", "", below(end, answer.unit))
+    if answer.value is not None and not ends:
+        yield re.sub(r"[^\d.,<]+$", "", below(answer.value, answer.unit))
+
+
+def answered(result: Result, verdict: Verdict) -> Iterator[str]:
+    """A question is unanswered only if no filter was compared in its column."""
+    cannot = verdict.sentence.startswith(("Cannot be judged", "No filter can be ranked"))
+    compared = marked(result.ranked, verdict.window, verdict.metric) - {"gyro"}
+    values = {
+        r.name for r in result.estimators if r.name in compared and verdict.metric in r.metrics.get(verdict.window, {})
+    }
+    if cannot and values:
+        yield f"said to have no answer, but {sorted(values)} were compared"
+
+
+def bars(result: Result, verdict: Verdict) -> Iterator[str]:
+    """Bars have the numbers of the table, and are pale where the table says that a value is not ranked."""
+    table = main_table(result)
+    at = [i for i, c in enumerate(table.columns) if (c.metric, c.window) == (verdict.metric, verdict.window)]
+    if verdict.bars and not at:
+        yield "bars without a column"
+    pale = shown_unranked(verdict)
+    for row, cells in table.rows if at else []:
+        cell, bar = cells[at[0]], next((b for b in verdict.bars if b[0] == row.name), None)
+        if bar is None:
+            if not cell.missing and (row.kind == "replay" or (row.name == "onboard" and verdict.bars)):
+                yield f"{row.name} has a value and no bar"
+            continue
+        if number(bar[1], bar[2]) != cell.text:
+            yield f"bar of {row.name} says {quantity(bar[1], bar[2])}, the table {cell.text}"
+        if row.kind == "replay" and (row.name in pale) != cell.unranked:
+            yield f"bar of {row.name} is {'pale' if row.name in pale else 'full'}, its cell is not"
+
+
+def heading_references(result: Result, verdict: Verdict) -> Iterator[str]:
+    """With truth no other heading reference is in the sentence."""
+    said = verdict.sentence
+    if verdict.question != "drifting" or "In the air against" not in said:
+        return
+    truth = f"{DRIFT_AIR}.truth"
+    told = any(
+        (a := row.metrics.get("airborne", {}).get(truth)) is not None and a.value is not None
+        for row in result.estimators
+        if row.kind == "replay"
+    )
+    if told and drift_metric(said) != truth:
+        yield "truth is there and another heading reference is quoted"
+    if said.count("against") != 1:
+        yield "two heading references in one sentence"
+
+
+def marks(result: Result) -> Iterator[str]:
+    """Stars of the table are those of the ranking; the baseline and what was not compared has none."""
+    table = main_table(result)
+    for row, cells in table.rows:
+        for column, cell in zip(table.columns, cells, strict=True):
+            if cell.best != (row.name in marked(result.best, column.window, column.metric) - {"gyro"}):
+                yield f"star of {row.name} in {column.metric} differs from the ranking"
+            if cell.best and (cell.unranked or row.kind != "replay"):
+                yield f"{row.name} has a star in {column.metric} and is not ranked"
