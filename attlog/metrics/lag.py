@@ -12,7 +12,7 @@ from attlog.metrics import pure_delay, steps
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.rmse import why_no_errors
-from attlog.metrics.step_evidence import Evidence, evidence, why_no_events
+from attlog.metrics.step_evidence import Evidence, evidence, too_few, why_no_events
 from attlog.metrics.step_solution import MIN_EVENTS, Fit, Sums
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference.model import Row
@@ -119,7 +119,7 @@ def _of_axis(case: Case, row: Row, window: str, axis: str, seen: Evidence | None
     if seen is None or found is None or len(found.events) < MIN_EVENTS:
         count = 0 if found is None else len(found.events)
         where = "" if axis == "all" else f" in {axis}"
-        reason = f"{count} quick movements{where}; at least {MIN_EVENTS} are needed"
+        reason = too_few(count, where)
         code = "too_few_events" if count else "no_events"
         return {name: missing(code, reason, UNITS[kind], window) for kind, name in names.items()}
     detail: dict[str, Any] = {

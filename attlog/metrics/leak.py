@@ -7,7 +7,7 @@ import math
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.rmse import why_no_errors
-from attlog.metrics.step_evidence import evidence, why_no_events
+from attlog.metrics.step_evidence import evidence, too_few, why_no_events
 from attlog.metrics.step_solution import MIN_EVENTS
 from attlog.reference.model import Row
 
@@ -47,7 +47,7 @@ def _answer(case: Case, row: Row, window: str) -> Answer:
     found = None if seen is None else seen.fits.get("all")
     count = 0 if found is None or seen is None else sum(seen.events[k].axis != 2 for k in found.events)
     if found is None or count < MIN_EVENTS:
-        reason = f"{count} quick movements in roll or pitch; at least {MIN_EVENTS} are needed"
+        reason = too_few(count, " in roll or pitch")
         return missing("too_few_events", reason, "1/s", window)
     if not math.isfinite(found.leak):
         return missing("not_covered", "no accelerometer samples around the movements", "1/s", window)

@@ -12,7 +12,7 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.rmse import why_no_errors
 from attlog.metrics.step_curves import Curve, curves
-from attlog.metrics.step_evidence import why_no_events
+from attlog.metrics.step_evidence import too_few, why_no_events
 from attlog.metrics.step_solution import MIN_EVENTS
 from attlog.reference.model import Row
 
@@ -62,7 +62,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     found = curves(case, row, window) if absent is None else []
     overshoot, settling, unsettled = of_events(found)
     if absent is None and len(overshoot) < MIN_EVENTS:
-        absent = "too_few_events", f"{len(overshoot)} quick movements; at least {MIN_EVENTS} are needed"
+        absent = "too_few_events", too_few(len(overshoot))
     if absent is not None:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     seconds = math.fsum(c.event.end - c.event.begin for c in found)

@@ -14,7 +14,7 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.rmse import why_no_errors
 from attlog.metrics.step_curves import Curve, curves
-from attlog.metrics.step_evidence import why_no_events
+from attlog.metrics.step_evidence import too_few, why_no_events
 from attlog.metrics.step_solution import MIN_EVENTS
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference.model import Row
@@ -121,7 +121,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
 def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: list[Curve]) -> Answer:
     count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
     if count < MIN_EVENTS:
-        reason = f"{count} quick movements; at least {MIN_EVENTS} are needed"
+        reason = too_few(count)
         return missing("too_few_events" if count else "no_events", reason, sign, window)
     here = OnEvents(errors, unit)
     summary, values = here(errors.ids), percent(errors) if unit == "pct" else magnitude(errors)

@@ -9,7 +9,7 @@ import numpy as np
 from attlog.metrics import aiding, step_columns, step_fit, steps
 from attlog.metrics.base import Case, per_case, per_row
 from attlog.metrics.rmse import why_never_airborne
-from attlog.metrics.step_solution import Fit
+from attlog.metrics.step_solution import MIN_EVENTS, Fit
 from attlog.metrics.turning import Turning
 from attlog.reference.model import Row
 
@@ -90,3 +90,8 @@ def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
         start = f"from {case.reference.scoring_start:.0f} s on"
         return "no_events", f"no quick movement {where} {start}; turns of {sizes} within 1 s are needed"
     return None
+
+
+def too_few(count: int, where: str = "") -> str:
+    """The reason where there are fewer than MIN_EVENTS; ``where`` follows with a blank before it."""
+    return f"{count} quick movement{'' if count == 1 else 's'}{where}; at least {MIN_EVENTS} are needed"

@@ -86,9 +86,9 @@ def _measure(row: Row, segments: Segments, reference: Reference, free_heading: b
     elif len(lost):
         bad = np.flatnonzero(~good & (row.t > first))
         for_good = not np.any(np.flatnonzero(good) > lost[0])
-        row.status = "failed" if for_good else "diverged"
-        often = "" if for_good else f"{len(bad)} times "
-        row.reason = f"returned NaN {often}from {row.t[bad[0]]:.1f} s on"
+        scored = row.errors is not None and bool(row.errors.scored.any())
+        row.status = "diverged" if scored else "failed"
+        row.reason = f"returned NaN {'' if for_good else f'{len(bad)} times '}from {row.t[bad[0]]:.1f} s on"
     return row
 
 

@@ -36,7 +36,7 @@ def test_every_number_is_whole_and_no_line_is_wider_than_the_terminal(width):
 def test_a_narrow_terminal_keeps_the_four_questions_and_names_what_it_leaves_out():
     found = "\n".join(lines(make_result(), 60))
     assert all(word in found for word in ("Tilt", "Noise", "Lag", "Drift"))
-    assert "No room for: heading error RMS, step error, air drift by" in found
+    assert "No room for: heading error RMS, air drift by onboard, cost" in found
 
 
 def test_names_give_way_before_numbers_do():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.present.made import TILT, row, sentence, tilt, verdict
 from tests.present.made import HEADING as HEAD
+from tests.present.made import TILT, row, sentence, tilt, verdict
 from tests.present.made import result as made
 
 
@@ -15,7 +15,8 @@ def test_against_truth_tilt_and_heading_are_told_with_who_is_farthest_and_what_f
     found = made(rows, {TILT: ["vqf"], HEAD: ["vqf", "mahony"]}, {TILT: "ekf12", HEAD: "ekf12"}, "truth")
     assert sentence("closest", found) == (
         "VQF is closest in tilt to the logged truth: 1.2° (1.1 to 1.3). EKF12 is farthest: 3.7° (3.3 to 4.1). "
-        "In heading VQF and Mahony are closest, not told apart: 1.6° and 4.0°. EKF12 is farthest: 13.7° (12.3 to 15.1). "
+        "In heading VQF and Mahony are closest, not told apart: 1.6° and 4.0°. "
+        "EKF12 is farthest: 13.7° (12.3 to 15.1). "
         "Onboard: 0.90°, heading 0.92°."
     )
 

@@ -13,7 +13,7 @@ from attlog.present.sentences import verdicts
 from attlog.result import EstimatorRow, Result
 from tests.conftest import corpus_logs
 from tests.present.contradictions import contradictions
-from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT, result, row
+from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT, merged, result, row
 
 NAMES = ("gyro", "complementary@fan", "mahony", "mahony@xu-0.6", "madgwick", "ekf12", "vqf")
 COLUMNS = (
@@ -81,11 +81,11 @@ def told() -> Result:
     """A result with a best and a worst row in every column."""
     values = (("vqf", 1.0), ("mahony", 2.0), ("complementary@fan", 9.0))
     rows = [
-        row(name, {w: {m: Answer(v, u, w, 9, 60.0, (0.9 * v, 1.1 * v)) for m, u, w2 in COLUMNS if w2 == w} for _, _, w in COLUMNS})
+        row(name, merged(*({w: {m: Answer(v, u, w, 9, 60.0, (0.9 * v, 1.1 * v))}} for m, u, w in COLUMNS)))
         for name, v in values
-    ]  # fmt: skip
+    ]
     metrics = {m for m, _, _ in COLUMNS}
-    made = result(rows, dict.fromkeys(metrics, ["vqf"]), dict.fromkeys(metrics, "complementary@fan"), "truth")
+    made = result(rows, {metric: ["vqf"] for metric in metrics}, dict.fromkeys(metrics, "complementary@fan"), "truth")
     made.verdicts = verdicts(made)
     return made
 

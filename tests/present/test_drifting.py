@@ -28,7 +28,8 @@ def test_most_and_least_come_from_the_ranking():
     rows = [row("a", drift(-4.8)), row("b", drift(2.0)), row("c", drift(0.0))]
     found = made(rows, {DRIFT_REST: ["c"]}, {DRIFT_REST: "a"})
     assert sentence("drifting", found) == (
-        "At rest, A drifts most: −4.8°/min (−4.9 to −4.7); B +2.0°/min; none is told of C: less than 0.10°/min; least: C."
+        "At rest, A drifts most: −4.8°/min (−4.9 to −4.7); B +2.0°/min; none is told of C: "
+        "less than 0.10°/min; least: C."
     )
     assert "A and B drift: −4.8°/min and +2.0°/min" in sentence("drifting", made(rows))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from attlog.present.heading import quoted_heading_reference
-
 from tests.present.made import drift, result, row
 
 

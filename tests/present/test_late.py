@@ -70,9 +70,11 @@ def test_a_row_that_is_no_pure_delay_is_not_judged_and_never_early():
 
 def test_the_angle_after_a_movement_is_named_for_who_is_short_of_it():
     rows = [
-        row("mahony@xu-0.6", merged(lag(0), step(8.0, -25.2))), row("complementary@fan", merged(lag(0), step(12.7, -51.8))),
-        row("madgwick", merged(lag(0), step(1.5, -4.8))), row("ekf12", merged(lag(0), step(4.4, 7.0))),
-    ]  # fmt: skip
+        row("mahony@xu-0.6", merged(lag(0), step(8.0, -25.2))),
+        row("complementary@fan", merged(lag(0), step(12.7, -51.8))),
+        row("madgwick", merged(lag(0), step(1.5, -4.8))),
+        row("ekf12", merged(lag(0), step(4.4, 7.0))),
+    ]
     assert sentence("late", made(rows)).endswith(
         " 0.5 s after a movement Complementary Fan is still 52 % short (12.7°) and Mahony Xu 0.6 25 % (8.0°); "
         "Madgwick and EKF12 are off by 1.5° and 4.4°."

@@ -184,7 +184,11 @@ def test_an_estimate_that_ends_in_nan_is_diverged_and_one_that_is_all_nan_failed
     e.q[T > 45.0] = np.nan
     row, _, _ = compared(flight(), e)
     assert row.status == "diverged"
-    assert "the first at 45.0" in row.reason
+    assert row.reason == "returned NaN from 45.0 s on"
+    e = estimate()
+    e.q[1:] = np.nan
+    row, _, _ = compared(flight(), e)
+    assert (row.status, row.reason) == ("failed", f"returned NaN from {T[1]:.1f} s on")
     e = estimate()
     e.q[:] = np.nan
     assert compared(flight(), e)[0].status == "failed"

@@ -93,12 +93,12 @@ def test_the_legend_hides_a_filter_in_every_figure(visit, report):
     page = visit(report)
     page.page.click(".lg:has-text('vqf')")
     for figure in page.figures():
-        assert page.visible(figure).get("5", False) is False, figure
+        assert page.visible(figure).get("4", False) is False, figure
     assert page.visible("attitude")["1"] is True
     page.page.click("#all")
-    assert page.visible("attitude")["5"] is True
+    assert page.visible("attitude")["4"] is True
     page.page.dblclick(".lg:has-text('gyro')")
-    assert page.visible("difference") == {"1": True, "2": False, "3": False, "4": False, "5": False}
+    assert page.visible("difference") == {"1": False, "2": False, "3": False, "4": False, "5": True}
 
 
 def test_the_table_sorts_with_empty_cells_last(visit, report):

@@ -94,7 +94,7 @@ def drifts(found: Contest, told: list[Judged]) -> str:
 
 def bounds(still: list[Judged]) -> str:
     """What these drifts stay below; where the bounds of filters differ much, the range of bounds."""
-    ends = sorted((max(map(abs, j.ends)) for j in still))
+    ends = sorted(max(map(abs, j.ends)) for j in still)
     if ends[-1] <= BOUNDS_DIFFER * ends[0]:
         return bound(still)
     return f"{below(ends[0], 'deg/min')} to {below(ends[-1], 'deg/min')}, depending on the filter"
