@@ -37,7 +37,7 @@ STEPS = (
     Column("Step error", "step_error_deg.0.5s", AIR, spare=1),
 )
 DRIFT_REST = Column("Drift at rest", "drift_rest_deg_per_min", REST)
-COST = Column("Cost", "cost_ns", ALL, spare=4)
+COST = Column("Cost", "cost_ns", ALL, contest=False, spare=4)
 
 
 AXIS_COLUMNS = tuple(

@@ -7,7 +7,8 @@ from typing import Any
 
 from attlog.present.contest import Contest, Judged, contest
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
-from attlog.present.names import against_heading
+from attlog.present.names import NOT_JUDGED, against_heading
+from attlog.present.numbers import counted as count
 from attlog.present.numbers import below, duration, moment, quantity
 from attlog.present.rows import AIR, REST
 from attlog.present.sentences.reasons import cannot, commonest, switch, why_not
@@ -120,8 +121,8 @@ def spread(judged: list[Judged]) -> str:
 
 def last_named(judged: list[Judged]) -> list[str]:
     """Rows that lost their way: their drift is named, after all others."""
-    return [f"{j.name}, which {j.row.status.replace('_', ' ')}, {j.text}" for j in judged[:2]] + (
-        [f"{len(judged) - 2} more filters lost their way"] if len(judged) > 2 else []
+    return [f"{j.name}, which {NOT_JUDGED.get(j.row.status, 'failed')}, {j.text}" for j in judged[:2]] + (
+        [f"{count(len(judged) - 2, 'more filter')} lost the way"] if len(judged) > 2 else []
     )
 
 

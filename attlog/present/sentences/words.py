@@ -73,7 +73,9 @@ def values(judged: list[Judged], *, named: bool = True) -> str:
 def some(judged: list[Judged], of: int) -> str:
     """Up to NAMED rows by name, more as a count."""
     names = [j.name for j in judged]
-    return listed(names) if len(names) <= NAMED else f"{len(names)} of {of} filters"
+    if len(names) <= NAMED:
+        return listed(names)
+    return f"All {of} filters" if len(names) == of else f"{len(names)} of {of} filters"
 
 
 def counted(names: list[str]) -> str:
