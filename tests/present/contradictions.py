@@ -122,7 +122,7 @@ def bounds(result: Result, verdict: Verdict) -> Iterator[str]:
                 continue
             told = not answer.ci95[0] <= 0 <= answer.ci95[1]
             if column == LAG:
-                told = told and abs(answer.value) > float(answer.detail.get("counts_as_zero_below") or 0)
+                told = told and abs(answer.value) > answer.counts_as_zero_below
             if not told and max(map(abs, answer.ci95)) > float(stated[-1].replace(",", "")) + 1e-9:
                 yield f"{row.name} can be {max(map(abs, answer.ci95)):.3g}, said to be less than {stated[-1]}"
 

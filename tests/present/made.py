@@ -44,7 +44,7 @@ def noise(value: float, phase: str = "rest", **more: object) -> Metrics:
 
 def lag(value: float, half: float = 1.0, floor: float = 2.0) -> Metrics:
     """A lag of one row; half an IMU sample is ``floor`` ms."""
-    return {"airborne": {LAG: answer(value, "ms", "airborne", half, detail={"counts_as_zero_below": floor})}}
+    return {"airborne": {LAG: answer(value, "ms", "airborne", half, counts_as_zero_below=floor)}}
 
 
 def impure(reason: str = "follows 51 % of the movement") -> Metrics:

@@ -37,11 +37,19 @@ def answers(draw: st.DrawFn, metric: str, unit: str, window: str) -> Answer:
     half = draw(st.floats(0.0, 100.0)) * draw(st.sampled_from([1.0, 0.1, 0.01]))
     ci95 = draw(st.sampled_from([(value - half, value + half), (value - 0.1 * half, value + half), None]))
     ranked = draw(st.integers(0, 5)) > 0
-    detail = {"counts_as_zero_below": draw(st.sampled_from([0.0, 2.0, 20.0]))} if metric == LAG else {}
+    zero = draw(st.sampled_from([0.0, 2.0, 20.0])) if metric == LAG else 0.0
     n = draw(st.integers(1, 30))
     return Answer(
-        value, unit, window, n, 60.0, ci95, ranked=ranked, reason=None if ranked else "too short", detail=detail
-    )
+        value,
+        unit,
+        window,
+        n,
+        60.0,
+        ci95,
+        ranked=ranked,
+        reason=None if ranked else "too short",
+        counts_as_zero_below=zero,
+    )  # fmt: skip
 
 
 @st.composite

@@ -61,7 +61,7 @@ def says(result: Result, lag: Contest) -> str:
 
 def zero_below(judged: Judged) -> float:
     """Lags below this count as none, ms: half an IMU sample."""
-    return float(judged.answer.detail.get("counts_as_zero_below") or 0.0)
+    return judged.answer.counts_as_zero_below
 
 
 def lagging(result: Result, lag: Contest, slow: list[Judged]) -> str:
