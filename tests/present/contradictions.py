@@ -24,11 +24,13 @@ COUNT = re.compile(r"(\d+) of (\d+) filters")
 def contradictions(result: Result) -> list[str]:
     """What is wrong, one line each; empty where nothing is."""
     found: list[str] = []
+    messages = {row.title for row in result.estimators}
     for verdict in result.verdicts:
         said = verdict.sentence
         rules = [*superlatives(result, verdict), *bounds(result, verdict), *figures(result, verdict)]
         rules += [*answered(result, verdict), *bars(result, verdict), *heading_references(result, verdict)]
-        rules += [f"code or id in words: {m[0]!r}" for m in CODE.finditer(" ".join([said, *verdict.notes]))]
+        odd = CODE.finditer(" ".join([said, *verdict.notes]))
+        rules += [f"code or id in words: {m[0]!r}" for m in odd if m[0] not in messages]
         found += [f"{verdict.question}: {why} | {said}" for why in rules]
     return found + list(marks(result))
 
