@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from attlog import earth
 from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.segments.model import Segments
 
@@ -70,7 +71,10 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
 
 
 def place(log: FlightLog) -> dict[str, float] | None:
-    """Where the flight was: the median of the fixes of the first receiver that has any, None without."""
+    """Where the flight was, and how fast the earth turns a heading there; None without a fix.
+
+    The median of the fixes of the first receiver that has any.
+    """
     import numpy as np
 
     for receiver in log.gnss:
@@ -79,10 +83,12 @@ def place(log: FlightLog) -> dict[str, float] | None:
         if good.any():
             alt = receiver.alt[good]
             alt = alt[np.isfinite(alt)]
+            latitude = float(np.median(receiver.lat[good]))
             return {
-                "lat": float(np.median(receiver.lat[good])),
+                "lat": latitude,
                 "lon": float(np.median(receiver.lon[good])),
                 "alt_m": float(np.median(alt)) if len(alt) else 0.0,
+                "earth_turn_deg_per_min": earth.heading_turn(latitude),
             }
     return None
 

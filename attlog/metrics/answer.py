@@ -53,14 +53,17 @@ class Answer:
 
     With a value: ``n`` independent pieces of evidence over ``seconds``, ``ci95`` the
     95 % interval. Without: ``code`` (of CODES) and ``reason``. ``ranked`` is False where
-    the value is shown but may not be "best"; ``reason`` then says why. For ranking, in
-    the value's own unit: ``floor``, the difference below which two values are the same, and
-    ``counts_as_zero_below``, the size that cannot be told from zero. ``coverage_pct`` is the
-    share of the time that a comparison stands on where that is not nearly all; ``each`` the
-    value of every single event; ``records`` each span of time on its own where there are
-    several. ``detail`` holds more for people (slopes, flags); nothing is computed from it.
-    ``units`` is what the ranking pairs with other rows; it does not leave the process (not
-    in the JSON).
+    the value is shown but may not be "best"; ``reason`` then says why. ``detail`` holds
+    more for people (slopes, flags); nothing is computed from it. In the value's own unit:
+
+    - ``floor``: the difference below which two values are the same, for the ranking
+    - ``counts_as_zero_below``: the size that cannot be told from zero
+    - ``coverage_pct``: the share of the time that a comparison stands on where that is not nearly all
+    - ``each``: the value of every single event; ``records``: each span of time on its own
+    - ``disagree``: least and largest of the records where one value does not explain them all
+    - ``changes``: first and last rate where the rate itself rises or falls steadily
+    - ``taken_out``: what was subtracted because it is not the row's own (the delay of the logged sensors)
+    - ``units``: what the ranking pairs with other rows; it does not leave the process (not in the JSON)
     """
 
     value: float | None
@@ -79,6 +82,9 @@ class Answer:
     coverage_pct: float | None = None
     each: list[float] = field(default_factory=list)
     records: list[Record] = field(default_factory=list)
+    disagree: tuple[float, float] | None = None
+    changes: tuple[float, float] | None = None
+    taken_out: float | None = None
     units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ METRICS: tuple[Metric, ...] = (
         paragraph(
             """From the row's start to the first time from which, for 5 s, the tilt error is at most 2 deg above its
             later median (filters with a magnetometer: and the heading error 5 deg above its later median).
-            One-sided: a filter that starts right and is bent later has converged at 0 s. A single event of this
+            One-sided: a filter that starts right and is pushed off later has converged at 0 s. A single event of this
             record: no interval."""
         ),
     ),

@@ -206,11 +206,9 @@ def answer(found: Drift, window: str, against: str) -> Answer:
             "told": found.told,
             "less_than": found.less_than,
             "wander_deg": found.wander,
-            "agree": found.agree,
             **({} if found.range is None else {"range": list(found.range)}),
-            **({} if found.changes is None else {"changes": list(found.changes)}),
         },
-        records=found.records,
+        records=found.records, disagree=None if found.agree else found.range, changes=found.changes,
         units=_units(found),
     )  # fmt: skip
 

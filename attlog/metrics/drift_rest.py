@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import earth, rotation
+from attlog import rotation
 from attlog.metrics import drift, follow
 from attlog.metrics.answer import Answer, Record, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
@@ -91,9 +91,6 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     answer = drift.answer(pooled, window, "rest")
     usable = [span for _, spans in rests(case, row, window) for span in spans]
     answer.detail |= bias_beside(row, answer.value, usable) | change
-    turn = earth_turn(case)
-    if turn is not None:
-        answer.detail["earth_turn_deg_per_min"] = turn
     return {METRICS[0].name: follow.unrank_frozen(case, row, "heading", answer)}
 
 
@@ -132,12 +129,3 @@ def heading_change(case: Case, row: Row, window: str) -> dict[str, float]:
     if len(means) < 2 or not np.isfinite(means).all():
         return {}
     return {"heading_change_deg": float(np.degrees(rotation.heading_angle(rotation.error(means[1], means[0]))))}
-
-
-def earth_turn(case: Case) -> float | None:
-    """How fast the earth turns a perfect gyro's heading at the place of the log, deg/min; None where it is unknown."""
-    for receiver in case.log.gnss:
-        latitude = receiver.lat[np.isfinite(receiver.lat) & (receiver.fix >= 3)]
-        if len(latitude):
-            return earth.heading_turn(float(np.median(latitude)))
-    return None

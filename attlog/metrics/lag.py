@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -154,24 +155,25 @@ def _lag_answer(
     lag, half, half_sample = found.delay - delay, half_width(found), 0.5 * sample_step(case, row)
     detail = shared | {
         "fitted_ms": 1000 * found.delay,
-        "input_delay_ms": 1000 * delay,
         "without_aiding_ms": 1000 * (lag - found.moved_s),
     }
-    each = [float(v) for v in 1000 * (found.each - delay)]
+    told = functools.partial(
+        Answer, detail=detail, each=[float(v) for v in 1000 * (found.each - delay)], taken_out=1000 * delay
+    )
     if found.at_edge:
         reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
-        return Answer(None, "ms", window, code="lag_at_edge", reason=reason, detail=detail, each=each)
+        return told(None, "ms", window, code="lag_at_edge", reason=reason)
     may_be_early = case.reference.kind == "onboard" or not row.causal
     earliest = -math.inf if may_be_early else -half_sample
     why = pure_delay.why_not(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
     if why is not None:
-        return Answer(None, "ms", window, code="not_a_pure_delay", reason=why, detail=detail, each=each)
+        return told(None, "ms", window, code="not_a_pure_delay", reason=why)
     unranked = None if row.causal else "looks ahead in time: its lag is no merit"
     ids, n = ids_of([events[k].onset for k in found.events]), len(found.events)
     pseudo = 1000 * (n * lag - (n - 1) * (found.left_out[:, 0] - delay))
-    return Answer(
+    return told(
         1000 * lag, "ms", window, n, found.seconds, (1000 * (lag - half), 1000 * (lag + half)),
-        f"rate fit, {n} events, jackknife", reason=unranked, ranked=unranked is None, detail=detail, each=each,
+        f"rate fit, {n} events, jackknife", reason=unranked, ranked=unranked is None,
         counts_as_zero_below=1000 * half_sample,
         units=UnitValues("lag_event", ids, pseudo, OnEvents(found.sums, ids, found.events, delay)),
     )  # fmt: skip

@@ -128,7 +128,7 @@ def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | N
 
     The first time from which, for 5 s, the tilt error is at most 2 deg above the
     median of all scored ones (and the heading error 5 deg above its median).
-    One-sided: a filter that starts right and is bent later has converged at 0 s.
+    One-sided: a filter that starts right and is pushed off later has converged at 0 s.
     """
     later = errors.scored if errors.scored.any() else np.ones(len(errors.t), bool)
     if len(errors.t) < 2 or errors.t[-1] - errors.t[0] < CONVERGED_S:

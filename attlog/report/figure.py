@@ -81,7 +81,7 @@ def said(ratio: float) -> str:
     """The sentence about reduction."""
     if ratio <= 1.005:
         return "Every sample is stored."
-    return f"Stored: smallest and largest value of each stretch, 1 in {ratio:.1f} samples; no peak is lost."
+    return f"Stored: smallest and largest value of each interval, 1 in {ratio:.1f} samples; no peak is lost."
 
 
 def reach(traces: list[Trace], names: Rows, unit: str = "deg") -> str:

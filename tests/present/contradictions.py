@@ -155,7 +155,7 @@ def numbers_of(row: EstimatorRow, question: str) -> Iterator[str]:
 def written(answer: Answer) -> Iterator[str]:
     """An answer's numbers as text."""
     ends = [abs(x) for x in answer.ci95 or ()]
-    values = [answer.value, *(answer.ci95 or ()), *answer.detail.get("range", ()), *answer.detail.get("changes", ())]
+    values = [answer.value, *(answer.ci95 or ()), *(answer.disagree or ()), *(answer.changes or ())]
     for value in (v for v in values if v is not None):
         yield number(value, answer.unit)
         yield number(abs(value), answer.unit, False)

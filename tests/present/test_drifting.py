@@ -57,16 +57,14 @@ def test_a_heading_reference_that_only_onboard_rows_have_is_not_quoted():
 
 
 def test_rests_that_disagree_are_said_as_a_range():
-    apart = drift(
-        0.5, 4.0, ranked=False, reason="the rests of this log disagree", detail={"agree": False, "range": [-2.0, 4.7]}
-    )
+    apart = drift(0.5, 4.0, ranked=False, reason="the rests of this log disagree", disagree=(-2.0, 4.7))
     assert sentence("drifting", made([row("a", apart)])) == (
         "At rest, the rests disagree for A: −2.0°/min to +4.7°/min."
     )
 
 
 def test_a_rate_that_changes_is_said():
-    changing = drift(2.0, detail={"changes": [0.5, 3.5]})
+    changing = drift(2.0, changes=(0.5, 3.5))
     assert "(the rate itself changes from +0.50°/min to +3.5°/min)" in sentence("drifting", made([row("a", changing)]))
 
 

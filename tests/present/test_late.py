@@ -89,9 +89,9 @@ def test_too_much_of_a_movement_is_not_called_short():
 
 def test_the_delay_of_the_logged_imu_is_printed():
     rows = [row("a", lag(0))]
-    rows[0].metrics["airborne"][LAG].detail["input_delay_ms"] = 11.2
+    rows[0].metrics["airborne"][LAG].taken_out = 11.2
     assert verdict("late", made(rows)).notes == ["The logged IMU itself comes 11 ms late; that is not counted as lag."]
-    rows[0].metrics["airborne"][LAG].detail["input_delay_ms"] = 0.0
+    rows[0].metrics["airborne"][LAG].taken_out = 0.0
     assert verdict("late", made(rows)).notes == ["No delay of the logged IMU is known; lags are taken as they are."]
 
 

@@ -36,7 +36,7 @@ def drifting(result: Result) -> Verdict:
     ]
     return Verdict(
         "drifting", "How fast does the heading drift?", says(result, rest, air, reference), shown.metric, shown.window,
-        bars(shown), reasons, notes(rest),
+        bars(shown), reasons, notes(result, rest),
     )  # fmt: skip
 
 
@@ -70,7 +70,7 @@ def drift_part(found: Contest, where: str) -> str:
         parts.append(f"{no} {who}: less than {bounds(still)}")
     if told and found.best and len(found.best) < len(found.ranked):
         parts.append(f"least: {some(found.best, len(found.ranked))}")
-    disagree = [j for j in found.filters if j.row.status == "ok" and j.answer.detail.get("agree") is False]
+    disagree = [j for j in found.filters if j.row.status == "ok" and j.answer.disagree is not None]
     if disagree:
         parts.append(f"the rests disagree for {counted([j.name for j in disagree])}: {spread(disagree)}")
     others = [j for j in found.filters if not j.ranked and j not in disagree and j.row.status == "ok"]
@@ -103,7 +103,7 @@ def bounds(still: list[Judged]) -> str:
 
 def changing(judged: Judged) -> str:
     """That the rate itself rises or falls."""
-    change = judged.answer.detail.get("changes")
+    change = judged.answer.changes
     return f" (the rate itself changes from {signed(change[0])} to {signed(change[1])})" if change else ""
 
 
@@ -114,7 +114,7 @@ def signed(value: float) -> str:
 
 def spread(judged: list[Judged]) -> str:
     """The range over rests that do not tell one drift."""
-    ranges: list[Any] = [j.answer.detail["range"] for j in judged if j.answer.detail.get("range")]
+    ranges = [j.answer.disagree for j in judged if j.answer.disagree is not None]
     low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
     return f"{signed(low)} to {signed(high)}"
 
@@ -126,7 +126,7 @@ def last_named(judged: list[Judged]) -> list[str]:
     )
 
 
-def notes(rest: Contest) -> list[str]:
+def notes(result: Result, rest: Contest) -> list[str]:
     """Every rest with its time, what of it could be used, and what it says for one row; the earth's own turn."""
     rows = [j.answer for j in rest.filters] or [
         a.row.metrics[rest.window][rest.metric] for a in rest.absent if a.row.kind == "replay"
@@ -134,7 +134,7 @@ def notes(rest: Contest) -> list[str]:
     if not rows:
         return []
     said = [f"Rest from {moment(r.t0)} to {moment(r.t1)}: {usable(r.usable_s, r.reason)}." for r in rows[0].records]
-    turn = turned(rows[0].detail)
+    turn = turned(result.log.get("place") or {})
     return said + ([turn] if turn else [])
 
 
@@ -143,7 +143,7 @@ def usable(seconds: float, reason: str | None) -> str:
     return typeset(reason) if reason else f"{duration(seconds)} usable"
 
 
-def turned(detail: Mapping[str, Any]) -> str:
+def turned(place: Mapping[str, Any]) -> str:
     """How fast the earth turns the heading of a perfect gyro."""
-    turn = detail.get("earth_turn_deg_per_min")
+    turn = place.get("earth_turn_deg_per_min")
     return f"The earth itself turns by {quantity(turn, 'deg/min')} here." if turn is not None else ""

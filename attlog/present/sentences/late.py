@@ -162,7 +162,7 @@ def off(judged: list[Judged], *, all_of_them: bool) -> str:
 def notes(result: Result, lag: Contest) -> list[str]:
     """The delay of the logged sensors, which is no filter's fault."""
     told = [row.metrics.get(lag.window, {}).get(LAG) for row in result.estimators if row.kind == "replay"]
-    delays = [float(a.detail["input_delay_ms"]) for a in told if a is not None and "input_delay_ms" in a.detail]
+    delays = [a.taken_out for a in told if a is not None and a.taken_out is not None]
     if not delays:
         return []
     delay = max(delays, key=abs)
