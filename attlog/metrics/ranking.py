@@ -18,7 +18,7 @@ import numpy as np
 from attlog.metrics import pairs
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Metric
-from attlog.metrics.units import Ids
+from attlog.metrics.units import Ids, Kind
 from attlog.reference.model import Row
 
 Table = Mapping[str, Mapping[str, Mapping[str, Answer]]]
@@ -28,6 +28,8 @@ Marks = dict[str, dict[str, list[str]]]
 
 MIN_COVERAGE_PCT = 50.0
 MIN_UNITS = 0.5
+FEWEST: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
+"""Common events below which rows are not compared, and keep the values of their own events."""
 """Of the units of the best covered row: rows with fewer are not compared."""
 
 
@@ -113,6 +115,9 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
     if not any(a.units is not None for a in ranked.values()):
         return _by_intervals(ranked, better)
     rows, common = common_units(ranked)
+    units = {name: a.units for name, a in ranked.items() if a.units is not None}
+    if any(len(common) < FEWEST.get(units[name].kind, 1) for name in rows):
+        return Family(list(units), [])
     if any(len(a.units.ids) != len(common) for a in (ranked[n] for n in rows) if a.units is not None):
         for name in rows:
             _restrict(ranked[name], common)

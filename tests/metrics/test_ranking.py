@@ -162,3 +162,15 @@ def test_rows_that_may_not_be_best_never_are(spoiled):
     found = rank(table, rows)
     assert found.best == {"hover": {"hover_jitter_deg": ["good"]}}
     assert found.ranked == {"hover": {"hover_jitter_deg": ["good", "fair"]}}
+
+
+def test_rows_that_share_two_movements_are_not_compared_and_keep_their_own_values():
+    def lag(first):
+        ids, values = ids_of(10.0 * np.arange(first, first + 4)), np.array([20.0, 21.0, 20.5, 20.2]) + 10 * first
+        units = UnitValues("lag_event", ids, values, lambda wanted: Summary(0.0, (0.0, 0.0)))
+        return Answer(float(np.mean(values)), "ms", "airborne", 4, 8.0, (19.0, 21.0), "", units=units)
+
+    column = {"a": lag(0), "b": lag(2)}
+    found = ranking.family(column, "zero")
+    assert (found.rows, found.told) == (["a", "b"], [])
+    assert (column["a"].n, column["b"].n) == (4, 4)

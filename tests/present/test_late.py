@@ -55,8 +55,8 @@ def test_a_lag_of_one_sample_of_a_slow_log_is_said_to_be_that():
 def test_filters_that_all_come_before_onboard_tell_that_onboard_is_late():
     rows = [row("a", lag(-8)), row("b", lag(-12))]
     assert sentence("late", made(rows)) == (
-        "A and B are ahead by −8 ms and −12 ms, so that the onboard attitude is the late one against onboard "
-        "(agreement, not truth) in 28 quick movements."
+        "A and B are ahead: −8 ms and −12 ms against onboard (agreement, not truth) in 28 quick movements, "
+        "so the onboard attitude is the late one."
     )
     assert "late one" not in sentence("late", made([*rows, row("c", lag(0))]))
 

@@ -76,7 +76,7 @@ def drift_part(found: Contest, where: str) -> str:
     others = [j for j in found.filters if not j.ranked and j not in disagree and j.row.status == "ok"]
     if others:
         parts.append(f"{counted([j.name for j in others])} {'is' if len(others) == 1 else 'are'} not ranked")
-    parts += last_named([j for j in found.filters if j.row.status != "ok"])
+    parts += last_named([j for j in found.filters if j.row.status not in ("ok", "not_judged")])
     if not parts:
         parts = [f"no filter can be ranked: {why_not(found)}"]
     return f"{where}, {'; '.join(parts)}.{onboard_part(found, interval=True)}"

@@ -49,7 +49,7 @@ def says(result: Result, lag: Contest) -> str:
     if slow:
         parts.append(f"{lagging(result, lag, slow)} {against}")
     if early:
-        parts.append(ahead(result, early, ranked) + ("" if slow else f" {against}"))
+        parts.append(ahead(result, early, ranked, "" if slow else f" {against}"))
     if rest and parts:
         who = some(rest, len(ranked)) if len(rest) <= NAMED else f"The other {len(rest)} filters"
         parts.append(f"{who} {'is' if len(rest) == 1 else 'are'} not measurably late: less than {bound(rest)}")
@@ -84,12 +84,12 @@ def sample(result: Result, judged: Judged) -> str:
     return f", one sample of this log's {number(rate, 'Hz')} Hz IMU,"
 
 
-def ahead(result: Result, early: list[Judged], ranked: list[Judged]) -> str:
+def ahead(result: Result, early: list[Judged], ranked: list[Judged], against: str) -> str:
     """Rows that come before what they are compared with: if all filters do, that itself is late."""
     who = some(early, len(ranked))
-    text = f"{who} {'is' if len(early) == 1 else 'are'} ahead by {values(early)}"
+    text = f"{who} {'is' if len(early) == 1 else 'are'} ahead: {values(early)}{against}"
     flew = result.reference is not None and result.reference.choice == "onboard"
-    return f"{text}, so that the onboard attitude is the late one" if flew and len(early) == len(ranked) > 1 else text
+    return f"{text}, so the onboard attitude is the late one" if flew and len(early) == len(ranked) > 1 else text
 
 
 def impure_part(names: list[str], result: Result) -> str:
