@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 import attlog
-from attlog import estimators, inputs, metrics, reference, segments
+from attlog import estimators, metrics, reference, replay, segments
 from attlog.config import Config
-from attlog.errors import AttlogError, LogUnusable, PluginError, UsageError
+from attlog.errors import LogUnusable, PluginError, UsageError
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.health import Check, answerable, audit
@@ -29,7 +29,7 @@ from attlog.health.findings import Open, findings, hopeless
 from attlog.metrics.base import Case, per_case
 from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep, Reference, Row
-from attlog.result import EstimatorRow, ParameterValue, ReferenceSummary, Result
+from attlog.result import EstimatorRow, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
 
@@ -99,8 +99,8 @@ def evaluate(
     rows: list[Row] = []
     estimator_rows: list[EstimatorRow] = []
     with clock("estimators"):
-        chosen = _specs(settings["estimators"], case.log)
-        for row, table_row in _replays(case, chosen):
+        chosen = replay.chosen(settings["estimators"], case.log)
+        for row, table_row in replay.replays(case, chosen):
             estimator_rows.append(table_row)
             if row is not None:
                 rows.append(row)
@@ -114,7 +114,7 @@ def evaluate(
     with clock("estimators"):
         for row in _onboard(case):
             rows.append(row)
-            estimator_rows.append(_table_row(row, title=row.estimator))
+            estimator_rows.append(replay.table_row(row, title=row.estimator))
     with clock("metrics"):
         seen = case.looked_at_with(rows)
         by_name = {row.name: row for row in rows}
@@ -307,127 +307,12 @@ def summarize(ref: Reference) -> ReferenceSummary:
     )
 
 
-def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
-    """The aligned attitudes of the named estimators only; the first failure is raised."""
-    rows = []
-    for suffix, imu in case.imus.items():
-        for spec in _specs(specs, case.log).values():
-            if isinstance(spec, PluginError):
-                raise spec
-            rows.append(_replayed(case, imu, spec, suffix)[0])
-    return rows
-
-
-def _replays(
-    case: Case, chosen: Mapping[str, estimators.Row | PluginError]
-) -> Iterator[tuple[Row | None, EstimatorRow]]:
-    """Each chosen estimator as a row; one that fails is a table row with status ``failed``."""
-    for suffix, imu in case.imus.items():
-        for name, spec in chosen.items():
-            try:
-                if isinstance(spec, PluginError):
-                    raise spec
-                yield _replayed(case, imu, spec, suffix)
-            except AttlogError as error:
-                yield None, _failed(name + suffix, error)
-
-
-def _specs(specs: Sequence[str], log: FlightLog) -> dict[str, estimators.Row | PluginError]:
-    """Name -> row to run, each once; a plug-in that cannot be loaded is its error. UsageError for unknown names."""
-    found: dict[str, estimators.Row | PluginError] = {}
-    for item in specs:
-        try:
-            for row in estimators.select(item, mag=log.mag is not None):
-                found.setdefault(row.name, row)
-        except PluginError as error:
-            found.setdefault(Path(item).stem, error)
-    return found
-
-
 def _imus(log: FlightLog, config: Config) -> dict[str, Imu]:
     """The units to replay, by what their rows are called after the estimator's name."""
     assert log.imu is not None
     if config.imu != "all":
         return {"": log.imus[log.imu]}
     return {f"/imu{imu.index}": imu for imu in log.imus}
-
-
-@per_case
-def _facts(case: Case, suffix: str) -> estimators.LogFacts:
-    """What the log tells about parameters of filters that replay this unit."""
-    return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.declination_deg)
-
-
-@per_case
-def _aids(case: Case) -> estimators.Aids:
-    """What the log holds beside inertial and magnetic samples."""
-    return inputs.aids_of(case.log, case.segments)
-
-
-def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[Row, EstimatorRow]:
-    """Run one estimator over one IMU and align what comes out."""
-    STAGES.info("running %s", spec.name)
-    log, ref = case.log, case.reference
-    mag = None if log.mag is None else log.mags[log.mag]
-    uses_mag = mag is not None and "mag" in spec.estimator.uses
-    facts = _facts(case, suffix)
-    resolved = spec.resolved(facts)
-    t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
-    estimate = estimators.estimate(
-        spec,
-        t,
-        imu.gyro.x,
-        imu.acc.x,
-        estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
-        sampling=imu.gyro.sampling,
-        dt=imu.dt,
-        aids=_aids(case),
-        log=facts,
-    )
-    row = reference.replayed(
-        log,
-        case.segments,
-        ref,
-        estimate,
-        name=spec.name + suffix,
-        estimator=spec.estimator.origin if spec.estimator.origin.endswith(".py") else spec.estimator.name,
-        parameters={k: v for k, (v, _) in resolved.items()},
-        uses_mag=uses_mag,
-    )
-    row.imu = imu
-    known = {p.name: p for p in spec.estimator.parameters}
-    parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
-    return row, _table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
-
-
-def _table_row(
-    row: Row,
-    estimator: str = "",
-    preset: str | None = None,
-    parameters: dict[str, ParameterValue] | None = None,
-    title: str = "",
-) -> EstimatorRow:
-    return EstimatorRow(
-        row.name,
-        row.kind,
-        estimator,
-        preset,
-        parameters or {},
-        {},
-        row.skipped,
-        row.ns_per_update,
-        row.status,
-        row.reason,
-        row.is_reference,
-        row.causal,
-        row.uses_mag,
-        row.start,
-        title,
-    )
-
-
-def _failed(name: str, error: AttlogError) -> EstimatorRow:
-    return EstimatorRow(name, "replay", name, None, {}, {}, {}, None, "failed", str(error))
 
 
 def _windows(config: Config, phases: Segments) -> tuple[str, ...]:

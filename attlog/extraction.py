@@ -157,7 +157,8 @@ def streams(log: FlightLog) -> Iterator[Extract]:
 
 def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
     """The attitudes of re-run estimators at IMU rate, one table per row specification."""
-    from attlog.analysis import prepare, run_rows
+    from attlog.analysis import prepare
+    from attlog.replay import run_rows
 
     for row in run_rows(prepare(log, {"estimators": specs}), specs):
         table = _attitude(f"estimate_{_word(row.name)}", row.t, row.q, row.name)

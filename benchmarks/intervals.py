@@ -34,7 +34,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import analysis, flight, metrics, reference, rotation
+from attlog import analysis, flight, metrics, reference, replay, rotation
 from attlog.errors import AttlogError
 from attlog.metrics import Answer, Case, injection, level, noise, ranking
 from attlog.metrics.settled import PHASES
@@ -97,7 +97,7 @@ def side(path: Path, truth: bool, halves: tuple[str, ...] = ()) -> Side:
     """One flight, analysed; ``halves`` are windows ``T0:T1`` to answer for as well."""
     log = flight.read(path)
     case = analysis.prepare(log if truth else replace(log, truth=None))
-    rows = {row.name: row for row in analysis.run_rows(case, ["default"])}
+    rows = {row.name: row for row in replay.run_rows(case, ["default"])}
     case = case.looked_at_with([*rows.values(), *reference.onboard_rows(case.log, case.segments, case.reference)])
     windows = (*case.windows, *(halves or halves_of(case)))
     return Side(case, rows, {n: metrics.compute(case, row, windows, cost=False) for n, row in rows.items()})
@@ -126,7 +126,7 @@ def made(truth: Side) -> dict[str, dict[str, Answer]]:
     rate = np.vstack([np.zeros(3), turned / np.diff(t)[:, None]])
     gyro = replace(unit.gyro, x=rate, sampling="interval")
     found = {}
-    for row in analysis.run_rows(replace(case, imus={"": replace(unit, gyro=gyro, dt=None)}), ["default"]):
+    for row in replay.run_rows(replace(case, imus={"": replace(unit, gyro=gyro, dt=None)}), ["default"]):
         row.status, row.imu = "ok", unit
         found[row.name] = metrics.compute(case, row, ("all",), cost=False)["all"]
     return found

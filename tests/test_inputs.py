@@ -154,7 +154,8 @@ def step(state, params, dt, gyr, acc, mag, aid):
 
 
 def test_an_analysis_gives_a_plug_in_the_aids_and_parameters_of_the_log(tmp_path: Path) -> None:
-    from attlog.analysis import prepare, run_rows
+    from attlog.analysis import prepare
+    from attlog.replay import run_rows
 
     file = tmp_path / "mine.py"
     file.write_text(PLUGIN)

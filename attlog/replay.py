@@ -1,0 +1,131 @@
+"""Running estimators over a Case: each as a row of attitudes, aligned, and as a line of the result's table."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from attlog import estimators, inputs, reference
+from attlog.errors import AttlogError, PluginError
+from attlog.flight.model import FlightLog, Imu
+from attlog.metrics.base import Case, per_case
+from attlog.reference.model import Row
+from attlog.result import EstimatorRow, ParameterValue
+
+STAGES = logging.getLogger("attlog.stages")
+"""Tells which filter is being run; who wants to know adds a handler."""
+
+
+def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
+    """The aligned attitudes of the named estimators only; the first failure is raised."""
+    rows = []
+    for suffix, imu in case.imus.items():
+        for spec in chosen(specs, case.log).values():
+            if isinstance(spec, PluginError):
+                raise spec
+            rows.append(_replayed(case, imu, spec, suffix)[0])
+    return rows
+
+
+def replays(case: Case, specs: Mapping[str, estimators.Row | PluginError]) -> Iterator[tuple[Row | None, EstimatorRow]]:
+    """Each chosen estimator as a row; one that fails is a table row with status ``failed``."""
+    for suffix, imu in case.imus.items():
+        for name, spec in specs.items():
+            try:
+                if isinstance(spec, PluginError):
+                    raise spec
+                yield _replayed(case, imu, spec, suffix)
+            except AttlogError as error:
+                yield None, _failed(name + suffix, error)
+
+
+def chosen(specs: Sequence[str], log: FlightLog) -> dict[str, estimators.Row | PluginError]:
+    """Name -> row to run, each once; a plug-in that cannot be loaded is its error. UsageError for unknown names."""
+    found: dict[str, estimators.Row | PluginError] = {}
+    for item in specs:
+        try:
+            for row in estimators.select(item, mag=log.mag is not None):
+                found.setdefault(row.name, row)
+        except PluginError as error:
+            found.setdefault(Path(item).stem, error)
+    return found
+
+
+@per_case
+def _facts(case: Case, suffix: str) -> estimators.LogFacts:
+    """What the log tells about parameters of filters that replay this unit."""
+    return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.declination_deg)
+
+
+@per_case
+def _aids(case: Case) -> estimators.Aids:
+    """What the log holds beside inertial and magnetic samples."""
+    return inputs.aids_of(case.log, case.segments)
+
+
+def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[Row, EstimatorRow]:
+    """Run one estimator over one IMU and align what comes out."""
+    STAGES.info("running %s", spec.name)
+    log, ref = case.log, case.reference
+    mag = None if log.mag is None else log.mags[log.mag]
+    uses_mag = mag is not None and "mag" in spec.estimator.uses
+    facts = _facts(case, suffix)
+    resolved = spec.resolved(facts)
+    t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
+    estimate = estimators.estimate(
+        spec,
+        t,
+        imu.gyro.x,
+        imu.acc.x,
+        estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
+        sampling=imu.gyro.sampling,
+        dt=imu.dt,
+        aids=_aids(case),
+        log=facts,
+    )
+    row = reference.replayed(
+        log,
+        case.segments,
+        ref,
+        estimate,
+        name=spec.name + suffix,
+        estimator=spec.estimator.origin if spec.estimator.origin.endswith(".py") else spec.estimator.name,
+        parameters={k: v for k, (v, _) in resolved.items()},
+        uses_mag=uses_mag,
+    )
+    row.imu = imu
+    known = {p.name: p for p in spec.estimator.parameters}
+    parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
+    return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
+
+
+def table_row(
+    row: Row,
+    estimator: str = "",
+    preset: str | None = None,
+    parameters: dict[str, ParameterValue] | None = None,
+    title: str = "",
+) -> EstimatorRow:
+    """A row as the result lists it, its answers still empty."""
+    return EstimatorRow(
+        row.name,
+        row.kind,
+        estimator,
+        preset,
+        parameters or {},
+        {},
+        row.skipped,
+        row.ns_per_update,
+        row.status,
+        row.reason,
+        row.is_reference,
+        row.causal,
+        row.uses_mag,
+        row.start,
+        title,
+    )
+
+
+def _failed(name: str, error: AttlogError) -> EstimatorRow:
+    return EstimatorRow(name, "replay", name, None, {}, {}, {}, None, "failed", str(error))
