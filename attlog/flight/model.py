@@ -229,7 +229,8 @@ class FlightLog:
     log does not tell, with the names of the parameters in ``trim_source`` and
     ``declination_source``. ``logging`` knows the vehicle's logging settings,
     ``remedies`` what to do about a fault. ``acc_bias`` (n, 3) m/s^2 is what the onboard
-    estimator takes off the accelerometer in body axes, ``onboard_vibration`` (n, 3) m/s^2
+    estimator takes off the accelerometer in body axes, ``onboard_gyro_bias`` (n, 3) rad/s what
+    it takes off the gyro that is replayed, None where it runs on another one; ``onboard_vibration`` (n, 3) m/s^2
     the level that the autopilot measures itself at full rate.
     """
 
@@ -270,6 +271,7 @@ class FlightLog:
     logging: Logging | None = None
     remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL))
     acc_bias: Stream | None = None
+    onboard_gyro_bias: Stream | None = None
     onboard_vibration: Stream | None = None
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     boot: int = 0

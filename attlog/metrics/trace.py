@@ -19,8 +19,9 @@ class Trace:
     share (%) of the samples of roll and pitch there, a straight line taken out of every 5 s;
     ``drift``: heading error block means and ``line`` (fit), each minus the mean of the heading, ``key`` = "rest" or the
     heading reference; ``allan``: tau (also ``t``), deviation of the averaged angle, low, high,
-    ``key`` = axis; ``bias``: x y z in deg/s; ``step``: est and ref of the representative event and ``set`` (set-point),
-    t from its onset, ``key`` = "axis@onset"; ``steps``: median low high of the error in % of the stroke over all events
+    ``key`` = axis; ``bias``: x y z in deg/s, of filters and of the onboard estimator; ``step``: est and ref of the
+    representative event and ``set`` (set-point), t from its onset, ``key`` = "axis@onset";
+    ``steps``: median low high of the error in % of the stroke over all events
     of an axis, ``ref`` the reference's median, ``key`` = "axis (events)"; ``setpoint``: roll and pitch response to a
     unit step, t from the step.
 

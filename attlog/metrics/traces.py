@@ -40,6 +40,7 @@ def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
             *allan_curves(case, row),
             *step_traces(case, row),
             *bias(row, angles),
+            *onboard_bias(case, row),
             *setpoint(case, row),
         ]
     return [*found, *rest_traces(case, rows), *sensor_traces(case)]
@@ -100,6 +101,15 @@ def bias(row: Row, share: Share) -> list[Trace]:
     if row.bias is None or len(row.t) == 0:
         return []
     return [_enveloped("bias", row.name, row.t, _broken(np.degrees(row.bias), row.segment), ("x", "y", "z"), share)]
+
+
+def onboard_bias(case: Case, row: Row) -> list[Trace]:
+    """The gyro bias in deg/s that the onboard estimator logged, at its own times: drawn with the onboard row."""
+    stream = case.log.onboard_gyro_bias
+    if row.name != "onboard" or stream is None:
+        return []
+    share = Share.of([len(stream.t)])
+    return [_enveloped("bias", row.name, stream.t, np.degrees(stream.x), ("x", "y", "z"), share)]
 
 
 def setpoint(case: Case, row: Row) -> list[Trace]:

@@ -88,6 +88,8 @@ def bias(found: list[Trace], rests: list[Trace], names: Rows, store: Store) -> F
     """Gyro bias that the filters found, beside what the gyro shows at rest."""
     drawn, ratio = series(found, AXES, names, store, 1e-4)
     caption = "Subtracted from the logged gyro. Filters without a bias state are not drawn. "
+    if any(t.row == "onboard" for t in found):
+        caption += f"{names[names.index('onboard')]}: what the autopilot's own estimator logged. "
     data: dict[str, Any] = {"series": drawn}
     if rests:
         data["rests"] = {"t": listed(rests[0].t)} | {a: listed(rests[0].columns[a]) for a in AXES}

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from attlog.flight.ardupilot import events, remedies
+from attlog.flight.ardupilot import events, gyro_bias, remedies
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns, on_earth
@@ -136,6 +136,9 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder, clock), None)
     log.battery = builder.attempt("The battery", lambda: battery(builder, clock), None)
     log.acc_bias = builder.attempt("XKF2", lambda: acc_bias(builder, clock), None)
+    log.onboard_gyro_bias = builder.attempt(
+        "The onboard gyro bias", lambda: gyro_bias.gyro_bias(builder, clock, values, imu), None
+    )
     log.onboard_vibration = builder.attempt("VIBE", lambda: vibration(builder, clock, imu), None)
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
     log.remedies = remedies.of(values)

@@ -11,7 +11,7 @@ from attlog import rotation
 from attlog.flight.builder import LogBuilder, columns, finite_within, on_earth
 from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import px4_mode
-from attlog.flight.px4 import events, remedies
+from attlog.flight.px4 import events, gyro_bias, remedies
 from attlog.flight.px4.imus import stamps
 from attlog.flight.timing import only_new
 from attlog.flight.vehicle import PX4_TYPES, named
@@ -57,6 +57,9 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder), None)
     log.battery = builder.attempt("The battery", lambda: battery(builder), None)
     log.acc_bias = builder.attempt("estimator_sensor_bias", lambda: acc_bias(builder), None)
+    log.onboard_gyro_bias = builder.attempt(
+        "The onboard gyro bias", lambda: gyro_bias.gyro_bias(builder, log.replay_imu), None
+    )
     events.report(builder)
     log.remedies = remedies.of({n: v for n in log.params if (v := log.param(n)) is not None})
     log.texts = builder.texts()

@@ -1,0 +1,56 @@
+"""Which gyro bias does ArduPilot's own EKF take off the gyro that is replayed?
+
+GX, GY, GZ of XKF1 and NKF1 are deg/s in body axes (ArduPilot's list of log messages, and
+FMTU since 3.6), to be subtracted; IMU, GYR, IMT and RISI are logged before. EKF1 is left
+out: ArduPilot commit ac2e5f6 (October 2014) changed its unit from deg/min to deg/s under
+the same format, which no record of the time tells apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.flight.ardupilot.clock import Clock
+from attlog.flight.ardupilot.imus import primary_core, unit_of_core, units
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.inertial import longest_held
+from attlog.flight.model import Imu, Stream
+from attlog.formats.base import Messages, Table
+
+COLUMNS = ("GX", "GY", "GZ")
+FAMILIES = {None: ("XK", "NK"), 2.0: ("NK",), 3.0: ("XK",)}
+"""EKF families that may have flown, by AHRS_EKF_TYPE; with any other number no EKF of ArduPilot's did."""
+LARGEST_RAD_S = 10.0
+"""The EKFs bound their estimate far below (0.5 rad/s); more is damage."""
+
+
+def gyro_bias(builder: LogBuilder, clock: Clock, values: dict[str, float], imu: Imu | None) -> Stream | None:
+    """Gyro bias (n, 3) in rad/s FRD to subtract from ``imu.gyro``; None where the log does not tell.
+
+    It is that of the core that was primary longest, or of another one on the replayed unit.
+    """
+    ekf = values.get("AHRS_EKF_TYPE")
+    family, t_us, lanes = primary_core(builder.messages, clock, ekf)
+    allowed = FAMILIES.get(ekf, ())
+    family = family or next((f for f in allowed if builder.messages.instances(f"{f}F1")), "")
+    if imu is None or family not in allowed:
+        return None
+    first = longest_held(t_us, lanes) or 0
+    mask = values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
+    found = cores(builder.messages, family)
+    for core in sorted(found, key=lambda c: (c != first, c)):
+        if unit_of_core(core, mask, list(found)) == imu.index:
+            table = found[core]
+            bias = np.radians(columns(table, *COLUMNS))
+            source = f"{table.name}:{core}"
+            return builder.stream(clock.of(table), bias, "rad/s", source, frame="FRD", limit=LARGEST_RAD_S)
+    return None
+
+
+def cores(messages: Messages, family: str) -> dict[int, Table]:
+    """Records with the bias by core; before 4.0 the second core wrote NKF6 or XKF6."""
+    found = units(messages, f"{family}F1")
+    second = messages.first(f"{family}F6")
+    if second is not None:
+        found.setdefault(1, second)
+    return {core: table for core, table in found.items() if all(c in table for c in COLUMNS)}
