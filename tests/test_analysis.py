@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import analysis, replay
+from attlog import analysis
 from attlog.errors import UsageError
 from attlog.metrics.base import Case
 from attlog.result import Answer, Result
