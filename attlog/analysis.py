@@ -25,7 +25,7 @@ from attlog.errors import LogUnusable, PluginError, UsageError
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.health import Check, answerable, audit
-from attlog.health.findings import Open, findings, hopeless
+from attlog.health.findings import Open, contradiction, findings, hopeless
 from attlog.metrics.base import Case, per_case
 from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep, Reference, Row
@@ -142,7 +142,7 @@ def evaluate(
     )
     result.verdicts = verdicts(result)
     own = _problems(case.reference, estimator_rows) + _slow(chosen, rows)
-    result.problems = findings(case.log, checks, own, _unanswered(case, checks, result))
+    result.problems = findings(case.log, checks, own, _unanswered(case, result))
     result.timing = clock.seconds
     return result
 
@@ -201,9 +201,11 @@ def _withhold(why: str, rows: Sequence[Row], table: Sequence[EstimatorRow]) -> N
                 row.status, row.reason = "not_judged", why
 
 
-def _unanswered(case: Case, checks: list[Check], result: Result) -> list[Open]:
+def _unanswered(case: Case, result: Result) -> list[Open]:
     """The questions that no row answers, each with its reason and what would answer it."""
-    by_question = {a.question: a for a in answerable(case.log, case.segments, checks, case.reference)}
+    if all(verdict.bars for verdict in result.verdicts):
+        return []
+    by_question = {a.question: a for a in answerable(case.log, case)}
     found = []
     for verdict in result.verdicts:
         if not verdict.bars:
@@ -214,11 +216,7 @@ def _unanswered(case: Case, checks: list[Check], result: Result) -> list[Open]:
 
 def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
     """What the analysis itself found wrong: a reference that physics contradicts, estimators that failed."""
-    means = "It is no reference for anything" if ref.kind == "none" else "It was asked for as reference all the same"
-    sentences = [ref.fault, *(step.text for step in ref.steps if step.name == "contradiction")]
-    text = " ".join(f"{sentence}." for sentence in sentences)
-    refused = [Problem("reference_contradicted", "error", text, means=f"{means}.")] if ref.fault else []
-    return refused + [
+    return contradiction(ref) + [
         Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"
     ]
 

@@ -10,9 +10,14 @@ from numpy.typing import NDArray
 
 from attlog import formats, reference, segments
 from attlog.flight import read
+from attlog.flight.model import FlightLog
 from attlog.flight.record_time import clock_of
 from attlog.health import answerable, audit
+from attlog.health.findings import contradiction, findings
+from attlog.metrics import Case
 from attlog.plain import plain
+from attlog.reference.model import Reference
+from attlog.segments import Segments
 from attlog.summary import describe
 
 
@@ -20,13 +25,15 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     """Contents, physics checks, answerable questions and problems of a log.
 
     Keys: ``log``, ``messages`` of the boot (name, instance, records, rate_hz, fields; the rate
-    is None without times or span), ``audit``, ``answerable``, ``problems``, ``damage``,
+    is None without times or span), ``audit``, ``answerable``, ``problems`` (all that is
+    wrong, worst first, with cause and remedy, before any filter runs), ``damage``,
     ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
     """
     log = read(path, boot=boot, system=system)
     phases = segments.build(log) if log.imu is not None else None
     chosen = reference.choose(log, phases) if phases is not None else None
+    case = None if phases is None or chosen is None else _case(log, phases, chosen)
     checks = audit(log, phases, chosen)
     messages = formats.open(path, system)
     part = messages.boot(log.boot)
@@ -49,11 +56,19 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
             for table in part.values()
         ],
         "audit": plain(checks),
-        "answerable": plain(answerable(log, phases, checks, chosen)),
-        "problems": plain(log.problems),
+        "answerable": plain(answerable(log, case)),
+        "problems": plain(findings(log, checks, [] if chosen is None else contradiction(chosen))),
         "damage": {"bytes": messages.damage_bytes, "places": plain(messages.damage)},
         "verify": verification,
     }
+
+
+def _case(log: FlightLog, phases: Segments, chosen: Reference) -> Case:
+    """The log as the metrics see it; headings to compare with are only built where there is flight."""
+    flown = bool(phases.spans("airborne"))
+    return Case(
+        log, phases, chosen, heading_references=reference.heading_references(log, phases, chosen) if flown else {}
+    )
 
 
 def _rate(stamps: NDArray[np.int64] | None) -> float | None:

@@ -29,7 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "segments": {"flight"},
     "reference": {"flight", "segments", "estimators"},
     "metrics": {"flight", "segments", "reference", "estimators", "plain"},
-    "health": {"flight", "segments", "reference", "metrics.evidence", "metrics.steps"},
+    "health": {"flight", "segments", "reference", "metrics.evidence", "metrics.base", "metrics.possible"},
     "config": {"estimators"},
     "plain": set(),
     "inputs": {"flight", "segments", "estimators"},

@@ -84,6 +84,10 @@ def printable(report: dict[str, Any]) -> dict[str, Any]:
 
 def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line]:
     """A report of :func:`attlog.inspection.inspect` as text of at most ``width`` columns where words can be broken."""
+    from attlog.cli.terminal import wrong
+    from attlog.flight.model import Problem
+    from attlog.present.problems import said
+
     yield from _head(report["log"], width)
     checks = [(c["name"], WORDS[c["verdict"]], c["text"]) for c in report["audit"]]
     yield from _part("Physics", checks, width, [STYLES[c["verdict"]] for c in report["audit"]])
@@ -93,9 +97,9 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
         for q in questions
     ]
     yield from _part("What can be answered", answers, width, ["" if q["can"] else "red" for q in questions])
-    problems = [p for p in report["problems"] if verbose or p["severity"] != "info"]
-    told = [(p["severity"], p["text"] + ("" if p["t"] is None else f" (from {p['t']:.1f} s on)")) for p in problems]
-    yield from _part("Problems", told, width, [""] * len(told))
+    yield Line("")
+    found = [Problem(**p) for p in report["problems"] if verbose or p["severity"] != "info"]
+    yield from wrong(said(found), str, width, verbose=True)
     messages = [
         (
             m["name"] + (f".{m['instance']}" if m["instance"] else ""),

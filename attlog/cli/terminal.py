@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 from attlog.cli.layout import Line
 from attlog.cli.table import comparison
-from attlog.present.problems import nothing_wrong, problems
+from attlog.present.problems import Said, nothing_wrong, problems
 from attlog.present.stand_ins import stand_in
 from attlog.present.text import clean, typeset
 from attlog.result import Result
@@ -30,16 +30,15 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     for verdict in result.verdicts:
         yield from wrapped(f"  {verdict.question:<10}", shown(typeset(verdict.sentence)), width)
     yield Line("")
-    yield from wrong(result, shown, width, verbose)
+    yield from wrong(problems(result), shown, width, verbose)
     table = comparison(result, window, width, shown)
     if table:
         yield Line("")
         yield from table
 
 
-def wrong(result: Result, shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[Line]:
+def wrong(found: list[Said], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[Line]:
     """What is wrong with the log, the worst first, each with cause, remedy and meaning; notes only if ``verbose``."""
-    found = problems(result)
     listed = [p for p in found if verbose or p.style != "note"]
     yield Line(shown("What is wrong with this log"), "bold")
     nothing = nothing_wrong(listed, len(found) - len(listed))

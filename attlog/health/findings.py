@@ -15,6 +15,7 @@ from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
 from attlog.health.gyro import HOPELESS_DPS
 from attlog.health.model import Check
+from attlog.reference.model import Reference
 
 ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
 """Worst first."""
@@ -164,6 +165,17 @@ def findings(
     for i, (name, about) in enumerate(ABOUT.items()):
         place |= dict.fromkeys((_code(name), *about.codes, *about.beside), i)
     return sorted(_once(told), key=lambda p: (ORDER.index(p.severity), place.get(p.code, len(place)), p.t or 0.0))
+
+
+def contradiction(reference: Reference) -> list[Problem]:
+    """A reference that physics contradicts, as an entry of the list; none where it is not."""
+    if not reference.fault:
+        return []
+    asked = "It was asked for as reference all the same"
+    means = "It is no reference for anything" if reference.kind == "none" else asked
+    sentences = [reference.fault, *(step.text for step in reference.steps if step.name == "contradiction")]
+    text = " ".join(f"{sentence}." for sentence in sentences)
+    return [Problem("reference_contradicted", "error", text, means=f"{means}.")]
 
 
 def hopeless(checks: Iterable[Check]) -> str:

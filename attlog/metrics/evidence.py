@@ -15,18 +15,10 @@ from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
 
-REST_SETTLE_S = 5.0
-"""Rest counts from this long after the start of what is judged (docs/metrics.md)."""
-NOISE_REST_S = 2.0
-"""Shortest rest in which noise is measured."""
 DRIFT_AIR_S, DRIFT_REST_S = 20.0, 8.0
 """Shortest record of a drift in the air, and at rest after settling: four groups of 5 s, of 2 s."""
 DRIFT_SLACK_S = 0.5
 """A record may lack this much: half a block of 1 s."""
-STEP_EVENTS = 3
-"""Quick movements that a lag needs."""
-STEP_REFERENCE_HZ = 5.0
-"""A slower reference shows no quick movement."""
 
 
 def unbroken(t: Array, inside: NDArray[np.bool_], segment_of: NDArray[np.int64] | None = None) -> list[slice]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from attlog.present.numbers import moment
@@ -34,10 +35,15 @@ class Said:
 
 
 def problems(result: Result) -> list[Said]:
+    """What is wrong with a log as it is shown."""
+    return said(result.problems)
+
+
+def said(found: Iterable[Problem]) -> list[Said]:
     """Problems, the worst first, equal sentences once with their count."""
     order = {name: i for i, name in enumerate(SEVERITY)}
     gathered: dict[tuple[str, str], Said] = {}
-    for problem in sorted(result.problems, key=lambda p: order.get(p.severity, 9)):
+    for problem in sorted(found, key=lambda p: order.get(p.severity, 9)):
         label, style = SEVERITY.get(problem.severity, ("Note", "note"))
         first = Said(label, style, problem.text, where(problem), shown_time(problem), more=more(problem))
         gathered.setdefault((problem.severity, problem.text), first).count += problem.count

@@ -12,7 +12,7 @@ def result(*found: Problem) -> Result:
 
 
 def printed(made: Result, verbose: bool = False) -> list[str]:
-    return [line.text for line in wrong(made, lambda text: text, 100, verbose)]
+    return [line.text for line in wrong(problems(made), lambda text: text, 100, verbose)]
 
 
 GYRO = Problem(

@@ -1,0 +1,64 @@
+"""The stand-in is the gyro alone, and what is possible with it is what filters are judged by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import analysis, estimators, flight, rotation
+from attlog.errors import AttlogError
+from attlog.inspection import inspect
+from attlog.metrics import possible
+from tests.conftest import SAMPLES, corpus_logs, corpus_root
+
+ONLY_FILTERS_TELL = {"px4_1.6.5_hand_rotation.ulg", "log_copter_3.1.1_nan.log"}
+"""The onboard attitude is refused because six filters agree against it: before they run nobody knows."""
+
+
+def every_log() -> list[Path]:
+    root = corpus_root()
+    cases = [] if root is None else sorted((root / "logs" / "cases").glob("*"))
+    return corpus_logs() + [p for p in cases if p.suffix.lower() in (".ulg", ".bin", ".tlog", ".log")]
+
+
+def test_products_are_those_of_one_multiplication_after_the_other() -> None:
+    q = rotation.normalize(np.random.default_rng(3).normal(size=(2500, 4)))
+    told = possible.products(q)
+    expected = q[0]
+    for k in range(1, len(q)):
+        expected = rotation.multiply(expected, q[k])
+    assert abs(expected @ told[-1]) == pytest.approx(1.0, abs=1e-9)
+    assert np.allclose(told[0], q[0])
+
+
+def test_the_stand_in_turns_as_the_compiled_gyro_row_does() -> None:
+    imu = flight.read(SAMPLES / "copter_yaw_turns.bin").replay_imu
+    assert imu is not None
+    own = possible.integrated(imu, "sample")
+    row = estimators.estimate(
+        "gyro", imu.gyro.t_best, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt, q0=own.q[0]
+    )
+    assert np.array_equal(own.t, row.t)
+    apart = rotation.total_angle(rotation.error(own.q, rotation.normalize(row.q)))
+    assert np.degrees(np.max(apart)) < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", every_log(), ids=lambda p: f"{p.parent.name}-{p.name}")
+def test_info_says_of_every_log_what_analyze_can_answer(path: Path) -> None:
+    try:
+        result = analysis.evaluate(analysis.prepare(path))
+    except AttlogError:
+        return
+    answered = {v.question: bool(v.bars) for v in result.verdicts}
+    if path.name in ONLY_FILTERS_TELL:
+        assert "reference_contradicted" in {p.code for p in result.problems}
+        assert inspect_answers(path) != answered, "no longer an exception"
+        answered |= {"closest": True, "late": inspect_answers(path)["late"]}
+    assert inspect_answers(path) == answered
+
+
+def inspect_answers(path: Path) -> dict[str, bool]:
+    return {a["question"]: a["can"] for a in inspect(path)["answerable"]}
