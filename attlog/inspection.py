@@ -15,12 +15,15 @@ from attlog.health import answerable, audit
 from attlog.plain import plain
 from attlog.summary import describe
 
+SHORTEST_S = 1.0
+"""Records that span less have no rate."""
+
 
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None, verify: bool = False) -> dict[str, Any]:
     """Contents, physics checks, answerable questions and problems of a log.
 
     Keys: ``log``, ``messages`` of the boot (name, instance, records, rate_hz, fields; the rate
-    is None without times or span), ``audit``, ``answerable``, ``problems``, ``damage``,
+    is None without times and for records within one second), ``audit``, ``answerable``, ``problems``, ``damage``,
     ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
     """
@@ -57,8 +60,8 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
 
 
 def _rate(stamps: NDArray[np.int64] | None) -> float | None:
-    """Intervals per second of boot times (n,) in us."""
+    """Intervals per second of boot times (n,) in us; None for a burst, such as definitions."""
     if stamps is None or len(stamps) < 2:
         return None
     span = float(stamps[-1] - stamps[0]) / 1e6
-    return (len(stamps) - 1) / span if span > 0 else None
+    return (len(stamps) - 1) / span if span >= SHORTEST_S else None
