@@ -1,10 +1,10 @@
-"""attlog: which attitude filter is quiet at rest, late in a step, drifting in heading, on the log of a real flight."""
+"""attlog: which attitude filter is closest, quiet, late in a step, drifting in heading, on the log of a real flight."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["Aids", "AttlogError", "Config", "Result", "analyze", "estimate", "evaluate", "prepare", "read"]
 
 if TYPE_CHECKING:

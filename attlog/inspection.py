@@ -20,13 +20,16 @@ from attlog.reference.model import Reference
 from attlog.segments import Segments
 from attlog.summary import describe
 
+SHORTEST_S = 1.0
+"""Records that span less have no rate."""
+
 
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None, verify: bool = False) -> dict[str, Any]:
     """Contents, physics checks, answerable questions and problems of a log.
 
     Keys: ``log``, ``messages`` of the boot (name, instance, records, rate_hz, fields; the rate
-    is None without times or span), ``audit``, ``answerable``, ``problems`` (all that is
-    wrong, worst first, with cause and remedy, before any filter runs), ``damage``,
+    is None without times and for records within one second), ``audit``, ``answerable``,
+    ``problems`` (all that is wrong, worst first, with cause and remedy, before any filter runs), ``damage``,
     ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
     """
@@ -72,8 +75,8 @@ def _case(log: FlightLog, phases: Segments, chosen: Reference) -> Case:
 
 
 def _rate(stamps: NDArray[np.int64] | None) -> float | None:
-    """Intervals per second of boot times (n,) in us."""
+    """Intervals per second of boot times (n,) in us; None for a burst, such as definitions."""
     if stamps is None or len(stamps) < 2:
         return None
     span = float(stamps[-1] - stamps[0]) / 1e6
-    return (len(stamps) - 1) / span if span > 0 else None
+    return (len(stamps) - 1) / span if span >= SHORTEST_S else None

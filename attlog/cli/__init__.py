@@ -32,7 +32,7 @@ class Commands(Group):
 app = typer.Typer(
     name="attlog",
     cls=Commands,
-    help="Re-run attitude filters on a flight log and say which is quiet at rest, late in a step, drifting in heading."
+    help="Re-run attitude filters on a flight log and say which is closest, quiet, late in a step, drifting in heading."
     " attlog LOG means attlog analyze LOG.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

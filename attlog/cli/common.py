@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Iterable
@@ -67,11 +68,16 @@ def console(stderr: bool = False) -> Console:
     """A terminal to print to; plain text where the output is no terminal, wide where it is piped."""
     from rich.console import Console
 
+    class Terminal(Console):
+        def on_broken_pipe(self) -> None:
+            # rich would end with 1, which means a difference that info --verify found
+            raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
+
     stream = sys.stderr if stderr else sys.stdout
     width = None if stream.isatty() else 160
     if os.environ.get("NO_COLOR"):
-        return Console(stderr=stderr, highlight=False, soft_wrap=False, width=width, color_system=None)
-    return Console(stderr=stderr, highlight=False, soft_wrap=False, width=width)
+        return Terminal(stderr=stderr, highlight=False, soft_wrap=False, width=width, color_system=None)
+    return Terminal(stderr=stderr, highlight=False, soft_wrap=False, width=width)
 
 
 def say(lines: Iterable[Line], out: Console) -> None:

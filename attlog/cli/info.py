@@ -129,7 +129,7 @@ def _head(log: dict[str, Any], width: int) -> Iterator[Line]:
         sensor = log[what]
         found = "none" if sensor is None else f"{sensor['source']} at {sensor['rate_hz']:.1f} Hz"
         reason = log["choices"].get(what, "")
-        sensors.append((what, found + (f"  ({reason.rstrip('.')})" if reason else "")))
+        sensors.append((what, found + (f". {reason.rstrip('.')}." if reason else "")))
     yield from (Line(line) for row in columns(sensors, width) for line in row)
     if log["seconds"]:
         yield Line(

@@ -46,9 +46,7 @@ def wrong(found: list[Said], shown: Callable[[str], str], width: int, verbose: b
         yield Line(f"  {nothing}")
     for problem in listed:
         where = f" ({problem.where})" if problem.where else ""
-        times = (
-            f" ({problem.count} times)" if problem.count > 1 and f"{problem.count} times" not in problem.text else ""
-        )
+        times = f" ({problem.count} times)" if problem.count > 1 and f" {problem.count} " not in problem.text else ""
         yield from wrapped(f"  {problem.label.lower()}: ", shown(f"{typeset(problem.text)}{where}{times}"), width)
         for label, text in problem.more:
             yield from wrapped(f"      {label:<4} ", shown(typeset(text)), width)

@@ -129,7 +129,7 @@ def damage(messages: Messages) -> list[Problem]:
             Problem(
                 "damage", "warning",
                 f"The file is damaged in {places}, {messages.damage_bytes} bytes are not usable; "
-                f"the first is {first.lost} at byte {first.offset}, read on {first.resumed}.",
+                f"the first is {first.lost} at byte {first.offset}.",
                 offset=first.offset, count=len(messages.damage),
             )
         )  # fmt: skip

@@ -101,7 +101,8 @@ ABOUT: dict[str, About] = {
         means=_TILT,
     ),
     "declination": About(
-        warn="note", cause="A bent compass, or a heading that was not aligned with true north.", fault="declination",
+        warn="note", fault="declination",
+        cause="A compass that does not point forward, or a heading that was not aligned with true north.",
         means="Headings of filters and of the onboard attitude differ by a constant.",
     ),
     "gaps": About(

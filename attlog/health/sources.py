@@ -12,7 +12,7 @@ from attlog.health.model import Check, not_judged
 from attlog.segments.model import Segments
 
 TILT_DEG, HEADING_DEG = (10.0, 30.0), (20.0, 60.0)
-"""Where a look, and where bad: a backup estimator is coarse, but no compass is 20 deg off for half a flight."""
+"""Where warn, and where bad: a backup estimator is coarse, but no compass is 20 deg off for half a flight."""
 STEEP_DEG = 60.0
 """Heading means nothing beyond this tilt."""
 SHARE, LASTING, SETTLED_S = 0.2, 0.9, 15.0
@@ -30,7 +30,13 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     limit += f", bad above {TILT_DEG[1]:.0f} and {HEADING_DEG[1]:.0f}"
     seen = {n: d for n, a in others.items() if (d := difference(flew, a, segments)) is not None}
     if not seen:
-        return [not_judged("second source", "No other onboard attitude shares its time.", limit)]
+        return [
+            not_judged(
+                "second source",
+                f"No other onboard attitude shares enough time with {log.onboard} after its first {SETTLED_S:.0f} s.",
+                limit,
+            )
+        ]
     off = {n: d for n, d in seen.items() if d.since is not None}
     if not off:
         text = f"{listed(list(seen))} and {log.onboard} show the same tilt and heading."

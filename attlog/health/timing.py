@@ -46,7 +46,7 @@ def rate_check(source: str, rate: float) -> Check:
 
 
 def gap_check(t: np.ndarray, lost: np.ndarray) -> Check:
-    """Are pieces missing?"""
+    """Are samples missing?"""
     total = float(lost.sum())
     share = 100.0 * total / float(t[-1] - t[0])
     limit = "good: none above 50 ms; bad: above 20 % of the time"

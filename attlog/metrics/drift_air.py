@@ -101,7 +101,7 @@ def _error_blocks(case: Case, row: Row, name: str, spans: list[tuple[float, floa
 
 
 def split(segment: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Pieces (n,) that also end where time was left out between samples that are kept."""
+    """Segments (n,) that also end where time was left out between samples that are kept."""
     return gaps.renumber(segment, np.concatenate([[0], np.cumsum(~keep)])[: len(keep)])
 
 

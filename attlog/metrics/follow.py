@@ -36,7 +36,7 @@ def regression_gain(t: Array, q_est: Array, q_ref: Array, segment: NDArray[np.in
     """Gains (4,) of the estimate's turning on the reference's: body x, y, z and all axes together.
 
     Regression through the origin of the rotations between neighbouring samples, over
-    those where the reference turns faster than 5 deg/s; steps between pieces (gaps,
+    those where the reference turns faster than 5 deg/s; steps between segments (gaps,
     resets) are cut out. NaN where fewer than 20 samples move.
     """
     dt = np.diff(t)

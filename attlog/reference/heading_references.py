@@ -26,7 +26,7 @@ LEAST = 10
 def heading_references(log: FlightLog, segments: Segments, reference: Reference) -> dict[str, HeadingReference]:
     """Headings by name: onboard, truth, mag, gnss_yaw, course, as far as the log has them.
 
-    Degrees on the log's clock; pieces end at gaps and at resets of the heading reference. An
+    Degrees on the log's clock; segments end at gaps and at resets of the heading reference. An
     attitude that was refused as reference is no heading reference either.
     """
     found: dict[str, HeadingReference] = {}
@@ -47,7 +47,7 @@ def heading_references(log: FlightLog, segments: Segments, reference: Reference)
 def _attitude(
     log: FlightLog, segments: Segments, reference: Reference, name: str, attitude: Attitude
 ) -> tuple[Array, Array, Index]:
-    """Times, attitudes and pieces of the onboard attitude or the truth; those of the reference are known already."""
+    """Times, attitudes and segments of the onboard attitude or the truth; those of the reference are known already."""
     if reference.kind == name and reference.name in ("", log.onboard):
         return reference.t, reference.q, reference.segment
     t, q, kept = clock.usable(attitude, reference.clock)

@@ -71,6 +71,16 @@ def test_it_lists_messages_with_the_rates_that_pymavlink_sees(attlog, samples):
     assert line.split()[1:5] == [str(len(times)), "records", f"{rate:.2f}", "Hz"]
 
 
+def test_records_within_one_second_have_no_rate(attlog, tmp_path):
+    path = tmp_path / "burst.ulg"
+    long, burst = (1_000_000 + step * np.arange(400) for step in (5000, 20))
+    q = np.tile(np.array([1, 0, 0, 0], "<f4"), (400, 1))
+    stamps = {"vehicle_attitude": long.astype("<u8"), "offboard": burst.astype("<u8")}
+    reader.write(path, {(name, 0): {"timestamp": t, "q": q} for name, t in stamps.items()})
+    rates = {m["name"]: m["rate_hz"] for m in json.loads(attlog("info", path, "--json").out)["messages"]}
+    assert rates == {"vehicle_attitude": pytest.approx(200.0), "offboard": None}
+
+
 def test_several_logs_are_told_one_after_the_other_and_a_bad_one_loses_none(attlog, samples, tmp_path):
     (tmp_path / "bad.ulg").write_bytes(b"x" * 400)
     done = attlog("info", samples / "px4_hover.ulg", tmp_path / "bad.ulg", samples / "copter_yaw_turns.bin")

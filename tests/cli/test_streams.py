@@ -38,10 +38,11 @@ def test_a_full_disk_behind_standard_output_is_73(tmp_path: Path, arguments: lis
     assert b"standard output cannot be written" in done.stderr
 
 
-def test_a_reader_that_goes_away_hears_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("arguments", [["schema"], ["info", LOG]], ids=["schema", "info"])
+def test_a_reader_that_goes_away_hears_nothing(tmp_path: Path, arguments: list[str | Path | bytes]) -> None:
     ours, theirs = os.pipe()
     os.close(ours)
-    done = start(["schema"], tmp_path, stdout=theirs)
+    done = start(arguments, tmp_path, stdout=theirs)
     os.close(theirs)
     assert (done.returncode, done.stderr) == (73, b"")
 
