@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation, segments
+from attlog import rotation
+from attlog.analysis import prepare
 from attlog.health import questions
 from attlog.metrics import drift_rest
 from attlog.segments.model import Segment
@@ -19,7 +20,7 @@ def test_a_rest_is_long_enough_for_drift_in_info_exactly_where_it_is_in_an_analy
     t = np.arange(0.0, seconds, 0.02)
     log = still_log(t)
     log.attitudes, log.onboard = {}, None
-    said = questions.drifting(log, segments.build(log), None)
+    said = {a.question: a for a in questions.answerable(log, prepare(log))}["drifting"]
     row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.01) * t))
     phases = [Segment("continuous", 0.0, seconds), Segment("rest.long", 0.0, seconds)]
     found = drift_rest.compute(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
