@@ -30,6 +30,13 @@ class Field:
     strength_t: float
     model: str
 
+    @property
+    def ned_t(self) -> tuple[float, float, float]:
+        """The field vector in T, north-east-down."""
+        dip, declination = math.radians(self.inclination_deg), math.radians(self.declination_deg)
+        level = self.strength_t * math.cos(dip)
+        return level * math.cos(declination), level * math.sin(declination), self.strength_t * math.sin(dip)
+
 
 def gravity(lat_deg: float, alt_m: float = 0.0) -> float:
     """Normal gravity in m/s^2 at a geodetic latitude (deg) and ellipsoidal height (m).

@@ -9,8 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import earth
 from attlog.estimators import Aids, LogFacts, LogInfo, Measured
-from attlog.flight.model import FlightLog, Gnss, Imu
+from attlog.estimators.aids import LONGEST_LAG_S
+from attlog.flight.model import FlightLog, Gnss, Imu, Stream
 from attlog.segments import spans
 from attlog.segments.model import Segments
 
@@ -57,8 +59,11 @@ def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | N
     return density[0], density[1], seconds
 
 
-def aids_of(log: FlightLog, segments: Segments) -> Aids:
-    """The aids that a log holds, on its clock: the first receiver with a 3D fix, barometer, airspeed, times at rest."""
+def aids_of(log: FlightLog, segments: Segments, imu: Imu | None = None, field: earth.Field | None = None) -> Aids:
+    """The aids that a log holds, on its clock: the first receiver with a 3D fix, barometer, airspeed, times at rest.
+
+    ``imu`` is the unit that is replayed, whose filters' lag is told; ``field`` the earth's field there.
+    """
     receiver = next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
     height = next((_measured(b.t_best, b.x) for b in log.baro if b.unit == "m" and len(b.t) > 1), None)
     speed = log.airspeed
@@ -69,7 +74,14 @@ def aids_of(log: FlightLog, segments: Segments) -> Aids:
         baro=height,
         airspeed=None if speed is None else _measured(speed.t_best, speed.x),
         at_rest=np.array(rest, np.float64).reshape(-1, 2),
+        field=None if field is None else np.array(field.ned_t),
+        lag=(0.0, 0.0) if imu is None else (_lag(imu.gyro), _lag(imu.acc)),
     )
+
+
+def _lag(stream: Stream) -> float:
+    """The known lag of a stream's low-pass filter in s; damaged parameters may tell any."""
+    return float(np.clip(stream.delay, 0.0, 0.99 * LONGEST_LAG_S))
 
 
 def _position(g: Gnss) -> Measured | None:

@@ -10,6 +10,7 @@ from attlog import estimators, inputs, reference
 from attlog.errors import AttlogError, PluginError
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.base import Case, per_case
+from attlog.reference import declination
 from attlog.reference.model import Row
 from attlog.result import EstimatorRow, ParameterValue
 
@@ -59,9 +60,9 @@ def _facts(case: Case, suffix: str) -> estimators.LogFacts:
 
 
 @per_case
-def _aids(case: Case) -> estimators.Aids:
-    """What the log holds beside inertial and magnetic samples."""
-    return inputs.aids_of(case.log, case.segments)
+def _aids(case: Case, suffix: str) -> estimators.Aids:
+    """What the log holds beside inertial and magnetic samples, for filters that replay this unit."""
+    return inputs.aids_of(case.log, case.segments, case.imus[suffix], declination.model(case.log))
 
 
 def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[Row, EstimatorRow]:
@@ -81,7 +82,7 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
         estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
         sampling=imu.gyro.sampling,
         dt=imu.dt,
-        aids=_aids(case),
+        aids=_aids(case, suffix),
         log=facts,
     )
     row = reference.replayed(
@@ -95,6 +96,7 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
         uses_mag=uses_mag,
     )
     row.imu = imu
+    row.quality = dict(estimate.quality)
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
     return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
@@ -124,6 +126,7 @@ def table_row(
         row.uses_mag,
         row.start,
         title,
+        row.quality,
     )
 
 

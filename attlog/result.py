@@ -69,7 +69,8 @@ class EstimatorRow:
     """One line of the table: who, with which parameters, and every answer by window.
 
     ``title`` is what the source calls itself: the first line of an estimator's
-    docstring, or the message that an onboard attitude comes from.
+    docstring, or the message that an onboard attitude comes from. ``quality`` is what an
+    estimator that sees the whole run says of itself.
     """
 
     name: str
@@ -87,6 +88,7 @@ class EstimatorRow:
     uses_mag: bool = True
     start_s: float = 0.0
     title: str = ""
+    quality: dict[str, float | str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)

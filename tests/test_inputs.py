@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import inputs, segments
+from attlog import earth, inputs, segments
 from attlog.flight.model import Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.segments.model import Segment, Segments
 
@@ -170,3 +170,14 @@ def test_an_analysis_gives_a_plug_in_the_aids_and_parameters_of_the_log(tmp_path
     fixes = np.count_nonzero((log.gnss[0].fix >= 3) & (log.gnss[0].t > rerun.t[0]) & (log.gnss[0].t <= rerun.t[-1]))
     assert rerun.bias is not None
     assert rerun.bias[-1, 0] == pytest.approx(1e-6 * fixes)
+
+
+def test_aids_tell_the_earths_field_and_the_lag_of_the_units_filters() -> None:
+    """A field of 50 uT that dips by 60 deg, 30 deg east of north; a low-pass at 20 Hz is late by 11.25 ms."""
+    unit = imu(50.0)
+    unit.gyro.delay, unit.acc.delay = np.sqrt(2.0) / (2.0 * np.pi * 20.0), 1e9
+    aids = inputs.aids_of(flight(imus=[unit]), REST, unit, earth.Field(30.0, 60.0, 50e-6, "by hand"))
+    assert aids.field == pytest.approx([25e-6 * np.sqrt(0.75), 12.5e-6, 50e-6 * np.sqrt(0.75)])
+    assert aids.lag[0] == pytest.approx(0.01125, abs=1e-5)
+    assert aids.lag[1] < 0.1
+    assert aids.between(1.0, 2.0).lag == aids.lag

@@ -19,7 +19,8 @@ AT_REST                 -          1 at rest, 0 in motion, at every step; NaN wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +33,8 @@ VEL_N, VEL_E, VEL_D, VEL_ACC = 5, 6, 7, 8
 BARO, AIRSPEED, AT_REST = 9, 10, 11
 SIZE = 12
 """Elements of ``aid``."""
+LONGEST_LAG_S = 0.1
+"""No low-pass ahead of a logger is later: one at 10 Hz is late by 23 ms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +81,10 @@ class Aids:
     ``position`` x (n, 3) latitude and longitude in deg, altitude in m, sigma (n, 2) horizontal
     and vertical in m. ``velocity`` x (n, 3) m/s NED, sigma (n,) m/s. ``baro`` x (n,) height in
     m. ``airspeed`` x (n,) m/s, true. ``at_rest`` (k, 2): begin and end in s of each time at
-    rest, in order; an empty (0, 2) says that there was none. UsageError for other shapes.
+    rest, in order; an empty (0, 2) says that there was none. ``field`` (3,): the earth's magnetic
+    field at the place and date, NED in T. ``lag``: how late in s low-pass filters ahead of the
+    logger make gyro and accelerometer. ``sampling``: as in :func:`~attlog.estimators.estimate`, which sets it.
+    UsageError for other shapes.
     """
 
     position: Measured | None = None
@@ -86,8 +92,18 @@ class Aids:
     baro: Measured | None = None
     airspeed: Measured | None = None
     at_rest: Array | None = None
+    field: Array | None = None
+    lag: tuple[float, float] = (0.0, 0.0)
+    sampling: Literal["interval", "instant"] = "interval"
 
     def __post_init__(self) -> None:
+        if self.field is not None:
+            field = _array(self.field, "field")
+            if field.shape != (3,) or not np.isfinite(field).all():
+                raise UsageError(f"aids: field must be (3,), north-east-down in T, not {field.shape}")
+            object.__setattr__(self, "field", field)
+        if len(self.lag) != 2 or not all(0.0 <= s < LONGEST_LAG_S for s in self.lag):
+            raise UsageError(f"aids: lag must be two times in s from 0 to {LONGEST_LAG_S}, not {self.lag}")
         shapes = {"position": ((3,), (2,)), "velocity": ((3,), ()), "baro": ((), ()), "airspeed": ((), ())}
         for name, (values, sigmas) in shapes.items():
             m = getattr(self, name)
@@ -115,7 +131,14 @@ class Aids:
         rest = self.at_rest
         if rest is not None:
             rest = np.clip(rest[(rest[:, 1] >= t0) & (rest[:, 0] <= t1)], t0, t1)
-        return Aids(cut(self.position), cut(self.velocity), cut(self.baro), cut(self.airspeed), rest)
+        return replace(
+            self,
+            position=cut(self.position),
+            velocity=cut(self.velocity),
+            baro=cut(self.baro),
+            airspeed=cut(self.airspeed),
+            at_rest=rest,
+        )
 
     def resting(self, t: Array) -> NDArray[np.int64]:
         """1 (n,) where the times ``t`` (n,) lie in a span of rest, else 0; -1 where nobody can tell."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from numpy.typing import ArrayLike
 
@@ -136,6 +136,8 @@ def estimate(
         raise UsageError(f"aids must be attlog.estimators.Aids, not {type(aids).__name__}")
     values = {k: v for k, (v, _) in estimator.resolve(row.preset, given, log=log).items()}
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
+    if estimator.run is not None:
+        aids = replace(aids or Aids(), sampling=sampling)
     return loop.run(estimator, samples, values, q0, int(every), aids)
 
 

@@ -232,6 +232,8 @@ class Estimate:
     arrays, ``segment`` (n,) int counts restarts after gaps, ``skipped`` counts input that
     was not used by reason (``nan``, ``time_not_rising``, ``saturated``, ``zero_vector``,
     ``gap_bridged``, ``restart``, ``bias_beyond_clip``), ``ns_per_update`` is the measured cost.
+    ``quality`` is what a whole run says of itself, by name: numbers, or words such as what it was aided by.
+    Estimators that know how sure they are give ``aux["sigma_tilt"]`` and ``aux["sigma_heading"]`` (n,) in rad.
     """
 
     t: Array
@@ -242,6 +244,7 @@ class Estimate:
     skipped: dict[str, int] = field(default_factory=dict)
     ns_per_update: float = 0.0
     causal: bool = True
+    quality: dict[str, float | str] = field(default_factory=dict)
 
 
 def suggestion(name: str, known: Any) -> str:

@@ -128,6 +128,8 @@ class Row:
     """What was done to this row alone: trim, heading offset."""
     imu: Imu | None = None
     """The unit that was replayed; None for the one that the log's rows share."""
+    quality: dict[str, float | str] = field(default_factory=dict)
+    """What an estimator that sees the whole run says of itself."""
 
 
 @dataclass(slots=True)

@@ -223,7 +223,10 @@ def _try_plainly(estimator: Estimator) -> None:
 def _whole_segments(
     estimator: Estimator, s: Samples, values: Mapping[str, float | str], q0: ArrayLike | None, aids: Aids
 ) -> Estimate:
-    """A whole-run estimator on each segment of samples, put together; its own count of ns per update wins."""
+    """A whole-run estimator on each segment of samples, put together; its own count of ns per update wins.
+
+    What it says of itself is that of the longest segment.
+    """
     assert estimator.run is not None
     bounds = np.append(s.begin, len(s.t)).tolist()
     found: list[Estimate] = []
@@ -258,4 +261,5 @@ def _whole_segments(
         skipped=dict(skipped),
         ns_per_update=1e9 * spent / max(len(s.t), 1),
         causal=estimator.causal,
+        quality=max(found, key=lambda e: len(e.q)).quality if found else {},
     )

@@ -1,0 +1,52 @@
+"""Whole-run estimators: what they are told of the samples, and what they say of themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog.estimators import Aids, estimate
+from attlog.testing import still
+
+PLUGIN = '''"""Says what it was told."""
+import numpy as np
+from attlog.estimators import Estimate
+SOURCE = "test"
+NEEDS = {"gyro", "acc"}
+
+def run(t, gyr, acc, mag, aids, params):
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    return Estimate(t=t, q=q, quality={"sampling": aids.sampling, "seconds": float(t[-1] - t[0])})
+'''
+
+
+@pytest.fixture
+def plugin(tmp_path: Path) -> str:
+    file = tmp_path / "says.py"
+    file.write_text(PLUGIN)
+    return str(file)
+
+
+@pytest.mark.parametrize("sampling", ["interval", "instant"])
+def test_a_whole_run_knows_how_its_samples_were_taken(plugin: str, sampling: str) -> None:
+    m = still(2.0)
+    assert estimate(plugin, m.t, m.gyr, m.acc, sampling=sampling, aids=Aids()).quality["sampling"] == sampling
+
+
+def test_the_longest_segment_speaks_for_the_run(plugin: str) -> None:
+    m = still(20.0)
+    kept = m.part(np.r_[0:300, 900:2000])
+    quality = estimate(plugin, kept.t, kept.gyr, kept.acc).quality
+    assert quality["seconds"] == pytest.approx(10.99)
+
+
+def test_what_a_run_says_of_itself_stands_in_the_result(plugin: str, tmp_path: Path) -> None:
+    log = Path(__file__).parents[2] / "sample_logs" / "copter_yaw_turns.bin"
+    result = attlog.analyze(log, {"estimators": [plugin]})
+    file = tmp_path / "result.json"
+    file.write_text(result.to_json())
+    row = next(r for r in attlog.Result.load(file).estimators if r.name == "says")
+    assert row.quality["sampling"] == "instant"
