@@ -17,6 +17,8 @@ Build = Callable[[Any], Any]
 
 IN_JSON = "json"
 """A field that stays out of the document says so: ``field(metadata={IN_JSON: False})``."""
+OLDER = "*"
+"""Among the keys that may lack: unknown ones may be there."""
 
 
 def plain(value: Any) -> Any:
@@ -63,13 +65,14 @@ class Misfit(ValueError):
         return Misfit(self.what, place + self.place)
 
 
-def restored(cls: type[T], value: Any, *, may_lack: tuple[str, ...] = ()) -> T:
+def restored(cls: type[T], value: Any, *, may_lack: tuple[str, ...] = (), older: bool = False) -> T:
     """The dataclass that :func:`plain` made ``value`` of.
 
-    Misfit where a key is missing, unknown or of another type; the keys ``may_lack``
-    take their default, or None, at every level. A null for a number is NaN.
+    Misfit where a key is missing, unknown or of another type. Keys with a default may lack (fields are added), and the
+    keys ``may_lack`` at every level, which become None. A null for a number is NaN. ``older``: a version with other
+    fields wrote it, so that unknown keys are left out.
     """
-    build: Build = _dataclass(typing.cast(type, cls), may_lack)
+    build: Build = _dataclass(typing.cast(type, cls), (*may_lack, OLDER) if older else may_lack)
     found: T = build(value)
     return found
 
@@ -115,7 +118,7 @@ def _dataclass(cls: type, may_lack: tuple[str, ...]) -> Build:
     def build(value: Any) -> Any:
         if not isinstance(value, dict):
             raise Misfit(f"{_kind(value)} instead of an object")
-        if value.keys() - builders.keys():
+        if value.keys() - builders.keys() and OLDER not in optional:
             raise Misfit("unknown key", f".{min(value.keys() - builders.keys())}")
         found = {}
         for name, make in builders.items():
@@ -124,9 +127,11 @@ def _dataclass(cls: type, may_lack: tuple[str, ...]) -> Build:
                     found[name] = make(value[name])
                 except Misfit as misfit:
                     raise misfit.within(f".{name}") from None
+            elif name in has_default:
+                continue
             elif name not in optional:
                 raise Misfit("is missing", f".{name}")
-            elif name not in has_default:
+            else:
                 found[name] = None
         try:
             return cls(**found)

@@ -45,6 +45,10 @@ __all__ = [
 
 SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 2
 SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
+OLDEST = 1
+"""Schemas from this number on are read."""
+WORDS_BEFORE = {("verdict", "look"): "warn", ("kind", "run"): "continuous", ("code", "bent"): "not_a_pure_delay"}
+"""(key, value) of older schemas, and what the value is called now."""
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
 """Bytes of a file name that are not UTF-8, as Python keeps them: UTF-8 cannot hold them, a JSON escape can."""
 
@@ -173,12 +177,14 @@ class Result:
         """The result that ``to_json`` wrote to ``path``, without traces: those are not in the file.
 
         LogUnreadable if the file cannot be opened, UsageError for what is no result of
-        this schema, with the place. A file written without measured times reads back
-        with none: ``to_json(deterministic=True)`` gives its text again.
+        this schema or an older one, with the place. A file written without measured times reads back
+        with none: ``to_json(deterministic=True)`` gives its text again. Of an older schema its values are
+        read; what it did not tell takes its default, and ``schema`` tells which it was.
         """
         document = _document(Path(path))
+        older = document["schema"] != SCHEMA
         try:
-            return restored(cls, document, may_lack=MEASURED_TIMES)
+            return restored(cls, _renamed(document) if older else document, may_lack=MEASURED_TIMES, older=older)
         except Misfit as misfit:
             raise UsageError(f"{path}: not a result of attlog: {misfit}") from None
         except RecursionError:
@@ -220,8 +226,8 @@ def _document(path: Path) -> dict[str, Any]:
     schema = document.get("schema") if isinstance(document, dict) else None
     if not isinstance(schema, str) or not schema.startswith(SCHEMA_NAME):
         raise UsageError(f"{path}: not a result of attlog: it has no schema {SCHEMA_NAME}N")
-    if schema != SCHEMA:
-        number = schema.removeprefix(SCHEMA_NAME)
+    number = schema.removeprefix(SCHEMA_NAME)
+    if not (number.isdecimal() and OLDEST <= int(number) <= SCHEMA_NUMBER):
         newer = number.isdecimal() and int(number) > SCHEMA_NUMBER
         what = "a newer attlog wrote it; update attlog" if newer else "analyse the log again with this version"
         raise UsageError(f"{path}: holds {schema[:40]} and this attlog reads {SCHEMA}: {what}")
@@ -231,3 +237,10 @@ def _document(path: Path) -> dict[str, Any]:
 
 def _no_number(word: str) -> float:
     raise ValueError(f"{word} is no number of JSON")
+
+
+def _renamed(value: Any) -> Any:
+    """A document of an older schema in today's words."""
+    if isinstance(value, dict):
+        return {k: WORDS_BEFORE.get((k, v), v) if isinstance(v, str) else _renamed(v) for k, v in value.items()}
+    return [_renamed(v) for v in value] if isinstance(value, list) else value

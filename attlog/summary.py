@@ -66,6 +66,7 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         },
         "advice": {"rest": log.advice("rest")},
         "choices": dict(log.choices),
+        "params": {name: value for name in sorted(log.params) if (value := log.param(name)) is not None},
         "params_changed": _changed(log),
     }
 

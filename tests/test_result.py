@@ -57,7 +57,7 @@ def test_a_report_can_be_written_from_a_file(written: Path, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("schema", "says"),
     [
-        ("attlog-result/1", "analyse the log again"),
+        ("attlog-result/0", "analyse the log again"),
         ("attlog-result/99", "a newer attlog wrote it"),
         ("attlog-result/x", "analyse the log again"),
         ("other/2", "no schema"),

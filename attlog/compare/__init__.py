@@ -1,0 +1,1 @@
+"""Which setting is better, on one log or on twenty: comparisons, sweeps, tuning, and what changed between two runs."""
