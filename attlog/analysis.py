@@ -27,6 +27,7 @@ from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.health import Check, answerable, audit
 from attlog.health.findings import Open, contradiction, findings, hopeless
 from attlog.metrics.base import Case, per_case
+from attlog.metrics.common_bias import common_bias
 from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep, Reference, Row
 from attlog.result import EstimatorRow, ReferenceSummary, Result
@@ -65,12 +66,14 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
     with clock("reference"):
         ref = reference.choose(log, phases, reference_options(config))
         headings = reference.heading_references(log, phases, ref)
+    imus = _imus(log, config)
     return Case(
         log,
         phases,
         ref,
         heading_references=headings,
-        imus=_imus(log, config),
+        imus=imus,
+        gyro_bias={imu.index: common_bias(log, phases, imu, config.gyro_bias) for imu in imus.values()},
         windows=windows,
         settings=config.resolved(),
         timing=clock.seconds,
@@ -130,6 +133,7 @@ def evaluate(
         audit=list(checks),
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
+        gyro_bias=list(case.gyro_bias.values()),
         estimators=estimator_rows,
         best=ranking.best,
         worst=ranking.worst,
@@ -188,8 +192,8 @@ def _without_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
     ref.steps.append(step)
     headings = reference.heading_references(case.log, case.segments, ref)
     return Case(
-        case.log, case.segments, ref, heading_references=headings, imus=case.imus, windows=case.windows,
-        settings=case.settings, timing=case.timing,
+        case.log, case.segments, ref, heading_references=headings, imus=case.imus, gyro_bias=case.gyro_bias,
+        windows=case.windows, settings=case.settings, timing=case.timing,
     )  # fmt: skip
 
 

@@ -25,8 +25,10 @@ class Config(BaseModel):
     ``estimators``: row specifications (``default``, ``all``, ``NAME[@PRESET][:k=v,...]``,
     ``FILE.py``). ``imu``, ``mag``: instance to replay, None for the choice of the log,
     ``"all"`` / ``"none"``. ``window``: the window that table and verdicts show beside the
-    standard ones. ``params``: a parameter file for what the log does not tell. Times are
-    seconds on the log's clock (0 = first IMU sample).
+    standard ones. ``gyro_bias``: what is taken off the gyro for every filter alike: its mean over the
+    rest before take-off, nothing, or the onboard estimator's own.
+    ``params``: a parameter file for what the log does not tell. Times are seconds
+    on the log's clock (0 = first IMU sample).
     """
 
     model_config = ConfigDict(extra="forbid", validate_assignment=True)
@@ -41,6 +43,7 @@ class Config(BaseModel):
     declination: float | Literal["auto", "model", "param"] = "auto"
     trim: bool = True
     input_delay: float | Literal["auto", "off"] = "auto"
+    gyro_bias: Literal["rest", "none", "onboard"] = "rest"
     boot: int | None = Field(default=None, ge=0)
     system: int | None = Field(default=None, ge=0, le=255)
     params: str | None = None

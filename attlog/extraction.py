@@ -156,12 +156,20 @@ def streams(log: FlightLog) -> Iterator[Extract]:
 
 
 def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
-    """The attitudes of re-run estimators at IMU rate, one table per row specification."""
+    """The attitudes of re-run estimators at IMU rate, one table per row specification.
+
+    As in an analysis the gyro's bias at rest is taken off first; ``bias`` columns contain it.
+    """
     from attlog.analysis import prepare
     from attlog.replay import run_rows
 
-    for row in run_rows(prepare(log, {"estimators": specs}), specs):
+    case = prepare(log, {"estimators": specs})
+    for row in run_rows(case, specs):
         table = _attitude(f"estimate_{_word(row.name)}", row.t, row.q, row.name)
+        taken = None if row.imu is None else case.bias_of(row.imu)
+        if taken is not None and taken.dps is not None:
+            x, y, z = taken.dps
+            table.note += f"; taken off the gyro first: {x:.4f}, {y:.4f}, {z:.4f} deg/s ({taken.taken})"
         if row.bias is not None:
             for k, axis in enumerate("xyz"):
                 table.columns[f"bias_{axis}_rad_s"] = row.bias[:, k]

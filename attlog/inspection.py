@@ -15,6 +15,7 @@ from attlog.flight.record_time import clock_of
 from attlog.health import answerable, audit
 from attlog.health.findings import contradiction, findings
 from attlog.metrics import Case
+from attlog.metrics.common_bias import common_bias
 from attlog.plain import plain
 from attlog.reference.model import Reference
 from attlog.segments import Segments
@@ -30,6 +31,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     Keys: ``log``, ``messages`` of the boot (name, instance, records, rate_hz, fields; the rate
     is None without times and for records within one second), ``audit``, ``answerable``,
     ``problems`` (all that is wrong, worst first, with cause and remedy, before any filter runs), ``damage``,
+    ``gyro_bias`` (what an analysis takes off the gyro; None without inertial data),
     ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
     """
@@ -60,6 +62,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
         ],
         "audit": plain(checks),
         "answerable": plain(answerable(log, case)),
+        "gyro_bias": None if case is None else plain(list(case.gyro_bias.values())),
         "problems": plain(findings(log, checks, [] if chosen is None else contradiction(chosen))),
         "damage": {"bytes": messages.damage_bytes, "places": plain(messages.damage)},
         "verify": verification,
@@ -69,8 +72,13 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
 def _case(log: FlightLog, phases: Segments, chosen: Reference) -> Case:
     """The log as the metrics see it; headings to compare with are only built where there is flight."""
     flown = bool(phases.spans("airborne"))
+    imu = log.replay_imu
     return Case(
-        log, phases, chosen, heading_references=reference.heading_references(log, phases, chosen) if flown else {}
+        log,
+        phases,
+        chosen,
+        heading_references=reference.heading_references(log, phases, chosen) if flown else {},
+        gyro_bias={} if imu is None else {imu.index: common_bias(log, phases, imu, "rest")},
     )
 
 

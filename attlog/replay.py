@@ -6,10 +6,13 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from attlog import estimators, inputs, reference
 from attlog.errors import AttlogError, PluginError
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.base import Case, per_case
+from attlog.metrics.common_bias import CommonBias
 from attlog.reference import declination
 from attlog.reference.model import Row
 from attlog.result import EstimatorRow, ParameterValue
@@ -77,7 +80,7 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
     estimate = estimators.estimate(
         spec,
         t,
-        imu.gyro.x,
+        case.gyro_of(imu),
         imu.acc.x,
         estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
         sampling=imu.gyro.sampling,
@@ -97,9 +100,17 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
     )
     row.imu = imu
     row.quality = dict(estimate.quality)
+    _add_common_bias(row, case.bias_of(imu))
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
     return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
+
+
+def _add_common_bias(row: Row, taken: CommonBias) -> None:
+    """The row's bias as all that it takes off the logged gyro: what was subtracted for everybody, and its own."""
+    row.estimates_bias = row.bias is not None and bool(np.any(row.bias))
+    if row.bias is not None and taken.taken != "none":
+        row.bias = row.bias + taken.at(row.t)
 
 
 def table_row(

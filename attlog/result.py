@@ -20,6 +20,7 @@ from attlog.errors import LogUnreadable, UsageError
 from attlog.flight.model import Problem
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
+from attlog.metrics.common_bias import CommonBias
 from attlog.metrics.trace import Trace
 from attlog.plain import IN_JSON, Misfit, plain, restored, without
 from attlog.reference.model import AlignmentStep
@@ -32,6 +33,7 @@ __all__ = [
     "AlignmentStep",
     "Answer",
     "Check",
+    "CommonBias",
     "EstimatorRow",
     "ParameterValue",
     "Problem",
@@ -142,6 +144,8 @@ class Result:
     audit: list[Check] = field(default_factory=list)
     segments: list[Segment] = field(default_factory=list)
     reference: ReferenceSummary | None = None
+    gyro_bias: list[CommonBias] = field(default_factory=list)
+    """What was taken off the gyro for every filter alike, one for each replayed IMU."""
     estimators: list[EstimatorRow] = field(default_factory=list)
     comparisons: list[dict[str, Any]] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)

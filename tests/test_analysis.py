@@ -135,3 +135,34 @@ def test_a_log_that_was_read_cannot_be_read_otherwise(settings: dict[str, object
         attlog.prepare(log, settings)
     assert log.imu is not None
     assert attlog.prepare(log, {"imu": log.imus[log.imu].index}).log is log
+
+
+TURNED = '''"""A filter whose heading is off by 92 deg."""
+
+import numpy as np
+
+from attlog import rotation
+from attlog.estimators import estimate, Estimate
+
+NEEDS, USES = {"gyro", "acc"}, {"mag"}
+
+
+def run(t, gyr, acc, mag, aids, params):
+    right = estimate("mahony", t, gyr, acc, mag)
+    return Estimate(t=right.t, q=rotation.turn_about_down(right.q, np.radians(92.0)))
+'''
+
+
+def test_a_row_92_deg_off_in_heading_is_never_best(samples, tmp_path):
+    """Its tilt is that of mahony to the last bit, and mahony beats madgwick in tilt in this log."""
+    (tmp_path / "turned.py").write_text(TURNED)
+    case = attlog.prepare(samples / "copter_yaw_turns.bin")
+    result = attlog.evaluate(case, f"complementary@fan,madgwick:beta=1,{tmp_path / 'turned.py'}")
+    rows = {row.name: row for row in result.estimators}
+    assert rows["turned"].status == "diverged"
+    assert "heading" in rows["turned"].reason
+    assert rows["complementary@fan"].status == "ok"
+    marked = {name for metrics in result.best.values() for names in metrics.values() for name in names}
+    assert marked
+    assert "turned" not in marked
+    assert rows["turned"].metrics["all"]["heading_rmse_deg"].value == pytest.approx(92.0, abs=5.0)

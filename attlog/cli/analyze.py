@@ -80,6 +80,14 @@ def command(
     input_delay: Annotated[
         str | None, typer.Option(metavar="MS|off", help="Known delay of the logged IMU. [default: from the log]")
     ] = None,
+    gyro_bias: Annotated[
+        str | None,
+        typer.Option(
+            metavar="rest|none|onboard",
+            help="Gyro bias to take off for every filter: its mean at rest before take-off, none, or the onboard "
+            "estimator's. [default: rest]",
+        ),
+    ] = None,
     params: Annotated[
         str | None, typer.Option(metavar="F.param", help="Parameters for what the log does not tell. [default: none]")
     ] = None,
@@ -119,6 +127,7 @@ def command(
         if declination is None
         else number_or(declination, ("auto", "model", "param"), "--declination"),
         "trim": _on_off(trim),
+        "gyro_bias": gyro_bias,
         "boot": boot,
         "system": system,
         "params": params,

@@ -86,7 +86,9 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
     """A report of :func:`attlog.inspection.inspect` as text of at most ``width`` columns where words can be broken."""
     from attlog.cli.terminal import wrong
     from attlog.flight.model import Problem
+    from attlog.present.gyro_bias import said as said_bias
     from attlog.present.problems import said
+    from attlog.result import CommonBias
 
     yield from _head(report["log"], width)
     checks = [(c["name"], WORDS[c["verdict"]], c["text"]) for c in report["audit"]]
@@ -97,6 +99,8 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
         for q in questions
     ]
     yield from _part("What can be answered", answers, width, ["" if q["can"] else "red" for q in questions])
+    taken = [(f"gyro of {bias['imu']}", said_bias(CommonBias(**bias))) for bias in report["gyro_bias"] or []]
+    yield from _part("What analyze does to every filter alike", taken, width, [""] * len(taken))
     yield Line("")
     found = [Problem(**p) for p in report["problems"] if verbose or p["severity"] != "info"]
     yield from wrong(said(found), str, width, verbose=True)

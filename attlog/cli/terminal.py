@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 from attlog.cli.layout import Line
 from attlog.cli.table import comparison
+from attlog.present.gyro_bias import gyro_bias
 from attlog.present.problems import Said, nothing_wrong, problems
 from attlog.present.stand_ins import stand_in
 from attlog.present.text import clean, typeset
@@ -29,6 +30,8 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     yield Line(shown(clean(stand_in(str(result.log.get("name") or "log"), "utf-8"))), "bold")
     for verdict in result.verdicts:
         yield from wrapped(f"  {verdict.question:<10}", shown(typeset(verdict.sentence)), width)
+    for sentence in gyro_bias(result):
+        yield from wrapped(f"  {'gyro bias':<10}", shown(typeset(sentence)), width)
     yield Line("")
     yield from wrong(problems(result), shown, width, verbose)
     table = comparison(result, window, width, shown)

@@ -8,12 +8,17 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
+import numpy as np
+from numpy.typing import NDArray
+
 from attlog.flight.model import FlightLog, Imu
+from attlog.metrics.common_bias import CommonBias, none
 from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import WINDOWS, Segments
 
 __all__ = ["Case", "HeadingReference", "Metric", "applies_to", "paragraph", "per_case", "per_row"]
 
+Array = NDArray[np.float64]
 T = TypeVar("T")
 P = ParamSpec("P")
 
@@ -42,6 +47,7 @@ class Case:
 
     ``heading_references``: headings by name for drift in the air. ``imus``: the units to
     replay, by what their rows are called after the filter's name ("" for the only one).
+    ``gyro_bias``: what is taken off their gyros before any filter runs, by index of the unit.
     ``windows``: those to answer for. ``settings``: the resolved configuration as plain
     values, for the result. ``timing``: seconds by stage of making it ready. ``rows``
     are those of one evaluation.
@@ -53,6 +59,7 @@ class Case:
     rows: list[Row] = field(default_factory=list)
     heading_references: dict[str, HeadingReference] = field(default_factory=dict)
     imus: dict[str, Imu] = field(default_factory=dict)
+    gyro_bias: dict[int, CommonBias] = field(default_factory=dict)
     windows: tuple[str, ...] = WINDOWS
     settings: dict[str, Any] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
@@ -60,6 +67,15 @@ class Case:
     """What functions marked :func:`per_case` have found."""
     of_row: WeakKeyDictionary[Row, dict[Hashable, Any]] = field(default_factory=WeakKeyDictionary, repr=False)
     """What functions marked :func:`per_row` have found, kept as long as the row lives."""
+
+    def bias_of(self, imu: Imu) -> CommonBias:
+        """What is taken off the gyro of a unit before any filter runs."""
+        return self.gyro_bias.get(imu.index) or none()
+
+    def gyro_of(self, imu: Imu) -> Array:
+        """The rates (n, 3) in rad/s of a unit as filters get them: without the common bias."""
+        taken = self.bias_of(imu)
+        return imu.gyro.x if taken.taken == "none" else imu.gyro.x - taken.at(imu.gyro.t_best)
 
     def looked_at_with(self, rows: list[Row]) -> Case:
         """The same case with the rows of one evaluation; what was found of the log is shared, not computed again."""

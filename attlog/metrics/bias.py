@@ -19,9 +19,10 @@ METRICS: tuple[Metric, ...] = (
     Metric(
         "gyro_bias_error_dps", "Gyro bias error", "deg/s", "low", ("rest",),
         paragraph(
-            """Length of the difference between the filter's own gyro bias and the mean rate that the gyro shows at
-            rest, averaged over windows of 5 s (one window where the rest is shorter) once the filter has settled.
-            Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
+            """Length of the difference between the gyro bias that the filter takes off (its own estimate, and what is
+            taken off for every filter alike: `--gyro-bias`) and the mean rate that the logged gyro
+            shows at rest, averaged over windows of 5 s (one window where the rest is shorter) once the filter has
+            settled. Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
         ),
     ),
 )  # fmt: skip
@@ -43,7 +44,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {}
     name, unit = "gyro_bias_error_dps", "deg/s"
     imu = imu_of(case, row)
-    if row.kind != "replay" or row.bias is None or imu is None or not np.any(row.bias):
+    if row.kind != "replay" or row.bias is None or imu is None or not (row.estimates_bias and np.any(row.bias)):
         reason = "this row has no gyro bias estimate of the replayed gyro"
         return {name: missing("not_applicable", reason, unit, window)}
     gyro = imu.gyro

@@ -47,7 +47,7 @@ def gyro_alone(case: Case, row: Row) -> Integrated | None:
 def _integrated(case: Case, index: int) -> Integrated:
     imu: Imu = case.log.imus[index]
     t = imu.gyro.t_best if case.reference.clock == "sample" else imu.gyro.t
-    found = estimators.estimate("gyro", t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+    found = estimators.estimate("gyro", t, case.gyro_of(imu), imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
     q = rotation.normalize(found.q)
     if case.reference.trim is not None:
         q = trim.apply(q, case.reference.trim)

@@ -55,17 +55,17 @@ def stand_in(case: Case) -> Row:
     """The gyro alone as a row of a case with an IMU; no compiler is loaded for it."""
     imu = case.log.replay_imu
     assert imu is not None
-    estimate = integrated(imu, case.reference.clock)
+    estimate = integrated(imu, case.gyro_of(imu), case.reference.clock)
     row = replayed(case.log, case.segments, case.reference, estimate, name=STAND_IN)
     row.imu = imu
     row.status = "ok" if row.status in ("diverged", "not_converged") else row.status
     return row
 
 
-def integrated(imu: Imu, clock: str) -> Estimate:
-    """The unit's gyro integrated from level at each restart, at the samples that every filter uses."""
+def integrated(imu: Imu, rates: Array, clock: str) -> Estimate:
+    """The unit's ``rates`` (n, 3) integrated from level at each restart, at the samples that every filter uses."""
     t = imu.gyro.t_best if clock == "sample" else imu.gyro.t
-    clean = samples.prepare(t, imu.gyro.x, imu.acc.x, dt=imu.dt, sampling=imu.gyro.sampling)
+    clean = samples.prepare(t, rates, imu.acc.x, dt=imu.dt, sampling=imu.gyro.sampling)
     turned = rotation.from_rotvec(np.where(clean.substeps[:, None] > 0, clean.gyr * clean.dt[:, None], 0.0))
     q = products(turned)
     for begin, end in zip(clean.begin, [*clean.begin[1:], len(q)], strict=True):

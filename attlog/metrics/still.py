@@ -61,7 +61,7 @@ def of_log(case: Case, row: Row, shortest: float, longest: float) -> Still | Non
         field = case.log.mags[case.log.mag].field
         near = (field.t_best >= t[0]) & (field.t_best <= t[-1])
         mag = estimators.place(t, field.t_best[near], field.x[near])
-    return Still(t, imu.gyro.x[own], imu.acc.x[own], mag, imu.gyro.sampling)
+    return Still(t, case.gyro_of(imu)[own], imu.acc.x[own], mag, imu.gyro.sampling)
 
 
 def end(row: Row, still: Still, gyro: Array, acc: Array, mag: Array | None) -> Array:

@@ -111,6 +111,9 @@ class Row:
     start: float = 0.0
     causal: bool = True
     bias: Array | None = None
+    """Gyro bias (n, 3) rad/s that the row takes off the logged gyro, what was subtracted for every row included."""
+    estimates_bias: bool = True
+    """Whether part of ``bias`` is the row's own estimate."""
     errors: Errors | None = None
     status: str = "ok"
     reason: str = ""

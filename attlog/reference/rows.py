@@ -110,7 +110,7 @@ def _judge(row: Row, segments: Segments, reference: Reference) -> None:
         row.reason = f"tilt error above {limit} from {tipped:.1f} s"
     elif turned is not None:
         row.status = "diverged"
-        limit = f"{scoring.DIVERGED_HEADING_DEG:.0f} deg for {scoring.DIVERGED_HEADING_S:.0f} s"
+        limit = f"{scoring.DIVERGED_HEADING_DEG:.0f} deg for {scoring.DIVERGED_HEADING_S:.0f} s or half of the time"
         row.reason = f"heading error above {limit} from {turned:.1f} s"
     elif row.convergence_s is None and errors.t[-1] - errors.t[0] >= scoring.CONVERGED_S:
         row.status = "not_converged"

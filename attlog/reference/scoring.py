@@ -78,12 +78,17 @@ def diverged_at(errors: Errors) -> float | None:
 def lost_heading_at(errors: Errors) -> float | None:
     """The time from which the scored heading error stays beyond 45 deg for 10 s; None if it never does.
 
-    Resets of the reference apart: beyond as it is, and beyond as it would be if the reference had not jumped.
+    Or the first time that it is, where it is for more than half of the scored time: a heading that runs round, or
+    a record of some seconds, is no better for never staying so long. Resets of the reference apart: beyond as it is, and beyond as it would be if the reference had not jumped.
     """
     along = np.unwrap(np.radians(errors.heading))
     smooth = np.degrees(np.abs(wrap(along - np.cumsum(reset_steps(errors, along)))))
     beyond = np.minimum(np.abs(errors.heading), smooth) > DIVERGED_HEADING_DEG
-    return _stays(errors, beyond, DIVERGED_HEADING_S)
+    stays = _stays(errors, beyond, DIVERGED_HEADING_S)
+    lost = beyond & errors.scored
+    if stays is not None or np.count_nonzero(lost) <= 0.5 * np.count_nonzero(errors.scored):
+        return stays
+    return float(errors.t[np.argmax(lost)]) if np.ptp(errors.t[errors.scored]) >= DIVERGED_S else None
 
 
 def _stays(errors: Errors, bad: NDArray[np.bool_], seconds: float) -> float | None:

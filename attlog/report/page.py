@@ -10,6 +10,7 @@ from typing import Any
 
 from attlog.output import write_atomic
 from attlog.present.flight import firmware, subtitle
+from attlog.present.gyro_bias import gyro_bias
 from attlog.present.messages import alarming, level_name, messages
 from attlog.present.numbers import counted, duration, moment, number, quantity, unit_sign
 from attlog.present.problems import problems
@@ -100,6 +101,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False, deterministic:
         subtitle=subtitle(result),
         cards=[card(v, look) for v in result.verdicts],
         problems=problems(result),
+        gyro_bias=gyro_bias(result),
         table=main_table(result),
         axes=axis_table(result),
         windows=window_tables(result),

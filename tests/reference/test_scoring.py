@@ -85,10 +85,16 @@ def row_with(heading_deg, tilt_deg=0.0, uses_mag=True, log=None):
 
 def test_a_heading_beyond_45_deg_for_10_s_has_diverged_and_a_shorter_one_has_not():
     assert row_with(50.0).status == "diverged"
-    assert "heading error above 45 deg for 10 s from 15" in row_with(50.0).reason
+    assert "heading error above 45 deg for 10 s or half of the time from 15" in row_with(50.0).reason
     assert row_with(40.0).status == "ok"
     assert row_with(np.where((T > 30) & (T < 38), 60.0, 0.0)).status == "ok"
     assert row_with(np.where((T > 30) & (T < 42), 60.0, 0.0)).status == "diverged"
+
+
+def test_a_heading_that_runs_round_has_diverged_though_it_never_stays_away():
+    """A turn of the error every 12 s is beyond 45 deg for 9 s at a time."""
+    assert row_with((30.0 * T) % 360.0).status == "diverged"
+    assert row_with(np.where((T % 12.0) < 5.0, 60.0, 0.0)).status != "diverged"
 
 
 def test_a_row_without_a_heading_of_its_own_does_not_diverge_in_heading():

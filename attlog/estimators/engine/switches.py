@@ -44,5 +44,14 @@ KI_PER = Parameter(
     "attlog; the papers do not say it",
     ("second", "sample"),
 )
+MAG_GAIN = Parameter(
+    "mag_gain",
+    1.0,
+    "1",
+    0,
+    10,
+    "weight of the magnetometer error; 1 as in the papers, 0 leaves heading to the gyro",
+    "attlog, equal weights",
+)
 AS_PRINTED = {"acc_form": "direction", "integrator": "first_order"}
 """What the papers' presets share: unit vectors and the first-order step."""

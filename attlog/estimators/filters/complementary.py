@@ -17,12 +17,13 @@ is per second or per sample: ``ki_per``. It differs from ``mahony`` in gains and
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM
+from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM, MAG_GAIN
 from attlog.estimators.engine.vectors import field_error, gravity_error, turn
 
 SOURCE = "Fan 14-18 and section 5; Lyu 13-16"
@@ -42,15 +43,7 @@ PARAMETERS = (
     Parameter(
         "ki", 0.001, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Lyu section 3.1"
     ),
-    Parameter(
-        "mag_gain",
-        1.0,
-        "1",
-        0,
-        10,
-        "weight of the magnetometer error; 0 leaves heading to the gyro",
-        "Fan, equal weights",
-    ),
+    replace(MAG_GAIN, source="Fan, equal weights"),
     MAG_FORM,
     ACC_FORM,
     INTEGRATOR,

@@ -1,6 +1,6 @@
 """Mahony's explicit complementary filter: one gain on the sum of gravity and heading error.
 
-    e   = e_g + e_m                 e_g = v x d,  v = -f/g measured, d = R^T e_z predicted down
+    e   = e_g + mag_gain e_m        e_g = v x d,  v = -f/g measured, d = R^T e_z predicted down
                                     e_m = R^T (0, 0, -sin psi), psi heading of the field R m
     b'  = -ki e                     gyro bias [rad/s]
     q'  = q (x) (0, w - b + kp e)/2
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM
+from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, MAG_FORM, MAG_GAIN
 from attlog.estimators.engine.vectors import field_error, gravity_error, turn
 
 SOURCE = "Mahony2008 32; Xu section 2, gains section 3"
@@ -44,6 +44,7 @@ PARAMETERS = (
     Parameter(
         "ki", 0.0012, "1/s^2", 0, 10, "gain of the gyro bias estimate; 0 estimates none", "BROAD, best for all trials"
     ),
+    MAG_GAIN,
     MAG_FORM,
     ACC_FORM,
     INTEGRATOR,
@@ -66,15 +67,15 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> No
     """One update: both errors, bias, rate, attitude."""
     kp = params[0]
     ki = params[1]
-    gx, gy, gz = gravity_error(state, acc, params[3])
-    mx, my, mz = field_error(state, mag, params[2])
-    ex = gx + mx
-    ey = gy + my
-    ez = gz + mz
+    gx, gy, gz = gravity_error(state, acc, params[4])
+    mx, my, mz = field_error(state, mag, params[3])
+    ex = gx + params[2] * mx
+    ey = gy + params[2] * my
+    ez = gz + params[2] * mz
     state[4] -= ki * ex * dt
     state[5] -= ki * ey * dt
     state[6] -= ki * ez * dt
     wx = gyr[0] - state[4] + kp * ex
     wy = gyr[1] - state[5] + kp * ey
     wz = gyr[2] - state[6] + kp * ez
-    turn(state, wx, wy, wz, dt, params[4])
+    turn(state, wx, wy, wz, dt, params[5])

@@ -2,6 +2,7 @@
 
     R_y  = argmin  l1 |e_z - R v|^2 + l2 |v_m* - R v_m|^2        (7)  Wahba's problem, v = -f/|f|
     w    = vex(Pa(R^T R_y)),  Pa(A) = (A - A^T)/2                (10)
+    w   += (mag_gain - 1) (w.d) d,  d = R^T e_z                  mag_gain 1 is the papers'
     b'   = -ki w                                                 (9)
     R'   = R [Omega - b + kp w]x                                 (8)
 
@@ -24,13 +25,14 @@ gravity) w = v x d, gravity alone.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from attlog.estimators.base import Parameter
 from attlog.estimators.engine.matrices import matrix_from_quaternion, quaternion_from_matrix, turn_matrix
-from attlog.estimators.engine.switches import INTEGRATOR
+from attlog.estimators.engine.switches import INTEGRATOR, MAG_GAIN
 
 SOURCE = "Huang 7-10; Mahony2008 13; Markley2002 13 and 22"
 NEEDS = {"gyro", "acc", "mag"}
@@ -56,6 +58,11 @@ PARAMETERS = (
         "weight of the field: small keeps a disturbed field out of roll and pitch",
         "attlog; Huang gives no value",
     ),
+    replace(
+        MAG_GAIN,
+        meaning="weight of the error about the vertical, which the field alone tells; 1 as in the papers, 0 leaves "
+        "heading to the gyro",
+    ),
     INTEGRATOR,
 )
 PRESETS = {"huang": {"kp": 0.3, "ki": 0.01, "integrator": "first_order"}}
@@ -74,13 +81,18 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> No
     kp = params[0]
     ki = params[1]
     ex, ey, ez = rebuilt_error(state, params[2], params[3], acc, mag)
+    # The part along d is heading; gravity has none there.
+    more = (params[4] - 1.0) * (ex * state[13] + ey * state[14] + ez * state[15])
+    ex += more * state[13]
+    ey += more * state[14]
+    ez += more * state[15]
     state[4] -= ki * ex * dt
     state[5] -= ki * ey * dt
     state[6] -= ki * ez * dt
     wx = gyr[0] - state[4] + kp * ex
     wy = gyr[1] - state[5] + kp * ey
     wz = gyr[2] - state[6] + kp * ez
-    turn_matrix(state, 7, wx, wy, wz, dt, params[4])
+    turn_matrix(state, 7, wx, wy, wz, dt, params[5])
     quaternion_from_matrix(state, 7)
 
 

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.base import Parameter
-from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM
+from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM, MAG_GAIN
 from attlog.estimators.engine.vectors import field_error, gravity_error, turn
 
 SOURCE = "Lyu 11-18"
@@ -59,15 +59,7 @@ PARAMETERS = (
         "error (sine) from which the integral is off; at or below err1 it is a switch",
         "Lyu section 3.1",
     ),
-    Parameter(
-        "mag_gain",
-        1.0,
-        "1",
-        0,
-        10,
-        "weight of the magnetometer error; 0 leaves heading to the gyro",
-        "attlog, equal weights",
-    ),
+    MAG_GAIN,
     MAG_FORM,
     ACC_FORM,
     INTEGRATOR,

@@ -34,6 +34,9 @@ PARAMETERS = (
     Parameter("tau_acc", 3.0, "s", 0.01, 1000, "time constant of the accelerometer: large follows the gyro", DEFAULTS),
     Parameter("tau_mag", 9.0, "s", 0.01, 1000, "time constant of the magnetometer for heading", DEFAULTS),
     Parameter(
+        "bias_sigma", 0.5, "deg/s", 0.001, 100, "how well the gyro bias is known at the start, as sigma", DEFAULTS
+    ),
+    Parameter(
         "bias_clip", 2.0, "deg/s", 0.01, 100, "largest gyro bias it will estimate; raise for raw sensors", DEFAULTS
     ),
 )
@@ -53,6 +56,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     settings = {
         "tauAcc": float(params["tau_acc"]),
         "tauMag": float(params["tau_mag"]),
+        "biasSigmaInit": float(params["bias_sigma"]),
         "biasClip": float(params["bias_clip"]),
     }
     filter_ = VQF(u.period, u.period, u.mag_period, **settings)

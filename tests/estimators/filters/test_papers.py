@@ -133,7 +133,7 @@ def test_adaptive_is_mahony_while_only_gravity_acts() -> None:
 def test_adaptive_trust_follows_the_printed_factor() -> None:
     for up, wanted in ((0.05, 1.0), (0.15, 0.5), (0.19, 0.1), (0.3, 0.0)):
         m = still(0.1)
-        e = estimate("mahony_adaptive", m.t, m.gyr, (1.0 + up) * m.acc, m.mag)
+        e = estimate("mahony_adaptive:tau=0", m.t, m.gyr, (1.0 + up) * m.acc, m.mag)
         assert e.aux["trust"][1:] == pytest.approx(wanted, abs=1e-9)
 
 
@@ -142,9 +142,58 @@ def test_adaptive_does_not_tilt_in_a_long_acceleration_that_it_can_see() -> None
         return np.outer((t > 2.0) & (t < 6.0), (8.0, 0.0, 0.0))
 
     m = motion(lambda t: (0.0, 0.0, 0.0), 6.0, acceleration=push)
-    adaptive = total_deg(estimate("mahony_adaptive", *m.sensors).q, m.q).max()
+    at_once = total_deg(estimate("mahony_adaptive@xu:tau=0", *m.sensors).q, m.q).max()
+    adaptive = total_deg(estimate("mahony_adaptive@xu", *m.sensors).q, m.q).max()
     fixed = total_deg(estimate("mahony@xu-0.6", *m.sensors).q, m.q).max()
-    assert adaptive < 1.0 < 20.0 < fixed
+    assert at_once < 1.0 < adaptive < 4.0 < 20.0 < fixed, "0.1 s pass until the mean force shows the push"
+
+
+@pytest.mark.parametrize("hz", [31.0, 73.0])
+def test_adaptive_corrects_its_tilt_under_vibration(hz: float) -> None:
+    """15 m/s^2 across gravity: every |f| is too large, the mean force is not."""
+
+    def shaken(t: np.ndarray) -> np.ndarray:
+        return 15.0 * np.column_stack([np.sin(2 * np.pi * hz * t), np.cos(2 * np.pi * hz * t), 0.0 * t])
+
+    m = motion(lambda t: (0.0, 0.0, 0.0), 30.0, 250.0, acceleration=shaken)
+    q0 = off(m, roll=0.7)
+    adaptive = total_deg(estimate("mahony_adaptive", *m.sensors, q0=q0).q, m.q)
+    sample_by_sample = total_deg(estimate("mahony_adaptive:tau=0", *m.sensors, q0=q0).q, m.q)
+    assert adaptive[-1] < 2.0
+    assert sample_by_sample[-1] > 30.0
+
+
+def test_adaptive_s_mean_force_knows_a_turn_from_an_acceleration() -> None:
+    m = motion(lambda t: (2.0 * t, 0.0, 0.0), 20.0, 100.0)
+    assert estimate("mahony_adaptive", *m.sensors).aux["trust"].min() == 1.0
+
+
+# mag_gain and Huang's factor
+
+
+@pytest.mark.parametrize("name", ["mahony", "mahony_dcm", "mahony_passive", "mahony_adaptive"])
+def test_mag_gain_sets_how_fast_heading_is_found(name: str) -> None:
+    """A heading error that is small falls by exp(-kp mag_gain t); 0 leaves it to the gyro; tilt is untouched."""
+    m = still(4.0)
+    at_begin = np.deg2rad(2.0)
+    for gain in (0.0, 0.5, 1.0, 2.0):
+        values = {"kp": 0.5, "ki": 0.0, "mag_gain": gain}
+        heading = total_deg(estimate(name, *m.sensors, q0=off(m, yaw=at_begin), **values).q, m.q)
+        assert heading[-1] == pytest.approx(2.0 * np.exp(-0.5 * gain * 4.0), rel=0.02)
+        leaning = estimate(name, *m.sensors, q0=off(m, roll=at_begin), **values).q
+        tilt = np.rad2deg(rotation.inclination_angle(rotation.error(leaning, m.q)))
+        assert tilt[-1] == pytest.approx(2.0 * np.exp(-0.5 * 4.0), rel=0.02)
+
+
+def test_huang_s_heading_error_as_printed_has_the_factor_cos_dip() -> None:
+    m = still(4.0)
+    h = rotation.rotate(m.q[0], m.mag[0])
+    cos_dip = np.hypot(h[0], h[1]) / np.linalg.norm(h)
+    assert 0.2 < cos_dip < 0.9, "else the test says nothing"
+    q0 = off(m, yaw=np.deg2rad(2.0))
+    for form, factor in (("sine", 1.0), ("printed", cos_dip)):
+        e = estimate("mahony_dcm", *m.sensors, q0=q0, kp=0.5, ki=0.0, heading_error=form)
+        assert total_deg(e.q, m.q)[-1] == pytest.approx(2.0 * np.exp(-0.5 * factor * 4.0), rel=0.01)
 
 
 # madgwick
