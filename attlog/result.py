@@ -56,8 +56,11 @@ NOT_UTF8 = re.compile("[\ud800-\udfff]")
 
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
-ANSWER_KEEPS = tuple(f.name for f in fields(Answer) if not f.metadata.get(IN_JSON, True))
-"""Fields of an answer that are not in the JSON."""
+KEPT_OUT = {
+    kind.__name__: tuple(f.name for f in fields(kind) if not f.metadata.get(IN_JSON, True))
+    for kind in (Answer, CommonBias)
+}
+"""Fields that are not in the JSON, by class."""
 
 
 @dataclass(slots=True)

@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 from pydantic import ConfigDict, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
-from attlog.result import ANSWER_KEEPS, MEASURED_TIMES, SCHEMA, Result
+from attlog.result import KEPT_OUT, MEASURED_TIMES, SCHEMA, Result
 
 _TYPES = ConfigDict(arbitrary_types_allowed=True)
 
@@ -41,10 +41,11 @@ def schema() -> dict[str, Any]:
 
 
 def _drop_hidden(document: dict[str, Any]) -> None:
-    """Take out the fields of an answer that are not in the JSON, and the definitions that only they use."""
+    """Take out the fields that are not in the JSON, and the definitions that only they use."""
     parts = document["$defs"]
-    for name in ANSWER_KEEPS:
-        del parts["Answer"]["properties"][name]
+    for kind, names in KEPT_OUT.items():
+        for name in names:
+            del parts[kind]["properties"][name]
     while unused := [name for name in parts if f'"#/$defs/{name}"' not in json.dumps(document)]:
         for name in unused:
             del parts[name]

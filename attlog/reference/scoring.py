@@ -79,7 +79,8 @@ def lost_heading_at(errors: Errors) -> float | None:
     """The time from which the scored heading error stays beyond 45 deg for 10 s; None if it never does.
 
     Or the first time that it is, where it is for more than half of the scored time: a heading that runs round, or
-    a record of some seconds, is no better for never staying so long. Resets of the reference apart: beyond as it is, and beyond as it would be if the reference had not jumped.
+    a record of some seconds, is no better for never staying so long. Resets of the reference apart: beyond as it
+    is, and beyond as it would be if the reference had not jumped.
     """
     along = np.unwrap(np.radians(errors.heading))
     smooth = np.degrees(np.abs(wrap(along - np.cumsum(reset_steps(errors, along)))))

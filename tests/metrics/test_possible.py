@@ -36,7 +36,7 @@ def test_products_are_those_of_one_multiplication_after_the_other() -> None:
 def test_the_stand_in_turns_as_the_compiled_gyro_row_does() -> None:
     imu = flight.read(SAMPLES / "copter_yaw_turns.bin").replay_imu
     assert imu is not None
-    own = possible.integrated(imu, "sample")
+    own = possible.integrated(imu, imu.gyro.x, "sample")
     row = estimators.estimate(
         "gyro", imu.gyro.t_best, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt, q0=own.q[0]
     )
