@@ -21,7 +21,7 @@ import numpy as np
 import attlog
 from attlog import estimators, metrics, reference, replay, segments
 from attlog.config import Config
-from attlog.errors import LogUnusable, PluginError, UsageError
+from attlog.errors import LogUnusable, UsageError
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.health import Check, answerable, audit
@@ -82,13 +82,13 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
 
 def evaluate(
     case: Case,
-    specs: str | Sequence[str] | None = None,
+    specs: str | Sequence[str | replay.Runnable] | None = None,
     *,
     traces: bool = False,
     cost: bool = False,
     command: str = "",
 ) -> Result:
-    """What the filters named by ``specs`` (those of the configuration if None) are worth on a prepared log.
+    """What the filters of ``specs`` (those of the configuration if None) are worth on a prepared log.
 
     ``traces``: keep the arrays that figures are drawn from. ``cost``: measure what each
     filter costs, which takes longer than running it. UsageError for an unknown
@@ -97,12 +97,12 @@ def evaluate(
     """
     if isinstance(specs, str):
         specs = estimators.items(specs)
-    settings = case.settings if specs is None else case.settings | {"estimators": list(specs)}
+    settings = case.settings if specs is None else case.settings | {"estimators": list(map(str, specs))}
     clock = Stopwatch(case.timing)
     rows: list[Row] = []
     estimator_rows: list[EstimatorRow] = []
     with clock("estimators"):
-        chosen = replay.chosen(settings["estimators"], case.log)
+        chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
         for row, table_row in replay.replays(case, chosen):
             estimator_rows.append(table_row)
             if row is not None:
@@ -225,7 +225,7 @@ def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
     ]
 
 
-def _slow(chosen: Mapping[str, estimators.Row | PluginError], rows: list[Row]) -> list[Problem]:
+def _slow(chosen: Mapping[str, replay.Chosen], rows: list[Row]) -> list[Problem]:
     """Plug-ins that ran in plain Python."""
     ran = {row.name.partition("/imu")[0] for row in rows}
     why = {

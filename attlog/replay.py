@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from attlog import estimators, inputs, reference
 from attlog.errors import AttlogError, PluginError
-from attlog.flight.model import FlightLog, Imu
+from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import CommonBias
 from attlog.reference import declination
@@ -21,6 +22,21 @@ STAGES = logging.getLogger("attlog.stages")
 """Tells which filter is being run; who wants to know adds a handler."""
 
 
+class Runnable(Protocol):
+    """What stands for a filter's name where more is to be said: what comes before it, or whose attitude it is."""
+
+    @property
+    def name(self) -> str:
+        """What the row is called."""
+
+    def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Row, EstimatorRow]:
+        """The row of one unit, and its line of the table; ``suffix`` follows its name. AttlogError if it fails."""
+
+
+Chosen = estimators.Row | Runnable | PluginError
+"""What is to be run, or why it cannot be."""
+
+
 def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
     """The aligned attitudes of the named estimators only; the first failure is raised."""
     rows = []
@@ -28,26 +44,29 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
         for spec in chosen(specs, case.log).values():
             if isinstance(spec, PluginError):
                 raise spec
-            rows.append(_replayed(case, imu, spec, suffix)[0])
+            rows.append(_run(case, imu, spec, suffix)[0])
     return rows
 
 
-def replays(case: Case, specs: Mapping[str, estimators.Row | PluginError]) -> Iterator[tuple[Row | None, EstimatorRow]]:
+def replays(case: Case, specs: Mapping[str, Chosen]) -> Iterator[tuple[Row | None, EstimatorRow]]:
     """Each chosen estimator as a row; one that fails is a table row with status ``failed``."""
     for suffix, imu in case.imus.items():
         for name, spec in specs.items():
             try:
                 if isinstance(spec, PluginError):
                     raise spec
-                yield _replayed(case, imu, spec, suffix)
+                yield _run(case, imu, spec, suffix)
             except AttlogError as error:
                 yield None, _failed(name + suffix, error)
 
 
-def chosen(specs: Sequence[str], log: FlightLog) -> dict[str, estimators.Row | PluginError]:
+def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]:
     """Name -> row to run, each once; a plug-in that cannot be loaded is its error. UsageError for unknown names."""
-    found: dict[str, estimators.Row | PluginError] = {}
+    found: dict[str, Chosen] = {}
     for item in specs:
+        if not isinstance(item, str):
+            found.setdefault(item.name, item)
+            continue
         try:
             for row in estimators.select(item, mag=log.mag is not None):
                 found.setdefault(row.name, row)
@@ -57,25 +76,39 @@ def chosen(specs: Sequence[str], log: FlightLog) -> dict[str, estimators.Row | P
 
 
 @per_case
-def _facts(case: Case, suffix: str) -> estimators.LogFacts:
+def facts(case: Case, suffix: str) -> estimators.LogFacts:
     """What the log tells about parameters of filters that replay this unit."""
     return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.declination_deg)
 
 
 @per_case
-def _aids(case: Case, suffix: str) -> estimators.Aids:
+def aids_of(case: Case, suffix: str) -> estimators.Aids:
     """What the log holds beside inertial and magnetic samples, for filters that replay this unit."""
     return inputs.aids_of(case.log, case.segments, case.imus[suffix], declination.model(case.log))
 
 
-def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[Row, EstimatorRow]:
-    """Run one estimator over one IMU and align what comes out."""
+def _run(case: Case, imu: Imu, spec: estimators.Row | Runnable, suffix: str) -> tuple[Row, EstimatorRow]:
+    """One estimator over one IMU as the log has it, or as the runnable wants it."""
     STAGES.info("running %s", spec.name)
+    if not isinstance(spec, estimators.Row):
+        return spec.run(case, imu, suffix)
+    mag = None if case.log.mag is None else case.log.mags[case.log.mag]
+    return replayed(case, imu, mag, spec, facts(case, suffix), aids_of(case, suffix), spec.name + suffix)
+
+
+def replayed(
+    case: Case,
+    imu: Imu,
+    mag: Mag | None,
+    spec: estimators.Row,
+    told: estimators.LogFacts,
+    aids: estimators.Aids,
+    name: str,
+) -> tuple[Row, EstimatorRow]:
+    """Run one estimator over the samples of a unit and a magnetometer, and align what comes out."""
     log, ref = case.log, case.reference
-    mag = None if log.mag is None else log.mags[log.mag]
     uses_mag = mag is not None and "mag" in spec.estimator.uses
-    facts = _facts(case, suffix)
-    resolved = spec.resolved(facts)
+    resolved = spec.resolved(told)
     t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
         spec,
@@ -85,15 +118,15 @@ def _replayed(case: Case, imu: Imu, spec: estimators.Row, suffix: str) -> tuple[
         estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
         sampling=imu.gyro.sampling,
         dt=imu.dt,
-        aids=_aids(case, suffix),
-        log=facts,
+        aids=aids,
+        log=told,
     )
     row = reference.replayed(
         log,
         case.segments,
         ref,
         estimate,
-        name=spec.name + suffix,
+        name=name,
         estimator=spec.estimator.origin if spec.estimator.origin.endswith(".py") else spec.estimator.name,
         parameters={k: v for k, (v, _) in resolved.items()},
         uses_mag=uses_mag,

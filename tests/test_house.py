@@ -43,8 +43,8 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "testing": {"estimators"},
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis", "replay"},
-    "compare": BELOW_THE_RESULT | {"plain", "result", "analysis", "replay", "present", "report"},
     "fleet": {"config", "analysis", "result", "report", "formats"},
+    "compare": BELOW_THE_RESULT | {"analysis", "replay", "result", "plain", "present", "report", "schema", "processes"},
     "cli": BELOW_THE_RESULT
     | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present", "fleet"}
     | {"compare"},

@@ -25,7 +25,9 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.estimators.engine.samples import place
 from attlog.estimators.engine.vectors import GRAVITY
-from attlog.metrics.base import Case, per_case
+from attlog.flight.model import Imu
+from attlog.metrics.base import Case, per_case, per_row
+from attlog.metrics.evidence import imu_of, logged_unit
 from attlog.metrics.turning import Stack, Turning, summed
 from attlog.reference.model import Row
 
@@ -108,10 +110,27 @@ class Samples:
     step: float
 
 
+def seen_by(case: Case, row: Row) -> Samples | None:
+    """What a row's filter saw of its unit; None without one and for fewer than two good samples."""
+    imu = imu_of(case, row)
+    if imu is None:
+        return None
+    index = logged_unit(case, imu)
+    return _of_own_samples(case, row) if index is None else samples_of(case, index)
+
+
 @per_case
 def samples_of(case: Case, imu: int) -> Samples | None:
-    """What the filters saw of one unit; None for fewer than two good samples."""
-    unit = case.log.imus[imu]
+    """What the filters saw of one of the log's units; None for fewer than two good samples."""
+    return _samples(case, case.log.imus[imu])
+
+
+@per_row
+def _of_own_samples(case: Case, row: Row) -> Samples | None:
+    return None if row.imu is None else _samples(case, row.imu)
+
+
+def _samples(case: Case, unit: Imu) -> Samples | None:
     t = unit.gyro.t_best if case.reference.clock == "sample" else unit.gyro.t
     good = np.isfinite(t) & np.isfinite(unit.gyro.x).all(axis=1) & np.isfinite(unit.acc.x).all(axis=1)
     good[1:] &= t[1:] > np.maximum.accumulate(np.where(good, t, -np.inf))[:-1]

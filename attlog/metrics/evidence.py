@@ -57,6 +57,11 @@ def imu_of(case: Case, row: Row) -> Imu | None:
     return case.log.replay_imu
 
 
+def logged_unit(case: Case, imu: Imu) -> int | None:
+    """Which of the log's units this is; None where its samples were changed before the filter saw them."""
+    return next((k for k, unit in enumerate(case.log.imus) if unit is imu), None)
+
+
 def detrended(t: Array, x: Array) -> Array:
     """``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
     u = t - np.mean(t)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from attlog import estimators, rotation
 from attlog.flight.model import Imu
-from attlog.metrics.base import Case, per_case
-from attlog.metrics.evidence import imu_of
+from attlog.metrics.base import Case, per_case, per_row
+from attlog.metrics.evidence import imu_of, logged_unit
 from attlog.reference import trim
 from attlog.reference.model import Row
 
@@ -40,12 +40,21 @@ def gyro_alone(case: Case, row: Row) -> Integrated | None:
     imu = imu_of(case, row)
     if imu is None:
         return None
-    return _integrated(case, next(k for k, unit in enumerate(case.log.imus) if unit is imu))
+    index = logged_unit(case, imu)
+    return _of_own_samples(case, row) if index is None else _of_unit(case, index)
 
 
 @per_case
-def _integrated(case: Case, index: int) -> Integrated:
-    imu: Imu = case.log.imus[index]
+def _of_unit(case: Case, index: int) -> Integrated:
+    return _integrated(case, case.log.imus[index])
+
+
+@per_row
+def _of_own_samples(case: Case, row: Row) -> Integrated | None:
+    return None if row.imu is None else _integrated(case, row.imu)
+
+
+def _integrated(case: Case, imu: Imu) -> Integrated:
     t = imu.gyro.t_best if case.reference.clock == "sample" else imu.gyro.t
     found = estimators.estimate("gyro", t, case.gyro_of(imu), imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
     q = rotation.normalize(found.q)

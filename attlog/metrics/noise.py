@@ -212,7 +212,7 @@ def _hidden(case: Case, row: Row, axis: str) -> float:
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None:
         return 0.0
-    hidden = quantisation.hidden_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit is imu))
+    hidden = quantisation.hidden_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit.index == imu.index))
     return max(hidden[:2]) if axis == "tilt" else hidden[AXES.index(axis)]
 
 

@@ -44,9 +44,7 @@ def events_in(case: Case, row: Row, window: str) -> list[steps.Event]:
 @per_row
 def _of_events(case: Case, row: Row, events: list[steps.Event]) -> Evidence | None:
     track = turning(case, row)
-    units = [k for k, unit in enumerate(case.log.imus) if unit is row.imu]
-    imu = units[0] if units else case.log.imu
-    seen = None if imu is None else aiding.samples_of(case, imu)
+    seen = aiding.seen_by(case, row)
     sensors = None if seen is None else aiding.Sensors(case, row, track, seen)
     columns = step_columns.build(track, reference_turning(case), events, sensors)
     return None if columns is None else Evidence(step_fit.fit(columns), columns.events)

@@ -38,7 +38,8 @@ def contradicted(
     log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
 ) -> tuple[str, AlignmentStep] | None:
     """Why an onboard reference is refused, and the numbers; None where filters and force do not contradict it."""
-    replays = {r.estimator: r for r in rows if r.kind == "replay" and len(r.t) > 1 and r.imu in (None, imu)}
+    own = [r for r in rows if r.imu is None or r.imu.index == imu.index]
+    replays = {r.estimator: r for r in own if r.kind == "replay" and len(r.t) > 1}
     if reference.kind != "onboard" or len(replays) < FILTERS:
         return None
     use = np.flatnonzero(scoring.scored(reference, reference.t))
@@ -52,7 +53,7 @@ def contradicted(
     if shared.sum() < 10:
         return None
     t, use, downs = t[shared], use[shared], downs[:, shared]
-    own = rotation.rotate_inverse(reference.q[use], DOWN)
+    own_down = rotation.rotate_inverse(reference.q[use], DOWN)
     common = np.nanmedian(downs, axis=0)
     common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
     distance = _angle(downs, common)
@@ -61,7 +62,7 @@ def contradicted(
     if len(near) < max(FILTERS, (len(filters) + 1) // 2):
         return None
     spread = np.max(np.nan_to_num(distance[near]), axis=0)
-    apart = _angle(own, common)
+    apart = _angle(own_down, common)
     off = apart > np.maximum(APART_DEG, TIMES * spread)
     spans = [s for s in gaps.slices(off, reference.segment[use]) if t[s.stop - 1] - t[s.start] >= LEAST_S]
     seconds = sum(float(t[s.stop - 1] - t[s.start]) for s in spans)
