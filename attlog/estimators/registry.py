@@ -42,6 +42,8 @@ BUILT_IN = (
     "ekf12",
     "vqf",
     "fusion",
+    "eskf",
+    "smoother",
 )
 """Module names under ``attlog.estimators.filters``, in the order in which people see them."""
 

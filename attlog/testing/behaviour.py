@@ -6,6 +6,8 @@ import numpy as np
 
 from attlog import rotation
 from attlog.estimators import estimate, not_compiled
+from attlog.estimators.base import AIDS
+from attlog.testing.extras import aids_in_place
 from attlog.testing.motion import CONSUMER, FIELD_T, Array, Noise, flight, motion, one_turn, still, swing
 from attlog.testing.subject import (
     CheckFailed,
@@ -216,6 +218,14 @@ def uses_every_parameter(s: Subject) -> None:
                 if differs or not np.array_equal(s.run(m, **option).q, plain_cold.q):
                     del unused[name]
                     break
+    if unused and s.estimator.uses & AIDS:
+        m = swing(60.0, noise=CONSUMER)
+        aids = aids_in_place(m)
+        for name, parameter in list(unused.items()):
+            values = parameter.choices or (parameter.low, parameter.high, _near(parameter))
+            runs = [s.run(m, aids=aids, **{name: value}).q for value in values]
+            if any(not np.array_equal(q, runs[0]) for q in runs[1:]):
+                del unused[name]
     require(not unused, f"changing {', '.join(sorted(unused))} never changes the result")
 
 

@@ -1,0 +1,81 @@
+"""Error-state Kalman filter with GNSS, barometer, magnetometer and rest, 39 states.
+
+    q' = q x exp((gyr - b_g)(1 - s_g) dt),   v' = R (acc - b_a) + g,   p' = v
+    aids: GNSS velocity and position (delay, lever arm, wander), height, field (I + S) R^T M + b_m, rest (v = 0)
+
+Innovations are gated softly at 2.5 sigma and refused at 30; what is refused for long opens the covariance, and a field
+that does not fit for a while opens the hard iron.
+
+Attitudes are causal: each stands on samples up to its own time (a delayed aid acts when it came, and the gyro carries
+the attitude from there). ``constants=log`` (default): noise levels, delays and prior spreads are constants of the
+sensors that the smoother finds in the whole log, as a tuned vehicle has them; ``fixed``: the defaults, nothing of the
+future; ``calibrated``: also biases, hard and soft iron start where the whole log puts them, which no vehicle knows.
+Runs of less than 30 s of GNSS keep the defaults.
+
+Source: Sola2017 (error state, here with the error in earth axes).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+import numpy as np
+
+from attlog.estimators.aids import Aids
+from attlog.estimators.base import Array, Estimate, Parameter
+from attlog.estimators.filters.navigation import attitude, passes, quality
+from attlog.estimators.filters.navigation.layout import BG
+from attlog.estimators.filters.navigation.measured import made_ready
+from attlog.estimators.filters.navigation.options import PRIORS, SOFT
+from attlog.estimators.filters.navigation.settings import started
+
+SOURCE = "Sola2017"
+NEEDS = {"gyro", "acc"}
+USES = {"mag", "gnss", "baro", "at_rest"}
+STATE = {"q": 4, "bias": 3}
+PARAMETERS = (
+    *PRIORS,
+    SOFT,
+    Parameter(
+        "constants", "log", "", 0, 1,
+        "noise levels, delays and prior spreads: of the whole log, the defaults, or with biases and compass as well",
+        "attlog; fixed looks at nothing to come", ("log", "fixed", "calibrated"),
+    ),
+)  # fmt: skip
+PRESETS: dict[str, dict[str, float | str]] = {
+    "fixed": {"constants": "fixed"},
+    "calibrated": {"constants": "calibrated"},
+}
+LEAST_GNSS_S = 30.0
+"""Less tells no delay and no noise."""
+MARGIN_S = 0.6
+"""Aids act this much after they were true at least: rest is known half a second later."""
+
+
+def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
+    """The filtered attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where it has no sample."""
+    clock = time.thread_time()
+    fixes, constants = aids.velocity, params["constants"]
+    looks = constants != "fixed" and fixes is not None and fixes.t[-1] - fixes.t[0] >= LEAST_GNSS_S
+    inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=looks)
+    tuned, gate = started(params), float(params["soft_gate"])
+    known = passes.solved(inputs, tuned, gate) if looks else None
+    if known is not None:
+        tuned = passes.held(known.next)
+    found, begin = passes.causal(inputs, tuned, gate, known, constants == "calibrated")
+    nodes = attitude.node_before(found, len(t))
+    bias = found.bias[nodes]
+    horizon = inputs.lag + MARGIN_S + max(tuned.gnss_delay, tuned.mag_delay, 0.0)
+    q = attitude.predicted(inputs, found.q, bias, begin.x[BG : BG + 3], horizon)
+    tilt, heading = attitude.sigmas(inputs, found, found.variance)
+    told = quality.quality(inputs, found, tuned, tilt, heading)
+    told["constants"] = str(constants) if looks or constants == "fixed" else "fixed"
+    return Estimate(
+        t=t,
+        q=q,
+        bias=bias,
+        aux={"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, len(t))},
+        quality=told,
+        ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1),
+    )

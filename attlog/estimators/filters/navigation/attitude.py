@@ -1,0 +1,105 @@
+"""From a pass to attitudes at the times they are asked for, and how sure they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.estimators.base import Array
+from attlog.estimators.filters.navigation.measured import Inputs
+from attlog.estimators.filters.navigation.solve import Pass
+
+HONEST = 1.2
+"""The model's own spread is that much too small (measured on flights with truth)."""
+LEAST_TILT, LEAST_HEADING = np.deg2rad(0.03), np.deg2rad(0.04)
+LEAST_TIME_S = 1.5e-3
+
+
+def node_before(found: Pass, n: int) -> NDArray[np.int64]:
+    """The node (n,) at or before each of n samples."""
+    return np.maximum(np.searchsorted(found.schedule.node_at, np.arange(n), side="right") - 1, 0)
+
+
+def smoothed_samples(found: Pass, inputs: Inputs) -> tuple[Array, Array]:
+    """Smoothed attitude (n, 4) and gyro bias (n, 3) of every sample.
+
+    The filter's attitude, corrected by the smoothed error at the node before: corrections vary slowly, and the
+    filter's own jumps cancel.
+    """
+    n = len(inputs.t)
+    k = node_before(found, n)
+    t = inputs.sensed_at
+    since = np.where(inputs.rest == 1, 0.0, t - t[found.schedule.node_at[k]])
+    late = rotation.rotate(found.q, found.d[k, 3:6]) * since[:, None]
+    q = rotation.multiply(rotation.from_rotvec(found.d[k, 0:3] - late), found.q)
+    return rotation.normalize(q), found.bias[k] + found.d[k, 3:6]
+
+
+def smoothed_nodes(found: Pass) -> Array:
+    """Smoothed attitude (m, 4) at the nodes."""
+    q = rotation.multiply(rotation.from_rotvec(found.d[:, 0:3]), found.q[found.schedule.node_at])
+    return np.ascontiguousarray(rotation.normalize(q))
+
+
+def at_stamps(inputs: Inputs, q: Array, bias: Array) -> Array:
+    """Attitudes at the stamps from those at the times the samples were taken (a low-pass is late), by the gyro."""
+    if inputs.lag == 0.0:
+        return q
+    sensed = inputs.sensed_at
+    k = np.clip(np.searchsorted(sensed, inputs.t, side="right") - 1, 0, len(sensed) - 1)
+    following = np.minimum(k + 1, len(sensed) - 1)
+    turn = (inputs.gyr[following] - bias[k]) * (inputs.t - sensed[k])[:, None]
+    return rotation.normalize(rotation.multiply(q[k], rotation.from_rotvec(turn)))
+
+
+def sigmas(inputs: Inputs, found: Pass, spread: Array) -> tuple[Array, Array]:
+    """Standard deviations (n,) in rad of tilt and heading from variances (m, 3) of the attitude at the nodes."""
+    at = inputs.sensed_at[found.schedule.node_at]
+    rate = np.sqrt(np.sum(inputs.gyr**2, axis=1)) * LEAST_TIME_S
+    three = [np.interp(inputs.t, at, np.maximum(spread[:, i], 0.0)) for i in range(3)]
+    tilt = np.sqrt(HONEST**2 * (three[0] + three[1]) + LEAST_TILT**2 + rate**2)
+    return tilt, np.sqrt(HONEST**2 * three[2] + LEAST_HEADING**2 + rate**2)
+
+
+def test_ratios(found: Pass, n: int) -> dict[str, Array]:
+    """Squared innovation over its gate (n,) of each aid, held from event to event; NaN before the first."""
+    k = node_before(found, n)
+    out = {}
+    for i, name in enumerate(("velocity", "position", "baro", "mag")):
+        column = found.ratio[:, i]
+        known = np.isfinite(column)
+        last = np.maximum.accumulate(np.where(known, np.arange(len(column)), -1))
+        held = np.where(last >= 0, column[np.maximum(last, 0)], np.nan)
+        if known.any():
+            out[f"test_ratio_{name}"] = held[k]
+    return out
+
+
+def predicted(inputs: Inputs, q: Array, bias: Array, first_bias: Array, horizon: float) -> Array:
+    """What a causal user knows at each stamp: the filter's attitude of ``horizon`` s before, carried on by the gyro.
+
+    ``q`` (n, 4), ``bias`` (n, 3) of the filter at every sample; ``first_bias`` (3,) what was known at the start.
+    """
+    n, sensed = len(inputs.t), inputs.sensed_at
+    moving = (inputs.rest == 0)[:, None]
+    gyr = np.where(moving, inputs.gyr - first_bias, 0.0)
+    alone = rotation.normalize(_chain(gyr, inputs.dt))
+    # Integral of the gyro-only attitude: what a change of the bias does to the turn between two samples.
+    columns = [rotation.rotate(alone, np.tile(axis, (n, 1))) for axis in np.eye(3)]
+    integral = [np.cumsum(c * inputs.dt[:, None] * moving, axis=0) for c in columns]
+    now = np.arange(n)
+    then = np.clip(np.searchsorted(sensed, inputs.t - horizon, side="right") - 1, 0, n - 1)
+    change = bias[then] - first_bias
+    turn = -sum((integral[i][now] - integral[i][then]) * change[:, i : i + 1] for i in range(3))
+    # In the gyro-only frame: out = q_then (G_then^-1) exp(turn) G_now.
+    frame = rotation.multiply(q[then], rotation.conjugate(alone[then]))
+    out = rotation.multiply(rotation.multiply(frame, rotation.from_rotvec(turn)), alone[now])
+    lead = (inputs.gyr - bias[then]) * inputs.lag
+    return rotation.normalize(rotation.multiply(out, rotation.from_rotvec(lead)))
+
+
+def _chain(gyr: Array, dt: Array) -> Array:
+    from attlog.estimators.filters.navigation.start import turned_by_gyro
+
+    return turned_by_gyro(gyr, dt)

@@ -1,0 +1,313 @@
+"""The filter: nominal motion at every sample, covariance and updates at nodes. One function for the compiler.
+
+Error-state Kalman filter with the earth-frame attitude error ``q_true = exp(phi) q``; scalar updates in sequence with
+one linearisation per event. Gates: up to 2.5 sigma an event is taken, beyond its noise is multiplied by c / 2.5^2
+(a foot stays in the door), beyond 30 sigma it is skipped; many skips in a row open the covariance. A field that does
+not fit for a while opens the hard iron: the gyro carries the heading while the new offset is learnt. Openings are
+additive noise, so the backward pass needs no special case.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from attlog.estimators.filters.navigation.layout import (
+    BA,
+    BARO,
+    BARO_BIAS,
+    BG,
+    FROZEN,
+    GRAVITY_AT,
+    HARD,
+    HARD_GATE,
+    KICKED,
+    LIKELIHOOD,
+    MAG,
+    MAG_MEAN,
+    MOST_OPS,
+    OPENED,
+    PHI,
+    POS,
+    POSITION,
+    Q_ACC,
+    Q_ACC_REST,
+    Q_BA,
+    Q_BARO,
+    Q_BG,
+    Q_GYRO,
+    Q_HARD,
+    Q_WANDER,
+    RESTING,
+    SCALE,
+    SEEN,
+    SINCE_KICK,
+    SKIPS,
+    SOFT_GATE,
+    SOFTENED,
+    SUM_A,
+    SUM_D,
+    SUM_T,
+    SUM_W,
+    SUMS,
+    VELOCITY,
+    WANDER,
+    WANDER_TAU,
+    WIDE,
+    N,
+    V,
+)
+from attlog.estimators.filters.navigation.motion import even, flip, forward_ops, take
+from attlog.estimators.filters.navigation.updates import (
+    between,
+    field_rows,
+    group_of,
+    rows,
+    to_matrix3,
+    turn_body,
+    turn_earth,
+)
+
+MOST_SKIPS, MOST_SKIPS_MAG = 25.0, 100.0
+OPEN_PHI = 0.05
+OPEN_HARD_G, KICK_G = 0.010, 0.020
+KICK_MEAN, KICK_AFTER, KICK_EVERY_S, KICK_CLIP, KICK_WEIGHT = 12.0, 4.0, 0.5, 60.0, 0.15
+FAR_RAD = 0.1
+"""Beyond this from the trajectory of linearisation the filter takes its own."""
+
+
+def open_covariance(P: Any, kind: int, r: Any) -> None:
+    """Additive noise where an aid was refused for long."""
+    for i in range(3):
+        if kind == VELOCITY:
+            P[V + i, V + i] += r[i] * r[i]
+            P[PHI + i, PHI + i] += OPEN_PHI * OPEN_PHI
+        elif kind == POSITION:
+            P[POS + i, POS + i] += r[i] * r[i]
+        elif kind == MAG:
+            P[HARD + i, HARD + i] += OPEN_HARD_G * OPEN_HARD_G
+    if kind == BARO:
+        P[BARO_BIAS, BARO_BIAS] += r[0] * r[0]
+
+
+def worst(P: Any, r: Any, count: int, wide: int, hi: Any, hv: Any, sigma: Any) -> float:
+    """Largest marginal normalised innovation r^2 / s of an event's rows that are told."""
+    c = 0.0
+    for i in range(count):
+        if sigma[i] > 0.0:
+            s = sigma[i] * sigma[i]
+            for k in range(wide):
+                for m in range(wide):
+                    s += hv[i, k] * hv[i, m] * P[hi[i, k], hi[i, m]]
+            c = max(c, r[i] * r[i] / s)
+    return c
+
+
+def grow(P: Any, T: float, par: Any, rest: int) -> None:
+    """Process noise of an interval."""
+    qg = 1e-12 if rest == 1 else par[Q_GYRO] * par[Q_GYRO]
+    qa = par[Q_ACC_REST] * par[Q_ACC_REST] if rest == 1 else par[Q_ACC] * par[Q_ACC]
+    for i in range(3):
+        P[PHI + i, PHI + i] += T * qg
+        P[V + i, V + i] += T * qa
+        P[POS + i, POS + i] += qa * T * T * T / 3.0
+        P[POS + i, V + i] += 0.5 * qa * T * T
+        P[V + i, POS + i] += 0.5 * qa * T * T
+        P[BG + i, BG + i] += T * par[Q_BG] * par[Q_BG]
+        P[BA + i, BA + i] += T * par[Q_BA] * par[Q_BA]
+        P[HARD + i, HARD + i] += T * par[Q_HARD] * par[Q_HARD]
+        P[WANDER + i, WANDER + i] += T * par[Q_WANDER] * par[Q_WANDER]
+    P[BARO_BIAS, BARO_BIAS] += T * par[Q_BARO] * par[Q_BARO]
+
+
+def carry(
+    dt: Any, gyr: Any, acc: Any, rest: Any, a: int, b: int, g: float, q: Any, x: Any, R: Any, out: Any, sums: Any
+) -> None:
+    """The nominal state over samples a to b, the attitude of each to ``out`` (n, 4), the sums of the interval."""
+    for i in range(SUMS):
+        sums[i] = 0.0
+    for k in range(a, b + 1):
+        h = dt[k]
+        moving = 0.0 if rest[k] == 1 else 1.0
+        wx = moving * (gyr[k, 0] - x[BG]) * (1.0 - x[SCALE])
+        wy = moving * (gyr[k, 1] - x[BG + 1]) * (1.0 - x[SCALE + 1])
+        wz = moving * (gyr[k, 2] - x[BG + 2]) * (1.0 - x[SCALE + 2])
+        fx, fy, fz = acc[k, 0] - x[BA], acc[k, 1] - x[BA + 1], acc[k, 2] - x[BA + 2]
+        turn_body(q, 0.5 * h * wx, 0.5 * h * wy, 0.5 * h * wz)
+        to_matrix3(q, R)
+        sums[SUM_T] += h
+        for i in range(3):
+            f = R[i, 0] * fx + R[i, 1] * fy + R[i, 2] * fz
+            a_i = f + g if i == 2 else f
+            x[POS + i] += h * (x[V + i] + 0.5 * h * a_i)
+            x[V + i] += h * a_i
+            sums[SUM_A + i] += h * f
+            sums[SUM_D + 3 * i] += h * R[i, 0]
+            sums[SUM_D + 3 * i + 1] += h * R[i, 1]
+            sums[SUM_D + 3 * i + 2] += h * R[i, 2]
+            sums[SUM_W + 3 * i] += h * R[i, 0] * wx
+            sums[SUM_W + 3 * i + 1] += h * R[i, 1] * wy
+            sums[SUM_W + 3 * i + 2] += h * R[i, 2] * wz
+        turn_body(q, 0.5 * h * wx, 0.5 * h * wy, 0.5 * h * wz)
+        for i in range(4):
+            out[k, i] = q[i]
+
+
+def turned_sums(R: Any, L: Any, sums: Any, work: Any) -> None:
+    """The sums as they would be along the attitude L instead of R: turned by L R^T."""
+    for block in range(7):
+        at = SUM_A if block == 0 else SUM_D + (block - 1) % 3 + (9 if block > 3 else 0)
+        step = 1 if block == 0 else 3
+        for i in range(3):
+            work[0, i] = R[0, i] * sums[at] + R[1, i] * sums[at + step] + R[2, i] * sums[at + 2 * step]
+        for i in range(3):
+            sums[at + i * step] = L[i, 0] * work[0, 0] + L[i, 1] * work[0, 1] + L[i, 2] * work[0, 2]
+
+
+def forward(
+    first: int, last: int, dt: Any, gyr: Any, acc: Any, rest: Any, node_at: Any, node_event: Any, kind: Any, offset:
+    Any, z: Any, f_mean: Any, w_mean: Any, sigma: Any, par: Any, along: Any, use_along: bool, x0: Any, q: Any, x:
+    Any, P: Any, memory: Any, q_all: Any, bias: Any, variance: Any, ratio: Any, keep: bool, P_rows: Any, sums: Any,
+    update_of: Any, K: Any, H: Any, H_at: Any, wide_of: Any, s_of: Any, nu_of: Any, r_of: Any, group: Any, soft: Any,
+) -> int:  # fmt: skip
+    """Nodes ``first`` to ``last`` (exclusive) of a run; state, covariance and memory are carried on in place.
+
+    Samples: ``dt`` (n,), ``gyr``, ``acc`` (n, 3), ``rest`` (n,). Nodes: ``node_at`` (m,) sample, ``node_event``
+    (m + 1,) first event. Events: ``kind``, ``offset`` (e,) s, values ``z``, centred means ``f_mean``, ``w_mean``, noise
+    ``sigma`` (e, 3), 0 where a component is not told. ``par`` see layout; ``along`` (m, 4) the trajectory of
+    linearisation where ``use_along``; ``x0`` (39,) the state at the start of the pass. Written always: ``q_all`` (n, 4), ``bias`` and
+    ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where ``keep`` also what the backward pass needs,
+    counted from ``first``.
+    """
+    R, J, L = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    M, own = np.zeros((5, 3, 3)), np.zeros(SUMS)
+    oi, oj, oc = np.zeros(MOST_OPS, np.int64), np.zeros(MOST_OPS, np.int64), np.zeros(MOST_OPS)
+    hi, hv, r = np.zeros((3, WIDE), np.int64), np.zeros((3, WIDE)), np.zeros(3)
+    ph, dx, work, w = np.zeros(N), np.zeros(N), np.zeros((4, 3)), np.zeros(3)
+    used = 0
+    for node in range(first, last):
+        b = node_at[node]
+        resting = rest[b]
+        if resting == 1 and memory[RESTING] == 0.0:
+            memory[FROZEN : FROZEN + 4] = q
+        memory[RESTING] = float(resting)
+        if node > 0:
+            carry(dt, gyr, acc, rest, node_at[node - 1] + 1, b, par[GRAVITY_AT], q, x, R, q_all, own)
+        else:
+            own[:] = 0.0
+            q_all[0] = q
+        to_matrix3(q, R)
+        follow = False
+        if use_along:
+            to_matrix3(along[node], L)
+            follow = between(R, L, work[3]) < FAR_RAD
+        if node > 0:
+            if follow:
+                turned_sums(R, L, own, work)
+            fade = math.exp(-own[SUM_T] / par[WANDER_TAU])
+            for i in range(3):
+                x[WANDER + i] *= fade
+            n = forward_ops(own, resting, par[WANDER_TAU], M, oi, oj, oc)
+            take(P, n, oi, oj, oc)
+            flip(P)
+            take(P, n, oi, oj, oc)
+            even(P)
+            grow(P, own[SUM_T], par, resting)
+            memory[SINCE_KICK] += own[SUM_T]
+        if keep:
+            sums[node - first] = own
+            update_of[node - first] = used
+        for e in range(node_event[node], node_event[node + 1]):
+            what = kind[e]
+            count = 1 if what == BARO else 3
+            for i in range(3):
+                w[i] = w_mean[e, i] - x[BG + i]
+            to_matrix3(q, R)
+            if what == MAG:
+                if follow:
+                    to_matrix3(along[node], J)
+                elif resting == 1:
+                    to_matrix3(memory[FROZEN : FROZEN + 4], J)
+                else:
+                    to_matrix3(q, J)
+                wide = field_rows(x, x0, R, J, offset[e], w, z[e], follow, work, r, hi, hv)
+            else:
+                wide = rows(what, x, R, offset[e], f_mean[e], w, z[e], par, work, r, hi, hv)
+            c = worst(P, r, count, wide, hi, hv, sigma[e])
+            if what <= MAG:
+                ratio[node, what] = c / (par[SOFT_GATE] * par[SOFT_GATE])
+            if what == MAG:
+                memory[MAG_MEAN] += KICK_WEIGHT * (min(c, KICK_CLIP) - memory[MAG_MEAN])
+                if memory[MAG_MEAN] > KICK_MEAN and memory[SINCE_KICK] >= KICK_EVERY_S:
+                    for i in range(3):
+                        P[HARD + i, HARD + i] += KICK_G * KICK_G
+                    memory[MAG_MEAN] = KICK_AFTER
+                    memory[SINCE_KICK] = 0.0
+                    memory[KICKED] += 1.0
+                    c = worst(P, r, count, wide, hi, hv, sigma[e])
+            if what == VELOCITY:
+                memory[SEEN] += 1.0
+            if c > par[HARD_GATE] * par[HARD_GATE]:
+                memory[SKIPS + what] += 1.0
+                if memory[SKIPS + what] <= (MOST_SKIPS_MAG if what == MAG else MOST_SKIPS):
+                    continue
+                open_covariance(P, what, r)
+                memory[SKIPS + what] = 0.0
+                memory[OPENED] += 1.0
+                c = worst(P, r, count, wide, hi, hv, sigma[e])
+            else:
+                memory[SKIPS + what] = max(memory[SKIPS + what] - 2.0, 0.0)
+            grown = max(c / (par[SOFT_GATE] * par[SOFT_GATE]), 1.0)
+            if grown > 1.0 and what == VELOCITY:
+                memory[SOFTENED] += 1.0
+            for i in range(N):
+                dx[i] = 0.0
+            for i in range(count):
+                if not sigma[e, i] > 0.0:
+                    continue
+                noise = grown * sigma[e, i] * sigma[e, i]
+                nu, s = r[i], noise
+                for m in range(N):
+                    ph[m] = 0.0
+                for k in range(wide):
+                    at, v = hi[i, k], hv[i, k]
+                    nu -= v * dx[at]
+                    for m in range(N):
+                        ph[m] += v * P[at, m]
+                for k in range(wide):
+                    s += hv[i, k] * ph[hi[i, k]]
+                gain = 1.0 / s
+                for m in range(N):
+                    dx[m] += ph[m] * gain * nu
+                    p = ph[m] * gain
+                    for j in range(N):
+                        P[m, j] -= p * ph[j]
+                memory[LIKELIHOOD] -= 0.5 * (nu * nu * gain + math.log(s))
+                if keep:
+                    for m in range(N):
+                        K[used, m] = ph[m] * gain
+                    for k in range(wide):
+                        H[used, k], H_at[used, k] = hv[i, k], hi[i, k]
+                    wide_of[used], s_of[used], nu_of[used], r_of[used] = wide, s, nu, noise
+                    group[used] = group_of(what, i)
+                    soft[used] = 1 if grown > 1.0 else 0
+                    used += 1
+            turn_earth(q, dx[PHI], dx[PHI + 1], dx[PHI + 2])
+            for i in range(V, N):
+                x[i] += dx[i]
+        for i in range(4):
+            q_all[b, i] = q[i]
+        for i in range(3):
+            bias[node, i] = x[BG + i]
+            variance[node, i] = P[PHI + i, PHI + i]
+        if keep:
+            for i in range(3):
+                for m in range(N):
+                    P_rows[node - first, i, m] = P[PHI + i, m]
+                    P_rows[node - first, 3 + i, m] = P[BG + i, m]
+    if keep:
+        update_of[last - first] = used
+    total: int = used
+    return total

@@ -1,0 +1,235 @@
+"""What a run was given, made ready: inertial samples at their own times, and aids in local axes with block means.
+
+Earth axes are turned so that "north" is the direction to which the estimator's ``declination`` will be added
+afterwards: GNSS vectors are turned back by it here. Fields are in gauss.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import earth
+from attlog.estimators.aids import Aids, Measured
+from attlog.estimators.base import Array
+from attlog.estimators.filters.navigation.settings import BARO_BLOCK_S, MAG_BLOCK_S
+
+GRAVITY = 9.80665
+TYPICAL_FIELD_G = 0.5
+ODD_FIELD, SCALED_FIELD = 0.6, 0.07
+"""Samples further from the median are faults; a median further from the model is a unit or scale fault."""
+EQUATOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563
+LEAST_FIXES = 5
+REST_EDGE_S = 0.5
+"""Take-off and touch-down stay out of rest."""
+SHORT_S, FEW, STANDS_RAD_S = 0.2, 3, np.deg2rad(3.0)
+"""Short means of the gyro that differ by more than this from the first few are no rest."""
+FIRST_S = 2.0
+"""What a run may know of a sensor's level before it begins, where it may not look ahead."""
+
+
+@dataclass(slots=True)
+class Inputs:
+    """A run's samples: ``t`` (n,) s when attitudes are asked for, ``lag`` s by how much the samples are older.
+
+    ``dt`` (n,), ``gyr``, ``acc`` (n, 3) as the model takes them, ``rest`` (n,) 1 where the interval before is rest;
+    ``still`` (n,) the same without margins. ``velocity``, ``position``, ``baro``, ``mag`` in local axes, None where
+    missing; ``field`` (3,) G is the earth's by a model, None where nobody tells it.
+    """
+
+    t: Array
+    lag: float
+    dt: Array
+    gyr: Array
+    acc: Array
+    rest: NDArray[np.int8]
+    still: NDArray[np.bool_]
+    velocity: Measured | None
+    position: Measured | None
+    baro: Measured | None
+    mag: Measured | None
+    field: Array | None
+    gravity: float
+
+    @property
+    def sensed_at(self) -> Array:
+        """When the samples were taken, s."""
+        return self.t - self.lag
+
+    @property
+    def aided_by(self) -> str:
+        """What helps beside gyro and accelerometer."""
+        told = {"gnss": self.velocity, "position": self.position if self.velocity is None else None}
+        told |= {"baro": self.baro, "mag": self.mag}
+        return " ".join([*(n for n, m in told.items() if m is not None), *(["rest"] if self.rest.any() else [])])
+
+
+def made_ready(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, declination: float, ahead: bool) -> Inputs:
+    """The inputs of one segment. ``declination`` rad; ``ahead``: whether levels may be taken from the whole run."""
+    lag, lag_acc = aids.lag
+    f = _filled(t, acc)
+    if aids.sampling == "instant" and len(t) > 1:
+        f = np.vstack([f[:1], 0.5 * (f[1:] + f[:-1])])
+    if lag_acc != lag:
+        f = np.column_stack([np.interp(t + (lag_acc - lag), t, f[:, i]) for i in range(3)])
+    sensed = t - lag
+    rest, still = resting(sensed, gyr, aids.at_rest)
+    velocity, position = gnss(aids, declination, sensed, ahead)
+    field = None if aids.field is None else 1e4 * np.asarray(aids.field)
+    if field is not None and declination != 0.0:
+        level = math.hypot(field[0], field[1])
+        field = np.array([level, 0.0, field[2]])
+    place = aids.position
+    gravity = GRAVITY
+    if place is not None:
+        lat, alt = float(np.median(place.x[:, 0])), place.x[np.isfinite(place.x[:, 2]), 2]
+        gravity = earth.gravity(lat if ahead else float(place.x[0, 0]), float(alt[0]) if len(alt) else 0.0)
+    return Inputs(
+        t, lag, np.diff(t, prepend=t[:1]), np.ascontiguousarray(gyr), np.ascontiguousarray(f), rest, still,
+        velocity, position, _baro(aids), _mag(t, mag, field, ahead), field, gravity,
+    )  # fmt: skip
+
+
+def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+    """Which sample intervals lie in rest: with half a second of margin on both sides, and without.
+
+    A span ends where the gyro contradicts it.
+    """
+    rest, still = np.zeros(len(t), bool), np.zeros(len(t), bool)
+    for a, b in np.zeros((0, 2)) if spans is None else spans:
+        k, e = (int(i) for i in np.searchsorted(t, [a, np.nextafter(b, np.inf)]))
+        if e - k < 2:
+            continue
+        grid = np.arange(t[k], t[e - 1], SHORT_S)
+        mean = Running(t[k:e], gyr[k:e]).mean(grid, grid + SHORT_S)
+        begin = np.mean(mean[:FEW], axis=0)
+        turning = np.flatnonzero(np.sqrt(np.sum((mean - begin) ** 2, axis=1)) > STANDS_RAD_S)
+        end = b if len(turning) == 0 else float(grid[turning[0]]) - SHORT_S
+        begins = a + REST_EDGE_S if a > t[0] + REST_EDGE_S else -np.inf
+        rest |= (t > begins) & (t <= end - REST_EDGE_S) & (t >= a)
+        still |= (t >= a) & (t <= end)
+    return rest.astype(np.int8), still
+
+
+def gnss(aids: Aids, declination: float, t: Array, ahead: bool) -> tuple[Measured | None, Measured | None]:
+    """Velocity and position in local axes turned by the declination; the sigmas are shapes around one."""
+    turn = np.eye(3)
+    c, s = math.cos(declination), math.sin(declination)
+    turn[:2, :2] = [[c, s], [-s, c]]
+    v, p = aids.velocity, aids.position
+    velocity = None
+    if v is not None and len(v.t) >= LEAST_FIXES:
+        velocity = Measured(
+            v.t, v.x @ turn.T if not np.isnan(v.x).any() else _turned(v.x, turn), _shape(v.sigma, len(v.t), 1, ahead)
+        )
+    position = None
+    if p is not None and len(p.t) >= LEAST_FIXES:
+        origin = p.x[0]
+        height = p.x[np.isfinite(p.x[:, 2]), 2]
+        lat = np.radians(origin[0])
+        e2 = FLATTENING * (2.0 - FLATTENING)
+        bend = 1.0 - e2 * math.sin(lat) ** 2
+        meridian, normal = EQUATOR_M * (1.0 - e2) / bend**1.5, EQUATOR_M / math.sqrt(bend)
+        alt = float(height[0]) if len(height) else 0.0
+        east = (p.x[:, 1] - origin[1] + 180.0) % 360.0 - 180.0
+        local = np.column_stack(
+            [
+                np.radians(p.x[:, 0] - origin[0]) * (meridian + alt),
+                np.radians(east) * (normal + alt) * math.cos(lat),
+                alt - p.x[:, 2],
+            ]
+        )
+        position = Measured(p.t, _turned(local, turn), _shape(p.sigma, len(p.t), 2, ahead))
+    return velocity, position
+
+
+def _turned(x: Array, turn: Array) -> Array:
+    """Level components turned; a vertical one that is missing stays missing alone."""
+    out = np.array(x)
+    out[:, :2] = x[:, :2] @ turn[:2, :2].T
+    return out
+
+
+def _shape(sigma: Array | None, n: int, columns: int, ahead: bool) -> Array:
+    """How accuracies (n, columns) change over time, around one: only that is believed of them."""
+    if sigma is None:
+        return np.ones((n, columns))
+    s = sigma.reshape(n, columns).copy()
+    s[~(s > 0.0)] = np.nan
+    if ahead:
+        with np.errstate(all="ignore"):
+            level = np.array([np.nanmedian(s[:, i]) if np.isfinite(s[:, i]).any() else 1.0 for i in range(columns)])
+    else:
+        known = np.isfinite(s)
+        count = np.maximum(np.cumsum(known, axis=0), 1)
+        level = np.exp(np.cumsum(np.where(known, np.log(np.where(known, s, 1.0)), 0.0), axis=0) / count)
+    shape: Array = np.clip(np.nan_to_num(s / level, nan=1.0), 0.3, 30.0)
+    return shape
+
+
+def _baro(aids: Aids) -> Measured | None:
+    if aids.baro is None or len(aids.baro.t) < LEAST_FIXES:
+        return None
+    t, x, _ = blocks(aids.baro.t, aids.baro.x[:, None], BARO_BLOCK_S)
+    return Measured(t, x[:, 0] - x[0, 0])
+
+
+def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measured | None:
+    """Block means of the field in gauss; None where there is none."""
+    size = np.sqrt(np.sum(mag * mag, axis=1))
+    good = np.isfinite(size) & (size > 0.0)
+    if np.count_nonzero(good) < 2:
+        return None
+    at = t[good]
+    known = size[good] if ahead else size[good][at <= at[0] + FIRST_S]
+    level = float(np.median(known))
+    wanted = TYPICAL_FIELD_G if field is None else float(np.sqrt(np.sum(field * field)))
+    scale = 1e4
+    if field is None or abs(level * scale / wanted - 1.0) > SCALED_FIELD:
+        scale = wanted / level
+    usual = np.abs(size[good] / level - 1.0) < ODD_FIELD
+    if np.count_nonzero(usual) < 2:
+        return None
+    at, x, _ = blocks(at[usual], scale * mag[good][usual], MAG_BLOCK_S)
+    return Measured(at, x)
+
+
+def blocks(t: Array, x: Array, length: float) -> tuple[Array, Array, Array]:
+    """Mean times (k,), means (k, c) and counts (k,) of samples in blocks of ``length`` s."""
+    number = np.floor((t - t[0]) / length + 1e-6).astype(np.int64)
+    begin = np.flatnonzero(np.r_[True, np.diff(number) > 0])
+    count = np.diff(np.append(begin, len(t))).astype(np.float64)
+    mean = np.add.reduceat(x, begin, axis=0) / count[:, None]
+    return t[0] + np.add.reduceat(t - t[0], begin) / count, mean, count
+
+
+def _filled(t: Array, acc: Array) -> Array:
+    """The specific force with what is missing (zero vectors) interpolated."""
+    there = np.any(acc != 0.0, axis=1)
+    if there.all() or not there.any():
+        return np.array(acc)
+    return np.column_stack([np.interp(t, t[there], acc[there, i]) for i in range(3)])
+
+
+class Running:
+    """Means of samples x (n, k), each over the interval before its time, between any times of their span."""
+
+    def __init__(self, t: Array, x: Array) -> None:
+        self.t = t
+        self.sum = np.vstack([np.zeros(x.shape[1]), np.cumsum(x[1:] * np.diff(t)[:, None], axis=0)])
+        self.first = x[0]
+
+    def mean(self, a: Array, b: Array) -> Array:
+        """Means (k, c) between times a and b (k,)."""
+        a, b = np.clip(a, self.t[0], self.t[-1]), np.clip(b, self.t[0], self.t[-1])
+        length = b - a
+        out = np.empty((len(a), self.sum.shape[1]))
+        for i in range(out.shape[1]):
+            out[:, i] = np.interp(b, self.t, self.sum[:, i]) - np.interp(a, self.t, self.sum[:, i])
+        short = length < 1e-9
+        out /= np.where(short, 1.0, length)[:, None]
+        out[short] = self.first
+        return out

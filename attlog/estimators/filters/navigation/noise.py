@@ -1,0 +1,118 @@
+"""Noise levels and prior spreads from the log itself, after a way back.
+
+Every scalar update has ``u^2 / D``, every disturbance ``lam^2 / Lam``, of mean one where the level is right (the score
+of the likelihood, DeJongPenzer1998). Measurement noise takes the median, which faults do not reach; process noise
+the mean of clipped squares over the flight. Prior spreads of what is constant (hard and soft iron, accelerometer bias)
+follow from the smoothed values at the start: a well calibrated compass tightens, a bad one opens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from attlog.estimators.base import Array
+from attlog.estimators.filters.navigation.layout import (
+    BA,
+    BARO_BIAS,
+    BG,
+    GROUPS,
+    HARD,
+    PHI,
+    SOFT,
+    WANDER,
+    V,
+)
+from attlog.estimators.filters.navigation.measured import Inputs, Running
+from attlog.estimators.filters.navigation.schedule import rest_times
+from attlog.estimators.filters.navigation.settings import LEAST_R, REST_MEAN_S, Prior, Tuned
+from attlog.estimators.filters.navigation.solve import Pass
+
+MEDIAN_OF_SQUARE = 0.4549
+"""Median of the square of a standard normal variable."""
+SOFT_COUNTS = 9.0
+WIDE_CLIP, NARROW_CLIP = 50.0, 5.0
+LEAST_UPDATES, LEAST_FLIGHT_S = 20, 10.0
+FIXED_GROUP = 7
+GYRO_RANGE, ACC_RANGE = (2e-5, 3e-2), (1e-3, 1.0)
+WALKS = {
+    "gyro_walk": (BG, 3, 0.3, 10.0), "acc_walk": (BA, 3, 0.3, 10.0), "hard_walk": (HARD, 3, 0.1, 30.0),
+    "wander_walk": (WANDER, 3, 0.1, 3.0), "baro_walk": (BARO_BIAS, 1, 0.1, 5.0),
+}  # fmt: skip
+"""State rows, and the range of the random walk as parts of its start."""
+SPREADS = {"hard": (HARD, 3, 0.004, 0.150), "soft": (SOFT, 6, 0.003, 0.05), "acc_bias": (BA, 3, 0.03, 0.5)}
+PRIOR_WEIGHT = 0.5
+QUIETEST_GYRO, QUIETEST_ACC = 1e-4, 3e-3
+WHITE_FACTOR = 1.5
+
+
+def first_guess(inputs: Inputs, tuned: Tuned) -> Tuned:
+    """Inertial noise from second differences of the samples, zero-rate noise from successive means at rest."""
+    dt = float(np.median(inputs.dt[1:])) if len(inputs.dt) > 1 else 0.01
+    levels = []
+    for x in (inputs.gyr, inputs.acc):
+        if len(x) < 8:
+            levels.append(0.0)
+            continue
+        second = x[2:] - 2.0 * x[1:-1] + x[:-2]
+        sd = np.median(np.abs(second), axis=0) / (0.6745 * np.sqrt(6.0))
+        levels.append(float(np.sqrt(np.mean(sd**2) * dt)))
+    gyro, acc = max(WHITE_FACTOR * levels[0], QUIETEST_GYRO), max(WHITE_FACTOR * levels[1], QUIETEST_ACC)
+    r = tuned.r.copy()
+    looks = rest_times(inputs)
+    if len(looks) > 5:
+        means = Running(inputs.sensed_at, inputs.gyr).mean(looks - REST_MEAN_S, looks)
+        spread = np.median(np.abs(np.diff(means, axis=0)), axis=0) / (0.6745 * np.sqrt(2.0))
+        r[6] = max(float(np.sqrt(np.mean(spread**2))), LEAST_R[6])
+    return replace(tuned, gyro=gyro, acc=acc, acc_rest=max(2.0 * acc, QUIETEST_ACC), r=r)
+
+
+def ratios(found: Pass) -> Array:
+    """u^2 / D of each group (8,) at its median, one where the noise is right; NaN where too few updates tell."""
+    out = np.full(GROUPS, np.nan)
+    score = np.where(found.soft == 1, np.maximum(found.score, SOFT_COUNTS), found.score)
+    for g in range(GROUPS):
+        mine = score[found.group == g]
+        if len(mine) >= LEAST_UPDATES:
+            out[g] = float(np.median(mine)) / MEDIAN_OF_SQUARE
+    return out
+
+
+def calibrated(found: Pass, tuned: Tuned, begun: Tuned, flight_s: float, early: bool) -> Tuned:
+    """The levels after one pass; ``begun`` are those of the first, ``early`` the passes that may move far."""
+    clip = WIDE_CLIP if early else NARROW_CLIP
+    r = tuned.r.copy()
+    for g, ratio in enumerate(ratios(found)):
+        if g != FIXED_GROUP and np.isfinite(ratio):
+            r[g] = max(r[g] * np.sqrt(np.clip(ratio, 1.0 / clip, clip)), LEAST_R[g])
+    tuned = replace(tuned, r=r)
+    if flight_s < LEAST_FLIGHT_S:
+        return tuned
+
+    def step(row: int, count: int) -> float:
+        told = float(np.sum(found.scores[1, row : row + count]))
+        ratio = float(np.sum(found.scores[0, row : row + count])) / told if told > 0.0 else 1.0
+        return float(np.sqrt(np.clip(ratio, 1.0 / clip, clip)))
+
+    values = {
+        "gyro": float(np.clip(tuned.gyro * step(PHI, 3), *GYRO_RANGE)),
+        "acc": float(np.clip(tuned.acc * step(V, 3), *ACC_RANGE)),
+    }
+    for name, (row, count, low, high) in WALKS.items():
+        start = float(getattr(begun, name))
+        values[name] = float(np.clip(getattr(tuned, name) * step(row, count), low * start, high * start))
+    return replace(tuned, **values)  # type: ignore[arg-type]
+
+
+def prior_of(found: Pass, x: Array, prior: Prior, begun: Prior) -> Prior:
+    """Spreads of the constant parts by empirical Bayes; ``x`` (39,) is the state the pass began with."""
+    values = {}
+    for name, (row, count, low, high) in SPREADS.items():
+        own = slice(row, row + count)
+        if not np.any(found.first_spread[own] > 0.0):
+            continue
+        square = float(np.sum((x[own] + found.first[own]) ** 2 + np.maximum(found.first_spread[own], 0.0)))
+        s0 = float(getattr(begun, name))
+        values[name] = float(np.clip(np.sqrt((square + PRIOR_WEIGHT * s0**2) / (count + PRIOR_WEIGHT)), low, high))
+    return replace(prior, **values)

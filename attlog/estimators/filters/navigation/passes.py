@@ -1,0 +1,167 @@
+"""Passes over a log: each calibrates noise, delays and prior spreads for the next, and the likeliest one is kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from attlog import rotation
+from attlog.estimators.base import Array
+from attlog.estimators.filters.navigation import delay, noise
+from attlog.estimators.filters.navigation.attitude import smoothed_nodes
+from attlog.estimators.filters.navigation.layout import KICKED, POS, V
+from attlog.estimators.filters.navigation.measured import Inputs
+from attlog.estimators.filters.navigation.schedule import Schedule, scheduled
+from attlog.estimators.filters.navigation.settings import Tuned
+from attlog.estimators.filters.navigation.solve import Pass, Runner
+from attlog.estimators.filters.navigation.start import Start, covariance, start
+
+PASSES, OWN_LINEARISATION = 5, 3
+"""Passes, and how many of them the filter linearises about itself; the others about the pass before."""
+SEARCH = {1: 0.030, 2: 0.012}
+"""After these passes the GNSS delay is searched with this step in s."""
+FOUND_SIGMA_S = 0.003
+HEADINGS = 12
+WORSE = 0.01
+"""A likelihood that falls by more is a pass that went wrong."""
+
+
+@dataclass(slots=True)
+class Solution:
+    """The pass that is kept, what it was run with, how it began, and the run's tools."""
+
+    found: Pass
+    tuned: Tuned
+    begin: Start
+    runner: Runner
+    next: Tuned
+    """Levels after the last calibration."""
+    passes: int
+    kept: int
+    ratios: Array
+    """u^2 / D of each group (8,) in the pass that is kept."""
+
+
+def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES) -> Solution:
+    """All passes of the smoother over one run."""
+    runner = Runner(inputs)
+    begun = noise.first_guess(inputs, begun)
+    tuned, flight = begun, float(np.sum(inputs.dt[inputs.rest == 0]))
+    begin = first_start(runner, inputs, tuned, gate)
+    moving = begin.how == "motion" or inputs.mag is None
+    best: Solution | None = None
+    along: Array | None = None
+    schedule_of: Schedule | None = None
+    kicked = False
+    for number in range(passes):
+        if number > 0:
+            begin = start(inputs, tuned, begin if moving else None)
+        schedule = scheduled(inputs, tuned)
+        use = along if number >= OWN_LINEARISATION and not kicked else None
+        if use is not None and schedule_of is not None:
+            use = _at_nodes(use, schedule_of, schedule, inputs)
+        found = runner.both(schedule, begin, tuned.packed(inputs.gravity, gate), use)
+        better = best is None or found.likelihood >= best.found.likelihood - WORSE * abs(best.found.likelihood)
+        ratios = noise.ratios(found)
+        following = noise.calibrated(found, tuned, begun, flight, number < 2)
+        if better:
+            best = Solution(found, tuned, begin, runner, following, number + 1, number, ratios)
+            along, schedule_of = smoothed_nodes(found), schedule
+        assert best is not None
+        best.passes = number + 1
+        kicked = found.memory[KICKED] > 0
+        if moving:
+            begin = _moved(begin, found)
+        if number + 1 == passes:
+            break
+        if number >= 1:
+            following = replace(following, prior=noise.prior_of(found, begin.x, following.prior, begun.prior))
+        following = _delays(runner, inputs, found, tuned, following, begin, gate, number)
+        tuned = following
+        best.next = tuned
+    assert best is not None
+    return best
+
+
+def _delays(
+    runner: Runner, inputs: Inputs, found: Pass, used: Tuned, following: Tuned, begin: Start, gate: float, number: int
+) -> Tuned:
+    """The delays for the next pass."""
+    moved = delay.by_state(found, used)
+    following = replace(following, mag_delay=moved.mag_delay)
+    if inputs.velocity is None:
+        return following
+    if number < max(SEARCH):
+        following = replace(following, gnss_delay=moved.gnss_delay)
+    if number in SEARCH:
+        begin = start(inputs, following, begin if begin.how == "motion" or inputs.mag is None else None)
+        following = delay.by_likelihood(runner, inputs, following, begin, gate, SEARCH[number])
+    if number >= max(SEARCH):
+        following = replace(following, prior=replace(following.prior, gnss_delay=FOUND_SIGMA_S))
+    return following
+
+
+def first_start(runner: Runner, inputs: Inputs, tuned: Tuned, gate: float) -> Start:
+    """The start by the sensors; without a magnetometer the likeliest of twelve headings where GNSS can tell."""
+    begin = start(inputs, tuned)
+    if inputs.mag is not None or inputs.velocity is None:
+        return begin
+    schedule, par = scheduled(inputs, tuned), tuned.packed(inputs.gravity, gate)
+    tried = [begin.turned(2.0 * np.pi * k / HEADINGS) for k in range(HEADINGS)]
+    for one in tried:
+        one.P[:, :] = covariance(inputs, tuned, one.q, one.x, one.how, bool(one.P[POS, POS] < 100.0))
+    found = [runner.forward(schedule, one.copy(), par).likelihood for one in tried]
+    return tried[int(np.argmax(found))]
+
+
+def _moved(begin: Start, found: Pass) -> Start:
+    """The start with smoothed attitude, velocity and position."""
+    out = begin.copy()
+    out.q = rotation.normalize(rotation.multiply(rotation.from_rotvec(found.first[:3]), out.q))
+    out.x[V : V + 6] += found.first[V : V + 6]
+    return out
+
+
+def _at_nodes(q: Array, before: Schedule, now: Schedule, inputs: Inputs) -> Array:
+    """Attitudes at the nodes of another schedule."""
+    t = inputs.sensed_at
+    a, b = t[before.node_at], t[now.node_at]
+    return np.ascontiguousarray(rotation.slerp(a, q, np.clip(b, a[0], a[-1])))
+
+
+def causal(
+    inputs: Inputs, tuned: Tuned, gate: float, known: Solution | None = None, sensors: bool = False
+) -> tuple[Pass, Start]:
+    """One pass forward. ``tuned`` says noise and delays; ``sensors``: biases too start where the whole log put them."""
+    runner = Runner(inputs) if known is None else known.runner
+    begin = first_start(runner, inputs, tuned, gate)
+    if sensors and known is not None:
+        begin = _with_sensors(begin, known)
+    schedule = scheduled(inputs, tuned, begin.how == "motion")
+    return runner.forward(schedule, begin, tuned.packed(inputs.gravity, gate)), begin
+
+
+def held(tuned: Tuned) -> Tuned:
+    """Delays that were found are held within 10 and 5 ms."""
+    prior = replace(tuned.prior, gnss_delay=0.010, mag_delay=0.005)
+    return replace(tuned, prior=prior)
+
+
+def _with_sensors(begin: Start, known: Solution) -> Start:
+    """Sensor constants from the whole log: hard and soft iron, field, accelerometer bias, scale, lever arm."""
+    from attlog.estimators.filters.navigation.layout import ARM, BA, EARTH, HARD, SCALE, SOFT
+
+    out = begin.copy()
+    smoothed = known.begin.x + known.found.first
+    level = float(np.hypot(smoothed[EARTH], smoothed[EARTH + 1]))
+    for row, count, sigma in (
+        (BA, 3, 0.01), (HARD, 3, 1e-3), (SOFT, 6, 1e-3), (EARTH, 3, max(np.deg2rad(0.1) * level, 1e-6)),
+        (SCALE, 3, 5e-4), (ARM, 3, 0.01),
+    ):  # fmt: skip
+        own = slice(row, row + count)
+        out.x[own] = smoothed[own]
+        out.P[own, :] = 0.0
+        out.P[:, own] = 0.0
+        out.P[own, own] = np.diag(np.where(np.diag(begin.P)[own] > 0.0, sigma**2, 0.0))
+    return out

@@ -1,0 +1,142 @@
+"""One run of the filter over a whole log, and back: what a pass finds.
+
+The way back needs what the way forth stored, a quarter of a megabyte per second of flight. A long log is therefore
+run in parts: the filter keeps its state at the beginning of each, and each part is run again just before the way back
+through it. Memory is bounded by one part, and the result is the same to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.estimators.base import Array
+from attlog.estimators.filters.navigation.kernels import run_backward, run_forward
+from attlog.estimators.filters.navigation.layout import FROZEN, LIKELIHOOD, MEMORY, SUMS, WIDE, N
+from attlog.estimators.filters.navigation.measured import Inputs
+from attlog.estimators.filters.navigation.schedule import Schedule
+from attlog.estimators.filters.navigation.start import Start
+
+PART_NODES = 20_000
+"""Some 200 s of flight: 60 MB."""
+
+
+@dataclass(slots=True)
+class Pass:
+    """``q`` (n, 4) filtered at every sample; at the nodes (m,): ``bias``, ``variance`` (m, 3), ``ratio`` (m, 4).
+
+    After the way back also ``d`` (m, 6) smoothed error of attitude and gyro bias, ``spread`` (m, 3) smoothed variance
+    of the attitude; ``score``, ``group``, ``soft`` of every scalar update; ``scores`` (2, 39) of the process noise;
+    ``first`` (39,) the smoothed error of the start state, ``first_spread`` its variance.
+    """
+
+    schedule: Schedule
+    q: Array
+    bias: Array
+    variance: Array
+    ratio: Array
+    memory: Array
+    d: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    spread: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    score: Array = field(default_factory=lambda: np.zeros(0))
+    group: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8))
+    soft: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8))
+    scores: Array = field(default_factory=lambda: np.zeros((2, N)))
+    first: Array = field(default_factory=lambda: np.zeros(N))
+    first_spread: Array = field(default_factory=lambda: np.zeros(N))
+
+    @property
+    def likelihood(self) -> float:
+        """Logarithm of the likelihood of all innovations, without constants."""
+        return float(self.memory[LIKELIHOOD])
+
+
+class Runner:
+    """Runs over one set of inputs; keeps the storage that passes share."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self.store: dict[str, Array] = {}
+
+    def forward(self, schedule: Schedule, begin: Start, par: Array, along: Array | None = None) -> Pass:
+        """The way forth alone."""
+        found, state = self._new(schedule, begin)
+        self._run(0, len(schedule.node_at), found, state, begin, par, along, None)
+        return found
+
+    def both(self, schedule: Schedule, begin: Start, par: Array, along: Array | None = None) -> Pass:
+        """Forth and back. ``along`` (m, 4): attitudes at the nodes about which it is linearised."""
+        found, state = self._new(schedule, begin)
+        m = len(schedule.node_at)
+        parts = [(a, min(a + PART_NODES, m)) for a in range(0, m, PART_NODES)]
+        saved = []
+        for a, b in parts:
+            saved.append([x.copy() for x in state])
+            if b < m:
+                self._run(a, b, found, state, begin, par, along, None)
+        found.d, found.spread = np.empty((m, 6)), np.empty((m, 3))
+        lam, Lam = np.zeros(N), np.zeros((N, N))
+        told: list[tuple[Array, Array, Array]] = []
+        for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
+            store = self._storage(schedule, a, b)
+            used = self._run(a, b, found, kept, begin, par, along, store)
+            if b == m:
+                found.memory = kept[3]
+            score = np.zeros(used)
+            run_backward()(
+                b - a, np.ascontiguousarray(schedule.rest_of[a:b]), par, store["P_rows"], store["sums"],
+                store["update_of"], store["K"], store["H"], store["H_at"], store["wide_of"], store["s_of"],
+                store["nu_of"], lam, Lam, found.d[a:b], found.spread[a:b], score, found.scores, a == 0,
+            )  # fmt: skip
+            told.append((score, store["group"][:used].copy(), store["soft"][:used].copy()))
+        # lam and Lam now stand before the updates of the first node, whose covariance is the prior's.
+        found.first = -begin.P @ lam
+        found.first_spread = np.diag(begin.P) - np.einsum("ij,jk,ki->i", begin.P, Lam, begin.P)
+        found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(told), strict=True))
+        return found
+
+    def _new(self, schedule: Schedule, begin: Start) -> tuple[Pass, list[Array]]:
+        n, m = len(self.inputs.t), len(schedule.node_at)
+        memory = np.zeros(MEMORY)
+        memory[FROZEN : FROZEN + 4] = begin.q
+        found = Pass(
+            schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory
+        )  # fmt: skip
+        return found, [begin.q.copy(), begin.x.copy(), begin.P.copy(), memory]
+
+    def _run(
+        self, a: int, b: int, found: Pass, state: list[Array], begin: Start, par: Array, along: Array | None,
+        store: dict[str, Array] | None,
+    ) -> int:  # fmt: skip
+        s, i = found.schedule, self.inputs
+        keep = store is not None
+        store = self._storage(s, 0, 0) if store is None else store
+        q, x, P, memory = state
+        used = run_forward()(
+            a, b, i.dt, i.gyr, i.acc, i.rest, s.node_at, s.node_event, s.kind, s.offset, s.z, s.f_mean, s.w_mean,
+            s.sigma, par, np.zeros((1, 4)) if along is None else along, along is not None, begin.x, q, x, P, memory,
+            found.q, found.bias, found.variance, found.ratio, keep, store["P_rows"], store["sums"], store["update_of"],
+            store["K"], store["H"], store["H_at"], store["wide_of"], store["s_of"], store["nu_of"], store["r_of"],
+            store["group"], store["soft"],
+        )  # fmt: skip
+        return int(used)
+
+    def _storage(self, s: Schedule, a: int, b: int) -> dict[str, Array]:
+        """Arrays large enough for the nodes a to b; used again."""
+        nodes, updates = max(b - a, 1), max(int(s.scalars[b] - s.scalars[a]), 1)
+        shapes: dict[str, tuple[tuple[int, ...], type, Callable[..., Array]]] = {
+            "P_rows": ((nodes, 6, N), np.float64, np.empty), "sums": ((nodes, SUMS), np.float64, np.empty),
+            "update_of": ((nodes + 1,), np.int64, np.zeros), "K": ((updates, N), np.float64, np.empty),
+            "H": ((updates, WIDE), np.float64, np.empty), "H_at": ((updates, WIDE), np.int8, np.empty),
+            "wide_of": ((updates,), np.int8, np.empty), "s_of": ((updates,), np.float64, np.empty),
+            "nu_of": ((updates,), np.float64, np.empty), "r_of": ((updates,), np.float64, np.empty),
+            "group": ((updates,), np.int8, np.empty), "soft": ((updates,), np.int8, np.empty),
+        }  # fmt: skip
+        for name, (shape, kind, make) in shapes.items():
+            have = self.store.get(name)
+            if have is None or len(have) < shape[0]:
+                self.store[name] = make(shape, kind)
+        return self.store
