@@ -177,9 +177,9 @@ def forward(
     Samples: ``dt`` (n,), ``gyr``, ``acc`` (n, 3), ``rest`` (n,). Nodes: ``node_at`` (m,) sample, ``node_event``
     (m + 1,) first event. Events: ``kind``, ``offset`` (e,) s, values ``z``, centred means ``f_mean``, ``w_mean``, noise
     ``sigma`` (e, 3), 0 where a component is not told. ``par`` see layout; ``along`` (m, 4) the trajectory of
-    linearisation where ``use_along``; ``x0`` (39,) the state at the start of the pass. Written always: ``q_all`` (n, 4), ``bias`` and
-    ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where ``keep`` also what the backward pass needs,
-    counted from ``first``.
+    linearisation where ``use_along``; ``x0`` (39,) the state at the start of the pass. Written always: ``q_all``
+    (n, 4), ``bias`` and ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where ``keep`` also what the
+    backward pass needs, counted from ``first``. Returns how many updates were kept.
     """
     R, J, L = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     M, own = np.zeros((5, 3, 3)), np.zeros(SUMS)

@@ -138,7 +138,7 @@ def causal(
     begin = first_start(runner, inputs, tuned, gate)
     if sensors and known is not None:
         begin = _with_sensors(begin, known)
-    schedule = scheduled(inputs, tuned, begin.how == "motion")
+    schedule = scheduled(inputs, tuned, begin.how == "motion" and inputs.velocity is not None)
     return runner.forward(schedule, begin, tuned.packed(inputs.gravity, gate)), begin
 
 

@@ -14,7 +14,7 @@ from attlog.estimators.filters.navigation.settings import NODE_S, REST_EVERY_S, 
 
 FORCE_S, RATE_S = 0.05, 0.03
 """Half widths of the centred means in an event's rows."""
-NEAR_S, NEAR_M_S = 0.5, 1.5
+NEAR_S, NEAR_M_S = 0.5, 1.0
 """Without GNSS: the vehicle stays near, told as a velocity of zero with this spread, so that gravity shows the tilt."""
 TIE_S = 1e-6
 SETTLE_MORE, SETTLE_S = 10.0, 3.0

@@ -157,10 +157,9 @@ def field_rows(
 def soft_times(x: Any, row: int, m: Any, c: Any, lead: float) -> float:
     """One component of S (m + c lead)."""
     S = SOFT
-    total = 0.0
     a, b, d = m[0] + c[0] * lead, m[1] + c[1] * lead, m[2] + c[2] * lead
     if row == 0:
-        total = x[S] * a + x[S + 3] * b + x[S + 4] * d
+        total: float = x[S] * a + x[S + 3] * b + x[S + 4] * d
     elif row == 1:
         total = x[S + 3] * a + x[S + 1] * b + x[S + 5] * d
     else:
