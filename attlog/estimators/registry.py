@@ -40,6 +40,7 @@ BUILT_IN = (
     "mahony_adaptive",
     "madgwick",
     "ekf12",
+    "mekf",
     "vqf",
     "fusion",
     "eskf",
