@@ -1,0 +1,1 @@
+"""Parts of the inertial-magnetic error-state filter: state layout, start and rest, magnetometer, backward pass."""

@@ -1,0 +1,337 @@
+"""What ``mekf`` makes of the magnetometer: the field's own calibration, whether it is the earth's, and the heading.
+
+    h   = h_0 + R o + tau (R w) x h_0              the field of a sensor with offset o and delay tau             (1)
+    psi = atan2(h_E, h_N),  z = d - psi            heading of what is left without o and tau                     (2)
+
+A magnetometer that answers 15 ms late is 4 deg off at 300 deg/s, always to the same side while the body turns to one
+side; one with a field of 1 uT fixed to the body is 3 deg off where the earth's horizontal field is 20 uT. Both show in
+(1) while the body turns, whatever the heading: a filter of its own finds them, relative to the size of the field.
+The delay is taken off at once, the offset as far as it exceeds several of its sigmas.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from attlog.estimators.filters.inertial.layout import (
+    CAL,
+    CAL_P,
+    CLOCK,
+    DD,
+    DELAY_SIGMA,
+    DIP,
+    DM,
+    DV,
+    FIELD_SIGMA,
+    H_COUNT,
+    H_SINCE,
+    H_TIME,
+    HC,
+    HEADING_SIGMA,
+    HL,
+    MAG_GATE,
+    MAG_NOISE,
+    MOVING_RATE,
+    NO_FIELD,
+    NORM,
+    OFFSET_SIGMA,
+    QUIET,
+    RAD,
+    REJECTED,
+    RUNNING,
+    STAGE,
+    TURNED,
+    UNDISTURBED,
+    UNIT,
+    A,
+    B,
+    C,
+    D,
+    H,
+    N,
+    P,
+    T,
+    V,
+    X,
+    square,
+    turn_earth,
+)
+
+REST_HEADING = 5.0 * RAD
+"""A field at one place says no more about north than this: buildings bend it by a few degrees from place to place."""
+NORM_LIMIT, DIP_LIMIT, UNDISTURBED_TIME = 0.09, 3.2 * RAD, 0.5
+"""A field is the earth's while its norm (relative) and dip [rad] are near the references for that long [s]."""
+REFERENCE_START, REFERENCE_TIME = 15.0, 15.0
+"""The references: mean over the first seconds, time constant after that [s]."""
+CANDIDATE_TIME, CANDIDATE_AFTER, CANDIDATE_SIZE = 15.0, 10.0, 0.18
+"""New references: time constant [s], seconds in rotation before they are believed, deviation allowed (relative)."""
+ALARM = 4.0
+"""Sigmas of heading by which a steady field may differ before the heading is opened."""
+FIELD_NOISE, FIELD_WALK = 0.023, 0.01
+"""Deviation of the field in space, and its walk per sqrt(s) of motion (relative)."""
+SIGNIFICANT = 4.0
+"""A field fixed to the body is taken off as far as it exceeds this many of its sigmas."""
+
+
+def field(state: Any, params: Any) -> None:
+    """The block's mean field: is it the earth's, and if so what does it say about heading (8)."""
+    inv = 1.0 / state[H_COUNT]
+    x = inv * state[H]
+    y = inv * state[H + 1]
+    z = inv * state[H + 2]
+    level = math.sqrt(x * x + y * y)
+    if level <= 0.0:
+        return
+    if state[STAGE] == NO_FIELD:
+        first_field(state, params, x, y, z)
+        return
+    if params[DELAY_SIGMA] > 0.0 or params[OFFSET_SIGMA] > 0.0:
+        x, y, z = calibrated(state, params, x, y, z)
+    level = math.sqrt(x * x + y * y)
+    if level <= 0.0:
+        return
+    weight = trust(state, params, x, y, z)
+    if weight > 0.0:
+        psi = math.atan2(y, x)
+        heading(state, params, wrapped(state[D] - psi), x, y, z, weight)
+
+
+def calibrated(state: Any, params: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The field without what is fixed to the body and without its delay, both learnt from the turning body.
+
+    A filter of its own for (h_0, o, tau) in h = h_0 + R o + tau (R w) x h_0.
+    """
+    if state[UNIT] == 0.0:
+        state[UNIT] = math.sqrt(x * x + y * y + z * z)
+        inv = 1.0 / state[UNIT]
+        state[CAL] = inv * x
+        state[CAL + 1] = inv * y
+        state[CAL + 2] = inv * z
+        for i in range(3):
+            state[CAL_P + 8 * i] = 0.01
+            state[CAL_P + 8 * (3 + i)] = square(params[OFFSET_SIGMA])
+        state[CAL_P + 48] = square(0.001 * params[DELAY_SIGMA])
+    inv = 1.0 / state[UNIT]
+    time = state[T]
+    wx = (state[B] + state[B + 4] + state[B + 8]) / time
+    wy = (state[B + 9] + state[B + 13] + state[B + 17]) / time
+    wz = (state[B + 18] + state[B + 22] + state[B + 26]) / time
+    lx = wy * state[CAL + 2] - wz * state[CAL + 1]
+    ly = wz * state[CAL] - wx * state[CAL + 2]
+    lz = wx * state[CAL + 1] - wy * state[CAL]
+    moving = min(1.0, math.sqrt(state[TURNED] / time) / MOVING_RATE)
+    for i in range(3):
+        state[CAL_P + 8 * i] += square(FIELD_WALK) * moving * state[H_SINCE]
+    calibrate(state, params, 0, inv * x, lx, moving)
+    calibrate(state, params, 1, inv * y, ly, moving)
+    calibrate(state, params, 2, inv * z, lz, moving)
+    tau = time * state[CAL + 6]
+    unit = state[UNIT] / time
+    size = square(state[CAL + 3]) + square(state[CAL + 4]) + square(state[CAL + 5])
+    doubt = square(SIGNIFICANT) * (state[CAL_P + 24] + state[CAL_P + 32] + state[CAL_P + 40])
+    weight = 1.0 - doubt / size if size > doubt else 0.0
+    ox = weight * state[CAL + 3]
+    oy = weight * state[CAL + 4]
+    oz = weight * state[CAL + 5]
+    return (
+        x - unit * (state[A] * ox + state[A + 1] * oy + state[A + 2] * oz + tau * lx),
+        y - unit * (state[A + 3] * ox + state[A + 4] * oy + state[A + 5] * oz + tau * ly),
+        z - unit * (state[A + 6] * ox + state[A + 7] * oy + state[A + 8] * oz + tau * lz),
+    )
+
+
+def calibrate(state: Any, params: Any, i: int, value: float, late: float, moving: float) -> None:
+    """Update of (h_0, o, tau) with one component of the field."""
+    time = state[T]
+    a = state[A + 3 * i] / time
+    b = state[A + 3 * i + 1] / time
+    c = state[A + 3 * i + 2] / time
+    z = value - (state[CAL + i] + a * state[CAL + 3] + b * state[CAL + 4] + c * state[CAL + 5] + late * state[CAL + 6])
+    for j in range(7):
+        state[C + j] = (
+            state[CAL_P + 7 * i + j]
+            + a * state[CAL_P + 21 + j]
+            + b * state[CAL_P + 28 + j]
+            + c * state[CAL_P + 35 + j]
+            + late * state[CAL_P + 42 + j]
+        )
+    known = state[C + i] + a * state[C + 3] + b * state[C + 4] + c * state[C + 5] + late * state[C + 6]
+    spread = square(FIELD_NOISE) * 0.6 / min(state[H_SINCE], 0.5)
+    limit = 9.0 * (known + square(FIELD_NOISE))
+    if z * z > limit:
+        spread *= z * z / limit
+    s = 1.0 / (known + spread)
+    for j in range(7):
+        state[CAL + j] += s * z * state[C + j]
+    for k in range(7):
+        d = s * state[C + k]
+        for j in range(7):
+            state[CAL_P + 7 * k + j] -= d * state[C + j]
+
+
+def wrapped(angle: float) -> float:
+    """The angle within +-pi."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+def heading(state: Any, params: Any, value: float, x: float, y: float, z: float, weight: float) -> None:
+    """Update (8) with the field (x, y, z); only heading, gyro bias and d are corrected."""
+    square_level = x * x + y * y
+    hx = -z * x / square_level
+    hy = -z * y / square_level
+    known = state[P + 2 * (N + 1)] + state[P + DD * (N + 1)] - 2.0 * state[P + 2 * N + DD]
+    for j in range(N):
+        state[C + j] = state[P + 2 * N + j] + hx * state[P + j] + hy * state[P + N + j] - state[P + DD * N + j]
+    limit = params[MAG_GATE] * math.sqrt(max(known, 0.0) + square(3.0 * RAD))
+    spread = square(RAD * params[MAG_NOISE]) / (weight * min(state[H_SINCE], 1.0))
+    if abs(value) > limit:
+        spread *= square(value / limit)
+    room = state[P + 2 * (N + 1)] - square(REST_HEADING)
+    if state[QUIET] >= 0.2:
+        if room <= 0.0:
+            return
+        spread *= state[P + 2 * (N + 1)] / room
+    s = 1.0 / (state[C + 2] + hx * state[C] + hy * state[C + 1] - state[C + DD] + spread)
+    value -= state[X + 2] + hx * state[X] + hy * state[X + 1] - state[X + DD]
+    for i in range(2, DM):
+        state[X + i] += s * value * state[C + i]
+    state[X + DD] += s * value * state[C + DD]
+    # Where neither row nor column is corrected, P stays.
+    for i in range(N):
+        c = s * state[C + i]
+        if 2 <= i < DM or i == DD:
+            for j in range(N):
+                state[P + N * i + j] -= c * state[C + j]
+        else:
+            for j in range(2, DM):
+                state[P + N * i + j] -= c * state[C + j]
+            state[P + N * i + DD] -= c * state[C + DD]
+
+
+def trust(state: Any, params: Any, x: float, y: float, z: float) -> float:
+    """1 where norm and dip of the field are the earth's for some time, 1/16 after a minute of refusal, else 0."""
+    time = state[H_SINCE]
+    if state[H_TIME] == 0.0:
+        for i in range(3):
+            state[HL + i] = x * (i == 0) + y * (i == 1) + z * (i == 2)
+            state[HC + i] = state[HL + i]
+        state[UNDISTURBED] = UNDISTURBED_TIME
+    follow = 1.0 - math.exp(-time / 0.05)
+    state[HL] += follow * (x - state[HL])
+    state[HL + 1] += follow * (y - state[HL + 1])
+    state[HL + 2] += follow * (z - state[HL + 2])
+    norm = math.sqrt(square(state[HL]) + square(state[HL + 1]) + square(state[HL + 2]))
+    dip = math.atan2(state[HL + 2], math.sqrt(square(state[HL]) + square(state[HL + 1])))
+    state[H_TIME] += time
+    good = True
+    if state[H_TIME] < REFERENCE_START:
+        share = time / state[H_TIME]
+        state[NORM] += share * (norm - state[NORM])
+        state[DIP] += share * (dip - state[DIP])
+    else:
+        good = abs(norm - state[NORM]) < NORM_LIMIT * state[NORM] and abs(dip - state[DIP]) < DIP_LIMIT
+    if good:
+        state[UNDISTURBED] += time
+        if state[UNDISTURBED] >= UNDISTURBED_TIME:
+            follow = 1.0 - math.exp(-time / REFERENCE_TIME)
+            state[NORM] += follow * (norm - state[NORM])
+            state[DIP] += follow * (dip - state[DIP])
+    else:
+        state[UNDISTURBED] = 0.0
+    good = candidate(state, params, time, norm, dip, good)
+    if good and state[UNDISTURBED] >= UNDISTURBED_TIME:
+        state[REJECTED] = max(0.0, state[REJECTED] - 2.0 * time)
+        return 1.0
+    state[REJECTED] += time
+    if state[REJECTED] >= 60.0:
+        state[REJECTED] = 60.0
+        return 1.0 / 16.0
+    return 0.0
+
+
+def candidate(state: Any, params: Any, time: float, norm: float, dip: float, good: bool) -> bool:
+    """A field that stays put in earth axes while the body turns is the earth's: it becomes the reference.
+
+    A magnet on the body cannot do that. The vector is tested, not norm and dip, so that a wrong heading recovers.
+    """
+    x = state[HL] - state[HC]
+    y = state[HL + 1] - state[HC + 1]
+    z = state[HL + 2] - state[HC + 2]
+    size = square(state[HC]) + square(state[HC + 1]) + square(state[HC + 2])
+    if x * x + y * y + z * z >= square(CANDIDATE_SIZE) * size:
+        state[CLOCK] = 0.0
+        copy_field(state)
+        return good
+    if state[TURNED] > square(20.0 * RAD) * state[T]:
+        state[CLOCK] += time
+    follow = 1.0 - math.exp(-time / CANDIDATE_TIME)
+    state[HC] += follow * x
+    state[HC + 1] += follow * y
+    state[HC + 2] += follow * z
+    if state[CLOCK] < CANDIDATE_AFTER:
+        return good
+    state[CLOCK] = 0.0
+    level = math.sqrt(square(state[HC]) + square(state[HC + 1]))
+    psi = wrapped(math.atan2(state[HC + 1], state[HC]) - state[D])
+    if not good:
+        state[NORM] = math.sqrt(square(level) + square(state[HC + 2]))
+        state[DIP] = math.atan2(state[HC + 2], level)
+        state[UNDISTURBED] = UNDISTURBED_TIME
+    known = state[P + 2 * (N + 1)] + state[P + DD * (N + 1)] - 2.0 * state[P + 2 * N + DD]
+    if abs(psi) > ALARM * math.sqrt(max(known, 0.0) + square(4.0 * RAD)):
+        state[P + 2 * (N + 1)] += psi * psi
+        copy_field(state)
+    return True
+
+
+def copy_field(state: Any) -> None:
+    """The candidate begins anew at the field as it is."""
+    state[HC] = state[HL]
+    state[HC + 1] = state[HL + 1]
+    state[HC + 2] = state[HL + 2]
+
+
+def first_field(state: Any, params: Any, x: float, y: float, z: float) -> None:
+    """A field that comes late: everything that is told in earth axes turns to the heading that it shows."""
+    psi = math.atan2(y, x)
+    s = -math.sin(psi)
+    c = math.cos(psi)
+    turn_earth(state, 0.0, 0.0, -psi)
+    turn_pair(state, V, 1, c, s)
+    turn_pair(state, X, 1, c, s)
+    turn_pair(state, X + DV, 1, c, s)
+    for j in range(N):
+        turn_pair(state, P + j, N, c, s)
+        turn_pair(state, P + DV * N + j, N, c, s)
+    for i in range(N):
+        turn_pair(state, P + N * i, 1, c, s)
+        turn_pair(state, P + N * i + DV, 1, c, s)
+    state[STAGE] = RUNNING
+    first_heading(state, params, math.sqrt(x * x + y * y), 0.0, z)
+
+
+def turn_pair(state: Any, at: int, by: int, c: float, s: float) -> None:
+    """Turn the north and the east entry, which stand at ``at`` and ``at + by``."""
+    north = state[at]
+    east = state[at + by]
+    state[at] = c * north - s * east
+    state[at + by] = s * north + c * east
+
+
+def first_heading(state: Any, params: Any, x: float, y: float, z: float) -> None:
+    """Variance of a heading taken from the field: its own, the tilt's part, and that of d, which is the same error."""
+    lean = min(max(z / x, -6.0), 6.0)
+    offset = square(RAD * params[FIELD_SIGMA])
+    for j in range(N):
+        state[P + 2 * N + j] = lean * state[P + j]
+    state[P + 2 * (N + 1)] = square(lean) * state[P] + square(RAD * params[HEADING_SIGMA]) + offset
+    for j in range(N):
+        state[P + N * DD + j] = 0.0
+    state[P + N * DD + 2] = offset
+    state[P + N * DD + DD] = offset
+    for j in range(N):
+        state[P + N * j + 2] = state[P + N * 2 + j]
+        state[P + N * j + DD] = state[P + N * DD + j]
+    state[X + 2] = lean * state[X]
+    state[X + DD] = 0.0

@@ -1,0 +1,314 @@
+"""The inertial-magnetic error-state filter against dense algebra, numerical Jacobians and motions with known truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.estimators import estimate, get
+from attlog.estimators.engine.cache import compiled
+from attlog.estimators.engine.generate import with_helpers
+from attlog.estimators.filters import mekf
+from attlog.estimators.filters.inertial import compass, layout, start
+from attlog.estimators.filters.inertial.layout import BA, BIAS, DD, DV, A, B, D, M, N, P, Q, S, T, V, X
+from attlog.testing.motion import CONSUMER, Motion, Noise, flight, motion, still, swing
+from attlog.testing.subject import heading_deg, inclination_deg
+
+Array = np.ndarray
+
+
+def parameters(**given: float) -> Array:
+    e = get("mekf")
+    return e.pack({p.name: p.default for p in e.parameters} | given)
+
+
+def running(seed: int = 0) -> Array:
+    """A state in the middle of a run: any attitude, biases, gyro matrix and covariance."""
+    random = np.random.default_rng(seed)
+    state = mekf.start(parameters(), np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    state[Q:M] = rotation.normalize(random.standard_normal(4))
+    state[BIAS : BIAS + 3] = 0.05 * random.standard_normal(3)
+    state[M:BA] = 0.01 * random.standard_normal(9)
+    state[BA:V] = 0.1 * random.standard_normal(3)
+    root = random.standard_normal((N, N)) * np.repeat([0.03, 0.01, 0.004, 0.03, 0.3, 0.05], [3, 3, 9, 3, 2, 1])[:, None]
+    state[P : P + N * N] = (root @ root.T).ravel()
+    state[layout.STAGE] = layout.RUNNING
+    return state
+
+
+def moved(state: Array, x: Array) -> Array:
+    """The state with the error x in it."""
+    new = state.copy()
+    new[X : X + N] = x
+    mekf.inject(new)
+    return new
+
+
+def apart(a: Array, b: Array) -> Array:
+    """The error (N,) that leads from state b to state a."""
+    theta = rotation.to_rotvec(rotation.multiply(a[Q:M], rotation.conjugate(b[Q:M])))
+    return np.concatenate([theta, a[BIAS : BIAS + 3] - b[BIAS : BIAS + 3], a[M : D + 1] - b[M : D + 1]])
+
+
+def transition(state: Array) -> Array:
+    """F of (4, 5) from the block's sums, written out."""
+    f = np.eye(N)
+    a = state[A : A + 9].reshape(3, 3)
+    f[0:3, 3:6] -= a
+    f[0:3, 6:15] += state[B : B + 27].reshape(3, 9)
+    f[DV, 1] += state[S + 2]
+    f[DV + 1, 0] -= state[S + 2]
+    f[DV : DV + 2, 15:18] -= a[:2]
+    return f
+
+
+def sampled(state: Array) -> Array:
+    """The state after one block of five samples of quick motion."""
+    new = state.copy()
+    for k in range(5):
+        gyr = np.array([1.0 + 0.1 * k, -2.0, 0.7])
+        acc = np.array([3.0, -1.0 + k, -9.0])
+        mekf.sample(new, 0.005, gyr, acc, np.zeros(3))
+    return new
+
+
+def test_the_transition_is_the_numerical_one_but_for_velocity_from_heading() -> None:
+    state = running()
+    after = sampled(state)
+    numerical = np.empty((N, N))
+    for j in range(N):
+        x = np.zeros(N)
+        x[j] = 1e-5
+        numerical[:, j] = apart(sampled(moved(state, x)), sampled(moved(state, -x))) / 2e-5
+    f = transition(after)
+    assert numerical[DV, 2] == pytest.approx(-after[S + 1], abs=0.02)
+    assert numerical[DV + 1, 2] == pytest.approx(after[S], abs=0.02)
+    numerical[DV : DV + 2, 2] = 0.0
+    # Terms of second order within the block of 25 ms are left out.
+    assert f[:3] == pytest.approx(numerical[:3], abs=1e-3)
+    assert f[DV : DV + 2] == pytest.approx(numerical[DV : DV + 2], abs=0.02)
+    assert f[3:DV] == pytest.approx(numerical[3:DV], abs=1e-9)
+
+
+def test_the_covariance_moves_as_the_dense_one() -> None:
+    state = sampled(running())
+    f, p = transition(state), state[P : P + N * N].reshape(N, N).copy()
+    values = parameters(field_sigma=3.0)
+    time, turned = state[T], state[layout.TURNED]
+    moving = min(1.0, np.sqrt(turned / time) / layout.MOVING_RATE)
+    keep = np.exp(-time * moving / 60.0)
+    f[DD, DD] = keep
+    noise = np.deg2rad(values[1]) ** 2 * time + values[2] ** 2 * turned
+    walk = np.deg2rad(values[3]) ** 2 * time
+    local = np.deg2rad(3.0) ** 2 * (1.0 - keep**2)
+    q = np.concatenate([np.full(3, noise), np.full(3, walk), np.zeros(12), np.full(2, values[8] ** 2 * time), [local]])
+    mekf.predict(state, values)
+    assert state[P : P + N * N].reshape(N, N) == pytest.approx(f @ p @ f.T + np.diag(q), abs=1e-14)
+
+
+def joseph(p: Array, h: Array, k: Array, r: float) -> Array:
+    """The covariance after an update with any gain k."""
+    a = np.eye(N) - np.outer(k, h)
+    return a @ p @ a.T + r * np.outer(k, k)
+
+
+def test_a_measured_state_updates_as_a_dense_filter_does() -> None:
+    state = running(1)
+    p, h, r = state[P : P + N * N].reshape(N, N).copy(), np.eye(N)[DV], 0.2
+    k = p @ h / (h @ p @ h + r)
+    mekf.update(state, DV, 0.4, r)
+    assert state[X : X + N] == pytest.approx(0.4 * k, abs=1e-14)
+    assert state[P : P + N * N].reshape(N, N) == pytest.approx(joseph(p, h, k, r), abs=1e-14)
+
+
+def test_the_field_corrects_heading_bias_and_its_own_direction_and_nothing_else() -> None:
+    """Update (8) against a dense Schmidt filter in Joseph's form, its H against the numerical derivative of psi."""
+    state, field = running(2), np.array([20.0, 3.0, 43.0])
+    state[layout.H_SINCE] = 0.02
+    p = state[P : P + N * N].reshape(N, N).copy()
+    psi = np.arctan2(field[1], field[0])
+    h = np.zeros(N)
+    for j in range(3):
+        turn = np.zeros(3)
+        turn[j] = 1e-6
+        x = rotation.rotate(rotation.from_rotvec(turn), field)
+        h[j] = (np.arctan2(x[1], x[0]) - psi) / 1e-6
+    h[DD] = -1.0
+    r = np.deg2rad(14.0) ** 2 / 0.02
+    k = np.where(np.isin(np.arange(N), [2, 3, 4, 5, DD]), p @ h, 0.0) / (h @ p @ h + r)
+    compass.heading(state, parameters(), -0.05, *field, 1.0)
+    assert state[X : X + N] == pytest.approx(-0.05 * k, rel=1e-4, abs=1e-12)
+    assert state[P : P + N * N].reshape(N, N) == pytest.approx(joseph(p, h, k, r), abs=1e-7)
+
+
+def rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def errors(m: Motion, after: float, **given: float) -> tuple[float, float]:
+    """Inclination and heading RMSE in deg after some seconds."""
+    e = estimate("mekf", *m.sensors, **given)
+    late = m.t > after
+    return rms(inclination_deg(e.q[late], m.q[late])), rms(heading_deg(e.q[late], m.q[late]))
+
+
+def test_accelerations_that_cancel_do_not_tilt_it() -> None:
+    """Pushes of 6 m/s^2 back and forth: a filter that follows gravity's direction leans by degrees."""
+    m = motion(
+        lambda t: (0.0, 0.0, 0.3 * np.sin(0.3 * t)),
+        40.0,
+        acceleration=lambda t: np.stack([6.0 * np.cos(4.0 * t), 5.0 * np.cos(3.0 * t), 0.0 * t], axis=-1),
+    )
+    direction = rms(inclination_deg(estimate("madgwick", *m.sensors).q[2000:], m.q[2000:]))
+    assert errors(m, 20.0)[0] < 0.35 < 0.25 * direction
+
+
+def test_a_gyro_bias_of_a_raw_sensor_is_found() -> None:
+    true = np.deg2rad([4.4, -1.0, 0.5])
+    m = flight(60.0, noise=replace(CONSUMER, bias=tuple(true)))
+    e = estimate("mekf", *m.sensors)
+    assert np.rad2deg(np.abs(e.bias[-1] - true).max()) < 0.1
+    assert errors(m, 30.0)[0] < 1.2
+
+
+def test_gyro_scale_errors_are_found() -> None:
+    """2 % of scale: without the gyro matrix among the states the attitude is several times as wrong."""
+    m = swing(120.0, noise=CONSUMER)
+    wrong = replace(m, gyr=m.gyr * np.array([1.01, 0.99, 1.01]))
+    known = errors(wrong, 60.0)[0]
+    blind = errors(wrong, 60.0, scale_sigma=0.0, misalignment_sigma=0.0)[0]
+    assert known < 0.1
+    assert blind > 3.0 * known
+
+
+def test_a_late_magnetometer_is_seen_and_taken_into_account() -> None:
+    """40 ms of delay in a turn of 60 deg/s on average: 2.3 deg of heading, far less once the delay is known."""
+    m = motion(
+        lambda t: (0.4 * np.sin(1.3 * t), 0.4 * np.sin(0.9 * t), t + np.sin(t)), 120.0, noise=CONSUMER, acceleration=None
+    )
+    late = replace(m, mag=np.vstack([m.mag[:4], m.mag[:-4]]))
+    known = errors(late, 60.0)[1]
+    blind = errors(late, 60.0, delay_sigma=0.0, offset_sigma=0.0)[1]
+    assert known < 0.4 * blind
+
+
+def test_a_field_fixed_to_the_body_is_taken_off_once_it_is_certain() -> None:
+    m = swing(120.0, noise=CONSUMER)
+    magnet = replace(m, mag=m.mag + np.array([6e-6, -4e-6, 3e-6]))
+    known = errors(magnet, 60.0)[1]
+    blind = errors(magnet, 60.0, offset_sigma=0.0)[1]
+    assert known < 1.0
+    assert blind > 3.0 * known
+
+
+def test_a_field_that_comes_between_alignment_and_flight_sets_the_heading() -> None:
+    """The covariance turns with it: tilt stays as good as without."""
+    m = swing(30.0, yaw=2.5, noise=CONSUMER)
+    mag = np.where(m.t[:, None] < 2.5, np.nan, m.mag)
+    e = estimate("mekf", m.t, m.gyr, m.acc, mag, heading_sigma=5.0)
+    late = m.t > 4.0
+    assert np.abs(heading_deg(e.q[late], m.q[late])).max() < 3.0
+    assert inclination_deg(e.q[late], m.q[late]).max() < 0.5
+
+
+def test_turning_a_pair_turns_the_covariance_like_a_matrix() -> None:
+    """A late field turns everything told in earth axes; against the same by matrices."""
+    state = running(4)
+    state[layout.STAGE] = layout.NO_FIELD
+    p = state[P : P + N * N].reshape(N, N).copy()
+    psi = 0.7
+    compass.first_field(state, parameters(), 20.0 * np.cos(psi), 20.0 * np.sin(psi), 0.0)
+    turn = np.eye(N)
+    c, s = np.cos(psi), -np.sin(psi)
+    for i in (0, DV):
+        turn[i : i + 2, i : i + 2] = [[c, -s], [s, c]]
+    wanted = turn @ p @ turn.T
+    kept = [i for i in range(N) if i not in (2, DD)]
+    assert state[P : P + N * N].reshape(N, N)[np.ix_(kept, kept)] == pytest.approx(
+        wanted[np.ix_(kept, kept)], abs=1e-14
+    )
+
+
+def test_a_start_in_the_middle_of_a_throw_is_no_worse_after_some_seconds() -> None:
+    """The first sample points 57 deg away from gravity."""
+
+    def thrown(t: Array) -> Array:
+        return np.stack([15.0 * np.cos(6.0 * t), 8.0 * np.sin(5.0 * t), 0.0 * t], axis=-1)
+
+    m = motion(lambda t: (0.5 * np.sin(2.0 * t), 0.4 * np.sin(1.5 * t), 0.3 * t), 30.0, acceleration=thrown)
+    assert errors(m, 2.0)[0] < 4.0
+    assert errors(m, 15.0)[0] < 2.0
+
+
+def test_its_sigmas_are_those_of_its_errors() -> None:
+    """Pooled over sensors drawn from its own assumptions: error over sigma near one, never far above."""
+    tilt, heading = [], []
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        bias = tuple(np.deg2rad(0.5) * random.standard_normal(3))
+        m = flight(60.0, noise=Noise(gyro=np.deg2rad(0.016), acc=0.02, mag=2e-6, bias=bias), seed=seed)
+        gyr = m.gyr @ (np.eye(3) + 0.003 * random.standard_normal((3, 3))).T
+        e = estimate("mekf", m.t, gyr, m.acc + 0.025 * random.standard_normal(3), m.mag)
+        late = m.t > 20.0
+        tilt.append(inclination_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_tilt"].ravel()[late]))
+        heading.append(heading_deg(e.q, m.q)[late] / np.rad2deg(e.aux["sigma_heading"].ravel()[late]))
+    assert 0.5 < rms(np.concatenate(tilt)) < 1.3
+    assert rms(np.concatenate(heading)) < 1.3
+
+
+def test_sigma_of_heading_grows_without_a_field_and_not_at_rest_below_what_one_place_tells() -> None:
+    m = still(60.0, noise=CONSUMER)
+    without = np.rad2deg(estimate("mekf", m.t, m.gyr, m.acc).aux["sigma_heading"].ravel())
+    at_rest = np.rad2deg(estimate("mekf", *m.sensors).aux["sigma_heading"].ravel())
+    assert without[-1] > 20.0
+    assert 4.5 < at_rest[-1] < 6.0
+
+
+def test_lead_turns_the_output_on_and_changes_nothing_else() -> None:
+    m = swing(20.0)
+    plain = estimate("mekf", *m.sensors)
+    led = estimate("mekf", *m.sensors, lead=10.0)
+    assert np.array_equal(plain.aux["sigma_tilt"], led.aux["sigma_tilt"])
+    late = slice(500, -1)
+    ahead = rms(inclination_deg(led.q[late], m.q[501:]))
+    assert ahead < 0.1 < rms(inclination_deg(plain.q[late], m.q[501:]))
+
+
+def test_rest_is_seen_at_rest_and_not_in_a_slow_turn() -> None:
+    params = parameters()
+    quiet, turning = running(3), running(3)
+    for state in (quiet, turning):
+        state[BIAS : BIAS + 3] = 0.0
+        state[P : P + N * N] = 1e-10 * np.eye(N).ravel()
+    for _ in range(300):
+        start.look_for_rest(quiet, params, 0.01, np.zeros(3), np.array([0.0, 0.0, -9.8]))
+        start.look_for_rest(turning, params, 0.01, np.array([0.0, 0.0, 0.05]), np.array([0.0, 0.0, -9.8]))
+    assert quiet[layout.QUIET] > 2.0
+    assert turning[layout.QUIET] == 0.0
+
+
+@pytest.mark.slow
+def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> None:
+    m = flight(50.0, 200.0, noise=CONSUMER)
+    params = parameters(field_sigma=3.0)
+    loop = f"""
+@njit
+def million(state, params, gyr, acc, mag, out):
+    k = 0
+    for i in range(len(out)):
+        for _ in range(1000):
+            k = k + 1 if k + 1 < len(gyr) else 0
+            step(state, params, 0.005, gyr[k], acc[k], mag[k])
+        out[i] = state[{P}:{P + N * N}]
+"""
+    million = compiled(with_helpers({"step": mekf.step}, jit=True) + loop, "million")
+    out = np.empty((1000, N * N))
+    million(mekf.start(params, m.acc[0], m.mag[0], m.q[0]), params, m.gyr, m.acc, m.mag, out)
+    p = out.reshape(-1, N, N)
+    scale = np.sqrt(np.einsum("nii->ni", p))
+    p = p / scale[:, :, None] / scale[:, None, :]
+    assert np.abs(p - np.swapaxes(p, 1, 2)).max() < 1e-9
+    assert np.linalg.eigvalsh(p).min() > 1e-12
