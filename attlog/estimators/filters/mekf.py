@@ -86,7 +86,7 @@ from attlog.estimators.filters.inertial.layout import (
 )
 from attlog.estimators.filters.inertial.start import align, look_for_rest
 
-SOURCE = "attlog; Markley2003, Laidig2023"
+SOURCE = "Markley2003; Laidig2023"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 HOLD_MAG = False

@@ -48,6 +48,10 @@ def test_each_set_equals_a_run_of_its_own_to_the_bit(name: str) -> None:
         assert one.skipped == alone.skipped
 
 
+ONE_BY_ONE = {"mekf"}
+"""Covariances too large to stand side by side in vector registers, and branches that part the sets."""
+
+
 @pytest.mark.parametrize("name", [n for n in BUILT_IN if get(n).step is not None])
 def test_every_built_in_filter_gives_in_a_batch_what_it_gives_alone(name: str) -> None:
     """The numbers of every filter differ between the sets, so that mixed up columns would show."""
@@ -55,7 +59,8 @@ def test_every_built_in_filter_gives_in_a_batch_what_it_gives_alone(name: str) -
     numbers = [p for p in get(name).own if not p.choices]
     sets = [{p.name: min(p.high, f * float(p.default)) for p in numbers} for f in (1.0, 0.8, 1.3)]
     switches = {i: p.code(p.default) for i, p in enumerate(get(name).own) if p.choices}
-    assert kernel(get(name), switches, "float64") is not None
+    one_by_one = name in ONE_BY_ONE
+    assert (kernel(get(name), switches, "float64") is None) == one_by_one
     for values, one in zip(sets, estimate_batch(get(name), sets, *x), strict=True):
         alone = attlog.estimate(name, *x, **values)
         assert np.abs(one.q - alone.q).max() < 1e-12
