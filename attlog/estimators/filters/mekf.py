@@ -152,7 +152,18 @@ PARAMETERS = (
     Parameter("field_time", 60.0, "s", 0.1, 10000, "time of motion after which it is another", RECORDED),
     Parameter("lead", 0.0, "ms", -100, 100, "output turned on by this time: for an IMU that lags", "attlog"),
 )
-PRESETS: dict[str, dict[str, float | str]] = {}
+PRESETS: dict[str, dict[str, float | str]] = {
+    "smoother": {
+        "rate_noise": 0.0002,
+        "gyro_noise": 0.02,
+        "bias_sigma": 1.5,
+        "velocity_sigma": 0.3,
+        "acc_bias_sigma": 0.027,
+        "misalignment_sigma": 0.0018,
+        "mag_noise": 8.0,
+        "field_sigma": 4.5,
+    },
+}
 REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
 """At rest: sigma of velocity [m/s], noise density of the rate [rad/s*sqrt(s)]."""
 

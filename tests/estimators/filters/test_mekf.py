@@ -186,9 +186,7 @@ def test_gyro_scale_errors_are_found() -> None:
 
 def test_a_late_magnetometer_is_seen_and_taken_into_account() -> None:
     """40 ms of delay in a turn of 60 deg/s on average: 2.3 deg of heading, far less once the delay is known."""
-    m = motion(
-        lambda t: (0.4 * np.sin(1.3 * t), 0.4 * np.sin(0.9 * t), t + np.sin(t)), 120.0, noise=CONSUMER, acceleration=None
-    )
+    m = motion(lambda t: (0.4 * np.sin(1.3 * t), 0.4 * np.sin(0.9 * t), t + np.sin(t)), 120.0, noise=CONSUMER)
     late = replace(m, mag=np.vstack([m.mag[:4], m.mag[:-4]]))
     known = errors(late, 60.0)[1]
     blind = errors(late, 60.0, delay_sigma=0.0, offset_sigma=0.0)[1]
