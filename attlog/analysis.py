@@ -26,6 +26,7 @@ from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.health import Check, answerable, audit
 from attlog.health.findings import Open, contradiction, findings, hopeless
+from attlog.metrics.alike import alike
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import common_bias
 from attlog.present.sentences import verdicts
@@ -135,6 +136,7 @@ def evaluate(
         reference=summarize(case.reference),
         gyro_bias=list(case.gyro_bias.values()),
         estimators=estimator_rows,
+        alike=alike(rows),
         best=ranking.best,
         worst=ranking.worst,
         ranked=ranking.ranked,

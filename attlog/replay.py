@@ -132,6 +132,7 @@ def replayed(
         uses_mag=uses_mag,
     )
     row.imu = imu
+    row.equation = spec.estimator.equation
     row.quality = dict(estimate.quality)
     _add_common_bias(row, case.bias_of(imu))
     known = {p.name: p for p in spec.estimator.parameters}

@@ -19,6 +19,7 @@ import numpy as np
 from attlog.errors import LogUnreadable, UsageError
 from attlog.flight.model import Problem
 from attlog.health.model import Check
+from attlog.metrics.alike import Alike
 from attlog.metrics.answer import Answer
 from attlog.metrics.common_bias import CommonBias
 from attlog.metrics.trace import Trace
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AlignmentStep",
+    "Alike",
     "Answer",
     "Check",
     "CommonBias",
@@ -150,6 +152,8 @@ class Result:
     gyro_bias: list[CommonBias] = field(default_factory=list)
     """What was taken off the gyro for every filter alike, one for each replayed IMU."""
     estimators: list[EstimatorRow] = field(default_factory=list)
+    alike: list[Alike] = field(default_factory=list)
+    """Rows that share an equation, or whose attitudes are equal."""
     comparisons: list[dict[str, Any]] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
     best: dict[str, dict[str, list[str]]] = field(default_factory=dict)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 from attlog.cli.layout import Line
 from attlog.cli.table import comparison
+from attlog.present.alike import alike
 from attlog.present.gyro_bias import gyro_bias
 from attlog.present.problems import Said, nothing_wrong, problems
 from attlog.present.stand_ins import stand_in
@@ -38,6 +39,8 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     if table:
         yield Line("")
         yield from table
+    for sentence in alike(result) if table else []:
+        yield from wrapped("", shown(typeset(sentence)), width)
 
 
 def wrong(found: list[Said], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[Line]:

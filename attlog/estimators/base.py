@@ -134,7 +134,8 @@ class Estimator:
     vector propagated with the gyro between samples (continuous gains), False where
     it wants new samples only (Kalman filters). ``from_log(params, info) -> values`` gives the
     filter's own parameters that follow from a log (:class:`LogInfo`); a step whose ``uses``
-    names aids takes one argument more (:mod:`attlog.estimators.aids`).
+    names aids takes one argument more (:mod:`attlog.estimators.aids`). Filters with one ``equation``
+    differ in gains and numerics alone.
     """
 
     name: str
@@ -154,6 +155,7 @@ class Estimator:
     origin: str = "attlog"
     hold_mag: bool = True
     from_log: Callable[..., Any] | None = None
+    equation: str = ""
 
     @property
     def aided(self) -> bool:

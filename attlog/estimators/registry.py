@@ -5,6 +5,7 @@ equations) and these names:
 
 ======== ==================================================================================
 SOURCE   paper or package with equation numbers
+EQUATION where several files are one equation: its source, the same in all of them (default empty)
 NEEDS    what it cannot run without, of ``{"gyro", "acc", "mag"}``
 USES     what it takes when there (default empty), of these and the aids ``{"gnss", "baro",
          "airspeed", "at_rest"}``, which are told in :mod:`attlog.estimators.aids`
@@ -137,6 +138,7 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
         origin=origin,
         hold_mag=bool(getattr(module, "HOLD_MAG", True)),
         from_log=from_log,
+        equation=str(getattr(module, "EQUATION", "")),
     )
     _check_arguments(estimator, where)
     _check_tables(estimator, where)

@@ -125,6 +125,8 @@ class Row:
     convergence_s: float | None = None
     estimator: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
+    equation: str = ""
+    """The equation that the filter's file declares; empty where it is its own."""
     heading_offset_deg: float | None = None
     """Heading that was taken out of ``q`` (of its first segment), None where the heading is the row's own."""
     steps: list[AlignmentStep] = field(default_factory=list)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from attlog.output import write_atomic
+from attlog.present.alike import alike
 from attlog.present.flight import firmware, subtitle
 from attlog.present.gyro_bias import gyro_bias
 from attlog.present.messages import alarming, level_name, messages
@@ -102,6 +103,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False, deterministic:
         cards=[card(v, look) for v in result.verdicts],
         problems=problems(result),
         gyro_bias=gyro_bias(result),
+        alike=alike(result),
         table=main_table(result),
         axes=axis_table(result),
         windows=window_tables(result),

@@ -27,6 +27,7 @@ from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, 
 from attlog.estimators.engine.vectors import field_error, gravity_error, turn
 
 SOURCE = "Fan 14-18 and section 5; Lyu 13-16"
+EQUATION = "Mahony2008 32"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4, "bias": 3}

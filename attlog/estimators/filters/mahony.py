@@ -28,6 +28,7 @@ from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, 
 from attlog.estimators.engine.vectors import field_error, gravity_error, turn
 
 SOURCE = "Mahony2008 32; Xu section 2, gains section 3"
+EQUATION = "Mahony2008 32"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4, "bias": 3}

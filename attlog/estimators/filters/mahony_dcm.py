@@ -34,6 +34,7 @@ from attlog.estimators.engine.switches import ACC_FORM, AS_PRINTED, INTEGRATOR, 
 from attlog.estimators.engine.vectors import field_error, gravity_error
 
 SOURCE = "Huang 2.3.2; Premerlani2009 (renormalisation)"
+EQUATION = "Mahony2008 32"
 NEEDS = {"gyro", "acc", "mag"}
 STATE = {"q": 4, "bias": 3, "_matrix": 9}
 PARAMETERS = (

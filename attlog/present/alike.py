@@ -1,0 +1,28 @@
+"""Rows that are one filter twice, in a sentence."""
+
+from __future__ import annotations
+
+from attlog.present.names import name_in_sentence
+from attlog.present.numbers import listed
+from attlog.result import Alike, Result
+
+
+def alike(result: Result) -> list[str]:
+    """A sentence for each group of rows that share an equation or their attitudes."""
+    names = {row.name: name_in_sentence(row) for row in result.estimators}
+    return [said(group, [names.get(row, row) for row in group.rows]) for group in result.alike]
+
+
+def said(group: Alike, names: list[str]) -> str:
+    """The sentence for one group."""
+    which = listed(names)
+    values = [f"{name} ({', '.join(_short(v) for v in told)})" for name, told in group.differ.items()]
+    if group.by == "attitudes":
+        but = f" in spite of {listed(values)}" if values else ""
+        return f"{which} give the same attitudes in this log{but}: here they are one filter."
+    differ = f" and differ in {listed(values)}" if values else ""
+    return f"{which} share one equation ({group.source}){differ}."
+
+
+def _short(value: float | str) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
