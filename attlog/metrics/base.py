@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.model import FlightLog, Imu
-from attlog.metrics.common_bias import CommonBias, none
+from attlog.metrics.common_bias import CommonBias, common_bias, none
 from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import WINDOWS, Segments
 
@@ -69,8 +69,11 @@ class Case:
     """What functions marked :func:`per_row` have found, kept as long as the row lives."""
 
     def bias_of(self, imu: Imu) -> CommonBias:
-        """What is taken off the gyro of a unit before any filter runs."""
-        return self.gyro_bias.get(imu.index) or none()
+        """What is taken off the gyro of a unit before any filter runs; of changed samples of a unit their own."""
+        known = self.gyro_bias.get(imu.index)
+        if known is None or known.asked != "rest" or any(imu is own for own in self.log.imus):
+            return known or none()
+        return common_bias(self.log, self.segments, imu, known.asked)
 
     def gyro_of(self, imu: Imu) -> Array:
         """The rates (n, 3) in rad/s of a unit as filters get them: without the common bias."""

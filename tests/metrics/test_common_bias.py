@@ -118,6 +118,18 @@ def test_every_row_gets_the_gyro_without_it_and_reports_all_that_it_takes_off(sa
     assert off["rest", "mahony:ki=0"].code == "not_applicable", "it estimates none of its own"
 
 
+def test_samples_changed_before_a_filter_get_the_bias_that_they_have_then(samples):
+    """A configuration that calibrates the gyro has its own mean at rest: nothing is taken off twice."""
+    from dataclasses import replace
+
+    case = attlog.prepare(samples / "px4_hover.ulg")
+    imu = case.log.replay_imu
+    shifted = replace(imu, gyro=replace(imu.gyro, x=imu.gyro.x + np.radians([1.0, 0.0, -2.0])))
+    more = np.subtract(case.bias_of(shifted).dps, case.bias_of(imu).dps)
+    assert more == pytest.approx([1.0, 0.0, -2.0], abs=1e-9)
+    assert case.gyro_of(shifted) == pytest.approx(case.gyro_of(imu), abs=1e-12)
+
+
 def test_the_library_takes_nothing_off_by_itself(samples):
     """``attlog.estimate`` gets arrays and uses them as they are."""
     imu = attlog.read(samples / "px4_hover.ulg").replay_imu
