@@ -48,3 +48,9 @@ ACC_LIMIT_M_S2 = 2000.0
 
 MAG_LIMIT_T = 5e-3
 """The earth's field is below 70 uT; 5 mT leaves room for magnets and excludes damage."""
+
+MAX_SETS = 4096
+"""Settings of one sweep: minutes on one log, and more than a page can show; a grid is typed in a second."""
+
+MAX_VALUES = 1000
+"""Values of one range."""

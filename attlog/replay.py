@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from attlog import estimators, inputs, reference
-from attlog.errors import AttlogError, PluginError
+from attlog.errors import AttlogError, PluginError, UsageError
 from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import CommonBias
@@ -177,3 +177,58 @@ def table_row(
 
 def _failed(name: str, error: AttlogError) -> EstimatorRow:
     return EstimatorRow(name, "replay", name, None, {}, {}, {}, None, "failed", str(error))
+
+
+def batch(
+    case: Case,
+    imu: Imu,
+    mag: Mag | None,
+    spec: estimators.Row,
+    settings: Sequence[Mapping[str, float | str]],
+    told: estimators.LogFacts,
+    aids: estimators.Aids,
+) -> list[Row]:
+    """The rows of one filter with many parameter sets, run side by side over the samples of a unit.
+
+    Each as :func:`replayed` gives it alone; ``settings`` are laid over the parameters of ``spec``. UsageError for
+    values out of range or a sensor that the filter needs and the log has not, PluginError of a plug-in.
+    """
+    from attlog.estimators.engine.batch import estimate_batch
+
+    log, ref, estimator = case.log, case.reference, spec.estimator
+    if "mag" in estimator.needs and mag is None:
+        raise UsageError(f"{estimator.name} needs a magnetometer; the log holds none")
+    uses_mag = mag is not None and "mag" in estimator.uses
+    STAGES.info("running %s with %d parameter sets", spec.name, len(settings))
+    t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
+    chosen = [estimators.Row(estimator, spec.preset, {**spec.params, **setting}) for setting in settings]
+    found = estimate_batch(
+        estimator,
+        [row.params for row in chosen],
+        t,
+        case.gyro_of(imu),
+        imu.acc.x,
+        estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
+        preset=spec.preset,
+        sampling=imu.gyro.sampling,
+        dt=imu.dt,
+        aids=aids,
+        log=told,
+    )
+    rows = []
+    for one, estimate in zip(chosen, found, strict=True):
+        row = reference.replayed(
+            log,
+            case.segments,
+            ref,
+            estimate,
+            name=one.name,
+            estimator=estimator.origin if estimator.origin.endswith(".py") else estimator.name,
+            parameters={k: v for k, (v, _) in one.resolved(told).items()},
+            uses_mag=uses_mag,
+        )
+        row.imu = imu
+        row.quality = dict(estimate.quality)
+        _add_common_bias(row, case.bias_of(imu))
+        rows.append(row)
+    return rows

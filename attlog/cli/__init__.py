@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.cli import analyze, check_estimator, diff, estimators, extract, info, new, schema, streams
+from attlog.cli import analyze, check_estimator, diff, estimators, extract, info, new, schema, streams, sweep
 from attlog.cli.arguments import Group, WithJson
 from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
 
@@ -60,6 +60,7 @@ app.command("analyze", cls=WithJson)(analyze.command)
 app.command("info", cls=WithJson)(info.command)
 app.command("extract")(extract.command)
 app.command("diff")(diff.command)
+app.command("sweep", cls=WithJson)(sweep.command)
 app.command("estimators")(estimators.command)
 app.command("new")(new.command)
 app.command("check-estimator")(check_estimator.command)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from functools import partial
 
 import numpy as np
@@ -110,8 +111,8 @@ def percentile_95(angle: Array, groups: list[slice]) -> tuple[float, interval.In
     return value, (min(shares[0], low), max(shares[1], high))
 
 
-def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
-    """Answers of METRICS for one row and window."""
+def compute(case: Case, row: Row, window: str, only: Collection[str] | None = None) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; ``only`` those of these ids, where many rows are asked for one."""
     errors = row.errors
     absent = why_no_errors(case, row)
     if absent is not None or errors is None:
@@ -125,10 +126,13 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     duration = seconds(errors.t, unbroken(errors.t, good, errors.segment))
     answers = {}
     for angle in ANGLES:
+        asked = [name for name in STATISTICS if only is None or f"{angle}_{name}_deg" in only]
+        if not asked:
+            continue
         groups = groups_of(int(good.sum()), duration, GROUP_S[angle])
         values = np.abs(getattr(errors, angle)[good])
         units = block_units(case, row, window, angle)
-        for name in STATISTICS:
+        for name in asked:
             value, ci95 = statistic(values, name, groups)
             why = why_unranked(case, row, angle, name, ci95, duration, units)
             answers[f"{angle}_{name}_deg"] = Answer(

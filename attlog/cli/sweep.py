@@ -1,0 +1,218 @@
+"""``attlog sweep``: a grid of settings of one filter on one log or on many."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from attlog import __version__
+from attlog.cli.arguments import command_line
+from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, say
+from attlog.cli.progress import progress
+from attlog.errors import AttlogError, UsageError, exit_code, message, worst
+
+if TYPE_CHECKING:
+    from attlog.cli.layout import Line
+    from attlog.compare.sweep import Sweep
+    from attlog.config import Config
+    from attlog.metrics.base import Case
+
+EXAMPLE = "attlog sweep *.bin mahony kp=0.6,1.1,2 ki=0..0.05/6"
+METRICS = ("inclination_rmse_deg", "heading_rmse_deg")
+SHOWN = 15
+
+SettingWords = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="LOG... FILTER [NAME=VALUES...]",
+        show_default=False,
+        help="Logs, folders, quoted patterns; a filter as in analyze; what to vary: kp=0.6,1.1,2 (values), "
+        "ki=0..0.05/6 (6 values, even steps), ki=1e-4..0.1/7log (equal factors), mag_form=heading,vector (a switch).",
+    ),
+]
+MetricList = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--metric",
+        metavar="METRIC[@WINDOW]",
+        help="What is measured, the first decides; more by repeating it. [default: " + ", ".join(METRICS) + "]",
+    ),
+]
+ReferenceName = Annotated[
+    str | None,
+    typer.Option("--reference", metavar="R", help="auto, truth, onboard, onboard:NAME or none. [default: auto]"),
+]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--config", metavar="F.toml|F.json", help="Options of analyze from a file or an earlier result. [default: none]"
+    ),
+]
+
+
+def command(
+    words: SettingWords,
+    metric: MetricList = None,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for page, JSON, CSV.")] = Path(
+        "reports"
+    ),
+    table: Annotated[
+        Path | None, typer.Option(metavar="F.csv|F.md|F.tex", help="Write the table of settings. [default: none]")
+    ] = None,
+    reference: ReferenceName = None,
+    config: ConfigFile = None,
+    json: Json = False,
+    no_color: NoColor = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Try all combinations of settings of a FILTER on each LOG: the best, what cannot be told from it, one for all."""
+    from attlog.compare import many, sweep_words
+    from attlog.compare.configuration import parse
+    from attlog.compare.grid import grid
+    from attlog.compare.sweep import sweep
+    from attlog.compare.table_file import check_suffix, write_table
+    from attlog.compare.words import told_apart
+
+    given = told_apart(words, EXAMPLE)
+    if table is not None:
+        check_suffix(table)
+    wrong: list[str] = []
+    base = parse(given.filter)
+    for problem in (lambda: grid(given.axes, base.row.estimator), lambda: many.wanted(metric or METRICS)):
+        try:
+            problem()
+        except UsageError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise UsageError("\n".join(wrong))
+    settings = analysis_settings(config, reference)
+    with progress(quiet, verbose > 0):
+        cases, errors = cases_of(given.logs, settings)
+        found = sweep(
+            given.filter,
+            grid(given.axes, base.row.estimator),
+            [many.OnLog(c, base, many.wanted(metric or METRICS)) for c in cases],
+        )
+        files = _written(found, output, cases)
+    if table is not None:
+        write_table(table, *sweep_words.rows(found))
+    if json:
+        print(files[1].read_text(encoding="utf-8").rstrip("\n"))
+    if not quiet:
+        say(_told(found, files, bool(verbose)), console(stderr=json))
+    end(errors)
+
+
+def analysis_settings(config: Path | None, reference: str | None) -> Config:
+    """The options of analyze that prepare a log."""
+    from attlog.config import Config
+
+    options: dict[str, Any] = {} if reference is None else {"reference": reference}
+    found = Config.build(options) if config is None else Config.load(config, **options)
+    if found.imu == "all":
+        raise UsageError("imu = all: settings are compared on one unit; name it or leave it to the log")
+    return found
+
+
+def cases_of(paths: Sequence[Path], settings: Config) -> tuple[list[Case], list[AttlogError]]:
+    """The logs made ready, and what is wrong with the others, which is told. The first error if none is left."""
+    from attlog.analysis import prepare
+    from attlog.fleet.find import find
+
+    logs, errors = find(paths)
+    cases = []
+    for log in logs:
+        try:
+            cases.append(prepare(log, settings))
+        except AttlogError as error:
+            errors.append(error)
+    for wrong in errors if cases else errors[1:]:
+        print(message(wrong, __version__), file=sys.stderr)
+    if not cases:
+        raise errors[0]
+    return cases, errors
+
+
+def end(errors: Sequence[AttlogError]) -> None:
+    """End with the exit code of what went wrong with some logs, if anything did."""
+    code = worst(exit_code(error) for error in errors)
+    if code:
+        raise typer.Exit(code)
+
+
+def about(cases: Sequence[Case]) -> dict[str, Any]:
+    """What a JSON says of the version, the command and the logs."""
+    from attlog.analysis import summarize, versions
+    from attlog.summary import sha256
+
+    logs = [
+        {
+            "name": c.log.path.name, "sha256": sha256(c.log.path), "vehicle": c.log.vehicle,
+            "firmware": c.log.firmware.version, "reference": c.reference.kind,
+            "reference_text": summarize(c.reference).text,
+        }
+        for c in cases
+    ]  # fmt: skip
+    return {"attlog": versions(), "command": command_line(), "config": cases[0].settings, "logs": logs}
+
+
+def stem(command: str, filter_name: str) -> str:
+    """The name of the files of a command: its own and the filter's."""
+    import re
+
+    return f"{command}-{re.sub(r'[^A-Za-z0-9._-]+', '-', Path(filter_name).name)}"
+
+
+def _written(found: Sweep, folder: Path, cases: Sequence[Case]) -> tuple[Path, Path, Path]:
+    """The page, the JSON and the CSV."""
+    import json
+
+    from attlog.compare import sweep_words
+    from attlog.compare.sweep_page import sweep_page
+    from attlog.output import write_atomic
+
+    name = stem("sweep", found.filter)
+    paths = folder / f"{name}.html", folder / f"{name}.json", folder / f"{name}.csv"
+    told = about(cases)
+    write_atomic(paths[0], sweep_page(found, told))
+    write_atomic(paths[1], json.dumps(sweep_words.document(found, told), indent=1, allow_nan=False) + "\n")
+    write_atomic(paths[2], sweep_words.csv_text(found))
+    return paths
+
+
+def _told(found: Sweep, files: Sequence[Path], everything: bool) -> Iterator[Line]:
+    from attlog.cli.layout import Line
+    from attlog.cli.terminal import wrapped
+    from attlog.compare import sweep_words
+
+    for sentence in sweep_words.sentences(found):
+        yield from wrapped("", sentence, 100)
+    yield Line("")
+    head, rows = sweep_words.rows(found)
+    shown = rows if everything or len(rows) <= SHOWN + 2 else rows[:SHOWN]
+    yield from aligned(head, shown)
+    if len(shown) < len(rows):
+        yield Line(f"  and {len(rows) - len(shown)} more; -v lists all")
+    if len(found.logs) > 1 and found.columns[0].single is not None:
+        yield Line("")
+        yield from aligned(*sweep_words.log_rows(found, found.columns[0]))
+    yield Line("")
+    yield Line(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")
+
+
+def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[Line]:
+    """A table: words of the last and first column to the left, all between to the right."""
+    from attlog.cli.layout import Line
+
+    widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+    for number, row in enumerate([head, *rows]):
+        cells = [
+            c.ljust(w) if i in (0, len(head) - 1) else c.rjust(w)
+            for i, (c, w) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield Line("  " + "  ".join(cells).rstrip(), "bold" if number == 0 else "")

@@ -1,0 +1,56 @@
+"""A table as a file for a paper or a spreadsheet: CSV, Markdown or LaTeX, by the file's suffix."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from attlog.errors import UsageError
+from attlog.output import write_atomic
+
+SUFFIXES = (".csv", ".md", ".tex")
+LATEX = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "°": r"$^\circ$", "±": r"$\pm$", "−": r"$-$",
+    "×": r"$\times$", "√": r"$\sqrt{}$", "µ": r"$\mu$", "²": r"$^2$", "<": r"$<$", ">": r"$>$",
+}  # fmt: skip
+
+
+def check_suffix(path: Path) -> None:
+    """UsageError for a file that is of no known kind."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise UsageError(f"--table {path}: end its name with {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+
+
+def write_table(path: Path, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Write a table. UsageError for an unknown suffix, OutputError if it cannot be written."""
+    check_suffix(path)
+    made = {".csv": csv_text, ".md": markdown, ".tex": latex}[path.suffix.lower()]
+    write_atomic(path, made(head, rows))
+
+
+def csv_text(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The table as CSV."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([head, *rows])
+    return out.getvalue()
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def latex(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The table as a LaTeX tabular with the rules of booktabs."""
+
+    def line(cells: Sequence[str]) -> str:
+        return "  " + " & ".join("".join(LATEX.get(c, c) for c in cell) for cell in cells) + " \\\\\n"
+
+    columns = "l" + "r" * (len(head) - 1)
+    body = "".join(map(line, rows))
+    whole = f"  \\toprule\n{line(head)}  \\midrule\n{body}  \\bottomrule\n"
+    return f"\\begin{{tabular}}{{{columns}}}\n{whole}\\end{{tabular}}\n"
