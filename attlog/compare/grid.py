@@ -31,7 +31,8 @@ Setting = dict[str, Value]
 
 RANGE = re.compile(r"(?P<low>.+?)\.\.(?P<high>.+?)(?:/(?P<count>[^/]*?)\s*(?P<log>log)?)?")
 DIGITS = 12
-"""Values of a range are rounded to so many digits, so that 0..0.05/6 holds 0.03."""
+LOG_DIGITS = 4
+"""Values of a range are rounded to so many digits, so that 0..0.05/6 holds 0.03; nobody needs more of a log range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +129,8 @@ def spaced(low: float, high: float, count: int, log: bool) -> list[float]:
     """``count`` values from low to high, both among them."""
     shares = [k / (count - 1) for k in range(count)]
     found = [low * (high / low) ** s if log else low + (high - low) * s for s in shares]
-    return [low, *(float(f"{x:.{DIGITS}g}") for x in found[1:-1]), high]
+    digits = LOG_DIGITS if log else DIGITS
+    return [low, *(float(f"{x:.{digits}g}") for x in found[1:-1]), high]
 
 
 def text_of(setting: Setting) -> str:

@@ -49,8 +49,8 @@ class Column:
 
     ``values`` (settings, logs) as measured, NaN where there is none; ``own`` the best setting of each log (None
     where no setting has a value), ``own_near`` those that cannot be told from it; ``score`` (settings,) the mean size
-    over the ``used`` logs, NaN where one of them has no value; ``single`` the best of all, ``beside`` the others next to
-    it. ``left_out``: why a log does not count, by its number: no setting may be best on it.
+    over the ``used`` logs, NaN where one of them has no value; ``single`` the best of all, ``beside`` the others next
+    to it. ``left_out``: why a log does not count, by its number: no setting may be best on it.
     """
 
     metric: Wanted
