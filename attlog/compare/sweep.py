@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from attlog.compare.grid import Grid, Setting
 from attlog.compare.many import OnLog, Settled, Wanted
-from attlog.compare.paired import Paired, paired
+from attlog.compare.paired import RATIOS, Paired, paired
 from attlog.compare.pooled import pool
 from attlog.metrics import pairs
 from attlog.metrics.answer import Answer
@@ -66,7 +66,7 @@ class Column:
     @property
     def near(self) -> list[int]:
         """Settings of the grid that cannot be told from the single best, with it."""
-        compared = [k for k, b in enumerate(self.beside[:-1]) if not b.told and not b.why]
+        compared = [k for k, b in enumerate(self.beside[:-1]) if not b.told and math.isfinite(self.score[k])]
         return sorted({*compared, *([] if self.single is None else [self.single])})
 
 
@@ -108,7 +108,7 @@ def column(metric: Wanted, cells: Sequence[Sequence[Settled]]) -> Column:
         else [
             k
             for k, b in enumerate(_beside_on_log(metric, [row[j] for row in cells], best)[:-1])
-            if not (b.told or b.why)
+            if not b.told and math.isfinite(sizes[k, j])
         ]
         for j, best in enumerate(own)
     ]
@@ -148,17 +148,35 @@ def _beside(metric: Wanted, cells: Sequence[Sequence[Settled]], best: int) -> li
         return _beside_on_log(metric, [row[0] for row in cells], best)
     found: list[tuple[Beside, float]] = []
     for row in cells:
-        compared = [_pair(metric, a, b) for a, b in zip(cells[best], row, strict=True)]
-        known = [p for p in compared if isinstance(p, Paired)]
-        why = next((p for p in compared if isinstance(p, str)), "")
-        if why or len({p.scale for p in known}) != 1:
-            found.append((Beside("ratio", None, None, False, why or "not compared in one scale"), 1.0))
+        compared = [whole(metric, a, b) for a, b in zip(cells[best], row, strict=True)]
+        known = [c for c in compared if not isinstance(c, str)]
+        if len(known) < len(compared):
+            why = next(c for c in compared if isinstance(c, str))
+            found.append((Beside("ratio", None, None, False, why), 1.0))
             continue
-        together = pool([p.value for p in known], [p.error for p in known])
-        found.append(
-            (_shown(known[0].scale, together.value, together.ci95), together.p if together.p is not None else 1.0)
+        scale = "ratio" if all(c[0] == "ratio" for c in known) else "difference"
+        together = pool(
+            [c[1] if c[0] == scale else c[3] for c in known], [c[2] if c[0] == scale else None for c in known]
         )
+        found.append((_shown(scale, together.value, together.ci95), 1.0 if together.p is None else together.p))
     return _told(found)
+
+
+def whole(metric: Wanted, best: Settled, other: Settled) -> tuple[str, float, float | None, float] | str:
+    """Scale, difference on it, its standard error and the difference of sizes on one log; why they have none.
+
+    Where a log is too short to pair its units the difference stands without an error: the logs then weigh the same.
+    """
+    p = _pair(metric, best, other)
+    if isinstance(p, str) and not other.fit(metric):
+        return p
+    a, b = size(best, metric), size(other, metric)
+    if not isinstance(p, str):
+        return p.scale, p.value, p.error, b - a
+    kind = None if (units := best.answers[metric].units) is None else units.kind
+    if kind in RATIOS and min(a, b) > 0.0:
+        return "ratio", math.log(b / a), None, b - a
+    return "difference", b - a, None, b - a
 
 
 def _beside_on_log(metric: Wanted, cells: Sequence[Settled], best: int) -> list[Beside]:

@@ -15,8 +15,8 @@ from attlog.present.text import clean
 
 SCHEMA = "attlog-sweep/1"
 AS_IS = "as it is"
-FEW_LOGS = 6
-"""With fewer logs a random-effects interval is wide, and says so by itself; with one there is no other log at all."""
+NAMED = 3
+"""So many logs that do not count are named in a sentence; the table names all."""
 
 
 def named(setting: Setting) -> str:
@@ -49,7 +49,7 @@ def _of(s: Sweep, c: Column) -> Iterator[str]:
         many = f"{counted(len(near), 'other setting')} of {len(s.settings) - 1}"
         yield f"{many} cannot be told from it: {ranges(s, [*near, c.single])}."
     else:
-        yield "All others are told to be worse, or have no value."
+        yield "All others are told to be worse, or have no value on some log."
     beside = c.beside[s.base]
     if beside.value is not None:
         yield f"The filter as it is: {beside_text(beside, unit)}."
@@ -57,7 +57,8 @@ def _of(s: Sweep, c: Column) -> Iterator[str]:
     if edges:
         yield f"The optimum lies at the end of the range of {listed(edges)}: a wider one may hold a better setting."
     if c.left_out:
-        names = listed([s.logs[j] for j in c.left_out])
+        some = [s.logs[j] for j in c.left_out]
+        names = listed(some if len(some) <= NAMED else [*some[: NAMED - 1], f"{len(some) - NAMED + 1} more"])
         yield f"Not counted: {clean(names)} ({next(iter(c.left_out.values()))})."
 
 

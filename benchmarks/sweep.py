@@ -1,0 +1,62 @@
+"""What a sweep costs against evaluating its settings one after the other, on one core.
+
+    python benchmarks/sweep.py [LOG ...]
+
+Both prepare the log once. ``one by one`` is ``attlog.evaluate(case, ["mahony:kp=..."])`` for each setting, which answers
+every metric; ``alone`` runs each setting by itself and asks only what the sweep asks; ``sweep`` is the whole command's
+work: batches, metrics, comparison with the best, page, JSON, CSV. CPU seconds of this process, kernels compiled before.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import attlog
+from attlog import replay
+from attlog.compare import sweep_words
+from attlog.compare.configuration import parse
+from attlog.compare.grid import grid, text_of
+from attlog.compare.many import OnLog, wanted
+from attlog.compare.sweep import sweep
+from attlog.compare.sweep_page import sweep_page
+from attlog.metrics import rmse
+
+SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
+AXES = ("kp=0.1..2/16", "ki=0..0.05/8")
+FEW = 6
+
+
+def main(paths: list[str]) -> None:
+    """Print a line for each log."""
+    base, asked = parse("mahony"), wanted(["inclination_rmse_deg", "heading_rmse_deg"])
+    settings = grid(AXES, base.row.estimator)
+    print(f"{len(settings)} settings; ms of CPU for each\n\n| log | one by one | alone | sweep | ratios |\n|---|---|---|---|---|")
+    for path in paths:
+        case = attlog.prepare(path)
+        some = [f"mahony:{text_of(s)}" for s in list(settings)[1 :: len(settings) // FEW]]
+        attlog.evaluate(case, some[:1])
+        OnLog(case, base, asked)(list(settings)[:2])
+        begin = time.process_time()
+        for one in some:
+            attlog.evaluate(case, [one])
+        each = (time.process_time() - begin) / len(some)
+        begin = time.process_time()
+        for one in some:
+            rmse.compute(case, replay.run_rows(case, [one])[0], "all", only={a.metric for a in asked})
+        alone = (time.process_time() - begin) / len(some)
+        begin = time.process_time()
+        found = sweep("mahony", settings, [OnLog(case, base, asked)])
+        told = {"attlog": {"version": attlog.__version__}, "command": "", "logs": []}
+        len(sweep_page(found, told) + str(sweep_words.document(found, told)) + sweep_words.csv_text(found))
+        many = (time.process_time() - begin) / len(settings)
+        print(
+            f"| {Path(path).name} | {1e3 * each:.0f} | {1e3 * alone:.1f} | {1e3 * many:.1f} | "
+            f"{each / many:.0f}, {alone / many:.1f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:] or [str(SAMPLES / name) for name in ("px4_steps.ulg", "px4_hover.ulg", "copter_yaw_turns.bin")])
