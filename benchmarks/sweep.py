@@ -2,9 +2,10 @@
 
     python benchmarks/sweep.py [LOG ...]
 
-Both prepare the log once. ``one by one`` is ``attlog.evaluate(case, ["mahony:kp=..."])`` for each setting, which answers
-every metric; ``alone`` runs each setting by itself and asks only what the sweep asks; ``sweep`` is the whole command's
-work: batches, metrics, comparison with the best, page, JSON, CSV. CPU seconds of this process, kernels compiled before.
+Both prepare the log once. ``one by one`` is ``attlog.evaluate(case, ["mahony:kp=..."])`` for each setting, which
+answers every metric; ``alone`` runs each setting by itself and asks only what the sweep asks; ``sweep`` is the whole
+command's work: batches, metrics, comparison with the best, page, JSON, CSV. CPU seconds of this process, kernels
+compiled before.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ def main(paths: list[str]) -> None:
     """Print a line for each log."""
     base, asked = parse("mahony"), wanted(["inclination_rmse_deg", "heading_rmse_deg"])
     settings = grid(AXES, base.row.estimator)
-    print(f"{len(settings)} settings; ms of CPU for each\n\n| log | one by one | alone | sweep | ratios |\n|---|---|---|---|---|")
+    print(f"{len(settings)} settings; ms of CPU for each\n")
+    print("| log | one by one | alone | sweep | ratios |\n|---|---|---|---|---|")
     for path in paths:
         case = attlog.prepare(path)
         some = [f"mahony:{text_of(s)}" for s in list(settings)[1 :: len(settings) // FEW]]
