@@ -147,7 +147,7 @@ def evaluate(
         traces=metrics.traces(seen, rows) if traces else [],
     )
     result.verdicts = verdicts(result)
-    own = _problems(case.reference, estimator_rows) + _slow(chosen, rows)
+    own = _problems(case.reference, estimator_rows) + _slow(chosen, rows) + _late_field(rows)
     result.problems = findings(case.log, checks, own, _unanswered(case, result))
     result.timing = clock.seconds
     return result
@@ -235,6 +235,16 @@ def _slow(chosen: Mapping[str, replay.Chosen], rows: list[Row]) -> list[Problem]
     }
     text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
     return [Problem("estimator_not_compiled", "note", f"{n}: {text} ({w}).") for n, w in why.items() if w]
+
+
+def _late_field(rows: Sequence[Row]) -> list[Problem]:
+    """Time in which no filter could know its heading, because the magnetometer had not spoken yet."""
+    waited = max((float(s.value or 0.0) for row in rows for s in row.steps if s.name == "late_field"), default=0.0)
+    text = (
+        f"The magnetometer's first sample came late: for {waited:.1f} s no filter knew its heading. "
+        "It is set from the first field; nothing before is scored."
+    )
+    return [Problem("late_field", "note", text)] if waited else []
 
 
 def _read(path: str | Path, config: Config) -> FlightLog:

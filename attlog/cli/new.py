@@ -20,7 +20,8 @@ earth vectors, scalar first. gyr [rad/s], acc [m/s^2] is specific force (at rest
 
 The loop around it owns time: it skips and counts NaN, gaps, saturation and times that do
 not rise, propagates slow magnetometer samples between updates, and starts at q0. A zero
-vector in acc or mag means "no sample now".
+vector in acc or mag means "no sample now". acc and mag belong to the time of the attitude that
+step is given; a filter that turns it first and compares then says VECTORS_AT = "end".
 
 USES may also name gnss, baro, airspeed and at_rest: step then takes one argument more, aid
 (attlog.estimators.aids tells what is in it).
@@ -116,8 +117,8 @@ def run(t, gyr, acc, mag, aids, params):
     state = start_attitude(acc[0], field[0])
     for k in range(len(t)):
         if k:
-            gx, gy, gz = gravity_error(state, acc[k], 1.0)
-            mx, my, mz = field_error(state, field[k], 0.0)
+            gx, gy, gz = gravity_error(state, acc[k - 1], 1.0)  # state is still the attitude of k - 1
+            mx, my, mz = field_error(state, field[k - 1], 0.0)
             w = gyr[k] + kp * np.array([gx + mx, gy + my, gz + mz])
             turn(state, w[0], w[1], w[2], t[k] - t[k - 1], 0.0)
         q[k] = state

@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from attlog.errors import AttlogError, PluginError, UsageError
 
 Array = NDArray[np.float64]
+VectorsAt = Literal["start", "end"]
+"""With the attitude at which end of its time a step compares vectors: the one it is given, or the one it has turned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +101,9 @@ INIT = Parameter(
     "",
     0,
     1,
-    "start attitude: average of the first 0.5 s of accelerometer and magnetometer if quiet, or the first good sample",
-    "attlog; a single sample carries the whole sensor noise",
+    "start attitude: accelerometer and magnetometer averaged, at rest over 0.5 s, in motion over 3 s in axes that the "
+    "gyro holds still; or the first good sample",
+    "attlog; in motion a single sample is 37 deg off in the mean",
     ("average", "first"),
 )
 DECLINATION = Parameter(
@@ -132,7 +135,9 @@ class Estimator:
     ``text`` are the module docstring for people. ``causal`` is False where it
     looks ahead. ``hold_mag`` is True where the filter wants the last magnetometer
     vector propagated with the gyro between samples (continuous gains), False where
-    it wants new samples only (Kalman filters). ``from_log(params, info) -> values`` gives the
+    it wants new samples only (Kalman filters). ``vectors_at`` is ``start`` where a step compares
+    ``acc`` and ``mag`` with the attitude that it is given, ``end`` where it turns that attitude first.
+    ``from_log(params, info) -> values`` gives the
     filter's own parameters that follow from a log (:class:`LogInfo`); a step whose ``uses``
     names aids takes one argument more (:mod:`attlog.estimators.aids`). Filters with one ``equation``
     differ in gains and numerics alone.
@@ -154,6 +159,7 @@ class Estimator:
     causal: bool = True
     origin: str = "attlog"
     hold_mag: bool = True
+    vectors_at: VectorsAt = "start"
     from_log: Callable[..., Any] | None = None
     equation: str = ""
 
@@ -233,7 +239,9 @@ class Estimate:
     ``t`` (n,) s, ``q`` (n, 4), ``bias`` (n, 3) rad/s or None, ``aux`` named (n, k)
     arrays, ``segment`` (n,) int counts restarts after gaps, ``skipped`` counts input that
     was not used by reason (``nan``, ``time_not_rising``, ``saturated``, ``zero_vector``,
-    ``gap_bridged``, ``restart``, ``bias_beyond_clip``), ``ns_per_update`` is the measured cost.
+    ``gap_bridged``, ``restart``, ``bias_beyond_clip``) and samples before the heading's first field where that came
+    after the start (``late_field``); ``no_heading`` are these times, (begin, end) in s.
+    ``ns_per_update`` is the measured cost.
     ``quality`` is what a whole run says of itself, by name: numbers, or words such as what it was aided by.
     Estimators that know how sure they are give ``aux["sigma_tilt"]`` and ``aux["sigma_heading"]`` (n,) in rad.
     """
@@ -246,6 +254,7 @@ class Estimate:
     skipped: dict[str, int] = field(default_factory=dict)
     ns_per_update: float = 0.0
     causal: bool = True
+    no_heading: list[tuple[float, float]] = field(default_factory=list)
     quality: dict[str, float | str] = field(default_factory=dict)
 
 

@@ -28,7 +28,18 @@ from types import ModuleType
 from typing import Any
 
 from attlog.errors import AttlogError, PluginError, UsageError
-from attlog.estimators.base import AIDS, COMMON, DECLINATION, INIT, SENSORS, Estimator, Parameter, broken, suggestion
+from attlog.estimators.base import (
+    AIDS,
+    COMMON,
+    DECLINATION,
+    INIT,
+    SENSORS,
+    Estimator,
+    Parameter,
+    VectorsAt,
+    broken,
+    suggestion,
+)
 
 BUILT_IN = (
     "gyro",
@@ -103,6 +114,9 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
     own = tuple(getattr(module, "PARAMETERS", ()))
     start, step, run = (getattr(module, n, None) for n in ("start", "step", "run"))
     presets, from_log = getattr(module, "PRESETS", {}), getattr(module, "from_log", None)
+    vectors_at: VectorsAt = getattr(module, "VECTORS_AT", "start")
+    if vectors_at not in ("start", "end"):
+        raise PluginError(f"{where}: VECTORS_AT must be start or end, not {vectors_at!r}")
     if run is None and not (callable(start) and callable(step)):
         raise PluginError(f"{where}: defines neither start and step nor run; see attlog new")
     if not needs <= SENSORS:
@@ -137,6 +151,7 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
         causal=bool(getattr(module, "CAUSAL", True)),
         origin=origin,
         hold_mag=bool(getattr(module, "HOLD_MAG", True)),
+        vectors_at=vectors_at,
         from_log=from_log,
         equation=str(getattr(module, "EQUATION", "")),
     )

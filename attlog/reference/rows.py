@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from attlog.flight.model import FlightLog
 from attlog.reference import clock, compare, floor, heading, scoring, trim
 from attlog.reference.model import AlignmentStep, Reference, Row
 from attlog.segments import Segments, gaps, resets
+from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
 
@@ -24,6 +26,8 @@ def replayed(
     """An estimate as a row: trim once, heading offset where its heading means nothing, errors and status."""
     t = np.asarray(estimate.t, np.float64)
     segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
+    # Where a late field sets the heading the attitude jumps, as it does at a restart.
+    segment = segment + np.searchsorted([t1 for _, t1 in estimate.no_heading], t, side="right")
     row = Row(
         name, "replay", t, rotation.normalize(estimate.q), segment, uses_mag,
         causal=estimate.causal, bias=estimate.bias, skipped=dict(estimate.skipped),
@@ -34,7 +38,12 @@ def replayed(
         row.q = trim.apply(row.q, reference.trim)
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
         row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="--trim"))
-    return _measure(row, segments, reference, free_heading=not uses_mag or reference.declination_deg is None)
+    free_heading = not uses_mag or reference.declination_deg is None
+    if estimate.no_heading:
+        size = float(sum(t1 - t0 for t0, t1 in estimate.no_heading))
+        text = "no field until then: the heading was unknown, nothing before is scored"
+        row.steps.append(AlignmentStep("late_field", text, size, "s", applied=not free_heading))
+    return _measure(row, segments, reference, free_heading, [] if free_heading else estimate.no_heading)
 
 
 def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Row]:
@@ -69,8 +78,10 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
     return sorted(rows, key=lambda r: (r.name != "onboard", not r.is_reference))
 
 
-def _measure(row: Row, segments: Segments, reference: Reference, free_heading: bool) -> Row:
-    """Fill in errors, heading offset, convergence, coverage and status of a row."""
+def _measure(
+    row: Row, segments: Segments, reference: Reference, free_heading: bool, unknown: Sequence[Span] = ()
+) -> Row:
+    """Fill in errors, heading offset, convergence, coverage and status of a row; ``unknown`` times are not scored."""
     good = np.isfinite(row.q).all(axis=1)
     first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
     row.start = first if row.kind == "replay" else max(first, row.start)
@@ -78,6 +89,8 @@ def _measure(row: Row, segments: Segments, reference: Reference, free_heading: b
     if reference.kind != "none" and good.any():
         row.errors = compare.errors(row.t[good], row.q[good], row.segment[good], reference)
         row.errors.scored &= row.errors.t >= row.start
+        for t0, t1 in unknown:
+            row.errors.scored &= (row.errors.t < t0) | (row.errors.t >= t1)
         if free_heading and len(row.errors.t):
             heading.remove(row, segments, reference)
         _judge(row, segments, reference)

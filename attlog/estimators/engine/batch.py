@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 
 from attlog.errors import UsageError
 from attlog.estimators.aids import Aids
-from attlog.estimators.base import Estimate, Estimator, LogFacts
+from attlog.estimators.base import Array, Estimate, Estimator, LogFacts
 from attlog.estimators.engine import cache, expand, generate, loop
-from attlog.estimators.engine.samples import Samples, Sampling, prepare
-from attlog.estimators.engine.start import initial_state
+from attlog.estimators.engine.late import in_pieces, late_field
+from attlog.estimators.engine.samples import Samples, Sampling, handed, prepare
+from attlog.estimators.engine.start import first, initial_state, realigned
 
 WIDTH = {"float64": 16, "float32": 32}
 """Parameter sets that one kernel carries: a few vector registers' worth, more gains nothing."""
@@ -40,20 +41,7 @@ SETS_ = {sets}
         g0 = gyr[k, 0]
         g1 = gyr[k, 1]
         g2 = gyr[k, 2]
-        a0 = acc[k, 0]
-        a1 = acc[k, 1]
-        a2 = acc[k, 2]
-        if use[k] != 2:
-            for i in range(3):
-                m = mag[k, i]
-                for set_ in range(SETS_):
-                    BATCH_[({mag} + i) * SETS_ + set_] = m
-        for _ in range(substeps[k]):
-            if use[k] == 2:
-                for set_ in range(SETS_):
-                    turn_vector_back(BATCH_, set_, {mag}, g0{b0}, g1{b1}, g2{b2}, h)
-            for set_ in range(SETS_):
-                step(BATCH_, set_, 0, {params}, h, g0, g1, g2, a0, a1, a2, {mag})
+{parts}
         if wait == 0:
             for j in range({outputs}):
                 for set_ in range(SETS_):
@@ -62,6 +50,41 @@ SETS_ = {sets}
             wait = every
         wait -= 1
 """
+AT_START = """
+        a0 = acc[k, 0]
+        a1 = acc[k, 1]
+        a2 = acc[k, 2]
+        if use[k] != 2:
+            for i in range(3):
+                m = mag[k, i]
+                for set_ in range(SETS_):
+                    BATCH_[({mag} + i) * SETS_ + set_] = m
+        for i in range(substeps[k]):
+            if i > 0:
+                a0, a1, a2 = turned_back(BATCH_, 0, a0, a1, a2, g0, g1, g2, h)
+            for set_ in range(SETS_):
+                step(BATCH_, set_, 0, {params}, h, g0, g1, g2, a0, a1, a2, {mag})
+            if i + 1 < substeps[k] or (k + 1 < len(dt) and use[k + 1] == 2):
+                for set_ in range(SETS_):
+                    turn_vector_back(BATCH_, set_, {mag}, g0{b0}, g1{b1}, g2{b2}, h)
+"""
+AT_END = """
+        for i in range(substeps[k]):
+            last = {number}(1.0) if i + 1 == substeps[k] else {number}(0.0)
+            a0 = last * acc[k, 0]
+            a1 = last * acc[k, 1]
+            a2 = last * acc[k, 2]
+            for j in range(3):
+                m = last * mag[k, j]
+                for set_ in range(SETS_ if use[k] != 2 else 0):
+                    BATCH_[({mag} + j) * SETS_ + set_] = m
+            if use[k] == 2:
+                for set_ in range(SETS_):
+                    turn_vector_back(BATCH_, set_, {mag}, g0{b0}, g1{b1}, g2{b2}, h)
+            for set_ in range(SETS_):
+                step(BATCH_, set_, 0, {params}, h, g0, g1, g2, a0, a1, a2, {mag})
+"""
+"""As the loop of a single filter does it."""
 SIGNATURE = "void({0}[::1], {0}[::1], i8[::1], {0}[:, ::1], {0}[:, ::1], {0}[:, ::1], i8[::1], i8, {0}[:, :, ::1])"
 ENTRY = {
     "turn_vector_back": {0: expand.ROW},
@@ -128,52 +151,75 @@ def _run(
     if advance is None:
         return [loop.run(estimator, samples, v, q0, every, aids) for v in values]
     width, count = WIDTH[dtype], len(values)
-    cast = {name: np.ascontiguousarray(getattr(samples, name), dtype) for name in ("dt", "gyr", "acc", "mag")}
+    cast = {name: np.ascontiguousarray(getattr(samples, name), dtype) for name in ("dt", "gyr")}
+    acc, mag, use = handed(samples, estimator.vectors_at)
+    acc, mag = acc.astype(dtype, copy=False), mag.astype(dtype, copy=False)
     bounds = np.append(samples.begin, len(samples.t)).tolist()
-    outs, kept = [], []
+    outs, kept, silent = [], [], []
+    size = estimator.state_size
     for number, (a, b) in enumerate(pairwise(bounds)):
         given = q0 if number == 0 else None
-        states = [initial_state(estimator, samples, a, b, p, v, given) for p, v in zip(packed, values, strict=True)]
-        work = np.zeros((estimator.state_size + len(packed[0]) + 3, width), dtype)
+        seen = [first(samples, a, b, v) for v in values]
+        late = late_field(estimator, seen[0], given is not None)
+        work = np.zeros((size + len(packed[0]) + 3, width), dtype)
         for column in range(width):
             # Columns beyond the last parameter set repeat it, so that none computes with zeros.
-            work[: estimator.state_size, column] = states[min(column, count - 1)]
-            work[estimator.state_size : -3, column] = packed[min(column, count - 1)]
-        out = np.empty((-(-(b - a) // every), estimator.outputs, width), dtype)
-        data = (cast["dt"][a:b], samples.substeps[a:b], cast["gyr"][a:b], cast["acc"][a:b], cast["mag"][a:b])
-        advance(work.ravel(), *data, samples.use[a:b], every, out)
-        outs.append(out)
+            i = min(column, count - 1)
+            if column < count:
+                state = initial_state(estimator, seen[i], packed[i], values[i], given)
+            work[:size, column] = state
+            work[size:-3, column] = packed[i]
+
+        def piece(part: slice, mag: Array, use: Any, each: int, out: Any, work: Any = work) -> None:
+            data = (cast["dt"][part], samples.substeps[part], cast["gyr"][part], acc[part], mag, use)
+            advance(work.ravel(), *data, each, out)
+
+        def realign(out: Any, work: Any = work, late: int = late or 0) -> None:
+            for column in range(width):
+                state = work[:size, column].astype(np.float64)
+                work[:size, column] = realigned(estimator, state, packed[min(column, count - 1)], samples.mag[late])
+            out[:] = work[: estimator.outputs]
+
+        shape = (estimator.outputs, width)
+        outs.append(in_pieces(piece, realign, (mag, use), slice(a, b), late, every, shape, dtype))
         kept.append(np.arange(a, b, every))
+        silent += [] if late is None else [(a, late)]
     out = np.concatenate(outs)
     rows = np.concatenate(kept)
     by_set = np.ascontiguousarray(np.moveaxis(out, 2, 0), np.float64)
-    return [loop.collect(estimator, samples, rows, one, v) for one, v in zip(by_set, values, strict=False)]
+    return [loop.collect(estimator, samples, rows, one, v, silent) for one, v in zip(by_set, values, strict=False)]
 
 
 def kernel(estimator: Estimator, switches: Mapping[int, float], dtype: str) -> Any:
     """The compiled loop over samples and sets; None if there is no step or it cannot be rewritten for several sets."""
-    from attlog.estimators.engine.vectors import turn_vector_back
+    from attlog.estimators.engine.vectors import turn_vector_back, turned_back
 
     if estimator.step is None or estimator.aided or loop.not_compiled(estimator):
         return None
     single = dtype == "float32"
     number = "f4" if single else "f8"
     functions = generate.with_helpers(
-        {"turn_vector_back": turn_vector_back, "step": estimator.step}, jit=False, single=single
+        {"turned_back": turned_back, "turn_vector_back": turn_vector_back, "step": estimator.step},
+        jit=False,
+        single=single,
     )
     constants, _, rest = functions.partition("def ")
     rewritten = expand.expand("def " + rest, ENTRY, switches)
     if rewritten is None:
         return None
     bias = estimator.slices.get("bias")
+    places = {
+        "mag": estimator.state_size + len(estimator.own),
+        "params": estimator.state_size,
+        "number": "np.float32" if single else "np.float64",
+        **{f"b{i}": "" if bias is None else f" - BATCH_[{bias.start + i} * SETS_ + set_]" for i in range(3)},
+    }
     source = LOOP.format(
         sets=WIDTH[dtype],
         functions=constants + rewritten.replace("def ", generate.INLINE + "def "),
         decorator=f"@njit({SIGNATURE.format(number)!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)\n",
-        number="np.float32" if single else "np.float64",
-        mag=estimator.state_size + len(estimator.own),
-        params=estimator.state_size,
+        number=places["number"],
+        parts=(AT_START if estimator.vectors_at == "start" else AT_END).format(**places).strip("\n"),
         outputs=estimator.outputs,
-        **{f"b{i}": "" if bias is None else f" - BATCH_[{bias.start + i} * SETS_ + set_]" for i in range(3)},
     )
     return cache.compiled(source, "advance", f"{estimator.name} for many parameter sets")

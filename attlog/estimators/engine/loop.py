@@ -24,29 +24,20 @@ from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator, plugin_errors
 from attlog.estimators.engine import cache, generate
 from attlog.estimators.engine.events import events
-from attlog.estimators.engine.samples import NEW, Samples
-from attlog.estimators.engine.start import initial_state, to_true_north
+from attlog.estimators.engine.late import in_pieces, late_field, without_heading
+from attlog.estimators.engine.samples import NEW, Samples, handed
+from attlog.estimators.engine.start import First, first, initial_state, realigned, to_true_north
 from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
 
 LOOP = """
 def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out{events}):
+    a = np.zeros(3)
     m = np.zeros(3)
     row = 0
     wait = 0
     for k in range(len(dt)):
         h = dt[k] if substeps[k] == 1 else dt[k] / max(substeps[k], 1)
-        if use[k] == 1:
-            m[0] = mag[k, 0]
-            m[1] = mag[k, 1]
-            m[2] = mag[k, 2]
-        elif use[k] == 0:
-            m[0] = 0.0
-            m[1] = 0.0
-            m[2] = 0.0
-        for {part} in range(substeps[k]):
-            if use[k] == 2:
-                turn_vector_back(m, gyr[k, 0]{bx}, gyr[k, 1]{by}, gyr[k, 2]{bz}, h)
-            step(state, params, h, gyr[k], acc[k], m{aid})
+{parts}
         if wait == 0:
             for j in range({outputs}):
                 out[row, j] = state[j]
@@ -54,9 +45,33 @@ def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out{events})
             wait = every
         wait -= 1
 """
-PLAIN = {"part": "_", "events": "", "aid": ""}
+AT_START = """
+        for j in range(3):
+            a[j] = acc[k, j]
+            if use[k] != 2:
+                m[j] = mag[k, j]
+        for i in range(substeps[k]):
+            if i > 0:
+                turn_vector_back(a, gyr[k, 0], gyr[k, 1], gyr[k, 2], h)
+            step(state, params, h, gyr[k], a, m{aid})
+            if i + 1 < substeps[k] or (k + 1 < len(dt) and use[k + 1] == 2):
+                turn_vector_back(m, gyr[k, 0]{bx}, gyr[k, 1]{by}, gyr[k, 2]{bz}, h)
+"""
+"""Vectors are those of the sample before, whose time is that of the state; in later parts of a step, turned on."""
+AT_END = """
+        for i in range(substeps[k]):
+            last = 1.0 if i + 1 == substeps[k] else 0.0
+            for j in range(3):
+                a[j] = last * acc[k, j]
+                if use[k] != 2:
+                    m[j] = last * mag[k, j]
+            if use[k] == 2:
+                turn_vector_back(m, gyr[k, 0]{bx}, gyr[k, 1]{by}, gyr[k, 2]{bz}, h)
+            step(state, params, h, gyr[k], a, m{aid})
+"""
+"""Vectors are the sample's own; in the earlier parts of a step, whose time is not theirs, there are none."""
+PLAIN = {"events": "", "aid": ""}
 AIDED = {
-    "part": "i",
     "events": ", row_of, quiet, table",
     "aid": ", table[row_of[k] if i == substeps[k] - 1 else quiet[k]]",
 }
@@ -82,49 +97,62 @@ def run(
     params = estimator.pack(values)
     advance = kernel(estimator)
     told = events(estimator, aids, samples.t) if estimator.aided else None
+    acc, mag, use = handed(samples, estimator.vectors_at)
     bounds = np.append(samples.begin, len(samples.t)).tolist()
-    chunks, kept, spent = [], [], 0.0
+    chunks: list[Array] = []
+    kept, silent, spent = [], [], 0.0
     for number, (a, b) in enumerate(pairwise(bounds)):
-        state = initial_state(estimator, samples, a, b, params, values, q0 if number == 0 else None)
-        out = np.empty((-(-(b - a) // every), estimator.outputs))
-        extra = () if told is None else (told.row[a:b], told.quiet[a:b], told.table)
-        clock = time.thread_time()
-        advance(
-            state,
-            params,
-            samples.dt[a:b],
-            samples.substeps[a:b],
-            samples.gyr[a:b],
-            samples.acc[a:b],
-            samples.mag[a:b],
-            samples.use[a:b],
-            every,
-            out,
-            *extra,
-        )
-        spent += time.thread_time() - clock
-        chunks.append(out)
+        given = q0 if number == 0 else None
+        seen = first(samples, a, b, values)
+        late = late_field(estimator, seen, given is not None)
+        state = initial_state(estimator, seen, params, values, given)
+
+        def piece(part: slice, mag: Array, use: NDArray[np.int64], each: int, out: Array, state: Array = state) -> None:
+            nonlocal spent
+            extra = () if told is None else (told.row[part], told.quiet[part], told.table)
+            data = (samples.dt[part], samples.substeps[part], samples.gyr[part], acc[part], mag, use)
+            clock = time.thread_time()
+            advance(state, params, *data, each, out, *extra)
+            spent += time.thread_time() - clock
+
+        def realign(out: Array, state: Array = state, late: int = late or 0) -> None:
+            state[:] = realigned(estimator, state, params, samples.mag[late])
+            out[:] = state[: estimator.outputs]
+
+        shape = (estimator.outputs,)
+        chunks.append(in_pieces(piece, realign, (mag, use), slice(a, b), late, every, shape))
         kept.append(np.arange(a, b, every))
+        silent += [] if late is None else [(a, late)]
     out = np.concatenate(chunks) if chunks else np.empty((0, estimator.outputs))
     rows = np.concatenate(kept) if kept else np.empty(0, np.int64)
-    estimate = collect(estimator, samples, rows, out, values)
+    estimate = collect(estimator, samples, rows, out, values, silent)
     estimate.ns_per_update = 1e9 * spent / max(len(samples.t), 1)
     return estimate
 
 
 def collect(
-    estimator: Estimator, samples: Samples, rows: NDArray[np.int64], out: Array, values: Mapping[str, float | str]
+    estimator: Estimator,
+    samples: Samples,
+    rows: NDArray[np.int64],
+    out: Array,
+    values: Mapping[str, float | str],
+    silent: list[tuple[int, int]],
 ) -> Estimate:
-    """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,) means."""
+    """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,) means.
+
+    ``silent``: first sample, and first with a field, of each segment that had to wait for it.
+    """
     aux = {name: out[:, part].copy() for name, part in estimator.slices.items()}
+    counted, spans = without_heading(samples, silent)
     return Estimate(
         t=samples.t[rows],
         q=to_true_north(np.ascontiguousarray(out[:, :4]), values),
         bias=aux.pop("bias", None),
         aux=aux,
         segment=samples.segment[rows],
-        skipped=dict(samples.skipped),
+        skipped=samples.skipped | counted,
         causal=estimator.causal,
+        no_heading=spans,
     )
 
 
@@ -149,13 +177,15 @@ def not_compiled(estimator: Estimator) -> str:
 
 
 @functools.lru_cache(maxsize=64)
-def _loaded(step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, what: str) -> tuple[Any, str]:
+def _loaded(
+    step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, at_start: bool, what: str
+) -> tuple[Any, str]:
     """The compiled kernel and "", or None and why there is none.
 
     A plug-in that is loaded again is another function, so its kernel is made anew.
     """
     try:
-        return cache.compiled(_source(step, bias, outputs, aided), "advance", what), ""
+        return cache.compiled(_source(step, bias, outputs, aided, at_start), "advance", what), ""
     except Exception as error:
         return None, " ".join(str(error).split())[:400]
 
@@ -163,7 +193,8 @@ def _loaded(step: Callable[..., Any], bias: int | None, outputs: int, aided: boo
 def _kernel(estimator: Estimator) -> tuple[Any, str]:
     """The kernel of an estimator, and why it is not a compiled one ("" if it is)."""
     assert estimator.step is not None
-    compiled, reason = _loaded(estimator.step, _bias_at(estimator), estimator.outputs, estimator.aided, estimator.name)
+    shape = (_bias_at(estimator), estimator.outputs, estimator.aided, estimator.vectors_at == "start")
+    compiled, reason = _loaded(estimator.step, *shape, estimator.name)
     if compiled is not None:
         return compiled, ""
     if estimator.origin == "attlog":
@@ -172,18 +203,20 @@ def _kernel(estimator: Estimator) -> tuple[Any, str]:
     return _twin(estimator), reason
 
 
-def _source(step: Callable[..., Any], bias: int | None, outputs: int, aided: bool) -> str:
+def _source(step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, at_start: bool) -> str:
     """The kernel's text for numba."""
     helpers = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=True)
     signature = SIGNATURE.format(events=EVENTS if aided else "")
     decorator = f"@njit({signature!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)"
-    return f"{helpers}\n\n{decorator}\n{_loop(bias, outputs, aided)}"
+    return f"{helpers}\n\n{decorator}\n{_loop(bias, outputs, aided, at_start)}"
 
 
-def _loop(bias: int | None, outputs: int, aided: bool) -> str:
+def _loop(bias: int | None, outputs: int, aided: bool, at_start: bool) -> str:
     """The loop's text; ``bias`` is where the gyro bias stands in the state."""
     b = ["" if bias is None else f" - state[{bias + i}]" for i in range(3)]
-    return LOOP.format(bx=b[0], by=b[1], bz=b[2], outputs=outputs, **(AIDED if aided else PLAIN)).lstrip()
+    more = AIDED if aided else PLAIN
+    parts = (AT_START if at_start else AT_END).format(bx=b[0], by=b[1], bz=b[2], aid=more["aid"]).strip("\n")
+    return LOOP.format(parts=parts, outputs=outputs, events=more["events"]).lstrip()
 
 
 def _bias_at(estimator: Estimator) -> int | None:
@@ -194,7 +227,8 @@ def _bias_at(estimator: Estimator) -> int | None:
 def _twin(estimator: Estimator) -> Any:
     """The plain twin under the compiled kernel's rule: a division by zero gives inf, not a warning."""
     used = {"turn_vector_back": turn_vector_back, "step": estimator.step}
-    function = cache.plain(_loop(_bias_at(estimator), estimator.outputs, estimator.aided), "advance", used)
+    source = _loop(_bias_at(estimator), estimator.outputs, estimator.aided, estimator.vectors_at == "start")
+    function = cache.plain(source, "advance", used)
 
     def advance(*arguments: Any) -> None:
         with np.errstate(all="ignore"), plugin_errors(estimator):
@@ -212,7 +246,7 @@ def _try_plainly(estimator: Estimator) -> None:
     )  # fmt: skip
     values = {p.name: p.default for p in estimator.parameters}
     params = estimator.pack(values)
-    state = initial_state(estimator, still, 0, 2, params, values, None)
+    state = initial_state(estimator, First(vectors[0], vectors[0], None), params, values, None)
     out = np.empty((2, estimator.outputs))
     told = events(estimator, None, still.t)
     extra = (told.row, told.quiet, told.table) if estimator.aided else ()
@@ -230,8 +264,11 @@ def _whole_segments(
     assert estimator.run is not None
     bounds = np.append(s.begin, len(s.t)).tolist()
     found: list[Estimate] = []
+    silent: list[tuple[int, int]] = []
     spent = 0.0
-    for a, b in pairwise(bounds):
+    for number, (a, b) in enumerate(pairwise(bounds)):
+        late = late_field(estimator, first(s, a, b, values), q0 is not None and number == 0)
+        silent += [] if late is None else [(a, late)]
         mag = np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)
         clock = time.thread_time()
         with plugin_errors(estimator):
@@ -248,7 +285,8 @@ def _whole_segments(
     if q0 is not None and len(q) and not s.mag.any():
         want = rotation.error(np.asarray(q0, np.float64), q[0])
         q = rotation.turn_about_down(q, rotation.heading_angle(want))
-    skipped = Counter(s.skipped)
+    counted, spans = without_heading(s, silent)
+    skipped = Counter(s.skipped | counted)
     for one in found:
         skipped.update(one.skipped)
     biases = [e.bias for e in found if e.bias is not None]
@@ -262,4 +300,5 @@ def _whole_segments(
         ns_per_update=1e9 * spent / max(len(s.t), 1),
         causal=estimator.causal,
         quality=max(found, key=lambda e: len(e.q)).quality if found else {},
+        no_heading=spans,
     )

@@ -22,6 +22,7 @@ from typing import Any
 
 SOURCE = "Fan 5, 12, 13; Xu 11-15"
 NEEDS = {"acc", "mag"}
+VECTORS_AT = "end"
 STATE = {"q": 4}
 PARAMETERS = ()
 

@@ -1,11 +1,14 @@
 """Fusion, by its author's own package: Madgwick's revised complementary filter with rejection.
 
     e    = v x d + heading error        each left out while it is larger than its rejection angle
-    q'   = q (x) (0, w + gain e)/2       gain ramps down from 10 in the first 3 s
+    q'   = q (x) (0, w + gain e)/2
 
 Source: Madgwick2014, chapter 7, package ``imufusion``.
 
-This is an adapter: NED convention, deg/s and g, each sample with its own period. Rejection is
+This is an adapter: NED convention, deg/s and g, each sample with its own period, with the vectors of the sample
+before, whose time is that of the attitude they are compared with. It starts like every other filter, from
+averaged vectors, and not from level with the package's gain of 10 that fades in 3 s; a field that
+comes later than the start sets the heading when it comes. Rejection is
 off by default, as in the package: an uncorrected gyro bias b leaves an error of b / gain, and where
 that is near the rejection angle (4.5 deg/s with preset ``example``: 9 of 10 deg) the accelerometer
 is left out for good parts of the flight (four EuRoC flights: inclination 18 to 22 deg for 7 to 9).
@@ -20,6 +23,7 @@ import numpy as np
 
 from attlog import rotation
 from attlog.estimators.base import Array, Estimate, Parameter
+from attlog.estimators.engine.start import first_seconds, start_attitude, turned_to_field
 from attlog.estimators.engine.uniform import typical_size
 from attlog.estimators.engine.vectors import GRAVITY
 from attlog.estimators.propagate import propagated
@@ -47,7 +51,6 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
 
     step = np.diff(t)
     period = float(np.median(step)) if len(step) else 0.01
-    dt = np.r_[period, step]
     settings = imufusion.AhrsSettings()
     settings.convention = imufusion.CONVENTION_NED
     settings.sample_rate = 1.0 / period
@@ -61,14 +64,20 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     rate, force = np.degrees(gyr), acc / GRAVITY
     field = typical_size(propagated(t, gyr, mag))
     has_mag = bool(field.any())
+    seen = first_seconds(t, gyr, acc, mag)
+    ahrs.set_quaternion(start_attitude(seen.acc, seen.mag))
+    ahrs.skip_startup()
     q = np.empty((len(t), 4))
-    for k in range(len(t)):
-        ahrs.set_sample_period(dt[k])
+    q[:1] = ahrs.get_quaternion()
+    for k in range(1, len(t)):
+        ahrs.set_sample_period(step[k - 1])
         if has_mag:
             # The package takes a zero vector for "no sample now".
-            ahrs.update(rate[k], force[k], field[k])
+            ahrs.update(rate[k], force[k - 1], field[k - 1])
         else:
-            ahrs.update_no_magnetometer(rate[k], force[k])
+            ahrs.update_no_magnetometer(rate[k], force[k - 1])
+        if k == seen.late:
+            ahrs.set_quaternion(turned_to_field(np.asarray(ahrs.get_quaternion(), np.float64), mag[k]))
         q[k] = ahrs.get_quaternion()
     q = rotation.normalize(q)
     if not has_mag:

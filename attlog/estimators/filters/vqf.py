@@ -8,7 +8,8 @@ Source: Laidig2023, package ``vqf``.
 
 This is an adapter. Frames are converted (the package wants z up and east-north-up);
 data whose spacing varies by more than 5 % are resampled by their integrals, because
-the package knows one constant rate. Without magnetometer heading starts at 0. Samples at which the
+the package knows one constant rate. Without magnetometer heading starts at 0; a field within the first 3 s gives
+the heading from the first sample on, a later one from then on. Samples at which the
 bias stands at ``bias_clip``, so that the sensor's own is probably larger, are counted as
 ``bias_beyond_clip``: four EuRoC flights with 4.5 deg/s have an inclination of 5.1 deg, with a clip of 10 deg/s 2.0.
 """
@@ -23,6 +24,7 @@ import numpy as np
 
 from attlog import rotation
 from attlog.estimators.base import Array, Estimate, Parameter
+from attlog.estimators.engine.start import MOTION_S
 from attlog.estimators.engine.uniform import typical_size, uniform
 
 SOURCE = "Laidig2023; package vqf"
@@ -67,6 +69,8 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     q = rotation.multiply(rotation.multiply(TO_NED, out["quat9D" if has_mag else "quat6D"]), TO_FRD)
     if not has_mag:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
+    else:
+        heading_from_start(u.t, u.mag, q, rotation.multiply(rotation.multiply(TO_NED, out["quat6D"]), TO_FRD))
     rows = np.clip(np.searchsorted(u.t, t), 0, len(u.t) - 1)
     sigma = out["biasSigma"][rows][:, None]
     bias = (out["bias"] * FRD)[rows]
@@ -79,3 +83,18 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
         skipped={"bias_beyond_clip": clipped} if clipped else {},
         ns_per_update=1e9 * spent / len(t),
     )
+
+
+def heading_from_start(t: Array, mag: Array, q: Array, inertial: Array) -> None:
+    """Turn, in place, what was said before the first field: by the heading that it shows, if it belongs to the start.
+
+    Before a later one heading starts at 0.
+    ``q`` (n, 4) with, ``inertial`` (n, 4) without magnetometer; ``mag`` (n, 3), zero rows where there is none.
+    """
+    field = int(np.argmax(mag.any(axis=1)))
+    if t[field] - t[0] > MOTION_S:
+        q[:field] = rotation.turn_about_down(q[:field], -rotation.to_euler(q[0])[2])
+    else:
+        q[:field] = rotation.turn_about_down(
+            q[:field], rotation.heading_angle(rotation.error(q[field], inertial[field]))
+        )

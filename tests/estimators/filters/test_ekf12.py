@@ -21,43 +21,62 @@ def skew(v: np.ndarray) -> np.ndarray:
 
 
 def dynamics(x: np.ndarray, dt: float) -> np.ndarray:
-    """(6-8), one Euler step."""
-    w, w_dot, g, m = x.reshape(4, 3)
-    return np.concatenate([w + dt * w_dot, w_dot, g - dt * np.cross(w, g), m - dt * np.cross(w, m)])
+    """(6-8), one Euler step; the rate first, because the one after it is that of the gyro's sample."""
+    return vectors(rates(x, dt), dt)
 
 
-def transition(x: np.ndarray, dt: float) -> np.ndarray:
-    """F of (11), written out."""
+def rates(x: np.ndarray, dt: float) -> np.ndarray:
+    """w and w_dot of (7)."""
+    return np.concatenate([x[:3] + dt * x[3:6], x[3:]])
+
+
+def vectors(x: np.ndarray, dt: float) -> np.ndarray:
+    """g and M of (8)."""
     w, _, g, m = x.reshape(4, 3)
-    one, none = np.eye(3), np.zeros((3, 3))
-    turn = one - dt * skew(w)
-    return np.block(
-        [
-            [one, dt * one, none, none],
-            [none, one, none, none],
-            [dt * skew(g), none, turn, none],
-            [dt * skew(m), none, none, turn],
-        ]
-    )
+    return np.concatenate([x[:6], g - dt * np.cross(w, g), m - dt * np.cross(w, m)])
+
+
+def rate_transition(dt: float) -> np.ndarray:
+    """The rows of w and w_dot of F in (11)."""
+    f = np.eye(12)
+    f[:3, 3:6] = dt * np.eye(3)
+    return f
+
+
+def vector_transition(x: np.ndarray, dt: float) -> np.ndarray:
+    """The rows of g and M of F in (11)."""
+    w, _, g, m = x.reshape(4, 3)
+    f = np.eye(12)
+    for i, v in ((6, g), (9, m)):
+        f[i : i + 3, :3] = dt * skew(v)
+        f[i : i + 3, i : i + 3] = np.eye(3) - dt * skew(w)
+    return f
 
 
 def dense_step(
     x: np.ndarray, p: np.ndarray, v: np.ndarray, dt: float, gyr: np.ndarray, acc: np.ndarray, mag: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Prediction and one joint update (13) with whole matrices; v are the parameters in their order."""
-    f = transition(x, dt)
-    q = np.repeat([0.0, v[3] ** 2 * dt, v[4] ** 2 * dt, v[5] ** 2 * dt], 3)
-    x, p = dynamics(x, dt), f @ p @ f.T + np.diag(q)
-    h = np.delete(np.eye(12), [3, 4, 5], axis=0)
-    r = np.diag(np.repeat([v[0] ** 2, v[1] ** 2, v[2] ** 2], 3) / dt)
-    z = np.concatenate([gyr, -acc, mag / np.linalg.norm(mag)])
-    k = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
+    """Rate, gyro, vectors, joint update of g and M with whole matrices; v are the parameters in their order."""
+    f = rate_transition(dt)
+    x, p = rates(x, dt), f @ p @ f.T + np.diag(np.repeat([0.0, v[3] ** 2 * dt, 0.0, 0.0], 3))
+    x, p = dense_update(x, p, np.eye(12)[:3], gyr, v[[0, 0, 0]] ** 2 / dt)
+    f = vector_transition(x, dt)
+    x, p = vectors(x, dt), f @ p @ f.T + np.diag(np.repeat([0.0, 0.0, v[4] ** 2 * dt, v[5] ** 2 * dt], 3))
+    z = np.concatenate([-acc, mag / np.linalg.norm(mag)])
+    return dense_update(x, p, np.eye(12)[6:], z, v[[1, 1, 1, 2, 2, 2]] ** 2 / dt)
+
+
+def dense_update(
+    x: np.ndarray, p: np.ndarray, h: np.ndarray, z: np.ndarray, r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """K = P H^T (H P H^T + R)^-1 with the diagonal r of R."""
+    k = p @ h.T @ np.linalg.inv(h @ p @ h.T + np.diag(r))
     return x + k @ (z - h @ x), (np.eye(12) - k @ h) @ p
 
 
 def parameters() -> np.ndarray:
     e = get("ekf12")
-    return e.pack({p.name: p.default for p in e.parameters})
+    return e.pack({name: value for name, (value, _) in e.resolve("fan").items()})
 
 
 def initial(m: object, params: np.ndarray) -> np.ndarray:
@@ -73,7 +92,8 @@ def test_the_printed_jacobian_is_the_numerical_one() -> None:
             h = np.zeros(12)
             h[j] = 1e-3
             numerical[:, j] = (dynamics(x + h, dt) - dynamics(x - h, dt)) / 2e-3
-        assert transition(x, dt) == pytest.approx(numerical, abs=1e-9)
+        printed = vector_transition(rates(x, dt), dt) @ rate_transition(dt)
+        assert printed == pytest.approx(numerical, abs=1e-9)
 
 
 def test_the_sparse_prediction_is_the_dense_one() -> None:
@@ -82,10 +102,23 @@ def test_the_sparse_prediction_is_the_dense_one() -> None:
     x = random.standard_normal(12)
     root = random.standard_normal((12, 12))
     state[4:16], state[16:160] = x, (root @ root.T).ravel()
-    ekf12.predict(state, np.zeros(6), 0.01)
-    f = transition(x, 0.01)
+    first_order = np.array([0.0, 0, 0, 0, 0, 0, 1])
+    ekf12.predict_rate(state, first_order, 0.01)
+    ekf12.predict_vectors(state, first_order, 0.01)
+    f = vector_transition(rates(x, 0.01), 0.01) @ rate_transition(0.01)
     assert state[16:160].reshape(12, 12) == pytest.approx(f @ root @ root.T @ f.T, abs=1e-12)
     assert state[4:16] == pytest.approx(dynamics(x, 0.01), abs=1e-15)
+
+
+def test_vectors_turn_exactly_unless_the_paper_s_step_is_asked_for() -> None:
+    """A turn of 60 deg in one step: exact keeps g's length, (8) makes it 1.45 times as long."""
+    for first_order, longer in ((0.0, 1.0), (1.0, np.hypot(1.0, np.pi / 3))):
+        state = np.zeros(233)
+        state[4:7], state[10:13] = [np.pi / 3, 0.0, 0.0], [0.0, 0.0, 9.8]
+        ekf12.predict_vectors(state, np.array([0.0, 0, 0, 0, 0, 0, first_order]), 1.0)
+        assert np.linalg.norm(state[10:13]) == pytest.approx(9.8 * longer)
+        if not first_order:
+            assert state[10:13] == pytest.approx([0.0, 9.8 * np.sin(np.pi / 3), 4.9])
 
 
 def test_states_and_covariance_equal_an_independent_dense_filter() -> None:
