@@ -255,3 +255,17 @@ def test_what_the_estimator_told_is_kept():
     row, _, _ = compared(flight(), e, estimator="mahony", parameters={"kp": 0.6})
     assert (row.kind, row.estimator, row.parameters, row.skipped) == ("replay", "mahony", {"kp": 0.6}, {"nan": 3})
     assert (row.ns_per_update, row.causal, row.start) == (120.0, False, 0.0)
+
+
+def test_what_was_said_before_a_late_field_is_no_heading_failure():
+    """90 deg off until the first field at 30 s: nothing before is scored, what follows is judged."""
+    e = estimate(heading_deg=np.where(T < 30.0, 90.0, 1.0))
+    told = Estimate(e.t, e.q, no_heading=[(0.0, 30.0)])
+    row, _, _ = compared(flight(), told)
+    assert row.errors is not None
+    assert row.status == "ok"
+    assert row.errors.t[row.errors.scored].min() == pytest.approx(30.0, abs=0.06)
+    assert np.abs(row.errors.heading[row.errors.scored]).max() < 2.0
+    assert [(s.name, s.value, s.applied) for s in row.steps] == [("late_field", 30.0, True)]
+    assert np.flatnonzero(np.diff(row.segment)).tolist() == [np.searchsorted(T, 30.0) - 1]
+    assert compared(flight(), e)[0].status == "diverged"

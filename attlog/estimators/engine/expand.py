@@ -29,13 +29,16 @@ def expand(source: str, entry: Mapping[str, Mapping[int, str]], fixed: Mapping[i
     array ``params`` that are the same in all sets: they become constants.
     """
     module = ast.parse(source)
-    if _names(module) & {BATCH, SETS, SET}:
+    taken = _names(module)
+    if taken & {BATCH, SETS, SET}:
         return None
     functions = {f.name: f for f in module.body if isinstance(f, ast.FunctionDef)}
     kinds: Kinds = {n: {functions[n].args.args[i].arg: k for i, k in a.items()} for n, a in entry.items()}
     if not _spread(functions, kinds):
         return None
     if not all(_elementwise(f, kinds.get(n, {}), functions) for n, f in functions.items()):
+        return None
+    if taken & {n for own in kinds.values() for a, kind in own.items() if kind == SHARED for n in _spelled(a, own)}:
         return None
     for name, function in functions.items():
         own = kinds.get(name, {})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,6 +107,53 @@ def test_a_step_that_cannot_be_rewritten_runs_one_by_one() -> None:
     x = flight()
     batch = estimate_batch(estimator, [{}, {"gain": 2.0}], *x)
     assert np.array_equal(batch[0].q, attlog.estimate(estimator, *x).q)
+
+
+NAMES = '''"""A filter that uses the names of the code around it."""
+import numpy as np
+from attlog.estimators import Parameter
+from attlog.estimators.engine.vectors import gravity_error, turn
+SOURCE = "test"
+STATE = {"q": 4, "seen": 1}
+PARAMETERS = (Parameter("kp", 0.6, "1/s", 0, 2, "gain", "test"),)
+TAKEN = 0.5
+
+def start(params, acc, mag, q0):
+    return np.append(q0, 0.0)
+
+def helper(x):
+    return TAKEN * x
+
+def step(state, params, dt, gyr, acc, mag):
+    taken = helper(acc[1])
+    state[4] = taken + acc[2]
+    gx, gy, gz = gravity_error(state, acc, 1.0)
+    turn(state, gyr[0] + params[0] * gx, gyr[1] + params[0] * gy, gyr[2] + params[0] * gz, dt, 0.0)
+'''
+
+
+@pytest.mark.parametrize(
+    ("what", "name"),
+    [
+        ("taken", "BATCH_"),
+        ("taken", "acc_1"),
+        ("taken", "out"),
+        ("TAKEN", "W"),
+        ("TAKEN", "KEEP"),
+        ("helper", "advance"),
+        ("helper", "turned_back"),
+    ],
+)
+def test_names_of_the_code_around_a_step_may_be_its_own(tmp_path: Path, what: str, name: str) -> None:
+    """Whatever a filter calls its variables, constants and helpers, a batch gives what single runs give."""
+    path = tmp_path / "names.py"
+    path.write_text(re.sub(rf"\b{what}\b", name, NAMES))
+    x = flight(300)
+    for one, kp in zip(estimate_batch(get(str(path)), [{"kp": 0.3}, {"kp": 0.9}], *x), (0.3, 0.9), strict=True):
+        alone = attlog.estimate(str(path), *x, kp=kp)
+        assert one.q == pytest.approx(alone.q, abs=1e-12)
+        assert one.aux["seen"] == pytest.approx(alone.aux["seen"], abs=1e-9)
+        assert alone.aux["seen"][2:, 0] == pytest.approx((0.5 * x[2][:, 1] + x[2][:, 2])[1:-1], abs=1e-9)
 
 
 def test_no_sets_no_samples_and_wrong_names_are_handled() -> None:
