@@ -267,7 +267,9 @@ def _whole_segments(
     silent: list[tuple[int, int]] = []
     spent = 0.0
     for number, (a, b) in enumerate(pairwise(bounds)):
-        late = late_field(estimator, first(s, a, b, values), q0 is not None and number == 0)
+        # One that looks ahead knows the heading before the first field as well.
+        known = not estimator.causal or (q0 is not None and number == 0)
+        late = late_field(estimator, first(s, a, b, values), known)
         silent += [] if late is None else [(a, late)]
         mag = np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)
         clock = time.thread_time()
