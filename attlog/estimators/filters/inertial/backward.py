@@ -1,0 +1,346 @@
+"""The model of ``mekf`` with a backward pass: the smoother of recordings without GNSS.
+
+    forward   the filter, twice: the magnetometer's delay that the first run found is known to the second
+    backward  delta = x^s_k [-] x^-_k,   C = P^+_{k-1} F^T (P^-_k)^-1,   x^s_{k-1} = x^+_{k-1} [+] C delta        (1)
+              P^s_{k-1} = P^+_{k-1} + C (P^s_k - P^-_k) C^T                                                     (2)
+
+Source: Rauch1965 for (1) and (2).
+
+Inside a block the correction runs from that of its begin to that of its end. Before the first block (the alignment, and
+what comes before the first field) the attitude is the gyro's, backwards, with the smoothed bias and gyro matrix.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.estimators.base import Array, Estimate
+from attlog.estimators.engine import cache, generate
+from attlog.estimators.filters import mekf
+from attlog.estimators.filters.inertial.layout import (
+    ALIGNING,
+    BIAS,
+    BLOCK,
+    CAL,
+    CAL_P,
+    DB,
+    DD,
+    DM,
+    DV,
+    FIELD_TIME,
+    LEAD,
+    MOVING_RATE,
+    OFFSET_SIGMA,
+    SIGMA,
+    STAGE,
+    UNIT,
+    M,
+    N,
+    P,
+    Q,
+    T,
+    X,
+)
+from attlog.estimators.filters.inertial.start import align, look_for_rest
+
+PRESET = "smoother"
+MOST_BLOCKS = 20_000
+"""Longer recordings get longer blocks: what has to be kept of one is 7.5 kB."""
+LEAST_TILT = np.deg2rad(0.3)
+LATE_S = 0.002
+"""What the model does not know of a smoothed tilt: the accelerometer's scale (0.5 % of g), and the time of a sample."""
+SUMS = 41
+CHUNK = 500
+
+KERNEL = {
+    "look_for_rest": look_for_rest,
+    "align": align,
+    "sample": mekf.sample,
+    "predict": mekf.predict,
+    "correct": mekf.correct,
+    "finish": mekf.finish,
+}
+SIGNATURE = (
+    "i8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], f8[:, ::1], f8[:, ::1], "
+    "f8[:, ::1], f8[:, ::1], f8[:, ::1])"
+)
+RECORD = f"""
+def record(state, params, dt, gyr, acc, mag, q, end, nominal, sums, before, after, error):
+    count = 0
+    for k in range(len(dt)):
+        h = dt[k]
+        ends = False
+        at = {Q}
+        if h > 0.0:
+            look_for_rest(state, params, h, gyr[k], acc[k])
+            if state[{STAGE}] == {ALIGNING}:
+                align(state, params, h, gyr[k], acc[k], mag[k])
+                ends = state[{STAGE}] != {ALIGNING}
+                at = 0
+            else:
+                sample(state, h, gyr[k], acc[k], mag[k])
+                ends = state[{T}] >= params[{BLOCK}] - 0.25 * h
+        for j in range(4):
+            q[k, j] = state[at + j]
+        if ends:
+            if count > 0:
+                for j in range({SUMS}):
+                    sums[count, j] = state[{T} + j]
+                predict(state, params)
+                for j in range({N * N}):
+                    before[count, j] = state[{P} + j]
+                correct(state, params)
+                for j in range({N}):
+                    error[count, j] = state[{X} + j]
+                finish(state)
+            for j in range({N * N}):
+                after[count, j] = state[{P} + j]
+            for j in range(3):
+                nominal[count, j] = state[{BIAS} + j]
+            for j in range({N - 6}):
+                nominal[count, 3 + j] = state[{M} + j]
+            end[count] = k
+            count += 1
+    return count
+"""
+
+
+@dataclass(slots=True)
+class Forward:
+    """What the forward run leaves, per sample (n) and per block end (m); block 0 is the end of the alignment.
+
+    ``q`` (n, 4) before the correction at a block's end, ``end`` (m,) sample numbers, ``nominal`` (m, N - 3) the error's
+    other states after it, ``sums`` (m, 41) of the block, ``before`` and ``after`` (m, N, N) the covariance,
+    ``error`` (m, N) what was corrected, ``state`` at the end.
+    """
+
+    q: Array
+    end: NDArray[np.int64]
+    nominal: Array
+    sums: Array
+    before: Array
+    after: Array
+    error: Array
+    state: Array
+
+
+@dataclass(slots=True)
+class Backward:
+    """Per block end (m): ``at_begin`` and ``at_end`` (m, 3) attitude corrections of the block, ``states`` (m, N - 3)
+    smoothed, ``tilt`` and ``heading`` (m,) sigma in rad."""
+
+    at_begin: Array
+    at_end: Array
+    states: Array
+    tilt: Array
+    heading: Array
+
+
+def smooth(
+    t: Array, gyr: Array, acc: Array, mag: Array | None = None, params: Mapping[str, float | str] | None = None
+) -> Estimate:
+    """Smoothed attitude (body FRD to earth NED, magnetic north) at ``t`` (n,) s of one segment without gaps.
+
+    ``gyr`` (n, 3) rad/s over the time since the sample before, ``acc`` (n, 3) m/s^2 specific force, ``mag`` (n, 3) any
+    unit, NaN or zero rows where there is no sample. ``params`` override ``mekf@smoother``. ``bias`` (n, 3) [rad/s];
+    ``aux["sigma_tilt"]``, ``aux["sigma_heading"]`` (n,) [rad]; ``quality`` says what it was aided by and what it found
+    of the magnetometer. Without magnetometer heading begins at 0, and its sigma is that of the gyro's drift since then.
+    """
+    clock = time.thread_time()
+    mag = np.zeros_like(gyr) if mag is None else np.where(np.isfinite(mag).all(axis=1)[:, None], mag, 0.0)
+    dt = np.diff(t, prepend=t[:1])
+    fields = np.flatnonzero(mag.any(axis=1))
+    # The backward pass wants one frame: it begins where the first field arrives.
+    begin = max(int(fields[0]) - 1, 0) if len(fields) else 0
+    values = mekf_values(params or {}, float(t[-1] - t[begin]) if len(t) else 0.0)
+    data = [np.ascontiguousarray(x[begin:], np.float64) for x in (dt, gyr, acc, mag)]
+    data[0][:1] = 0.0
+    run = forward(data, values, None)
+    if len(fields) and len(run.end):
+        run = forward(data, values, run.state)
+    if len(run.end) == 0:
+        return short(t, run, begin, clock)
+    back = backward(run, values)
+    q, bias = between(run, back, dt, gyr, begin)
+    block = np.clip(np.searchsorted(begin + run.end, np.arange(len(t))), 0, len(run.end) - 1)
+    late = LATE_S**2 * np.sum(gyr**2, axis=1)
+    tilt = np.sqrt(back.tilt[block] ** 2 + LEAST_TILT**2 + late)
+    heading = back.heading if len(fields) else np.sqrt(np.abs(back.heading**2 - back.heading[0] ** 2))
+    heading = np.sqrt(heading[block] ** 2 + late)
+    if len(fields) == 0:
+        q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
+    return Estimate(
+        t=t,
+        q=q,
+        bias=bias,
+        aux={"sigma_tilt": tilt, "sigma_heading": heading},
+        quality=quality(run, bool(len(fields)), tilt, heading),
+        ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1),
+        causal=False,
+    )
+
+
+def mekf_values(params: Mapping[str, float | str], seconds: float) -> Array:
+    """The filter's parameters for a recording of that length; nothing is turned on in time."""
+    known = {p.name: p for p in mekf.PARAMETERS}
+    given = {k: v for k, v in params.items() if k in known}
+    chosen = {k: p.default for k, p in known.items()} | dict(mekf.PRESETS[PRESET]) | given
+    values = np.array([known[k].code(v) for k, v in chosen.items()])
+    values[BLOCK] = max(values[BLOCK], seconds / MOST_BLOCKS)
+    values[LEAD] = 0.0
+    return values
+
+
+@functools.lru_cache(maxsize=2)
+def kernel(jit: bool) -> Any:
+    """The recording loop, compiled or in plain Python."""
+    if not jit:
+        return cache.plain(RECORD, "record", KERNEL)
+    decorator = f"@njit({SIGNATURE!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)"
+    source = f"{generate.with_helpers(KERNEL, jit=True)}\n\n{decorator}\n{RECORD.lstrip()}"
+    return cache.compiled(source, "record", "the inertial smoother")
+
+
+def forward(data: list[Array], values: Array, known: Array | None) -> Forward:
+    """The filter over samples (dt, gyr, acc, mag), recorded; ``known`` is the last state of an earlier run."""
+    dt = data[0]
+    n, blocks = len(dt), int(np.sum(dt) / (0.75 * values[BLOCK])) + 3
+    blocks = min(blocks, n + 1)
+    state = mekf.start(values, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    if known is not None and known[UNIT] > 0.0:
+        state[CAL : CAL + 3] = known[CAL : CAL + 3]
+        state[CAL + 6] = known[CAL + 6]
+        state[UNIT] = known[UNIT]
+        p = state[CAL_P:UNIT].reshape(7, 7)
+        p[range(6), range(6)] = np.repeat([0.01, values[OFFSET_SIGMA] ** 2], 3)
+        p[6, 6] = known[UNIT - 1]
+    q, end = np.empty((n, 4)), np.zeros(blocks, np.int64)
+    shapes = (N - 3, SUMS, N * N, N * N, N)
+    kept = [np.zeros((blocks, k)) for k in shapes]
+    count = int(kernel(cache.jit_wanted())(state, values, *data, q, end, *kept)) if n else 0
+    nominal, sums, before, after, error = (x[:count] for x in kept)
+    return Forward(q, end[:count], nominal, sums, before.reshape(-1, N, N), after.reshape(-1, N, N), error, state)
+
+
+def transitions(sums: Array, values: Array) -> Array:
+    """F (m, N, N) of blocks with these sums."""
+    f = np.tile(np.eye(N), (len(sums), 1, 1))
+    duration, a, turned = sums[:, 0], sums[:, 1:10].reshape(-1, 3, 3), sums[:, 40]
+    f[:, 0:3, DB : DB + 3] -= a
+    f[:, 0:3, DM : DM + 9] += sums[:, 10:37].reshape(-1, 3, 9)
+    f[:, DV, 1] += sums[:, 39]
+    f[:, DV + 1, 0] -= sums[:, 39]
+    f[:, DV:DD, DM + 9 : DM + 12] -= a[:, :2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        moving = np.minimum(1.0, np.sqrt(turned / duration) / MOVING_RATE)
+    f[:, DD, DD] = np.exp(-duration * moving / values[FIELD_TIME])
+    return f
+
+
+def gains(run: Forward, values: Array, a: int, b: int) -> Array:
+    """C of (1) for the steps from blocks a..b-1 back to a-1..b-2; states that are known exactly stay."""
+    f = transitions(run.sums[a:b], values)
+    p, after = run.before[a:b], run.after[a - 1 : b - 1]
+    size = np.sqrt(np.einsum("kii->ki", p))
+    none = size == 0.0
+    inverse = np.where(none, 0.0, 1.0 / np.where(none, 1.0, size))
+    scaled = p * inverse[:, :, None] * inverse[:, None, :]
+    scaled[:, range(N), range(N)] += 1e-10 + none
+    right = inverse[:, :, None] * (f @ after)
+    return np.swapaxes(inverse[:, :, None] * np.linalg.solve(scaled, right), 1, 2)
+
+
+def backward(run: Forward, values: Array) -> Backward:
+    """The pass from the last block to the first (1, 2)."""
+    m = len(run.end)
+    at_begin, at_end = np.zeros((m, 3)), np.zeros((m, 3))
+    states, tilt, heading = np.empty((m, N - 3)), np.empty(m), np.empty(m)
+    dx, covariance = np.zeros(N), run.after[-1]
+    for b in range(m, 0, -CHUNK):
+        a = max(b - CHUNK, 1)
+        c = gains(run, values, a, b) if a < b else np.empty((0, N, N))
+        for k in range(b - 1, a - 1, -1):
+            keep(states, tilt, heading, k, run.nominal[k] + dx[3:], covariance)
+            delta = dx + run.error[k]
+            delta[:3] = composed(dx[:3], run.error[k, :3])
+            at_end[k] = delta[:3]
+            gain = c[k - a]
+            dx = gain @ delta
+            at_begin[k] = dx[:3]
+            covariance = run.after[k - 1] + gain @ (covariance - run.before[k]) @ gain.T
+    keep(states, tilt, heading, 0, run.nominal[0] + dx[3:], covariance)
+    at_end[0] = at_begin[0] = dx[:3]
+    return Backward(at_begin, at_end, states, tilt, heading)
+
+
+def keep(states: Array, tilt: Array, heading: Array, k: int, state: Array, covariance: Array) -> None:
+    """Write what is known at block end k."""
+    states[k] = state
+    tilt[k] = np.sqrt(max(covariance[0, 0] + covariance[1, 1], 0.0))
+    heading[k] = np.sqrt(max(covariance[2, 2], 0.0))
+
+
+def composed(a: Array, b: Array) -> Array:
+    """The rotation vector of exp(a) exp(b)."""
+    return rotation.to_rotvec(rotation.multiply(rotation.from_rotvec(a), rotation.from_rotvec(b)))
+
+
+def between(run: Forward, back: Backward, dt: Array, gyr: Array, begin: int) -> tuple[Array, Array]:
+    """Attitude (n, 4) and gyro bias (n, 3) at every sample; ``begin``: the sample where the run began."""
+    n, m = len(gyr), len(run.end)
+    at = np.arange(begin, n)
+    block = np.searchsorted(begin + run.end, at)
+    inside = np.minimum(block, m - 1)
+    since = np.cumsum(dt)
+    ends = since[begin + run.end]
+    previous = np.maximum(inside - 1, 0)
+    length = np.where(inside > 0, ends[inside] - ends[previous], 1.0)
+    share = np.clip((since[at] - ends[previous]) / length, 0.0, 1.0)[:, None]
+    turn = (1.0 - share) * back.at_begin[inside] + share * back.at_end[inside]
+    # After the last block's end the filter's own state goes on, already corrected there.
+    turn[block >= m] = 0.0
+    q = np.empty((n, 4))
+    q[begin:] = rotation.multiply(rotation.from_rotvec(turn), run.q)
+    bias = back.states[np.clip(np.searchsorted(begin + run.end, np.arange(n)), 0, m - 1), :3]
+    first = begin + int(run.end[0])
+    matrix = np.eye(3) + back.states[0, 3:12].reshape(3, 3)
+    for k in range(first, 0, -1):
+        turned = rotation.from_rotvec(-dt[k] * (matrix @ (gyr[k] - back.states[0, :3])))
+        q[k - 1] = rotation.multiply(q[k], turned)
+    return q, bias
+
+
+def quality(run: Forward, has_mag: bool, tilt: Array, heading: Array) -> dict[str, float | str]:
+    """What the run says of itself; ``tilt``, ``heading`` (n,) its own sigmas in rad."""
+    told: dict[str, float | str] = {
+        "aided_by": "mag rest" if has_mag else "rest",
+        "sigma_tilt_deg": float(np.degrees(np.sqrt(np.mean(tilt**2)))),
+        "sigma_heading_deg": float(np.degrees(np.sqrt(np.mean(heading**2)))),
+    }
+    if has_mag:
+        told["mag_delay_ms"] = float(1e3 * run.state[CAL + 6])
+        told["mag_offset_pct"] = float(100.0 * np.linalg.norm(run.state[CAL + 3 : CAL + 6]))
+    return told
+
+
+def short(t: Array, run: Forward, begin: int, clock: float) -> Estimate:
+    """A recording that ends within the alignment: its running solution, held before the first field."""
+    q = np.vstack([np.tile(run.q[:1], (begin, 1)), run.q]) if len(run.q) else np.empty((0, 4))
+    tilt, heading = (np.full(len(t), sigma) for sigma in run.state[SIGMA : SIGMA + 2])
+    return Estimate(
+        t=t,
+        q=q,
+        bias=np.zeros((len(t), 3)),
+        aux={"sigma_tilt": tilt, "sigma_heading": heading},
+        quality=quality(run, False, tilt, heading) if len(t) else {},
+        ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1),
+        causal=False,
+    )
