@@ -154,7 +154,7 @@ PARAMETERS = (
 )
 PRESETS: dict[str, dict[str, float | str]] = {
     "smoother": {
-        "rate_noise": 0.0002,
+        "rate_noise": 0.0004,
         "gyro_noise": 0.02,
         "bias_sigma": 1.5,
         "velocity_sigma": 0.3,

@@ -7,6 +7,9 @@ Five passes: each finds noise levels, delays and prior spreads from the log itse
 disturbances; the last two are linearised along the pass before. Uses what there is of GNSS, barometer, magnetometer
 and rest. Looks ahead: it is a reference and not a filter that could fly.
 
+Without GNSS it is the model of ``mekf``, which expects the body not to fly away, with a backward pass (Rauch1965;
+``inertial/backward.py``).
+
 Source: Bierman1973 (backward pass), DeJongPenzer1998 (scores), Sola2017 (error state).
 """
 
@@ -14,17 +17,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
+from attlog.estimators.filters.inertial import backward
 from attlog.estimators.filters.navigation import attitude, passes, quality
 from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.options import PRIORS, SOFT
 from attlog.estimators.filters.navigation.settings import started
 
-SOURCE = "Bierman1973; DeJongPenzer1998; Sola2017"
+SOURCE = "Bierman1973; DeJongPenzer1998; Sola2017; Rauch1965"
 NEEDS = {"gyro", "acc"}
 USES = {"mag", "gnss", "baro", "at_rest"}
 STATE = {"q": 4, "bias": 3}
@@ -40,6 +45,10 @@ PRESETS: dict[str, dict[str, float | str]] = {}
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
     """The smoothed attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where it has no sample."""
     clock = time.thread_time()
+    if aids.velocity is None and aids.position is None:
+        # Without GNSS nothing holds a position: the model that expects the body not to fly away.
+        still = backward.smooth(t, gyr, acc, mag)
+        return replace(still, quality=still.quality | {"refused": quality.refusal(still.quality)})
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
     solution = passes.solved(inputs, started(params), float(params["soft_gate"]), int(params["passes"]))
     found = solution.found

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,7 +60,7 @@ LATE_S = 0.002
 SUMS = 41
 CHUNK = 500
 
-KERNEL = {
+KERNEL: dict[str, Callable[..., Any]] = {
     "look_for_rest": look_for_rest,
     "align": align,
     "sample": mekf.sample,
@@ -155,7 +155,7 @@ def smooth(
     of the magnetometer. Without magnetometer heading begins at 0, and its sigma is that of the gyro's drift since then.
     """
     clock = time.thread_time()
-    mag = np.zeros_like(gyr) if mag is None else np.where(np.isfinite(mag).all(axis=1)[:, None], mag, 0.0)
+    mag = np.zeros_like(gyr) if mag is None else np.where(np.isfinite(mag).all(axis=1, keepdims=True), mag, 0.0)
     dt = np.diff(t, prepend=t[:1])
     fields = np.flatnonzero(mag.any(axis=1))
     # The backward pass wants one frame: it begins where the first field arrives.
