@@ -158,6 +158,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
         "gyro_noise": 0.02,
         "bias_sigma": 1.5,
         "velocity_sigma": 0.3,
+        "velocity_factor": 4.0,
         "acc_bias_sigma": 0.027,
         "misalignment_sigma": 0.0018,
         "mag_noise": 8.0,
