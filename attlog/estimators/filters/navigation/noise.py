@@ -17,6 +17,7 @@ from attlog.estimators.filters.navigation.layout import (
     BA,
     BARO_BIAS,
     BG,
+    EARTH,
     GROUPS,
     HARD,
     PHI,
@@ -42,6 +43,7 @@ WALKS = {
 }  # fmt: skip
 """State rows, and the range of the random walk as parts of its start."""
 SPREADS = {"hard": (HARD, 3, 0.004, 0.150), "soft": (SOFT, 6, 0.003, 0.05), "acc_bias": (BA, 3, 0.03, 0.5)}
+DECLINATION_RANGE = (np.deg2rad(0.3), np.deg2rad(3.0))
 PRIOR_WEIGHT = 0.5
 QUIETEST_GYRO, QUIETEST_ACC = 1e-4, 3e-3
 WHITE_FACTOR = 1.5
@@ -115,4 +117,11 @@ def prior_of(found: Pass, x: Array, prior: Prior, begun: Prior) -> Prior:
         square = float(np.sum((x[own] + found.first[own]) ** 2 + np.maximum(found.first_spread[own], 0.0)))
         s0 = float(getattr(begun, name))
         values[name] = float(np.clip(np.sqrt((square + PRIOR_WEIGHT * s0**2) / (count + PRIOR_WEIGHT)), low, high))
+    level = float(np.hypot(x[EARTH], x[EARTH + 1]))
+    if level > 0.0:
+        across = np.array([-x[EARTH + 1], x[EARTH]]) / level
+        own = slice(EARTH, EARTH + 2)
+        square = float((across @ found.first[own]) ** 2 + across**2 @ np.maximum(found.first_spread[own], 0.0)) / level**2
+        square = (square + PRIOR_WEIGHT * begun.declination**2) / (1.0 + PRIOR_WEIGHT)
+        values["declination"] = float(np.clip(np.sqrt(square), *DECLINATION_RANGE))
     return replace(prior, **values)
