@@ -150,8 +150,9 @@ def main() -> None:
         pooled = np.sqrt(np.mean(taken[:, 4:6] ** 2, axis=0))
         print(
             f"{name:10s} {len(x)} flights: median ratio {np.median(x[:, 2]):.3f} {np.median(x[:, 3]):.3f}, deg "
-            f"{np.median(x[:, 0]):.3f} {np.median(x[:, 1]):.3f}; of {len(taken)} not refused worst {taken[:, 2].max():.2f} "
-            f"{taken[:, 3].max():.2f}, pooled error/sigma {pooled[0]:.2f} {pooled[1]:.2f}, above 1.5 "
+            f"{np.median(x[:, 0]):.3f} {np.median(x[:, 1]):.3f}; of {len(taken)} not refused worst "
+            f"{taken[:, 2].max():.2f} {taken[:, 3].max():.2f}"
+            f", pooled error/sigma {pooled[0]:.2f} {pooled[1]:.2f}, above 1.5 "
             f"{np.mean(taken[:, 4] > 1.5):.2f} {np.mean(taken[:, 5] > 1.5):.2f}; {np.median(x[:, 6]):.2f} s per 100 s"
         )
 

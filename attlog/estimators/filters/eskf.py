@@ -47,6 +47,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
     "fixed": {"constants": "fixed"},
     "calibrated": {"constants": "calibrated"},
 }
+BEGUN_WITH: dict[str, tuple[str, ...]] = {"log": (), "fixed": (), "calibrated": tuple(passes.CONSTANTS)}
 LEAST_GNSS_S = 30.0
 """Less tells no delay and no noise."""
 MARGIN_S = 0.6
@@ -63,7 +64,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     known = passes.solved(inputs, tuned, gate) if looks else None
     if known is not None:
         tuned = passes.held(known.next)
-    found, begin = passes.causal(inputs, tuned, gate, known, constants == "calibrated")
+    found, begin = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])
     nodes = attitude.node_before(found, len(t))
     bias = found.bias[nodes]
     horizon = inputs.lag + MARGIN_S + max(tuned.gnss_delay, tuned.mag_delay, 0.0)

@@ -121,7 +121,9 @@ def prior_of(found: Pass, x: Array, prior: Prior, begun: Prior) -> Prior:
     if level > 0.0:
         across = np.array([-x[EARTH + 1], x[EARTH]]) / level
         own = slice(EARTH, EARTH + 2)
-        square = float((across @ found.first[own]) ** 2 + across**2 @ np.maximum(found.first_spread[own], 0.0)) / level**2
+        square = (
+            float((across @ found.first[own]) ** 2 + across**2 @ np.maximum(found.first_spread[own], 0.0)) / level**2
+        )
         square = (square + PRIOR_WEIGHT * begun.declination**2) / (1.0 + PRIOR_WEIGHT)
         values["declination"] = float(np.clip(np.sqrt(square), *DECLINATION_RANGE))
     return replace(prior, **values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,17 @@ from attlog import rotation
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation import delay, noise
 from attlog.estimators.filters.navigation.attitude import smoothed_nodes
-from attlog.estimators.filters.navigation.layout import KICKED, POS, V
+from attlog.estimators.filters.navigation.layout import (
+    ARM,
+    BA,
+    EARTH,
+    HARD,
+    KICKED,
+    POS,
+    SCALE,
+    SOFT,
+    V,
+)
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.schedule import Schedule, scheduled
 from attlog.estimators.filters.navigation.settings import Tuned
@@ -25,6 +36,17 @@ FOUND_SIGMA_S = 0.003
 HEADINGS = 12
 WORSE = 0.01
 """A likelihood that falls by more is a pass that went wrong."""
+
+
+CONSTANTS = {
+    "acc_bias": (BA, 3, 0.01),
+    "hard": (HARD, 3, 1e-3),
+    "soft": (SOFT, 6, 1e-3),
+    "field": (EARTH, 3, np.deg2rad(0.1)),
+    "scale": (SCALE, 3, 5e-4),
+    "arm": (ARM, 3, 0.01),
+}
+"""Constants of the sensors: their rows and how sure the whole log is of them."""
 
 
 @dataclass(slots=True)
@@ -131,13 +153,13 @@ def _at_nodes(q: Array, before: Schedule, now: Schedule, inputs: Inputs) -> Arra
 
 
 def causal(
-    inputs: Inputs, tuned: Tuned, gate: float, known: Solution | None = None, sensors: bool = False
+    inputs: Inputs, tuned: Tuned, gate: float, known: Solution | None = None, constants: Collection[str] = ()
 ) -> tuple[Pass, Start]:
-    """One pass forward. ``tuned`` says noise and delays; ``sensors``: biases too start where the whole log put them."""
+    """One pass forward. ``tuned`` says noise and delays; ``constants`` of a ``known`` solution are begun with."""
     runner = Runner(inputs) if known is None else known.runner
     begin = first_start(runner, inputs, tuned, gate)
-    if sensors and known is not None:
-        begin = _with_sensors(begin, known)
+    if known is not None:
+        begin = _begun_with(begin, known, constants)
     schedule = scheduled(inputs, tuned, begin.how == "motion" and inputs.velocity is not None)
     return runner.forward(schedule, begin, tuned.packed(inputs.gravity, gate)), begin
 
@@ -148,17 +170,14 @@ def held(tuned: Tuned) -> Tuned:
     return replace(tuned, prior=prior)
 
 
-def _with_sensors(begin: Start, known: Solution) -> Start:
-    """Sensor constants from the whole log: hard and soft iron, field, accelerometer bias, scale, lever arm."""
-    from attlog.estimators.filters.navigation.layout import ARM, BA, EARTH, HARD, SCALE, SOFT
-
+def _begun_with(begin: Start, known: Solution, constants: Collection[str]) -> Start:
+    """A start with some constants of the sensors where the whole log puts them."""
     out = begin.copy()
     smoothed = known.begin.x + known.found.first
     level = float(np.hypot(smoothed[EARTH], smoothed[EARTH + 1]))
-    for row, count, sigma in (
-        (BA, 3, 0.01), (HARD, 3, 1e-3), (SOFT, 6, 1e-3), (EARTH, 3, max(np.deg2rad(0.1) * level, 1e-6)),
-        (SCALE, 3, 5e-4), (ARM, 3, 0.01),
-    ):  # fmt: skip
+    for name in constants:
+        row, count, sigma = CONSTANTS[name]
+        sigma *= max(level, 1e-3) if name == "field" else 1.0
         own = slice(row, row + count)
         out.x[own] = smoothed[own]
         out.P[own, :] = 0.0

@@ -1,0 +1,97 @@
+"""The way back against the textbook smoother, and a long run in parts against one in whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.estimators.filters.navigation import solve
+from attlog.estimators.filters.navigation.kernels import run_forward
+from attlog.estimators.filters.navigation.layout import N
+from attlog.estimators.filters.navigation.measured import made_ready
+from attlog.estimators.filters.navigation.motion import transition_matrix
+from attlog.estimators.filters.navigation.schedule import scheduled
+from attlog.estimators.filters.navigation.settings import WANDER_S, Tuned
+from attlog.estimators.filters.navigation.solve import Runner
+from attlog.estimators.filters.navigation.start import start
+from tests.estimators.filters.navigation.made import flight
+
+
+@pytest.fixture(scope="module")
+def run():
+    made = flight(seconds=24.0, still=8.0)
+    m = made.motion
+    inputs = made_ready(m.t, m.gyr, m.acc, m.mag, made.aids, 0.0, ahead=True)
+    tuned = Tuned()
+    return inputs, scheduled(inputs, tuned), start(inputs, tuned), tuned.packed(inputs.gravity, 100.0)
+
+
+def step(inputs, schedule, begin, par, state, node, events):
+    """The kernel over one node, with its events or without; state is carried on in place."""
+    count = schedule.node_event.copy()
+    if not events:
+        count = np.zeros_like(count)
+    m, store = len(schedule.node_at), Runner(inputs)._storage(schedule, node, node + 1)
+    run_forward()(
+        node, node + 1, inputs.dt, inputs.gyr, inputs.acc, inputs.rest, schedule.node_at, count, schedule.kind,
+        schedule.offset, schedule.z, schedule.f_mean, schedule.w_mean, schedule.sigma, par, np.zeros((1, 4)), False,
+        begin.x, *state, np.empty((len(inputs.t), 4)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 4)), True,
+        store["P_rows"], store["sums"], store["update_of"], store["K"], store["H"], store["H_at"], store["wide_of"],
+        store["s_of"], store["nu_of"], store["r_of"], store["group"], store["soft"],
+    )  # fmt: skip
+    return store["sums"][0].copy()
+
+
+def test_the_way_back_is_rauch_tung_striebel(run):
+    inputs, schedule, begin, par = run
+    m = len(schedule.node_at)
+    memory = Runner(inputs)._new(schedule, begin)[1][3]
+    state = [begin.q.copy(), begin.x.copy(), begin.P.copy(), memory]
+    after, before, correction, moves = [], [], [], []
+    for node in range(m):
+        predicted = [x.copy() for x in state]
+        moves.append(step(inputs, schedule, begin, par, predicted, node, events=False))
+        step(inputs, schedule, begin, par, state, node, events=True)
+        turned = rotation.to_rotvec(rotation.multiply(state[0], rotation.conjugate(predicted[0])))
+        correction.append(np.concatenate([turned, (state[1] - predicted[1])[3:]]))
+        before.append(predicted[2])
+        after.append(state[2].copy())
+    d, P = np.zeros(N), after[-1]
+    expected_d, expected_P = [d], [P]
+    for node in range(m - 2, -1, -1):
+        phi = transition_matrix(moves[node + 1], int(schedule.rest_of[node + 1]), WANDER_S)
+        gain = np.linalg.lstsq(before[node + 1], phi @ after[node], rcond=1e-15)[0].T
+        d = gain @ (d + correction[node + 1])
+        P = after[node] + gain @ (P - before[node + 1]) @ gain.T
+        expected_d.append(d)
+        expected_P.append(P)
+    found = Runner(inputs).both(schedule, begin, par)
+    wanted = np.array(expected_d[::-1])
+    size = np.abs(wanted[:, :3]).max()
+    assert np.abs(found.d[:, :3] - wanted[:, :3]).max() < 2e-3 * size
+    variance = np.array([np.diag(P)[:3] for P in expected_P[::-1]])
+    assert np.sqrt(found.spread) == pytest.approx(np.sqrt(variance), rel=1e-4)
+
+
+def test_parts_of_a_run_give_what_the_whole_gives(run, monkeypatch):
+    inputs, schedule, begin, par = run
+    whole = Runner(inputs).both(schedule, begin, par)
+    monkeypatch.setattr(solve, "PART_NODES", 301)
+    parts = Runner(inputs).both(schedule, begin, par)
+    for name in ("q", "d", "spread", "score", "first", "bias"):
+        assert np.array_equal(getattr(whole, name), getattr(parts, name)), name
+    assert parts.likelihood == whole.likelihood
+
+
+def test_the_covariance_stays_symmetric_and_positive(run):
+    inputs, schedule, begin, par = run
+    state = [begin.q.copy(), begin.x.copy(), begin.P.copy(), Runner(inputs)._new(schedule, begin)[1][3]]
+    for node in range(len(schedule.node_at)):
+        step(inputs, schedule, begin, par, state, node, events=True)
+        if node % 50 == 0:
+            P = state[2]
+            scale = np.sqrt(np.maximum(np.diag(P), 1e-30))
+            on = np.diag(P) > 0
+            assert np.abs(P - P.T).max() <= 1e-9 * np.abs(P).max()
+            assert np.linalg.eigvalsh((P / np.outer(scale, scale))[np.ix_(on, on)]).min() > -1e-9

@@ -1,0 +1,175 @@
+"""`eskf` and `smoother` on flights with known truth: errors within their own sigma, levels and delays found again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from attlog.estimators import Measured, estimate
+from attlog.testing import still, swing
+from tests.estimators.filters.navigation.made import flight, off, without
+
+SEEDS = range(4)
+
+
+@pytest.fixture(scope="module")
+def smoothed():
+    made = [flight(seed=s) for s in SEEDS]
+    return [(m, estimate("smoother", *m.motion.sensors, aids=m.aids)) for m in made]
+
+
+def test_errors_are_as_large_as_they_are_said_to_be(smoothed):
+    z = []
+    for made, e in smoothed:
+        tilt, heading = off(e.q, made.motion.q)
+        z.append([np.mean((tilt / e.aux["sigma_tilt"]) ** 2), np.mean((heading / e.aux["sigma_heading"]) ** 2)])
+    pooled = np.sqrt(np.mean(z, axis=0))
+    assert (pooled > 0.4).all()
+    assert (pooled < 1.5).all()
+
+
+def test_the_smoother_is_far_better_than_the_sensors_biases(smoothed):
+    """0.1 m/s^2 of bias are 0.6 deg, 0.9 uT of hard iron 2.4 deg of heading."""
+    for made, e in smoothed:
+        tilt, heading = (np.degrees(np.sqrt(np.mean(x[3000:] ** 2))) for x in off(e.q, made.motion.q))
+        assert tilt < 0.2
+        assert heading < 0.8
+        assert e.bias is not None
+        assert e.bias[-1] == pytest.approx([0.004, -0.003, 0.002], abs=3e-4)
+
+
+def test_the_delay_of_gnss_is_found(smoothed):
+    found = [e.quality["gnss_delay_ms"] for _, e in smoothed]
+    assert np.mean(found) == pytest.approx(100.0, abs=6.0)
+    assert max(abs(np.array(found) - 100.0)) < 20.0
+
+
+def test_the_gyro_s_noise_is_found(smoothed):
+    found = [np.radians(e.quality["gyro_noise_dps_sqrt_hz"]) for _, e in smoothed]
+    assert np.mean(found) == pytest.approx(4e-4, rel=0.4)
+
+
+def test_a_late_magnetometer_is_found():
+    made = flight(mag_delay=0.05)
+    e = estimate("smoother", *made.motion.sensors, aids=made.aids)
+    assert e.quality["mag_delay_ms"] == pytest.approx(50.0, abs=6.0)
+
+
+def test_the_filter_is_as_good_as_it_says():
+    z = []
+    for seed in SEEDS:
+        made = flight(seed=seed)
+        e = estimate("eskf", *made.motion.sensors, aids=made.aids)
+        tilt, heading = off(e.q, made.motion.q)
+        flown = made.motion.t > 30.0
+        z.append(
+            [np.mean((tilt / e.aux["sigma_tilt"])[flown] ** 2), np.mean((heading / e.aux["sigma_heading"])[flown] ** 2)]
+        )
+    assert (np.sqrt(np.mean(z, axis=0)) < 1.6).all()
+
+
+@pytest.mark.parametrize(
+    ("gone", "aided"),
+    [
+        ((), "gnss baro mag rest"),
+        (("position",), "gnss baro mag rest"),
+        (("velocity",), "position baro mag rest"),
+        (("baro", "at_rest"), "gnss mag"),
+        (("velocity", "position"), "baro mag rest"),
+        (("velocity", "position", "baro", "at_rest", "field"), "mag"),
+    ],
+)
+@pytest.mark.parametrize("name", ["eskf", "smoother"])
+def test_it_works_with_what_there_is_and_says_so(name, gone, aided):
+    made = flight(seconds=60.0)
+    e = estimate(name, *made.motion.sensors, aids=without(made.aids, *gone))
+    assert e.quality["aided_by"] == aided
+    tilt, heading = (np.degrees(np.sqrt(np.mean(x[1500:] ** 2))) for x in off(e.q, made.motion.q))
+    assert tilt < (1.0 if "gnss" in aided or "position" in aided else 3.0)
+    assert heading < (2.0 if "gnss" in aided else 4.0)
+
+
+def test_gnss_shows_the_heading_without_a_magnetometer():
+    made = flight()
+    m = made.motion
+    e = estimate("smoother", m.t, m.gyr, m.acc, aids=made.aids)
+    assert e.quality["aided_by"] == "gnss baro rest"
+    assert np.degrees(np.abs(off(e.q, m.q)[1][3000:])).max() < 3.0
+
+
+def test_bare_samples_are_enough():
+    m = swing(30.0)
+    for name in ("eskf", "smoother"):
+        e = estimate(name, m.t, m.gyr, m.acc)
+        assert e.quality["aided_by"] == "gravity"
+        assert np.degrees(off(e.q, m.q)[0][1000:]).max() < 2.0
+
+
+def test_a_log_that_starts_in_the_air_starts_in_motion():
+    made = flight(seconds=90.0)
+    m = made.motion.part(made.motion.t > 27.0)
+    e = estimate("smoother", *m.sensors, aids=made.aids.between(27.0, 90.0))
+    tilt, heading = (np.degrees(np.sqrt(np.mean(x**2))) for x in off(e.q, m.q))
+    assert tilt < 0.4
+    assert heading < 1.5
+
+
+def test_a_loss_of_gnss_is_bridged_and_told_by_sigma():
+    made = flight(seconds=100.0)
+    holes = {}
+    for name in ("velocity", "position"):
+        x = getattr(made.aids, name)
+        kept = (x.t < 45.0) | (x.t > 75.0)
+        holes[name] = Measured(x.t[kept], x.x[kept], x.sigma[kept])
+    e = estimate("smoother", *made.motion.sensors, aids=replace(made.aids, **holes))
+    assert np.degrees(off(e.q, made.motion.q)[0]).max() < 1.0
+
+
+def test_declination_turns_gnss_and_field_alike():
+    """The field points 20 deg east: told as declination, headings are true ones again."""
+    made = flight(seconds=60.0)
+    c, s = np.cos(np.radians(20.0)), np.sin(np.radians(20.0))
+    x = made.aids.velocity
+    turned = x.x @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    aids = replace(without(made.aids, "position"), velocity=Measured(x.t, turned, x.sigma))
+    plain = estimate("smoother", *made.motion.sensors, aids=without(made.aids, "position"))
+    e = estimate("smoother", *made.motion.sensors, aids=aids, declination=20.0)
+    heading = np.degrees(off(e.q, plain.q)[1])
+    assert heading == pytest.approx(20.0, abs=1e-3)
+
+
+def test_a_low_pass_ahead_of_the_logger_is_taken_out():
+    """Samples stamped 20 ms late: told so, attitudes stand at the stamps again."""
+    made = flight(seconds=60.0)
+    m = made.motion
+    late = estimate("smoother", m.t + 0.02, m.gyr, m.acc, m.mag, aids=replace(made.aids, lag=(0.02, 0.02)))
+    plain = estimate("smoother", *m.sensors, aids=made.aids)
+    # What is asked for at the stamp t + 0.02 is the attitude of that time, two samples later.
+    assert np.degrees(off(late.q[3000:-2], plain.q[3002:])[0]).max() < 0.1
+
+
+def test_a_fixed_filter_does_not_see_what_comes():
+    made = flight(seconds=60.0)
+    m, half = made.motion, 3500
+    end = float(m.t[half - 1])
+    whole = estimate("eskf@fixed", *m.sensors, aids=made.aids)
+    part = estimate("eskf@fixed", *m.part(slice(0, half)).sensors, aids=made.aids.between(0.0, end))
+    assert np.array_equal(whole.q[:half], part.q)
+
+
+def test_a_magnetic_fault_in_flight_is_learnt_as_an_offset():
+    made = flight(seconds=120.0)
+    mag = made.motion.mag.copy()
+    mag[6000:] += [15e-6, -10e-6, 5e-6]
+    m = replace(made.motion, mag=mag)
+    e = estimate("smoother", *m.sensors, aids=made.aids)
+    assert e.quality["kicks"] >= 1
+    assert np.degrees(np.sqrt(np.mean(off(e.q, m.q)[1] ** 2))) < 3.0
+
+
+def test_a_run_that_hardly_moves_is_no_reference():
+    m = still(60.0)
+    e = estimate("smoother", *m.sensors)
+    assert "heading sigma" in str(e.quality["refused"]) or "tilt sigma" in str(e.quality["refused"])
