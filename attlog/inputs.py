@@ -13,6 +13,7 @@ from attlog import earth
 from attlog.estimators import Aids, LogFacts, LogInfo, Measured
 from attlog.estimators.aids import LONGEST_LAG_S
 from attlog.flight.model import FlightLog, Gnss, Imu, Stream
+from attlog.flight.vehicle import VehicleKind
 from attlog.segments import spans
 from attlog.segments.model import Segments
 
@@ -33,8 +34,15 @@ def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: floa
         gyro_noise=gyro,
         acc_noise=acc,
         rest_s=seconds,
+        forward=forward_of(log.kind),
+        since_boot_s=1e-6 * log.t0_us if log.t0_us >= 0 else None,
     )
     return LogFacts({name: float(v) for name, v in values.items() if isinstance(v, int | float)}, info)
+
+
+def forward_of(kind: VehicleKind) -> bool | None:
+    """Whether a vehicle's course is its heading: planes, rovers and boats; None where the vehicle is not known."""
+    return None if kind is VehicleKind.OTHER else kind.fixed_wing or kind in (VehicleKind.ROVER, VehicleKind.BOAT)
 
 
 def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | None, float]:

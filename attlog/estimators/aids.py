@@ -9,7 +9,7 @@ element                 unit       meaning
 ======================= ========== ===========================================================
 LAT, LON, ALT           deg deg m  GNSS position
 POS_H_ACC, POS_V_ACC    m          its accuracy (1 sigma), NaN also where the receiver tells none
-VEL_N, VEL_E, VEL_D     m/s        GNSS velocity, north-east-down
+VEL_N, VEL_E, VEL_D     m/s        GNSS velocity, north-east-down; north is the filter's: magnetic with a declination
 VEL_ACC                 m/s        its accuracy
 BARO                    m          barometric height, any zero
 AIRSPEED                m/s        true airspeed

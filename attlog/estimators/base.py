@@ -76,7 +76,8 @@ class LogInfo:
     ``declination_deg`` at the place and date of the flight, positive east. ``imu_rate_hz``,
     ``mag_rate_hz`` of the replayed sensors (no magnetometer: None). ``gyro_noise`` [rad/s/sqrt(Hz)]
     and ``acc_noise`` [m/s^2/sqrt(Hz)]: white noise densities at rest, mean of the three axes,
-    measured over ``rest_s`` seconds.
+    measured over ``rest_s`` seconds. ``forward``: whether the vehicle moves where its nose points.
+    ``since_boot_s``: how long the autopilot had been running at the first IMU sample.
     """
 
     declination_deg: float | None = None
@@ -85,6 +86,8 @@ class LogInfo:
     gyro_noise: float | None = None
     acc_noise: float | None = None
     rest_s: float = 0.0
+    forward: bool | None = None
+    since_boot_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

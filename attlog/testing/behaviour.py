@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from attlog import rotation
-from attlog.estimators import estimate, not_compiled
+from attlog.estimators import Parameter, estimate, not_compiled
 from attlog.estimators.base import AIDS
 from attlog.testing.extras import aids_in_place
-from attlog.testing.motion import CONSUMER, FIELD_T, Array, Noise, flight, motion, one_turn, still, swing
+from attlog.testing.motion import CONSUMER, FIELD_T, Array, Motion, Noise, flight, motion, one_turn, still, swing
 from attlog.testing.subject import (
     CheckFailed,
     Subject,
@@ -193,40 +195,47 @@ def keeps_its_norm(s: Subject) -> None:
 
 
 def uses_every_parameter(s: Subject) -> None:
-    """Every declared parameter changes the result in some setting, else it is a setting that sets nothing."""
-    m = motion(
+    """Every declared parameter changes the result in some setting, else it is a setting that sets nothing.
+
+    Tried in lively motion, and at rest; a filter that takes aids runs with and without.
+    """
+    lively = motion(
         lambda t: (0.8 * np.sin(1.5 * t), 0.6 * np.sin(1.1 * t), 2.0 * np.sin(0.5 * t)),
         12.0,
         acceleration=lambda t: np.stack([6.0 * np.sin(2.0 * t), 5.0 * np.cos(1.7 * t), 3.0 * np.sin(t)], axis=-1),
         noise=Noise(gyro=1e-3, acc=0.05, mag=0.05 * FIELD_T[2], bias=(0.02, -0.01, 0.01)),
     )
+    aided = bool(s.estimator.uses & AIDS)
+    unused = {p.name: p for p in s.estimator.own}
+    for m in (lively, still(12.0, noise=Noise(mag=0.05 * FIELD_T[2], bias=(0.02, -0.01, 0.01)))):
+        _try_parameters(s, m, unused, {})
+        if aided:
+            _try_parameters(s, m, unused, {"aids": aids_in_place(m)})
+    if aided and unused:
+        m = swing(60.0, noise=CONSUMER)
+        _try_parameters(s, m, unused, {"aids": aids_in_place(m)})
+    require(not unused, f"changing {', '.join(sorted(unused))} never changes the result")
+
+
+def _try_parameters(s: Subject, m: Motion, unused: dict[str, Parameter], given: dict[str, Any]) -> None:
+    """Take out of ``unused`` every parameter that changes the attitudes of this motion."""
     q0 = rotation.multiply(m.q[0], rotation.from_rotvec((0.9, -0.6, 1.2)))
-    start = {"q0": q0} if s.steps else {}
+    start = given | ({"q0": q0} if s.steps else {})
     settings: list[dict[str, float | str]] = [{}, *(dict(p) for p in s.estimator.presets.values())]
     settings += [{p.name: c} for p in s.estimator.own for c in p.choices]
-    unused = {p.name: p for p in s.estimator.own}
     for base in settings:
         if not unused:
             break
         plain = s.run(m, **start, **base)
-        plain_cold = s.run(m, **base)
+        plain_cold = s.run(m, **given, **base)
         for name, parameter in list(unused.items()):
             values = parameter.choices or (parameter.low, parameter.high, _near(parameter))
             for value in values:
                 option = {**base, name: value}
                 differs = not np.array_equal(s.run(m, **start, **option).q, plain.q)
-                if differs or not np.array_equal(s.run(m, **option).q, plain_cold.q):
+                if differs or not np.array_equal(s.run(m, **given, **option).q, plain_cold.q):
                     del unused[name]
                     break
-    if unused and s.estimator.uses & AIDS:
-        m = swing(60.0, noise=CONSUMER)
-        aids = aids_in_place(m)
-        for name, parameter in list(unused.items()):
-            values = parameter.choices or (parameter.low, parameter.high, _near(parameter))
-            runs = [s.run(m, aids=aids, **{name: value}).q for value in values]
-            if any(not np.array_equal(q, runs[0]) for q in runs[1:]):
-                del unused[name]
-    require(not unused, f"changing {', '.join(sorted(unused))} never changes the result")
 
 
 def _near(parameter: object) -> float:

@@ -18,6 +18,7 @@ from attlog.estimators.aids import (
     SIZE,
     VEL_ACC,
     VEL_D,
+    VEL_E,
     VEL_N,
     Aids,
     Measured,
@@ -37,12 +38,13 @@ class Events:
     table: Array
 
 
-def events(estimator: Estimator, aids: Aids | None, t: Array) -> Events:
+def events(estimator: Estimator, aids: Aids | None, t: Array, declination: float = 0.0) -> Events:
     """The aids that the estimator uses, each at the first sample at or after its time.
 
     ``t`` (n,) rising. Of several between two samples the newest is kept. The loop takes no
     step at the first sample of a segment, so what arrived until then, and in the gap before,
-    is left out; so is what comes after the last sample.
+    is left out; so is what comes after the last sample. Steps know magnetic north only:
+    velocities are turned to it by the ``declination`` (rad).
     """
     aids = aids or Aids()
     quiet = np.zeros(len(t), np.int64)
@@ -70,6 +72,10 @@ def events(estimator: Estimator, aids: Aids | None, t: Array) -> Events:
     for at, column, values in arrivals:
         # Samples come in the order of time, so the newest overwrites the older ones.
         table[row[at], column] = values
+    if declination:
+        north, east = table[:, VEL_N].copy(), table[:, VEL_E].copy()
+        table[:, VEL_N] = np.cos(declination) * north + np.sin(declination) * east
+        table[:, VEL_E] = np.cos(declination) * east - np.sin(declination) * north
     return Events(row, quiet, table)
 
 

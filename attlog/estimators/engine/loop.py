@@ -26,7 +26,7 @@ from attlog.estimators.engine import cache, generate
 from attlog.estimators.engine.events import events
 from attlog.estimators.engine.late import in_pieces, late_field, without_heading
 from attlog.estimators.engine.samples import NEW, Samples, handed
-from attlog.estimators.engine.start import First, first, initial_state, realigned, to_true_north
+from attlog.estimators.engine.start import First, declination_rad, first, initial_state, realigned, to_true_north
 from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
 
 LOOP = """
@@ -96,7 +96,7 @@ def run(
         return _whole_segments(estimator, samples, values, q0, aids or Aids())
     params = estimator.pack(values)
     advance = kernel(estimator)
-    told = events(estimator, aids, samples.t) if estimator.aided else None
+    told = events(estimator, aids, samples.t, declination_rad(values)) if estimator.aided else None
     acc, mag, use = handed(samples, estimator.vectors_at)
     bounds = np.append(samples.begin, len(samples.t)).tolist()
     chunks: list[Array] = []
