@@ -4,7 +4,7 @@
           psi  heading of the field R m, a whole angle; k = |w|/50 deg/s from 50 deg/s on, at most 10
           d    = R^T e_z,  u = (f - a)/|f - a|,  a = R^T dv/dt of the GNSS velocity with ATT_ACC_COMP, else 0
     b'  = -c ATT_W_GYRO_BIAS                      only while |w| < 10 deg/s, each axis within ATT_BIAS_MAX
-    q'  = q (x) (0, w - b + c)/2                  first order, renormalised
+    q'  = q (x) (0, w - b + c)/2
 
 Without ATT_ACC_COMP gravity counts only while |f| is within 10 % of g. |w| is the rate as measured, with its bias.
 
@@ -14,7 +14,7 @@ ATT_W_GYRO_BIAS, ATT_ACC_COMP, ATT_BIAS_MAX and, where ATT_MAG_DECL_A is 0, ATT_
 Departures. ATT_ACC_COMP takes the velocity from the estimator of the position there, here from the
 receiver, whose accelerations come at its own rate: each holds until the next fix, or for a second. Heading from
 vision and motion capture (ATT_EXT_HDG_M) is left out. The field between its samples is turned on by the gyro
-(held in body axes there). Steps are as long as they are (cut to 20 ms there). Versions before 1.8 filter the
+(held in body axes there). Steps are exact and as long as they are (first order and cut to 20 ms there). Versions before 1.8 filter the
 accelerometer with 30 Hz and have neither the 10 % limit nor, before 1.6, k and the limit of the rate for the bias.
 """
 
@@ -80,7 +80,9 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
     hx += 2.0 * (q1 * q3 + q0 * q2) * mag[2]
     hy = 2.0 * (q1 * q2 + q0 * q3) * mag[0] + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * mag[1]
     hy += 2.0 * (q2 * q3 - q0 * q1) * mag[2]
-    k = -params[1] * math.atan2(hy, hx) * (min(spin / FIFTY_DPS, 10.0) if spin > FIFTY_DPS else 1.0)
+    # Without a field both are zero, of either sign, and the arctangent could be half a turn.
+    psi = math.atan2(hy, hx) if hx != 0.0 or hy != 0.0 else 0.0
+    k = -params[1] * psi * (min(spin / FIFTY_DPS, 10.0) if spin > FIFTY_DPS else 1.0)
     cx = k * dx
     cy = k * dy
     cz = k * dz
@@ -104,7 +106,7 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
         state[4] = min(max(state[4] - by * cx, -limit), limit)
         state[5] = min(max(state[5] - by * cy, -limit), limit)
         state[6] = min(max(state[6] - by * cz, -limit), limit)
-    turn(state, gyr[0] - state[4] + cx, gyr[1] - state[5] + cy, gyr[2] - state[6] + cz, dt, 1.0)
+    turn(state, gyr[0] - state[4] + cx, gyr[1] - state[5] + cy, gyr[2] - state[6] + cz, dt, 0.0)
 
 
 def accelerate(state: Any, params: Any, dt: float, aid: Any) -> None:

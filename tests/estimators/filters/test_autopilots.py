@@ -111,9 +111,7 @@ def straight_px4(m: Motion, velocity: Array | None, every: int, v: dict[str, flo
         if spin < 0.175:
             bias = np.clip(bias + c * v["ATT_W_GYRO_BIAS"] * dt, -v["ATT_BIAS_MAX"], v["ATT_BIAS_MAX"])
         w = m.gyr[k] + bias + c
-        q = r.as_quat(scalar_first=True)
-        q = q + 0.5 * dt * rotation.multiply(q, np.r_[0.0, w])
-        r = Rotation.from_quat(q / np.linalg.norm(q), scalar_first=True)
+        r = r * Rotation.from_rotvec(w * dt)
         found.append(r.as_quat(scalar_first=True))
     return np.array(found)
 
