@@ -14,8 +14,9 @@ ATT_W_GYRO_BIAS, ATT_ACC_COMP, ATT_BIAS_MAX and, where ATT_MAG_DECL_A is 0, ATT_
 Departures. ATT_ACC_COMP takes the velocity from the estimator of the position there, here from the
 receiver, whose accelerations come at its own rate: each holds until the next fix, or for a second. Heading from
 vision and motion capture (ATT_EXT_HDG_M) is left out. The field between its samples is turned on by the gyro
-(held in body axes there). Steps are exact and as long as they are (first order and cut to 20 ms there). Versions before 1.8 filter the
-accelerometer with 30 Hz and have neither the 10 % limit nor, before 1.6, k and the limit of the rate for the bias.
+(held in body axes there). Steps are exact and as long as they are (first order and cut to 20 ms there). Versions
+before 1.8 filter the accelerometer with 30 Hz and have neither the 10 % limit nor, before 1.6, k and the limit of the
+rate for the bias.
 """
 
 from __future__ import annotations
