@@ -1,10 +1,11 @@
 """How accurate every estimator is where the truth is known, beside its peers in the same process.
 
-    python benchmarks/accuracy.py [--corpus DIR] [--estimators LIST] [--peers vqf,imufusion,ahrs] [--lag]
+    python benchmarks/accuracy.py [--corpus DIR] [--estimators LIST] [--peers vqf,vqf_offline,imufusion,ahrs] [--lag]
 
-Three sets below the corpus folder (default $ATTLOG_CORPUS): ``broad/`` (9-axis IMU with
-optical truth; motion phases), ``euroc/`` (quadrotor without magnetometer; after 20 s,
-inclination only), ``sitl/`` (simulated firmware flights with truth; after 15 s). Without a
+Sets below the corpus folder (default $ATTLOG_CORPUS): ``broad/`` (9-axis IMU with optical truth; motion
+phases), the same started at 25 % of the motion phase and scored from 20 s later (``broad_mid``, without the trials with
+an attached magnet), ``euroc/`` (quadrotor without magnetometer; after 20 s, inclination only), ``sitl/`` (simulated
+firmware flights with truth; after 15 s). At the end the ratios of ``mekf`` and ``smoother`` to their peers. Without a
 corpus the sample logs of the repository stand in, treated like ``sitl/``. Per row:
 mean over the set of total, heading and inclination RMSE in deg and ns per update. ``--lag`` adds lag and step gain
 from ``attlog.analyze`` on the simulated flights. ``ahrs`` is plain Python: minutes.
@@ -17,7 +18,7 @@ import csv
 import os
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,17 @@ def broad(root: Path) -> Iterator[Trial]:
             q = rotation.multiply(rotation.multiply(TO_NED, d["opt_quat"]), FLIP_BODY)
             sensors = [np.asarray(d[k], np.float64) * FLIP for k in ("gyr", "acc", "mag")]
             yield Trial("broad", path.stem, t, *sensors, t, q, d["movement"].astype(bool))
+
+
+def broad_mid(root: Path) -> Iterator[Trial]:
+    """The BROAD trials from 25 % of their motion phase on, scored from 20 s later; not those with a magnet attached."""
+    for trial in broad(root):
+        if "attached_magnet" not in trial.name:
+            moving = np.flatnonzero(trial.scored)
+            rest = slice(int(moving[0] + 0.25 * (moving[-1] - moving[0])), None)
+            t = trial.t[rest] - trial.t[rest.start]
+            parts = {k: getattr(trial, k)[rest] for k in ("gyr", "acc", "mag", "q")}
+            yield replace(trial, group="broad_mid", t=t, t_true=t, scored=trial.scored[rest] & (t > 20.0), **parts)
 
 
 def euroc(root: Path) -> Iterator[Trial]:
@@ -148,6 +160,18 @@ def peer_vqf(trial: Trial) -> tuple[Array, float]:
     return from_enu(out["quat6D" if mag is None else "quat9D"]), 1e9 * spent / len(gyr)
 
 
+def peer_vqf_offline(trial: Trial) -> tuple[Array, float]:
+    """vqf's own smoother with default parameters."""
+    from vqf import offlineVQF
+
+    gyr, acc = (np.ascontiguousarray(x * FLIP) for x in (trial.gyr, trial.acc))
+    mag = None if trial.mag is None else np.ascontiguousarray(filled(trial.mag) * FLIP)
+    clock = time.thread_time()
+    out = offlineVQF(gyr, acc, mag, float(np.median(np.diff(trial.t))))
+    spent = time.thread_time() - clock
+    return from_enu(out["quat6D" if mag is None else "quat9D"]), 1e9 * spent / len(gyr)
+
+
 def peer_imufusion(trial: Trial) -> tuple[Array, float]:
     """imufusion (Madgwick's Fusion) with default settings, sample by sample; earth axes NWU."""
     import imufusion
@@ -179,7 +203,12 @@ def peer_ahrs(trial: Trial) -> tuple[Array, float]:
     return q * np.array([1.0, 1.0, -1.0, -1.0]), 1e9 * (time.thread_time() - clock) / len(gyr)
 
 
-PEERS: dict[str, Peer] = {"vqf": peer_vqf, "imufusion": peer_imufusion, "ahrs": peer_ahrs}
+PEERS: dict[str, Peer] = {
+    "vqf": peer_vqf,
+    "vqf_offline": peer_vqf_offline,
+    "imufusion": peer_imufusion,
+    "ahrs": peer_ahrs,
+}
 
 
 def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple[str, str], list[Array]]:
@@ -208,6 +237,26 @@ def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple
     return found
 
 
+RATIOS = (
+    ("broad", "mekf", "peer vqf"),
+    ("broad_mid", "mekf", "peer vqf"),
+    ("broad", "smoother", "peer vqf_offline"),
+    ("broad_mid", "smoother", "peer vqf_offline"),
+    ("euroc", "mekf", "peer vqf"),
+    ("euroc", "smoother", "peer vqf_offline"),
+)
+"""Set, row, and what it is divided by: means over the set."""
+
+
+def ratios(table: dict[tuple[str, str], list[Array]]) -> Iterator[str]:
+    """One line per ratio whose rows are there: total / heading / inclination."""
+    for group, row, peer in RATIOS:
+        if (row, group) in table and (peer, group) in table:
+            a, b = (np.mean(table[name, group], axis=0)[:3] for name in (row, peer))
+            parts = "".join(f"{x:8.2f}" if np.isfinite(x) else f"{'':8}" for x in a / b)
+            yield f"{group:16}{row + ' / ' + peer[5:]:28}{len(table[row, group]):4}{parts}   ratio of means"
+
+
 def flights(corpus: Path | None) -> list[Path]:
     """The simulated flights of the corpus, else of the repository."""
     found = SAMPLES.iterdir() if corpus is None else (corpus / "sitl").glob("*/*")
@@ -232,8 +281,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--corpus", type=Path, default=os.environ.get("ATTLOG_CORPUS"), help="folder with the data")
     parser.add_argument("--estimators", default="all", help="as on the command line of attlog")
-    parser.add_argument("--peers", default="vqf,imufusion", help="of vqf, imufusion, ahrs; empty for none")
-    parser.add_argument("--sets", default="broad,euroc,sitl")
+    parser.add_argument("--peers", default="vqf,vqf_offline,imufusion", help=f"of {', '.join(PEERS)}; empty for none")
+    parser.add_argument("--sets", default="broad,broad_mid,euroc,sitl")
     parser.add_argument("--lag", action="store_true", help="lag and step gain on the simulated flights as well")
     given = parser.parse_args()
     if given.corpus is None:
@@ -242,7 +291,7 @@ def main() -> None:
         )
         cases = list(samples(SAMPLES))
     else:
-        sets = {"broad": broad, "euroc": euroc, "sitl": sitl}
+        sets = {"broad": broad, "broad_mid": broad_mid, "euroc": euroc, "sitl": sitl}
         cases = [c for name in given.sets.split(",") for c in sets[name](given.corpus)]
     specs = [row.name for row in select(given.estimators)]
     for spec in specs:
@@ -254,6 +303,8 @@ def main() -> None:
             if where == group:
                 total, heading, inclination, ns = np.mean(values, axis=0)
                 print(f"{group:16}{row:28}{len(values):4}{total:8.2f}{heading:9.2f}{inclination:8.2f}{ns:9.0f}")
+    for line in ratios(table):
+        print(line)
     if given.lag:
         print(f"{'row':44}{'n':>4}{'lag ms':>9}{'step gain':>11}   medians over simulated flights")
         for row, values in lags(flights(given.corpus), specs).items():
