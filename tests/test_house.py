@@ -43,7 +43,8 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "testing": {"estimators"},
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis", "replay"},
-    "fleet": {"config", "analysis", "result", "report", "formats"},
+    "processes": set(),
+    "fleet": {"config", "analysis", "result", "report", "formats", "processes"},
     "compare": BELOW_THE_RESULT | {"analysis", "replay", "result", "plain", "present", "report", "schema", "processes"},
     "cli": BELOW_THE_RESULT
     | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present", "fleet"}

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.cli import analyze, check_estimator, diff, estimators, extract, info, new, schema, streams, sweep
+from attlog.cli import analyze, check_estimator, compare, diff, estimators, extract, info, new, schema, streams, sweep
 from attlog.cli.arguments import Group, WithJson
 from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
 
@@ -59,6 +59,7 @@ def _root(
 app.command("analyze", cls=WithJson)(analyze.command)
 app.command("info", cls=WithJson)(info.command)
 app.command("extract")(extract.command)
+app.command("compare", cls=WithJson)(compare.command)
 app.command("diff")(diff.command)
 app.command("sweep", cls=WithJson)(sweep.command)
 app.command("estimators")(estimators.command)

@@ -5,15 +5,18 @@ Errors and noises are compared as ratios, everything else as a difference, alway
 ===============  ==========================================================  ====================
 unit             what is averaged over the common units                      interval
 ===============  ==========================================================  ====================
-window of noise  half of ln v_b - ln v_a: the logarithm of the ratio         moderated t
-block of errors  half of ln ms_b - ln ms_a: the typical block                moderated t
+window of noise  half of ln v_b - ln v_a: the logarithm of the ratio         t; moderated t below 4
+block of errors  half of ln ms_b - ln ms_a: the typical block                t; moderated t below 4
 event of lag     |lag|: difference of the jackknife's pseudo-values          t
 group of drift   |drift|: difference of the slopes, each with its own sign   t
 event of a step  difference of magnitudes, Hodges-Lehmann                    signed rank, inverted
 none             difference of the values                                    none
 ===============  ==========================================================  ====================
 
-The p value is that of the ranking's test (docs/metrics.md), so that a report on one log and a comparison agree.
+The ranking's moderated t (docs/metrics.md) takes the scatter of two *different filters* as known beforehand. Two
+settings of one filter scatter far less, so that its interval was up to thirty times too wide and held the other
+half of a flight in 99 to 100 %; from four units on Student's t stands on the pair's own scatter (95 to 98 %, see
+benchmarks/paired_intervals.py).
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from numpy.typing import NDArray
 
 from attlog.metrics import moderated, pairs, ranking
 from attlog.metrics.answer import Answer
-from attlog.metrics.quantiles import student
+from attlog.metrics.quantiles import student, student_two_sided
 from attlog.metrics.units import Kind, UnitValues
 
 Array = NDArray[np.float64]
@@ -36,6 +39,8 @@ Direction = Literal["better", "worse", "same", "not told"]
 
 RATIOS: tuple[Kind, ...] = ("log_variance", "mean_square")
 ALPHA = 0.05
+OWN_SCATTER = 4
+"""From so many windows or blocks on the scatter of a pair is taken from the pair itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +80,7 @@ def paired(a: Answer, b: Answer, better: str) -> Paired | str:
         return f"{len(common)} units of evidence in common; {needed} are needed"
     first, second = a.units.on(common).value, b.units.on(common).value
     scale, value, ci95, error = _estimate(a.units, b.units, common)
-    p = pairs.p_value(a.units, b.units, common)
+    p = _p_value(a.units, b.units, common)
     if not np.any(a.units.at(common) != b.units.at(common)):
         shown = typical(a.units, common, first)
         return Paired(scale, 0.0, (0.0, 0.0), error, 1.0, len(common), shown, shown, "same")
@@ -121,18 +126,33 @@ def _estimate(
     kind = a.kind
     if kind in RATIOS:
         d = 0.5 * (y - x if kind == "log_variance" else _logarithms(y) - _logarithms(x))
-        # the prior is of twice this: logarithms of variances
-        value, low, high, error = moderated_mean(
-            d, moderated.Prior(pairs.PRIORS[kind].variance / 4.0, pairs.PRIORS[kind].dof)
-        )
-        return "ratio", value, (low, high), error
+        if len(d) < OWN_SCATTER:  # the prior is that of twice this, of logarithms of variances
+            prior = moderated.Prior(pairs.PRIORS[kind].variance / 4.0, pairs.PRIORS[kind].dof)
+            value, low, high, error = moderated_mean(d, prior)
+            return "ratio", value, (low, high), error
+        return "ratio", *_mean(d)
     if kind == "step_event":
         value, ci95, error = hodges_lehmann(y - x)
         return "difference", value, ci95, error
     d = np.copysign(1.0, np.mean(y)) * y - np.copysign(1.0, np.mean(x)) * x
+    return "difference", *_mean(d)
+
+
+def _mean(d: Array) -> tuple[float, tuple[float, float], float]:
+    """Mean of values (k,), its t interval and its standard error."""
     value, error = float(np.mean(d)), float(np.std(d, ddof=1)) / math.sqrt(len(d))
     half = student(0.975, len(d) - 1) * error
-    return "difference", value, (value - half, value + half), error
+    return value, (value - half, value + half), error
+
+
+def _p_value(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> float:
+    """Two-sided p that both are the same on common units (k,): of the interval's test."""
+    if a.kind not in RATIOS or len(common) < OWN_SCATTER:
+        return pairs.p_value(a, b, common)
+    _, value, _, error = _estimate(a, b, common)
+    if error == 0.0:
+        return 1.0 if value == 0.0 else 0.0
+    return student_two_sided(value / error, len(common) - 1)
 
 
 def _logarithms(squares: Array) -> Array:

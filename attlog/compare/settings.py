@@ -101,7 +101,7 @@ SETTINGS: dict[str, Setting] = {
         Setting("mag", "", "off: the filter runs without magnetometer", (), words=("on", "off")),
         Setting("mag_rate", "Hz", "one of so many magnetometer samples that this rate comes out", low=0.001),
         Setting("latency", "ms", "all samples come so much later", low=0.0, high=10_000.0),
-        Setting("gyro_offset", "deg/s", "taken off the gyro, body axes", THREE, -2000.0, 2000.0),
+        Setting("gyro_offset", "deg/s", "taken off the gyro, body axes; with the bias at rest taken off only what the rest does not show", THREE, -2000.0, 2000.0),
         Setting("acc_offset", "m/s^2", "taken off the accelerometer, body axes", THREE, -200.0, 200.0),
         Setting("mag_offset", "uT", "taken off the magnetometer, body axes", THREE, -1000.0, 1000.0),
         Setting("gyro_scale", "", "the gyro without its offset times this", (1, 3), 0.01, 100.0),

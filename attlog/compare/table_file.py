@@ -15,6 +15,7 @@ LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "°": r"$^\circ$", "±": r"$\pm$", "−": r"$-$",
     "×": r"$\times$", "√": r"$\sqrt{}$", "µ": r"$\mu$", "²": r"$^2$", "<": r"$<$", ">": r"$>$",
+    "–": "--", "∞": r"$\infty$",
 }  # fmt: skip
 
 
@@ -48,9 +49,14 @@ def latex(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """The table as a LaTeX tabular with the rules of booktabs."""
 
     def line(cells: Sequence[str]) -> str:
-        return "  " + " & ".join("".join(LATEX.get(c, c) for c in cell) for cell in cells) + " \\\\\n"
+        return "  " + " & ".join(map(in_latex, cells)) + " \\\\\n"
 
     columns = "l" + "r" * (len(head) - 1)
     body = "".join(map(line, rows))
     whole = f"  \\toprule\n{line(head)}  \\midrule\n{body}  \\bottomrule\n"
     return f"\\begin{{tabular}}{{{columns}}}\n{whole}\\end{{tabular}}\n"
+
+
+def in_latex(text: str) -> str:
+    """A text with the signs that LaTeX reads otherwise, or not at all, as it writes them."""
+    return "".join(LATEX.get(c, c) for c in text)

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
 import traceback
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -15,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from attlog import __version__
 from attlog.errors import BUG, exit_code, message
 from attlog.fleet.one import Written, analyze_to_files
+from attlog.processes import Died, in_processes
 
 if TYPE_CHECKING:
     from attlog.config import Config
@@ -71,42 +68,9 @@ def outcomes(logs: Sequence[Path], names: Sequence[str], task: Task, jobs: int =
         for log, name in zip(logs, names, strict=True):
             yield outcome(log, name, task)
         return
-    waiting = dict(zip(logs, names, strict=True))
-    for found in _in_processes(waiting, task, min(jobs, len(logs))):
-        del waiting[found.log]
-        yield found
-    for log, name in waiting.items():  # a process died, which ends all of its pool: who was it?
-        alone = next(_in_processes({log: name}, task, 1), None)
-        yield alone or Outcome(
-            log, None, BUG, message(_Died("the process ended without a word"), __version__, str(log))
-        )
-
-
-class _Died(Exception):
-    """A process that is gone."""
-
-
-def _in_processes(names: dict[Path, str], task: Task, jobs: int) -> Iterator[Outcome]:
-    """Outcomes from a pool of processes, until one of them dies."""
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_interrupts_to_the_parent)
-    try:
-        futures: list[Future[Outcome]] = [pool.submit(_without_traces, log, name, task) for log, name in names.items()]
-        for future in as_completed(futures):
-            try:
-                yield future.result()
-            except BrokenProcessPool:
-                continue  # outcomes that were finished before still come
-        pool.shutdown()
-    finally:
-        for child in set(multiprocessing.active_children()) - others:
-            child.terminate()  # an interrupted analysis would go on for minutes
-            child.join()
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    work = {log: (log, name, task) for log, name in zip(logs, names, strict=True)}
+    for log, found in in_processes(_without_traces, work, jobs):
+        yield Outcome(log, None, BUG, message(found, __version__, str(log))) if isinstance(found, Died) else found
 
 
 def _without_traces(log: Path, name: str, task: Task) -> Outcome:

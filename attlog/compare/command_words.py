@@ -1,0 +1,92 @@
+"""Which words of a command line are logs, and which are configurations? Told by what they look like."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from attlog import estimators
+from attlog.compare import toml_file
+from attlog.compare.configuration import Configuration, parse
+from attlog.errors import AttlogError, UsageError
+from attlog.estimators.base import suggestion
+
+KEYS = re.compile(r"[^:]*:[A-Za-z_]\w*=")
+
+
+@dataclass(slots=True)
+class Words:
+    """Logs (files, folders, patterns) and configurations, in the order given, with what a TOML file asks for."""
+
+    logs: list[Path] = field(default_factory=list)
+    wanted: toml_file.Wanted = field(default_factory=toml_file.Wanted)
+
+
+def sorted_out(words: Sequence[str]) -> Words:
+    """The logs and configurations of a command line. UsageError tells everything wrong with the configurations.
+
+    A configuration is a filter's name, alone or with ``@`` or ``:``, a ``.py`` or ``.csv`` file, or a ``.toml`` file of
+    them; everything else is a log. A file that is called like a filter is meant with ``./`` before it.
+    """
+    found = Words()
+    problems: list[str] = []
+    names: dict[str, Configuration] = {}
+    worst = UsageError.exit_code
+    for word in words:
+        try:
+            if word.lower().endswith(".toml"):
+                wanted = toml_file.read(Path(word))
+                found.wanted.metrics += wanted.metrics
+                found.wanted.options |= wanted.options
+                for one in wanted.configurations:
+                    names.setdefault(one.name, one)
+            elif is_configuration(word):
+                one = parse(word)
+                names.setdefault(one.name, one)
+            elif not Path(word).exists() and not set("*?[/\\.") & set(word):
+                known = [*estimators.names(), "default", "all"]
+                problems.append(f"{word}: neither a file nor a filter{suggestion(word, known)}")
+            else:
+                found.logs.append(Path(word))
+        except AttlogError as error:
+            problems.append(str(error))
+            worst = error.exit_code
+    if problems:
+        refused = UsageError("\n".join(problems))
+        refused.exit_code = worst if len(problems) == 1 else UsageError.exit_code
+        raise refused
+    found.wanted.configurations = list(names.values())
+    return found
+
+
+def is_configuration(word: str) -> bool:
+    """Whether a word names a filter, an estimator file or an estimate, not a log."""
+    head = re.split(r"[@:]", word, maxsplit=1)[0]
+    if head in estimators.names() or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
+        return True
+    return not Path(word).exists() and (KEYS.match(word) is not None or ("@" in word and "/" not in word))
+
+
+def with_params(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:
+    """The configurations, and behind each whose filter takes firmware parameters the same with those of a file.
+
+    Without any configuration the filters that replay a firmware's own estimator stand in. UsageError where
+    no filter takes such parameters.
+    """
+    named = list(configurations) or [parse(name) for name in REPLICAS if name in estimators.names()]
+    taking = [c for c in named if c.row.estimator.from_log is not None and "params" not in c.before]
+    if not taking:
+        raise UsageError(f"--params {path}: none of the configurations takes firmware parameters")
+    found: dict[str, Configuration] = {}
+    for c in named:
+        found[c.name] = c
+        if c in taking:
+            new = c.with_value("params", str(path), None if c.name == c.text else f"{c.name}, {path.name}")
+            found[new.name] = new
+    return list(found.values())
+
+
+REPLICAS = ("px4_q", "ap_dcm")
+"""Filters that replay a firmware's own estimator with its own parameters."""

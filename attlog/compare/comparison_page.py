@@ -1,0 +1,159 @@
+"""A comparison as one self-contained page: sentences, forest plots, tables. The report's own machinery draws it."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+from attlog.compare.comparison import Beside, Comparison, Over, Question
+from attlog.compare.table import Table, tables
+from attlog.compare.difference_words import scale_title, seen, signed, span
+from attlog.output import write_atomic
+from attlog.plain import plain
+from attlog.present.numbers import counted, duration
+from attlog.present.text import cleaned, typeset
+from attlog.report.bundle import bundle
+from attlog.report.figure import Figure
+from attlog.report.pack import Store, packed
+from attlog.report.page import SCRIPTS, WEB, policy, shown
+
+OWN = Path(__file__).parent / "web"
+COLOURS = 8
+NO_MARKS: dict[str, Any] = {
+    "range": [0, 1], "modes": [], "armed": [], "airborne": [], "texts": [], "rest": [], "impact": [], "gaps": [],
+    "resets": [],
+}  # fmt: skip
+"""What figures over flight time would show; a comparison has none."""
+
+
+def write(found: Comparison, path: Path, *, plotly: Literal["inline", "shared"] = "inline") -> None:
+    """Write the page of a comparison (atomically). OutputError if it cannot be written."""
+    plot = bundle()
+    shared = plotly == "shared"
+    if shared:
+        beside = path.parent / plot.name
+        if not beside.is_file() or beside.read_bytes() != plot.script:
+            write_atomic(beside, plot.script)
+    write_atomic(path, render(found, shared=shared))
+
+
+def render(found: Comparison, *, shared: bool = False) -> str:
+    """The page as text: nothing in it is loaded from anywhere but, if ``shared``, the bundle beside it."""
+    from jinja2 import Environment, FileSystemLoader
+
+    plot, store = bundle(), Store()
+    figures = {q.id: _forest(found, q, number) for number, q in enumerate(found.questions) if q.main and _drawn(q)}
+    rows = [
+        {"name": c.label, "slot": 0 if not k else 1 + (k - 1) % COLOURS, "dash": "solid", "shown": True,
+         "onboard": False, "lost": False}
+        for k, c in enumerate(found.configurations)
+    ]  # fmt: skip
+    header = {
+        "rows": cleaned(rows),
+        "marks": NO_MARKS,
+        "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for f in figures.values()},
+        "shared": {"src": plot.name, "integrity": plot.hash} if shared else None,
+    }
+    style = (WEB / "style.css").read_text(encoding="utf-8")
+    parts = [(WEB / name).read_text(encoding="utf-8") for name in SCRIPTS]
+    script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
+    environment = Environment(
+        loader=FileSystemLoader([OWN, WEB]), autoescape=True, finalize=shown, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"typeset": typeset, "duration": duration, "counted": counted}
+    document = json.dumps(plain(found), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return environment.get_template("compare.html").render(
+        found=found,
+        policy=policy(plot, style, script, shared=shared),
+        style=style,
+        script=script,
+        rows=rows,
+        names={c.name: c.label for c in found.configurations},
+        slots={c.name: row["slot"] for c, row in zip(found.configurations, rows, strict=True)},
+        figures=figures,
+        tables=_by_question(found),
+        config=as_toml(found),
+        data=store.pack(header),
+        json=packed(document.encode("utf-8", "replace")),
+        bundle=None if shared else base64.b64encode(plot.packed).decode(),
+        shared=plot.name if shared else None,
+    )
+
+
+def _by_question(found: Comparison) -> dict[str, list[Table]]:
+    by: dict[str, list[Table]] = {}
+    for table in tables(found):
+        by.setdefault(table.question.id, []).append(table)
+    return by
+
+
+def _drawn(question: Question) -> bool:
+    return any(b.value is not None for c in question.contrasts for b in c.logs)
+
+
+def _forest(found: Comparison, question: Question, number: int) -> Figure:
+    """The forest plot of a question: logs with a value, and all of them below."""
+    order = [c.name for c in found.configurations]
+    called = {c.name: c.label for c in found.configurations}
+    logs = [line.name for line in found.logs if any(
+        b.log == line.name and b.value is not None for c in question.contrasts for b in c.logs
+    )]  # fmt: skip
+    pooled = any(c.over is not None and c.over.logs > 1 for c in question.contrasts)
+    lines = [*logs, "all logs"] if pooled else logs
+    items: list[dict[str, Any]] = []
+    rows: list[list[Any]] = [["log", "configuration", "first", "scale", "value", "low95", "high95", "told"]]
+    for c in question.contrasts:
+        places: list[tuple[Beside | Over, int, str]]
+        places = [(b, lines.index(b.log), b.log) for b in c.logs if b.value is not None]
+        if c.over is not None and c.over.logs > 1:
+            places.append((c.over, len(logs), "all logs"))
+        for one, line, name in places:
+            view = seen(question, one)
+            if view is None:
+                continue
+            ends: list[float | None] | None = list(one.ci95) if one.ci95 is not None else None
+            say = f"{name}, {called[c.configuration]}: {signed(view.value, question)}" + (
+                f" ({span(view)})" if ends else ""
+            )
+            items.append({
+                "r": order.index(c.configuration), "line": line, "v": one.value, "ci": ends, "all": line == len(logs),
+                "told": one.direction in ("better", "worse"), "say": say,
+            })  # fmt: skip
+            rows.append(
+                [name, c.configuration, order[0], question.scale, one.value, *(ends or [None, None]), one.direction]
+            )
+    words = "; ".join(item["say"] for item in items)
+    height = 92 + 26 * len(lines) * max(1, (len(question.contrasts) + 1) // 2)
+    data = {
+        "items": items, "lines": lines, "all": pooled, "log": question.scale == "ratio", "table": rows,
+        "axis": scale_title(question, called[order[0]]),
+    }  # fmt: skip
+    caption = (
+        "Line: 95 % interval. Filled: told apart. Diamond: all logs together. Lines that leave the figure are cut."
+    )
+    title = f"{question.title} beside {called[order[0]]}"
+    return Figure(f"forest{number}", "forest", title, caption, height, data, True, words)
+
+
+def as_toml(found: Comparison) -> str:
+    """The configurations as a file that ``attlog compare`` reads."""
+    import tomli_w
+
+    parts = []
+    for c in found.configurations:
+        table: dict[str, Any] = {"name": c.name, "estimator": c.text.partition(":")[0]}
+        if ".py" in c.text or ".csv" in c.text:
+            table["estimator"] = c.text[: max(c.text.find(".py") + 3, c.text.find(".csv") + 4)]
+        table |= {k: _value(v) for k, v in (*c.parameters.items(), *c.before.items())}
+        parts.append("[[configuration]]\n" + tomli_w.dumps(table))
+    return "\n".join(parts)
+
+
+def _value(text: str) -> Any:
+    try:
+        numbers = [float(part) for part in text.split("/")]
+    except ValueError:
+        return text
+    return numbers[0] if len(numbers) == 1 else numbers

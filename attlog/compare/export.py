@@ -1,0 +1,91 @@
+"""The tables of a comparison as files for papers: CSV, LaTeX (booktabs) and Markdown, by the name's ending."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+from attlog.compare import table_file
+from attlog.compare.comparison import Comparison
+from attlog.compare.table import tables
+from attlog.compare.table_file import check_suffix, in_latex
+from attlog.output import write_atomic
+
+
+def write(found: Comparison, path: Path) -> None:
+    """Write the tables of a comparison. UsageError for a name that says no format, OutputError if it cannot be."""
+    check_suffix(path)
+    form = path.suffix.lower()
+    text = numbers(found) if form == ".csv" else latex(found) if form == ".tex" else markdown(found)
+    write_atomic(path, text)
+
+
+def numbers(found: Comparison) -> str:
+    """CSV: one line for each question, log and configuration, in full precision; the last of each are all logs."""
+    out = io.StringIO()
+    lines = csv.writer(out, lineterminator="\n")
+    lines.writerow(
+        ["metric", "window", "unit", "scale", "log", "configuration", "value", "low95", "high95", "n", "first",
+         "first_value", "change", "change_low95", "change_high95", "p", "common_units", "direction", "reason"]
+    )  # fmt: skip
+    first = found.configurations[0].name
+    for q in found.questions:
+        for log, cells in q.cells.items():
+            beside = {c.configuration: b for c in q.contrasts for b in c.logs if b.log == log}
+            for name, cell in cells.items():
+                b = beside.get(name)
+                low, high = cell.ci95 or (None, None)
+                row = [q.metric, cell.window, q.unit, q.scale, log, name, cell.value, low, high, cell.n]
+                if b is not None:
+                    ends = b.ci95 or (None, None)
+                    row += [first, b.first, b.value, *ends, b.p, b.n, b.direction, b.reason or cell.reason]
+                else:
+                    row += ["", "", "", "", "", "", "", "", cell.reason]
+                lines.writerow([_safe(x) for x in row])
+        for c in q.contrasts:
+            if c.over is not None:
+                o, window = c.over, q.windows[0]
+                ends = o.ci95 or (None, None)
+                row = [q.metric, window, q.unit, q.scale, "(all)", c.configuration, "", "", "", o.logs, first, ""]
+                lines.writerow([_safe(x) for x in (*row, o.value, *ends, o.p, o.logs, o.direction, o.method)])
+    for line in found.logs:
+        if line.code:
+            lines.writerow(["", "", "", "", _safe(line.name), *[""] * 13, _safe(line.reason)])
+    return out.getvalue()
+
+
+def _safe(value: object) -> object:
+    """A cell that no spreadsheet takes for a formula: log names can say anything."""
+    if value is None:
+        return ""
+    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@") else value
+
+
+def markdown(found: Comparison) -> str:
+    """Sentences and tables as Markdown."""
+    parts = [said for verdict in found.verdicts for said in (verdict.lead, *verdict.more)]
+    lines = [f"- {_md(said)}" for said in parts]
+    for table in tables(found):
+        lines += ["", f"**{_md(table.title)}** ({_md(table.caption)})", ""]
+        lines.append(table_file.markdown(table.head, table.rows).rstrip())
+    broken = [f"{line.name}: {line.reason}" for line in found.logs if line.code]
+    if broken:
+        lines += ["", "Not used:", "", *(f"- {_md(b)}" for b in broken)]
+    return "\n".join(lines) + "\n"
+
+
+def _md(text: str) -> str:
+    for sign in "\\|*_`<[":
+        text = text.replace(sign, "\\" + sign)
+    return text.replace("\n", " ")
+
+
+def latex(found: Comparison) -> str:
+    """Tables for LaTeX with the package booktabs, one table environment each."""
+    parts = ["% Tables of attlog compare; needs \\usepackage{booktabs}"]
+    for table in tables(found):
+        caption = in_latex(f"{table.title} ({table.caption})")
+        tabular = table_file.latex(table.head, table.rows)
+        parts.append(f"\\begin{{table}}\n\\centering\n\\caption{{{caption}}}\n{tabular}\\end{{table}}\n")
+    return "\n".join(parts)

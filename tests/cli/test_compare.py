@@ -1,0 +1,67 @@
+"""``attlog compare`` as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from attlog.compare.command_words import sorted_out
+from attlog.compare.comparison import Comparison
+from attlog.errors import UsageError
+from tests.conftest import SAMPLES
+
+STEPS = SAMPLES / "copter_steps_stabilize.bin"
+
+
+def test_two_settings_on_one_log(attlog, tmp_path: Path) -> None:
+    tex = tmp_path / "t.tex"
+    done = attlog("compare", str(STEPS), "mahony:kp=0.3", "mahony:kp=0.6", "-o", str(tmp_path), "--table", str(tex))
+    assert done.code == 0, done.err
+    found = Comparison.load(tmp_path / "compare.json")
+    assert found.command.startswith("attlog compare")
+    lead = " ".join(done.out.split("\n\n")[0].split())
+    assert lead.startswith(found.verdicts[0].lead)
+    assert (tmp_path / "compare.html").stat().st_size > 100_000
+    assert (tmp_path / "compare.csv").read_text().startswith("metric,")
+    assert tex.read_text().count(r"\toprule") == len(found.questions)
+
+
+def test_json_goes_to_standard_output_and_the_tables_do_not(attlog, tmp_path: Path) -> None:
+    done = attlog("compare", str(STEPS), "vqf", "mahony", "-o", str(tmp_path), "--json", "-")
+    assert json.loads(done.out)["schema"] == "attlog-comparison/1"
+    assert "Tilt error" in done.err
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["{log}", "mahony"], 2, "two configurations or more"),
+        (["mahony", "vqf"], 2, "no log named"),
+        (["{log}", "mahony", "mahoni"], 2, "neither a file nor a filter; did you mean mahony?"),
+        (["{log}", "mahony:kpp=1", "vqf:lowpas=2"], 2, "did you mean lowpass?"),
+        (["{log}", "mahony", "vqf", "--metric", "lagms"], 2, "did you mean lag_ms?"),
+        (["{log}", "mahony", "vqf", "--table", "t.xls"], 2, "end its name with .csv, .md or .tex"),
+        (["{log}", "mahony", "vqf", "--reference", "thruth"], 2, "use auto, truth"),
+        (["{log}", "none.toml"], 66, "cannot be read"),
+        (["none.bin", "mahony", "vqf"], 66, "none.bin"),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_right_exit_code(
+    attlog, tmp_path: Path, words: list[str], code: int, said: str
+) -> None:
+    done = attlog("compare", *(w.format(log=STEPS) for w in words), "-o", str(tmp_path))
+    assert done.code == code, done.err
+    assert said in done.err
+
+
+def test_words_are_told_apart_by_what_they_look_like(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("metrics=['lag_ms']\n[[configuration]]\nestimator='vqf'\nname='mine'\n")
+    found = sorted_out([str(STEPS), "logs/*.bin", "mahony@xu-0.6", "gyro", str(tmp_path / "c.toml")])
+    assert [str(p) for p in found.logs] == [str(STEPS), "logs/*.bin"]
+    assert [c.name for c in found.wanted.configurations] == ["mahony@xu-0.6", "gyro", "mine"]
+    assert found.wanted.metrics == ["lag_ms"]
+    with pytest.raises(UsageError) as error:
+        sorted_out(["mahoni", "mahony:kpp=1"])
+    assert len(str(error.value).splitlines()) == 2

@@ -1,0 +1,52 @@
+"""Made-up comparisons: differences whose numbers are known, as every log would give them."""
+
+from __future__ import annotations
+
+import math
+
+from attlog.compare.comparison import Beside, Cell, Comparison, LogLine
+from attlog.compare.configuration import Configuration, parse
+from attlog.compare.one_log import Measured
+from attlog.compare.over_logs import gathered
+from attlog.compare.questions import Asked, asked
+
+CONFIGURATIONS = [parse("mahony:kp=0.3"), parse("mahony:kp=0.6")]
+FIRST, SECOND = (c.name for c in CONFIGURATIONS)
+
+
+def beside(log: str, question: Asked, change: float, half: float) -> Beside:
+    """A difference (of the logarithm for ratios) with its interval; told where that excludes none."""
+    told = abs(change) > half
+    direction = "same" if change == half == 0.0 else "not told" if not told else "better" if change < 0.0 else "worse"
+    ends = (change - half, change + half)
+    if question.scale == "ratio":
+        value, ends = math.exp(change), (math.exp(ends[0]), math.exp(ends[1]))
+    else:
+        value = change
+    p = 1.0 if direction in ("same", "not told") else 0.001
+    return Beside(log, value, ends, p, 9, 2.0, 2.0 * value, half / 2.0, 0.0, direction, question.windows[0])
+
+
+def comparison(
+    changes: dict[str, list[tuple[float, float]]],
+    configurations: list[Configuration] | None = None,
+    broken: list[LogLine] | None = None,
+) -> Comparison:
+    """A comparison of two configurations: by metric id, for each log (change, half interval)."""
+    chosen = configurations or CONFIGURATIONS
+    questions = [next(q for q in asked() if q.metric == metric) for metric in changes]
+    count = max(len(each) for each in changes.values())
+    logs = []
+    for k in range(count):
+        one = Measured(LogLine(f"flight{k + 1}.ulg", f"flight{k + 1}.ulg"))
+        for q in questions:
+            name = chosen[1].name
+            each = changes[q.metric]
+            found = (
+                beside(one.line.name, q, *each[k]) if k < len(each) else Beside(one.line.name, None, reason="no steps")
+            )
+            one.cells[q.id] = {c.name: Cell(1.0, (0.9, 1.1), 9, q.windows[0]) for c in chosen}
+            one.beside[q.id] = {name: found}
+        logs.append(one)
+    logs += [Measured(line) for line in broken or []]
+    return gathered(chosen, logs, questions, attlog={"version": "0"}, command="attlog compare")
