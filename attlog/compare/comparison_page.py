@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from attlog.compare.comparison import Beside, Comparison, Over, Question
-from attlog.compare.table import Table, tables
 from attlog.compare.difference_words import scale_title, seen, signed, span
+from attlog.compare.table import Table, tables
 from attlog.output import write_atomic
 from attlog.plain import plain
 from attlog.present.numbers import counted, duration

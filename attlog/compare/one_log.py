@@ -76,7 +76,7 @@ def read_off(found: Measured, result: Result, rows: Sequence[EstimatorRow], ques
     """The cells and differences of some rows of a result that was just evaluated (its answers still have units)."""
     first = rows[0]
     for question in questions:
-        metric, window = _place(question, rows)
+        metric, window = place(question, rows)
         answers = {row.name: row.metrics.get(window, {}).get(metric) for row in rows}
         found.cells[question.id] = {row.name: _cell(row, answers[row.name], window) for row in rows}
         better = result.definitions.get(metric, {}).get("better", "low")
@@ -89,7 +89,7 @@ def read_off(found: Measured, result: Result, rows: Sequence[EstimatorRow], ques
     return found
 
 
-def _place(question: Asked, rows: Sequence[EstimatorRow]) -> tuple[str, str]:
+def place(question: Asked, rows: Sequence[EstimatorRow]) -> tuple[str, str]:
     """Metric and window in which the most rows have a value, of equal ones the first; of drifts in the air the
     heading reference that a report would quote."""
     metrics = [question.metric]

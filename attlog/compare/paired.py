@@ -79,7 +79,8 @@ def paired(a: Answer, b: Answer, better: str) -> Paired | str:
     if len(common) < needed:
         return f"{len(common)} units of evidence in common; {needed} are needed"
     first, second = a.units.on(common).value, b.units.on(common).value
-    scale, value, ci95, error = _estimate(a.units, b.units, common)
+    found = estimate(a.units, b.units, common)
+    scale, value, ci95, error = found.scale, found.value, found.ci95, found.error
     p = _p_value(a.units, b.units, common)
     if not np.any(a.units.at(common) != b.units.at(common)):
         shown = typical(a.units, common, first)
@@ -118,10 +119,18 @@ def _size(value: float, better: str) -> float:
     return ranking.distance(Answer(value, "", ""), better)[1]
 
 
-def _estimate(
-    a: UnitValues, b: UnitValues, common: NDArray[np.int64]
-) -> tuple[Scale, float, tuple[float, float] | None, float]:
-    """Scale, value, interval and standard error of the difference over common units (k,)."""
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A difference over units: its scale, value, interval and standard error."""
+
+    scale: Scale
+    value: float
+    ci95: tuple[float, float] | None
+    error: float
+
+
+def estimate(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> Estimate:
+    """The difference of the second to the first over common units (k,), as the module's table says."""
     x, y = a.at(common), b.at(common)
     kind = a.kind
     if kind in RATIOS:
@@ -129,13 +138,12 @@ def _estimate(
         if len(d) < OWN_SCATTER:  # the prior is that of twice this, of logarithms of variances
             prior = moderated.Prior(pairs.PRIORS[kind].variance / 4.0, pairs.PRIORS[kind].dof)
             value, low, high, error = moderated_mean(d, prior)
-            return "ratio", value, (low, high), error
-        return "ratio", *_mean(d)
+            return Estimate("ratio", value, (low, high), error)
+        return Estimate("ratio", *_mean(d))
     if kind == "step_event":
-        value, ci95, error = hodges_lehmann(y - x)
-        return "difference", value, ci95, error
+        return Estimate("difference", *hodges_lehmann(y - x))
     d = np.copysign(1.0, np.mean(y)) * y - np.copysign(1.0, np.mean(x)) * x
-    return "difference", *_mean(d)
+    return Estimate("difference", *_mean(d))
 
 
 def _mean(d: Array) -> tuple[float, tuple[float, float], float]:
@@ -149,10 +157,10 @@ def _p_value(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> float:
     """Two-sided p that both are the same on common units (k,): of the interval's test."""
     if a.kind not in RATIOS or len(common) < OWN_SCATTER:
         return pairs.p_value(a, b, common)
-    _, value, _, error = _estimate(a, b, common)
-    if error == 0.0:
-        return 1.0 if value == 0.0 else 0.0
-    return student_two_sided(value / error, len(common) - 1)
+    found = estimate(a, b, common)
+    if found.error == 0.0:
+        return 1.0 if found.value == 0.0 else 0.0
+    return student_two_sided(found.value / found.error, len(common) - 1)
 
 
 def _logarithms(squares: Array) -> Array:

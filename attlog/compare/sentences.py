@@ -1,7 +1,7 @@
 """What a comparison says: one lead sentence for each configuration beside the first, one for every further question.
 
-Every number of a sentence stands in the table, written by the same functions of :mod:`attlog.compare.difference_words`. The
-subject of a lead is who is better; where nothing is told apart that is said, with how far apart the two can be.
+Every number of a sentence stands in the table, written by the same functions (:mod:`attlog.compare.difference_words`).
+The subject of a lead is who is better; where nothing is told apart that is said, with how far apart the two can be.
 """
 
 from __future__ import annotations
