@@ -174,6 +174,11 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
             for k, axis in enumerate("xyz"):
                 table.columns[f"bias_{axis}_rad_s"] = row.bias[:, k]
             table.units |= {f"bias_{axis}_rad_s": "rad/s" for axis in "xyz"}
+        for name, values in row.aux.items():
+            wide = values.reshape(len(row.t), -1)
+            ends = [""] if wide.shape[1] == 1 else [f"_{k}" for k in range(wide.shape[1])]
+            table.columns |= {name + end: wide[:, k] for k, end in enumerate(ends)}
+            table.units |= {name + end: "rad" for end in ends if name in ("sigma_tilt", "sigma_heading")}
         yield table
 
 

@@ -84,6 +84,7 @@ def aids_of(log: FlightLog, segments: Segments, imu: Imu | None = None, field: e
         at_rest=np.array(rest, np.float64).reshape(-1, 2),
         field=None if field is None else np.array(field.ned_t),
         lag=(0.0, 0.0) if imu is None else (_lag(imu.gyro), _lag(imu.acc)),
+        impact=min((s.t0 for s in segments.of("impact")), default=None),
     )
 
 

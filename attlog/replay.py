@@ -133,7 +133,7 @@ def replayed(
     )
     row.imu = imu
     row.equation = spec.estimator.equation
-    row.quality = dict(estimate.quality)
+    row.quality, row.aux = dict(estimate.quality), dict(estimate.aux)
     _add_common_bias(row, case.bias_of(imu))
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}

@@ -181,3 +181,9 @@ def test_aids_tell_the_earths_field_and_the_lag_of_the_units_filters() -> None:
     assert aids.lag[0] == pytest.approx(0.01125, abs=1e-5)
     assert aids.lag[1] < 0.1
     assert aids.between(1.0, 2.0).lag == aids.lag
+
+
+def test_an_impact_is_told_to_whole_runs() -> None:
+    crashed = Segments([*REST.segments, Segment("impact", 33.0, 60.0)])
+    assert inputs.aids_of(flight(), crashed).impact == 33.0
+    assert inputs.aids_of(flight(), REST).impact is None

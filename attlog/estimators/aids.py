@@ -83,7 +83,9 @@ class Aids:
     m. ``airspeed`` x (n,) m/s, true. ``at_rest`` (k, 2): begin and end in s of each time at
     rest, in order; an empty (0, 2) says that there was none. ``field`` (3,): the earth's magnetic
     field at the place and date, NED in T. ``lag``: how late in s low-pass filters ahead of the
-    logger make gyro and accelerometer. ``sampling``: as in :func:`~attlog.estimators.estimate`, which sets it.
+    logger make gyro and accelerometer. ``sampling``: as in
+    :func:`~attlog.estimators.estimate`, which sets it. ``impact``: when in s
+    a flight ended in one; what comes later must not reach back.
     UsageError for other shapes.
     """
 
@@ -95,6 +97,7 @@ class Aids:
     field: Array | None = None
     lag: tuple[float, float] = (0.0, 0.0)
     sampling: Literal["interval", "instant"] = "interval"
+    impact: float | None = None
 
     def __post_init__(self) -> None:
         if self.field is not None:

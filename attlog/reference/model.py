@@ -135,6 +135,8 @@ class Row:
     """The unit that was replayed; None for the one that the log's rows share."""
     quality: dict[str, float | str] = field(default_factory=dict)
     """What an estimator that sees the whole run says of itself."""
+    aux: dict[str, Array] = field(default_factory=dict)
+    """What else the estimator told at every sample, (n,) or (n, k) by name."""
 
 
 @dataclass(slots=True)

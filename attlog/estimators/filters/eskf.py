@@ -7,10 +7,10 @@ Innovations are gated softly at 2.5 sigma and refused at 30; what is refused for
 that does not fit for a while opens the hard iron.
 
 Attitudes are causal: each stands on samples up to its own time (a delayed aid acts when it came, and the gyro carries
-the attitude from there). ``constants=log`` (default): noise levels, delays and prior spreads are constants of the
-sensors that the smoother finds in the whole log, as a tuned vehicle has them; ``fixed``: the defaults, nothing of the
-future; ``calibrated``: also biases, hard and soft iron start where the whole log puts them, which no vehicle knows.
-Runs of less than 30 s of GNSS keep the defaults.
+the attitude from there). ``constants=log`` (default): noise levels, delays, prior spreads, scale factors (gyro, soft
+iron) and the antenna's lever arm are constants of the sensors that the smoother finds in the whole log, as a tuned
+vehicle has them; ``fixed``: the defaults, nothing of the future; ``calibrated``: also biases, hard iron and declination
+start where the whole log puts them, which no vehicle knows. Less than 30 s of GNSS keeps the defaults.
 
 Source: Sola2017 (error state, here with the error in earth axes).
 """
@@ -47,7 +47,11 @@ PRESETS: dict[str, dict[str, float | str]] = {
     "fixed": {"constants": "fixed"},
     "calibrated": {"constants": "calibrated"},
 }
-BEGUN_WITH: dict[str, tuple[str, ...]] = {"log": (), "fixed": (), "calibrated": tuple(passes.CONSTANTS)}
+BEGUN_WITH: dict[str, tuple[str, ...]] = {
+    "log": ("soft", "scale", "arm"),
+    "fixed": (),
+    "calibrated": tuple(passes.CONSTANTS),
+}
 LEAST_GNSS_S = 30.0
 """Less tells no delay and no noise."""
 MARGIN_S = 0.6

@@ -5,7 +5,8 @@
 
 Five passes: each finds noise levels, delays and prior spreads from the log itself for the next, by the scores of the
 disturbances; the last two are linearised along the pass before. Uses what there is of GNSS, barometer, magnetometer
-and rest. Looks ahead: it is a reference and not a filter that could fly.
+and rest; without GNSS it is the model of ``mekf`` forth and back. What follows an impact is smoothed by itself, so that
+a crash does not reach back. Looks ahead: it is a reference and not a filter that could fly.
 
 Without GNSS it is the model of ``mekf``, which expects the body not to fly away, with a backward pass (Rauch1965;
 ``inertial/backward.py``).
@@ -23,9 +24,8 @@ import numpy as np
 
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.filters.inertial import backward
 from attlog.estimators.filters.navigation import attitude, passes, quality
-from attlog.estimators.filters.navigation.measured import made_ready
+from attlog.estimators.filters.navigation.measured import Inputs, made_ready
 from attlog.estimators.filters.navigation.options import PRIORS, SOFT
 from attlog.estimators.filters.navigation.settings import started
 
@@ -42,14 +42,38 @@ PARAMETERS = (
 PRESETS: dict[str, dict[str, float | str]] = {}
 
 
+BEFORE_IMPACT_S = 0.2
+LEAST_S = 5.0
+"""A shorter part before an impact is no flight of its own."""
+
+
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
     """The smoothed attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where it has no sample."""
+    end = np.inf if aids.impact is None else aids.impact - BEFORE_IMPACT_S
+    if not t[0] + LEAST_S < end <= t[-1]:
+        return part(t, gyr, acc, mag, aids, params)
+    k = int(np.searchsorted(t, end))
+    cuts = [slice(0, k), slice(k, len(t))]
+    before, after = (part(t[c], gyr[c], acc[c], mag[c], aids.between(t[c][0], t[c][-1]), params) for c in cuts)
+    assert before.bias is not None
+    assert after.bias is not None
+    missing = np.full(len(after.t), np.nan)
+    return replace(
+        before,
+        t=t,
+        q=np.concatenate([before.q, after.q]),
+        bias=np.concatenate([before.bias, after.bias]),
+        aux={name: np.concatenate([x, after.aux.get(name, missing)]) for name, x in before.aux.items()},
+        ns_per_update=(before.ns_per_update * k + after.ns_per_update * (len(t) - k)) / len(t),
+    )
+
+
+def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
+    """One part of a run, by itself."""
     clock = time.thread_time()
-    if aids.velocity is None and aids.position is None:
-        # Without GNSS nothing holds a position: the model that expects the body not to fly away.
-        still = backward.smooth(t, gyr, acc, mag)
-        return replace(still, quality=still.quality | {"refused": quality.refusal(still.quality)})
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
+    if inputs.velocity is None and inputs.position is None:
+        return inertial(inputs, mag)
     solution = passes.solved(inputs, started(params), float(params["soft_gate"]), int(params["passes"]))
     found = solution.found
     q, bias = attitude.smoothed_samples(found, inputs)
@@ -65,3 +89,17 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
         ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1),
         causal=False,
     )
+
+
+def inertial(inputs: Inputs, mag: Array) -> Estimate:
+    """Without GNSS: a body that does not fly away."""
+    from attlog.estimators.filters.inertial.backward import smooth
+
+    found = smooth(inputs.t, inputs.gyr, inputs.acc, mag)
+    assert found.bias is not None
+    tilt, heading = found.aux["sigma_tilt"], found.aux["sigma_heading"]
+    told = found.quality | quality.own_sigma(tilt, heading)
+    if np.isnan(mag).all():
+        told["sigma_heading_deg"] = 180.0
+    told["refused"] = quality.refusal(told)
+    return replace(found, q=attitude.at_stamps(inputs, found.q, found.bias), quality=told)

@@ -24,8 +24,7 @@ def quality(inputs: Inputs, found: Pass, tuned: Tuned, tilt: Array, heading: Arr
         "openings": float(found.memory[OPENED]),
         "kicks": float(found.memory[KICKED]),
         "soft_gated_pct": 100.0 * float(found.memory[SOFTENED]) / seen if seen else 0.0,
-        "sigma_tilt_deg": _rms_deg(tilt),
-        "sigma_heading_deg": _rms_deg(heading),
+        **own_sigma(tilt, heading),
         "likelihood": found.likelihood,
         "gyro_noise_dps_sqrt_hz": float(np.degrees(tuned.gyro)),
         "acc_noise_m_s2_sqrt_hz": float(tuned.acc),
@@ -47,6 +46,11 @@ def of_passes(solution: Solution) -> dict[str, float | str]:
         "pass_kept": float(solution.kept + 1),
         "worst_ratio": float(np.max(known)) if len(known) else 0.0,
     }
+
+
+def own_sigma(tilt: Array, heading: Array) -> dict[str, float | str]:
+    """Root mean squares in deg of what a run says of its errors."""
+    return {"sigma_tilt_deg": _rms_deg(tilt), "sigma_heading_deg": _rms_deg(heading)}
 
 
 def refusal(told: dict[str, float | str]) -> str:

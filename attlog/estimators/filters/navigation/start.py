@@ -276,7 +276,7 @@ def _field_spread(inputs: Inputs, tuned: Tuned, field: Array, gnss: bool) -> Arr
     level = math.hypot(field[0], field[1])
     known = inputs.field is not None
     along = (tuned.prior.field_size if known else FIELD_UNKNOWN) * float(np.sqrt(np.sum(field**2)))
-    across = (DECLINATION_UNKNOWN if gnss and not known else tuned.prior.declination) * level
+    across = math.hypot(tuned.prior.declination, DECLINATION_UNKNOWN if gnss and not known else 0.0) * level
     c, s = (field[0] / level, field[1] / level) if level > 0 else (1.0, 0.0)
     axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     spread: Array = axes @ np.diag([along**2, across**2, along**2]) @ axes.T
