@@ -25,7 +25,7 @@ LEAST_REST_S = 2.0
 
 def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: float | None = None) -> LogFacts:
     """The numeric parameters at the first IMU sample, and what is known for the replay of ``imu``."""
-    values = {name: log.param(name) for name in log.params}
+    values = {name: log.param(name) for name in log.params if name not in log.filled_params}
     gyro, acc, seconds = noise_at_rest(imu, segments)
     info = LogInfo(
         declination_deg=declination_deg,
@@ -37,7 +37,8 @@ def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: floa
         forward=forward_of(log.kind),
         since_boot_s=1e-6 * log.t0_us if log.t0_us >= 0 else None,
     )
-    return LogFacts({name: float(v) for name, v in values.items() if isinstance(v, int | float)}, info)
+    own = {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
+    return LogFacts(own, info, dict(log.given_params))
 
 
 def forward_of(kind: VehicleKind) -> bool | None:

@@ -67,7 +67,7 @@ KEPT_OUT = {
 
 @dataclass(slots=True)
 class ParameterValue:
-    """A parameter as it was used. ``origin``: default, preset, option, config, log."""
+    """A parameter as it was used. ``origin``: default, preset, option, config, log, file."""
 
     value: float | str
     origin: str

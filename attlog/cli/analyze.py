@@ -89,7 +89,11 @@ def command(
         ),
     ] = None,
     params: Annotated[
-        str | None, typer.Option(metavar="F.param", help="Parameters for what the log does not tell. [default: none]")
+        str | None,
+        typer.Option(
+            metavar="F.param",
+            help="What if: parameters for the autopilots' filters, and where the log has none. [default: none]",
+        ),
     ] = None,
     config: Annotated[
         Path | None,
@@ -134,6 +138,10 @@ def command(
         "input_delay": None if input_delay is None else number_or(input_delay, ("auto", "off"), "--input-delay"),
     }
     settings = _settings(config, {k: v for k, v in options.items() if v is not None})
+    if settings.params is not None:
+        from attlog.flight.parameter_file import read_file
+
+        read_file(settings.params)  # what is wrong with it is said once, not for each log
     from attlog.fleet.find import find
     from attlog.fleet.several import Task
 

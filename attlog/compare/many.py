@@ -91,7 +91,7 @@ class Samples:
         mag = None if case.log.mag is None else case.log.mags[case.log.mag]
         facts = replay.facts(case, suffix)
         if configuration.params is not None:
-            facts = replace(facts, params={**facts.params, **read_file(configuration.params)})
+            facts = replace(facts, given={**facts.given, **read_file(configuration.params)})
         before = {name: value for name, value in configuration.before.items() if name != "params"}
         imu, mag = prepared(before, case.log, imu, mag)
         return cls(case, configuration.row, imu, mag, facts, replay.aids_of(case, suffix))

@@ -39,7 +39,7 @@ class Run:
         settings = {name: value for name, value in c.before.items() if name != "params"}
         facts = replay.facts(case, suffix)
         if c.params is not None:
-            facts = replace(facts, params={**facts.params, **read_file(c.params)})
+            facts = replace(facts, given={**facts.given, **read_file(c.params)})
         imu, mag = prepared(settings, log, imu, mag)
         row, line = replay.replayed(case, imu, mag, c.row, facts, replay.aids_of(case, suffix), c.name + suffix)
         for name, value in c.before.items():

@@ -15,7 +15,7 @@ import os
 import traceback
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -92,10 +92,14 @@ class LogInfo:
 
 @dataclass(frozen=True, slots=True)
 class LogFacts:
-    """What ``from_log(params, info)`` is given: the log's parameters by name, and what is known about the flight."""
+    """What ``from_log(params, info)`` is given: the log's parameters by name, and what is known about the flight.
+
+    ``given``: parameters that the user set in the firmware's terms ("what if"); they override the log's.
+    """
 
     params: Mapping[str, float] = field(default_factory=dict)
     info: LogInfo = LogInfo()
+    given: Mapping[str, float] = field(default_factory=dict)
 
 
 INIT = Parameter(
@@ -196,11 +200,12 @@ class Estimator:
         *,
         log: LogFacts | None = None,
     ) -> dict[str, tuple[float | str, str]]:
-        """Every parameter's value and origin (default, log, preset, or ``origin`` for ``params``), all checked.
+        """Every parameter's value and origin (default, log, file, preset, or ``origin`` for ``params``), all checked.
 
         What is asked for by name wins: ``params``, then the preset, then what follows from the
-        ``log``, then the default. UsageError for unknown presets or names and for values out of
-        range; PluginError if the filter's ``from_log`` fails or gives such.
+        ``log``, then the default; ``file`` is what would be another without the log's ``given``.
+        UsageError for unknown presets or names and for values out of range; PluginError if the
+        filter's ``from_log`` fails or gives such.
         """
         if preset is not None and preset not in self.presets:
             raise UsageError(f"{self.name} has no preset {preset}{suggestion(preset, self.presets)}")
@@ -210,7 +215,9 @@ class Estimator:
                 values[name] = (self.parameter(name).check(value, self.name), told)
         if log is not None:
             left = {name for name, (_, told) in values.items() if told == "default"}
-            values |= {name: (value, "log") for name, value in self.values_of(log, left).items()}
+            own = self.values_of(replace(log, given={}), left) if log.given else None
+            for name, value in self.values_of(log, left).items():
+                values[name] = (value, "log" if own is None or own.get(name) == value else "file")
         return values
 
     def values_of(self, log: LogFacts, wanted: Collection[str]) -> dict[str, float | str]:
@@ -223,7 +230,7 @@ class Estimator:
             values |= {p.name: log.info.declination_deg for p in self.parameters if p == DECLINATION}
         if self.from_log is not None:
             with plugin_errors(self):
-                values |= dict(self.from_log(MappingProxyType(dict(log.params)), log.info))
+                values |= dict(self.from_log(MappingProxyType({**log.params, **log.given}), log.info))
         try:
             known = {name: self.parameter(name) for name in values}
             return {name: p.check(values[name]) for name, p in known.items() if name in wanted}

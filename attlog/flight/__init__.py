@@ -41,8 +41,9 @@ def read(
     ``imu`` and ``mag`` name an instance instead of the one that flew (``mag="none"``:
     no magnetometer), ``boot`` one of several power-ups in a file, ``system`` one of
     several vehicles in a tlog, ``params`` a ground station's parameter file for what the
-    log does not tell. NotALog or LogUnusable if the file holds no flight,
-    LogUnreadable if it cannot be opened. A log without usable IMU is returned with
+    log does not tell (filters under the firmware's names take all of it). NotALog or
+    LogUnusable if the file holds no flight, LogUnreadable if it cannot be
+    opened, UsageError for a bad parameter file. A log without usable IMU is returned with
     ``imu`` None and the reason among ``problems``.
     """
     messages = formats.open(path, system)
@@ -51,12 +52,16 @@ def read(
     if not 0 <= chosen < boots:
         raise UsageError(f"{messages.path}: there is no boot {boot}; the log holds boots 0 to {boots - 1}")
     part = messages.boot(chosen) if boots > 1 else messages
-    if params is not None:
-        parameter_file.add_missing(part, Path(params))
+    given = {} if params is None else parameter_file.read_file(params)
+    filled = parameter_file.add_missing(part, given)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
         log = read_messages(part, imu, mag, system)
     log.boot, log.boots = chosen, boots
+    log.given_params, log.filled_params = given, filled
+    if params is not None:
+        own = {name: v for name in log.params if name not in filled and (v := log.param(name)) is not None}
+        log.problems += parameter_file.notes(params, given, own)
     log.seconds = duration(log)
     if boots > 1:
         log.problems.insert(

@@ -227,7 +227,8 @@ class FlightLog:
     between IMU and vehicle that attitudes with ``has_trim`` have taken out, and
     ``declination_param`` (deg, east positive) what the autopilot was told; None where the
     log does not tell, with the names of the parameters in ``trim_source`` and
-    ``declination_source``. ``logging`` knows the vehicle's logging settings,
+    ``declination_source``. ``given_params`` are those of a ground station's file, ``filled_params`` the names
+    that only the file told. ``logging`` knows the vehicle's logging settings,
     ``remedies`` what to do about a fault. ``acc_bias`` (n, 3) m/s^2 is what the onboard
     estimator takes off the accelerometer in body axes, ``onboard_gyro_bias`` (n, 3) rad/s what
     it takes off the gyro that is replayed, None where it runs on another one; ``onboard_vibration`` (n, 3) m/s^2
@@ -264,6 +265,8 @@ class FlightLog:
     battery: Stream | None = None
     params: dict[str, TimeLine] = field(default_factory=dict)
     param_defaults: dict[str, float] = field(default_factory=dict)
+    given_params: dict[str, float] = field(default_factory=dict)
+    filled_params: frozenset[str] = frozenset()
     trim: Array | None = None
     trim_source: str = ""
     declination_param: float | None = None

@@ -9,8 +9,8 @@ from attlog.result import EstimatorRow, Result
 ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "imu", "marg", "mekf", "px4", "q", "ukf"})
 """Words of names that are written in capitals; others are written as the estimator's title writes them."""
 
-SET_BY_HAND = "option"
-"""Origin of a parameter that the user gave for this row."""
+SET_BY_HAND = ("option", "file")
+"""Origins of a parameter that the user gave: for this row, or in a ground station's file instead of the log's."""
 
 
 def row_name(row: EstimatorRow) -> str:
@@ -45,7 +45,7 @@ def _named(row: EstimatorRow, comma: str) -> str:
         parts.append(_words(preset.replace("_", "-").split("-"), ""))
     if slash:
         parts.append(f"IMU {imu}")
-    by_hand = [f"{key} {_value(p.value)}" for key, p in row.parameters.items() if p.origin == SET_BY_HAND]
+    by_hand = [f"{key} {_value(p.value)}" for key, p in row.parameters.items() if p.origin in SET_BY_HAND]
     return comma.join(parts) + (f" ({', '.join(by_hand) if comma != ' ' else ' '.join(by_hand)})" if by_hand else "")
 
 

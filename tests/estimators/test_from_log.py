@@ -57,6 +57,16 @@ def test_a_log_gives_values_where_neither_preset_nor_option_does(plugin: Path) -
     assert asked.resolved(FACTS)["declination"] == (1.0, "option")
 
 
+def test_what_the_user_set_in_the_firmware_s_terms_overrides_the_log(plugin: Path) -> None:
+    what_if = LogFacts({"W_ACC": 2.0}, FACTS.info, {"W_ACC": 0.5})
+    assert parse(str(plugin)).resolved(what_if)["kp"] == (0.5, "file")
+    assert parse(str(plugin)).resolved(what_if)["ki"] == (0.1, "log")
+    assert parse(str(plugin)).resolved(LogFacts({"W_ACC": 2.0}, FACTS.info, {"W_ACC": 2.0}))["kp"] == (2.0, "log")
+    assert parse(str(plugin)).resolved(LogFacts({}, FACTS.info, {"W_ACC": 0.5}))["kp"] == (0.5, "file")
+    assert parse(f"{plugin}@firm").resolved(what_if)["kp"] == (5.0, "preset")
+    assert parse(f"{plugin}:kp=3").resolved(what_if)["kp"] == (3.0, "option")
+
+
 @pytest.mark.parametrize(
     ("info", "wanted"),
     [
