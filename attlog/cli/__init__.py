@@ -12,7 +12,20 @@ from typing import Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.cli import analyze, check_estimator, compare, diff, estimators, extract, info, new, schema, streams, sweep
+from attlog.cli import (
+    analyze,
+    check_estimator,
+    compare,
+    diff,
+    estimators,
+    extract,
+    info,
+    new,
+    schema,
+    streams,
+    sweep,
+    tune,
+)
 from attlog.cli.arguments import Group, WithJson
 from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
 
@@ -62,6 +75,7 @@ app.command("extract")(extract.command)
 app.command("compare", cls=WithJson)(compare.command)
 app.command("diff")(diff.command)
 app.command("sweep", cls=WithJson)(sweep.command)
+app.command("tune", cls=WithJson)(tune.command)
 app.command("estimators")(estimators.command)
 app.command("new")(new.command)
 app.command("check-estimator")(check_estimator.command)

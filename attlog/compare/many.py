@@ -104,8 +104,11 @@ class Samples:
 class OnLog:
     """Settings of one filter on one log. What was asked before is remembered, so that a search never runs twice."""
 
-    def __init__(self, case: Case, configuration: Configuration, asked: Sequence[Wanted]) -> None:
-        self.case, self.asked = case, list(asked)
+    def __init__(
+        self, case: Case, configuration: Configuration, asked: Sequence[Wanted], *, guarded: bool = False
+    ) -> None:
+        """``guarded``: each setting is asked whether gravity corrects it, which costs a short run, or wins nothing."""
+        self.case, self.asked, self.guarded = case, list(asked), guarded
         self._samples = Samples.of(case, configuration)
         for metric in self.asked:
             _window(case, metric)
@@ -116,6 +119,11 @@ class OnLog:
     def name(self) -> str:
         """The log's file name."""
         return self.case.log.path.name
+
+    @property
+    def values(self) -> dict[str, float | str]:
+        """Every parameter of the filter as it is on this log."""
+        return {name: value for name, (value, _) in self._samples.row.resolved(self._samples.facts).items()}
 
     def __call__(self, settings: Sequence[Setting]) -> list[Settled]:
         """What each setting is worth, in their order."""
@@ -143,7 +151,8 @@ class OnLog:
             for metric in here:
                 nothing = f"{metric.metric} means nothing in window {window}"
                 found[metric] = answers.get(metric.metric) or missing("not_applicable", nothing, metric.unit, window)
-        return Settled(found, row.status, _unsound(row))
+        why = _unsound(row) or (level.why_not(seen, row) or "" if self.guarded else "")
+        return Settled(found, row.status, why)
 
 
 def _unsound(row: Row) -> str:

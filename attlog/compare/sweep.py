@@ -148,18 +148,21 @@ def _beside(metric: Wanted, cells: Sequence[Sequence[Settled]], best: int) -> li
         return _beside_on_log(metric, [row[0] for row in cells], best)
     found: list[tuple[Beside, float]] = []
     for row in cells:
-        compared = [whole(metric, a, b) for a, b in zip(cells[best], row, strict=True)]
-        known = [c for c in compared if not isinstance(c, str)]
-        if len(known) < len(compared):
-            why = next(c for c in compared if isinstance(c, str))
-            found.append((Beside("ratio", None, None, False, why), 1.0))
-            continue
-        scale = "ratio" if all(c[0] == "ratio" for c in known) else "difference"
-        together = pool(
-            [c[1] if c[0] == scale else c[3] for c in known], [c[2] if c[0] == scale else None for c in known]
-        )
-        found.append((_shown(scale, together.value, together.ci95), 1.0 if together.p is None else together.p))
+        found.append(over_logs(metric, cells[best], row))
     return _told(found)
+
+
+def over_logs(metric: Wanted, first: Sequence[Settled], second: Sequence[Settled]) -> tuple[Beside, float]:
+    """The second setting next to the first over the same logs, and the p of their being equal."""
+    compared = [whole(metric, a, b) for a, b in zip(first, second, strict=True)]
+    known = [c for c in compared if not isinstance(c, str)]
+    if len(known) < len(compared) or not known:
+        why = next((c for c in compared if isinstance(c, str)), "no log")
+        return Beside("ratio", None, None, False, why), 1.0
+    scale = "ratio" if all(c[0] == "ratio" for c in known) else "difference"
+    values = [c[1] if c[0] == scale else c[3] for c in known]
+    together = pool(values, [c[2] if c[0] == scale else None for c in known])
+    return _shown(scale, together.value, together.ci95), 1.0 if together.p is None else together.p
 
 
 def whole(metric: Wanted, best: Settled, other: Settled) -> tuple[str, float, float | None, float] | str:

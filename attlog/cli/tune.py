@@ -1,0 +1,150 @@
+"""``attlog tune``: gains from logs, judged on logs that were left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, say
+from attlog.cli.progress import progress
+from attlog.cli.sweep import ConfigFile, ReferenceName, about, aligned, analysis_settings, cases_of, end, stem
+from attlog.errors import UsageError
+
+if TYPE_CHECKING:
+    from attlog.cli.layout import Line
+    from attlog.compare.many import OnLog
+    from attlog.compare.search import Free
+    from attlog.compare.tune import Tuned
+
+EXAMPLE = "attlog tune *.bin mahony kp=0.05..5log ki=0.001..0.1log"
+ELSEWHERE = (
+    "inclination_rmse_deg", "heading_rmse_deg", "noise_tilt_deg", "noise_tilt_deg@hover", "noise_tilt_deg@cruise",
+    "step_error_deg.0.5s", "lag_ms",
+)  # fmt: skip
+"""What gains may cost beside what they were found for."""
+
+TuneWords = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="LOG... FILTER [NAME=LOW..HIGH[log]...]",
+        show_default=False,
+        help="Logs, folders, quoted patterns; a filter as in analyze; which gains between what. Without any: all that "
+        "it has, a factor of 20 around their defaults.",
+    ),
+]
+
+
+def command(
+    words: TuneWords,
+    objective: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=WEIGHT,...",
+            help="What to make small: tilt, heading, total, noise (hover), rest_noise, step, lag, drift or "
+            "METRIC[@WINDOW], with weights. [default: tilt=1, with a magnetometer heading=1 too]",
+        ),
+    ] = None,
+    generations: Annotated[
+        int, typer.Option(metavar="N", min=1, max=200, help="Generations of 32 settings in each search.")
+    ] = 6,
+    seed: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Another seed, another search; the same one repeats it.")
+    ] = 0,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for page and JSON.")] = Path(
+        "reports"
+    ),
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="F.csv|F.md|F.tex", help="Write the table of metrics left out. [default: none]"),
+    ] = None,
+    reference: ReferenceName = None,
+    config: ConfigFile = None,
+    json: Json = False,
+    no_color: NoColor = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Find gains of a FILTER that hold on logs they were not found on: what they gain there, and what they cost."""
+    from attlog.compare import many, tune_words
+    from attlog.compare.configuration import parse
+    from attlog.compare.firmware_names import firmware_names
+    from attlog.compare.objective import objective as terms_of
+    from attlog.compare.search import free_parameters
+    from attlog.compare.table_file import check_suffix, write_table
+    from attlog.compare.tune import tune
+    from attlog.compare.words import told_apart
+
+    given = told_apart(words, EXAMPLE)
+    if table is not None:
+        check_suffix(table)
+    base = parse(given.filter)
+    uses_mag = "mag" in base.row.estimator.uses and base.before.get("mag") != "off"
+    asked = objective or ["tilt=1,heading=1" if uses_mag else "tilt=1"]
+    wrong: list[str] = []
+    for check in (lambda: free_parameters(given.axes, base.row.estimator), lambda: terms_of(asked)):
+        try:
+            check()
+        except UsageError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise UsageError("\n".join(wrong))
+    free, terms = free_parameters(given.axes, base.row.estimator), terms_of(asked)
+    settings = analysis_settings(config, reference)
+    firmware = firmware_names(base.row.estimator)
+    with progress(quiet, verbose > 0):
+        cases, errors = cases_of(given.logs, settings)
+        logs = [many.OnLog(c, base, [t.metric for t in terms], guarded=True) for c in cases]
+        others = [many.OnLog(c, base, many.wanted(ELSEWHERE)) for c in cases]
+        found = tune(given.filter, free, terms, logs, others, _start(free, logs[0]), generations, seed)
+        told = about(cases)
+        files = _written(found, output, told, firmware)
+    if table is not None:
+        write_table(table, *tune_words.judged_rows(found))
+    if json:
+        print(files[1].read_text(encoding="utf-8").rstrip("\n"))
+    if not quiet:
+        say(_told(found, files, told, firmware), console(stderr=json))
+    end(errors)
+
+
+def _start(free: Sequence[Free], log: OnLog) -> dict[str, float | str]:
+    """The gains as they are on the first log."""
+    values = log.values
+    return {f.name: values[f.name] for f in free}
+
+
+def _written(found: Tuned, folder: Path, told: dict[str, Any], firmware: dict[str, str]) -> tuple[Path, Path]:
+    """The page and the JSON."""
+    import json
+
+    from attlog.compare import tune_words
+    from attlog.compare.tune_page import tune_page
+    from attlog.output import write_atomic
+
+    name = stem("tune", found.filter)
+    paths = folder / f"{name}.html", folder / f"{name}.json"
+    write_atomic(paths[0], tune_page(found, told, firmware))
+    write_atomic(paths[1], json.dumps(tune_words.document(found, told, firmware), indent=1, allow_nan=False) + "\n")
+    return paths
+
+
+def _told(found: Tuned, files: Sequence[Path], told: dict[str, Any], firmware: dict[str, str]) -> Iterator[Line]:
+    from attlog.cli.layout import Line
+    from attlog.cli.terminal import wrapped
+    from attlog.compare import tune_words
+    from attlog.compare.tune_page import references
+
+    for sentence in tune_words.sentences(found, references(told)):
+        yield from wrapped("", sentence, 100)
+    yield Line("")
+    for line in tune_words.paste(found, firmware):
+        yield Line(f"  {line}", "bold")
+    yield Line("")
+    yield from aligned(*tune_words.judged_rows(found))
+    yield Line("")
+    yield from aligned(*tune_words.gain_rows(found))
+    yield Line("")
+    yield Line(f"page: {files[0]}   data: {files[1].name}")
