@@ -14,6 +14,8 @@ HONEST = 1.2
 """The model's own spread is that much too small (measured on flights with truth)."""
 LEAST_TILT, LEAST_HEADING = np.deg2rad(0.03), np.deg2rad(0.04)
 LEAST_TIME_S = 1.5e-3
+BLOCK = 50_000
+"""Samples worked on at once: a long log must not take many times its size."""
 
 
 def node_before(found: Pass, n: int) -> NDArray[np.int64]:
@@ -28,12 +30,17 @@ def smoothed_samples(found: Pass, inputs: Inputs) -> tuple[Array, Array]:
     filter's own jumps cancel.
     """
     n = len(inputs.t)
-    k = node_before(found, n)
-    t = inputs.sensed_at
-    since = np.where(inputs.rest == 1, 0.0, t - t[found.schedule.node_at[k]])
-    late = rotation.rotate(found.q, found.d[k, 3:6]) * since[:, None]
-    q = rotation.multiply(rotation.from_rotvec(found.d[k, 0:3] - late), found.q)
-    return rotation.normalize(q), found.bias[k] + found.d[k, 3:6]
+    q, bias = np.empty((n, 4)), np.empty((n, 3))
+    nodes, t = found.schedule.node_at, inputs.sensed_at
+    for a in range(0, n, BLOCK):
+        own = slice(a, min(a + BLOCK, n))
+        k = np.maximum(np.searchsorted(nodes, np.arange(own.start, own.stop), side="right") - 1, 0)
+        since = np.where(inputs.rest[own] == 1, 0.0, t[own] - t[nodes[k]])
+        late = rotation.rotate(found.q[own], found.d[k, 3:6]) * since[:, None]
+        turn = rotation.from_rotvec(found.d[k, 0:3] - late)
+        q[own] = rotation.normalize(rotation.multiply(turn, found.q[own]))
+        bias[own] = found.bias[k] + found.d[k, 3:6]
+    return q, bias
 
 
 def smoothed_nodes(found: Pass) -> Array:
@@ -46,11 +53,14 @@ def at_stamps(inputs: Inputs, q: Array, bias: Array) -> Array:
     """Attitudes at the stamps from those at the times the samples were taken (a low-pass is late), by the gyro."""
     if inputs.lag == 0.0:
         return q
-    sensed = inputs.sensed_at
-    k = np.clip(np.searchsorted(sensed, inputs.t, side="right") - 1, 0, len(sensed) - 1)
-    following = np.minimum(k + 1, len(sensed) - 1)
-    turn = (inputs.gyr[following] - bias[k]) * (inputs.t - sensed[k])[:, None]
-    return rotation.normalize(rotation.multiply(q[k], rotation.from_rotvec(turn)))
+    sensed, out = inputs.sensed_at, np.empty_like(q)
+    last = len(sensed) - 1
+    for a in range(0, len(q), BLOCK):
+        own = slice(a, a + BLOCK)
+        k = np.clip(np.searchsorted(sensed, inputs.t[own], side="right") - 1, 0, last)
+        turn = (inputs.gyr[np.minimum(k + 1, last)] - bias[k]) * (inputs.t[own] - sensed[k])[:, None]
+        out[own] = rotation.normalize(rotation.multiply(q[k], rotation.from_rotvec(turn)))
+    return out
 
 
 def sigmas(inputs: Inputs, found: Pass, spread: Array) -> tuple[Array, Array]:

@@ -43,7 +43,7 @@ WALKS = {
 }  # fmt: skip
 """State rows, and the range of the random walk as parts of its start."""
 SPREADS = {"hard": (HARD, 3, 0.004, 0.150), "soft": (SOFT, 6, 0.003, 0.05), "acc_bias": (BA, 3, 0.03, 0.5)}
-DECLINATION_RANGE = (np.deg2rad(0.3), np.deg2rad(3.0))
+DECLINATION_RANGE = (np.deg2rad(0.6), np.deg2rad(3.0))
 PRIOR_WEIGHT = 0.5
 QUIETEST_GYRO, QUIETEST_ACC = 1e-4, 3e-3
 WHITE_FACTOR = 1.5
