@@ -83,6 +83,9 @@ AIDED = {
 }
 """What a loop with aids has more: an arrival is handed on once, in the last part of its sample's step."""
 
+SIGMAS = ("sigma_tilt", "sigma_heading")
+"""Outputs that are one number a sample, (n,), as whole runs give them."""
+
 SIGNATURE = (
     "void(f8[::1], f8[::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], i8, f8[:, ::1]{events})"
 )
@@ -148,7 +151,7 @@ def collect(
 
     ``silent``: first sample, and first with a field, of each segment that had to wait for it.
     """
-    aux = {name: out[:, part].copy() for name, part in estimator.slices.items()}
+    aux = {name: out[:, part.start if name in SIGMAS else part].copy() for name, part in estimator.slices.items()}
     counted, spans = without_heading(samples, silent)
     return Estimate(
         t=samples.t[rows],

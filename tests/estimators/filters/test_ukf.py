@@ -179,8 +179,8 @@ def test_its_sigmas_are_honest() -> None:
         m = motion(slowly, 40.0, noise=Noise(noise.gyro, noise.acc, noise.mag, bias), seed=seed)
         e = estimate(Row(get("ukf"), params=values), *m.sensors)
         late = slice(2000, None, 100)
-        tilt.append(np.deg2rad(inclination_deg(e.q, m.q)[late]) / e.aux["sigma_tilt"].ravel()[late])
-        heading.append(np.deg2rad(heading_deg(e.q, m.q)[late]) / e.aux["sigma_heading"].ravel()[late])
+        tilt.append(np.deg2rad(inclination_deg(e.q, m.q)[late]) / e.aux["sigma_tilt"][late])
+        heading.append(np.deg2rad(heading_deg(e.q, m.q)[late]) / e.aux["sigma_heading"][late])
     assert 0.8 < np.sqrt(np.mean(np.square(tilt))) < 1.25
     assert 0.8 < np.sqrt(np.mean(np.square(heading))) < 1.25
 
