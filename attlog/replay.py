@@ -200,7 +200,7 @@ def batch(
         raise UsageError(f"{estimator.name} needs a magnetometer; the log holds none")
     uses_mag = mag is not None and "mag" in estimator.uses
     STAGES.info("running %s with %d parameter sets", spec.name, len(settings))
-    t = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t
+    t, taken = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t, case.bias_of(imu)
     chosen = [estimators.Row(estimator, spec.preset, {**spec.params, **setting}) for setting in settings]
     found = estimate_batch(
         estimator,
@@ -229,6 +229,6 @@ def batch(
         )
         row.imu = imu
         row.quality = dict(estimate.quality)
-        _add_common_bias(row, case.bias_of(imu))
+        _add_common_bias(row, taken)
         rows.append(row)
     return rows

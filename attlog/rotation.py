@@ -23,6 +23,12 @@ def normalize(q: ArrayLike) -> Array:
         return np.where(norm > 0, q / norm, np.nan)
 
 
+def finite(x: Array) -> NDArray[np.bool_]:
+    """Which rows (n,) of quaternions or vectors (n, k) hold finite numbers alone; many times faster than ``all``."""
+    with np.errstate(invalid="ignore"):
+        return np.isfinite(x @ np.ones(x.shape[-1]))
+
+
 def conjugate(q: ArrayLike) -> Array:
     """The inverse rotation of unit quaternions (..., 4)."""
     inverse: Array = np.asarray(q, np.float64) * np.array([1.0, -1.0, -1.0, -1.0])

@@ -93,7 +93,8 @@ class Samples:
         if configuration.params is not None:
             facts = replace(facts, given={**facts.given, **read_file(configuration.params)})
         before = {name: value for name, value in configuration.before.items() if name != "params"}
-        imu, mag = prepared(before, case.log, imu, mag)
+        if before:
+            imu, mag = prepared(before, case.log, imu, mag)
         return cls(case, configuration.row, imu, mag, facts, replay.aids_of(case, suffix))
 
     def rows(self, settings: Sequence[Setting]) -> list[Row]:

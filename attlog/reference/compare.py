@@ -66,7 +66,7 @@ def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> Erro
         at, q_est, mine = t, q, own
         q_ref, _ = interpolate(reference.t, reference.q, reference.segment, at)
         where = np.clip(np.searchsorted(reference.t, at, side="right") - 1, 0, max(len(reference.t) - 1, 0))
-    good = np.isfinite(q_est).all(axis=1) & np.isfinite(q_ref).all(axis=1)
+    good = rotation.finite(q_est) & rotation.finite(q_ref)
     at, q_est, q_ref, mine, where = at[good], q_est[good], q_ref[good], mine[good], where[good]
     gap_segment, segment = (
         gaps.renumber(mine, reference.gap_segment[where]),

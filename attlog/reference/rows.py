@@ -82,7 +82,7 @@ def _measure(
     row: Row, segments: Segments, reference: Reference, free_heading: bool, unknown: Sequence[Span] = ()
 ) -> Row:
     """Fill in errors, heading offset, convergence, coverage and status of a row; ``unknown`` times are not scored."""
-    good = np.isfinite(row.q).all(axis=1)
+    good = rotation.finite(row.q)
     first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
     row.start = first if row.kind == "replay" else max(first, row.start)
     lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring_start)))

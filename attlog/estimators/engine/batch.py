@@ -8,7 +8,8 @@ cannot be compiled, and whole-run estimators.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -163,7 +164,8 @@ def _run(
     size = estimator.state_size
     for number, (a, b) in enumerate(pairwise(bounds)):
         given = q0 if number == 0 else None
-        seen = [first(samples, a, b, v) for v in values]
+        shown = {init: first(samples, a, b, {"init": init}) for init in {str(v.get("init", "average")) for v in values}}
+        seen = [shown[str(v.get("init", "average"))] for v in values]
         late = late_field(estimator, seen[0], given is not None)
         work = np.zeros((size + len(packed[0]) + 3, width), dtype)
         for column in range(width):
@@ -196,32 +198,54 @@ def _run(
 
 def kernel(estimator: Estimator, switches: Mapping[int, float], dtype: str) -> Any:
     """The compiled loop over samples and sets; None if there is no step or it cannot be rewritten for several sets."""
-    from attlog.estimators.engine.vectors import turn_vector_back
-
     if estimator.step is None or estimator.aided or loop.not_compiled(estimator):
         return None
+    bias = estimator.slices.get("bias")
+    source = _source(
+        estimator.step,
+        tuple(sorted(switches.items())),
+        dtype,
+        (estimator.state_size, len(estimator.own), estimator.outputs, None if bias is None else int(bias.start)),
+        estimator.vectors_at,
+    )
+    return None if source is None else cache.compiled(source, "advance", f"{estimator.name} for many parameter sets")
+
+
+@functools.lru_cache(maxsize=64)
+def _source(
+    step: Callable[..., Any],
+    switches: tuple[tuple[int, float], ...],
+    dtype: str,
+    sizes: tuple[int, int, int, int | None],
+    vectors_at: str,
+) -> str | None:
+    """The kernel's text, None where the step cannot be rewritten; a sweep asks for the same one for every 16 sets.
+
+    ``sizes``: of the state, of the parameters, how many outputs, where the gyro bias stands.
+    """
+    from attlog.estimators.engine.vectors import turn_vector_back
+
     single = dtype == "float32"
     number = "f4" if single else "f8"
     functions = generate.with_helpers(
-        {"turn_vector_back": turn_vector_back, "step": estimator.step}, jit=False, single=single
+        {"turn_vector_back": turn_vector_back, "step": step}, jit=False, single=single
     )
     constants, _, rest = functions.partition("def ")
-    rewritten = expand.expand("def " + rest, ENTRY, switches)
+    rewritten = expand.expand("def " + rest, ENTRY, dict(switches))
     if rewritten is None:
         return None
-    bias = estimator.slices.get("bias")
+    state_size, own, outputs, bias = sizes
     places = {
-        "mag": estimator.state_size + len(estimator.own),
-        "params": estimator.state_size,
+        "mag": state_size + own,
+        "params": state_size,
         "number": "np.float32" if single else "np.float64",
-        **{f"b{i}": "" if bias is None else f" - BATCH_[{bias.start + i} * SETS_ + set_]" for i in range(3)},
+        **{f"b{i}": "" if bias is None else f" - BATCH_[{bias + i} * SETS_ + set_]" for i in range(3)},
     }
-    source = LOOP.format(
+    return LOOP.format(
         sets=WIDTH[dtype],
         functions=constants + rewritten.replace("def ", generate.INLINE + "def "),
         decorator=f"@njit({SIGNATURE.format(number)!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)\n",
         number=places["number"],
-        parts=(AT_START if estimator.vectors_at == "start" else AT_END).format(**places).strip("\n"),
-        outputs=estimator.outputs,
+        parts=(AT_START if vectors_at == "start" else AT_END).format(**places).strip("\n"),
+        outputs=outputs,
     )
-    return cache.compiled(source, "advance", f"{estimator.name} for many parameter sets")
