@@ -3,7 +3,7 @@
 Of the same log (same SHA-256) every difference comes from what was run, so that it counts where it exceeds its
 tolerance. Of two logs it counts only where its interval excludes zero as well: with v1 in [l1, u1] and v2 in [l2, u2]
 the difference lies between v2 - v1 - sqrt((v2 - l2)^2 + (u1 - v1)^2) and v2 - v1 + sqrt((u2 - v2)^2 + (v1 - l1)^2)
-(Zou & Donner 2008, independent estimates).
+(Zou2008, independent estimates).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A global search for the gains with the smallest cost: differential evolution (Storn & Price 1997) by scipy.
+"""A global search for the gains with the smallest cost: differential evolution (Storn1997) by scipy.
 
 scipy's ``differential_evolution`` hands over a whole generation at once (``vectorized=True``), which is how the batches
 of parameter sets run; it needs no gradient, is seeded, and scipy is small beside what attlog needs anyway. optuna and

@@ -2,10 +2,10 @@
 
 The best on a log is the setting whose value is nearest to perfect. Others are compared with it pair by pair on their
 common units of evidence (:mod:`attlog.compare.paired`); those that stand among the claims of which at most 5 % are
-false (Benjamini & Hochberg 1995) are told to be worse, all others cannot be told from the best.
+false (Benjamini1995) are told to be worse, all others cannot be told from the best.
 
 Over several logs the best single setting is the one with the smallest mean of the values' sizes over the logs: the
-setting that Laidig, Caruso, Cereatti & Seel (BROAD, 2021) call TAGP, beside each log's own optimum. It is compared with
+setting that Laidig2021 calls TAGP, beside each log's own optimum. It is compared with
 the others by the random-effects mean of the logs' paired differences (:mod:`attlog.compare.pooled`).
 """
 

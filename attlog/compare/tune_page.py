@@ -14,7 +14,7 @@ from attlog.compare.tune_words import gain_rows, judged_rows, part_rows, paste, 
 from attlog.present.numbers import counted
 from attlog.present.text import clean
 
-WIDTH, HEIGHT, LEFT, BELOW = 560.0, 300.0, 64.0, 46.0
+WIDTH, HEIGHT, LEFT, ABOVE, BELOW = 560.0, 300.0, 64.0, 26.0, 46.0
 WORST_SHOWN = 1.5
 """Costs beyond this share above the spread of the better half are drawn at the upper edge."""
 
@@ -54,8 +54,9 @@ def scatter(t: Tuned, f: Free) -> str:
     low, middle = min(changes), sorted(changes)[len(changes) // 2]
     top = max(middle + WORST_SHOWN * (middle - low), low + 1.0)
     x = svg.Scale(f.low, f.high, LEFT + 10, WIDTH - 30, f.log)
-    y = svg.Scale(low - 0.05 * (top - low), top, HEIGHT - BELOW, 16.0)
-    frame = f"<rect x='{LEFT:g}' y='16' width='{WIDTH - LEFT - 20:g}' height='{HEIGHT - BELOW - 16:g}' fill='none' "
+    y = svg.Scale(low - 0.05 * (top - low), top, HEIGHT - BELOW, ABOVE)
+    side, tall = WIDTH - LEFT - 20, HEIGHT - BELOW - ABOVE
+    frame = f"<rect x='{LEFT:g}' y='{ABOVE:g}' width='{side:g}' height='{tall:g}' fill='none' "
     parts = [f"{frame}stroke='{svg.RULE}'/>"]
     for tick in svg.ticks(y.low, y.high):
         parts.append(svg.line([(LEFT, y(tick)), (WIDTH - 20.0, y(tick))], svg.RULE, 1.0))
@@ -73,7 +74,7 @@ def scatter(t: Tuned, f: Free) -> str:
     for tick in decades(f) if f.log else svg.ticks(f.low, f.high):
         parts.append(svg.text(x(tick), HEIGHT - BELOW + 18, f"{tick:g}"))
     parts.append(svg.text(WIDTH / 2 + 20, HEIGHT - 8, f"{f.name} [{f.unit}]" if f.unit else f.name, fill=svg.MUTED))
-    parts.append(svg.text(6, 12, "objective, % of the filter as it is", "start", svg.MUTED))
+    parts.append(svg.text(6, 14, "objective, % of the filter as it is", "start", svg.MUTED))
     return svg.picture(WIDTH, HEIGHT, parts, f"the objective over {f.name}")
 
 

@@ -65,14 +65,14 @@ def told_side(b: Beside) -> int:
     return -1 if b.ci95[1] < middle else 1 if b.ci95[0] > middle else 0
 
 
-def _change(b: Beside, unit: str) -> tuple[str, str]:
-    """How much, and the interval in brackets; signs only where it is not told on which side."""
+def _change(b: Beside, unit: str, signed: bool = False) -> tuple[str, str]:
+    """How much, and the interval in brackets; without signs where words say on which side, unless ``signed``."""
     assert b.value is not None
     if b.scale != "ratio":
         ends = "" if b.ci95 is None else f" ({number(b.ci95[0], unit, True)} to {number(b.ci95[1], unit, True)})"
         return quantity(b.value, unit, signed=True), ends
     value, low, high = (100.0 * (x - 1.0) for x in (b.value, *(b.ci95 or (b.value, b.value))))
-    if b.ci95 is None or told_side(b) == 0:
+    if b.ci95 is None or signed or told_side(b) == 0:
         ends = "" if b.ci95 is None else f" ({number(low, '%', True)} to {number(high, '%', True)} %)"
         return f"{number(value, '%', True)} %", ends
     a, z = sorted((abs(low), abs(high)))
@@ -147,7 +147,7 @@ def judged_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
     rows = []
     for j in t.judged:
         b = j.beside
-        change, ends = ("none", "") if b.value is None else _change(b, j.metric.unit)
+        change, ends = ("none", "") if b.value is None else _change(b, j.metric.unit, signed=True)
         words = {-1: "better", 1: "worse", 0: "not told apart"}[told_side(b)] if b.value is not None else b.why
         weight = f"{j.weight:g}" if j.weight else "elsewhere"
         rows.append([j.metric.name, weight, change + ends, f"{j.better} of {j.better + j.worse}", words])

@@ -51,7 +51,7 @@ def test_of_two_logs_a_value_counts_only_where_its_interval_tells_it() -> None:
 
 
 def test_the_interval_of_a_difference_takes_the_near_ends() -> None:
-    """Zou & Donner (2008): down from the lower end of the newer and the upper end of the older value."""
+    """Zou2008: down from the lower end of the newer and the upper end of the older value."""
     low, high = interval(1.0, (0.7, 1.4), 2.0, (1.7, 3.0)) or (0.0, 0.0)
     assert (low, high) == pytest.approx((1.0 - math.hypot(0.3, 0.4), 1.0 + math.hypot(1.0, 0.3)))
     assert interval(1.0, None, 2.0, (1.0, 3.0)) is None
