@@ -11,7 +11,7 @@ import logging
 import math
 import platform
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ import attlog
 from attlog import estimators, metrics, reference, replay, segments
 from attlog.config import Config
 from attlog.errors import LogUnusable, UsageError
+from attlog.estimators.base import Estimate
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
 from attlog.health import Check, answerable, audit
@@ -41,6 +42,7 @@ SAID = {
     "read": "reading the log",
     "segments": "finding rest and flight",
     "reference": "aligning the reference",
+    "smoother": "smoothing the whole flight",
     "estimators": "running filters",
     "metrics": "measuring",
     "audit": "checking against physics",
@@ -65,7 +67,8 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
         phases = segments.build(log)
         windows = _windows(config, phases)
     with clock("reference"):
-        ref = reference.choose(log, phases, reference_options(config))
+        options = reference_options(config)
+        ref = reference.choose(log, phases, options, smooth=_smoothing(log, phases, options, clock))
         headings = reference.heading_references(log, phases, ref)
     imus = _imus(log, config)
     return Case(
@@ -110,7 +113,7 @@ def evaluate(
                 rows.append(row)
         contradiction = _contradicted(case, rows)
     if contradiction is not None:
-        refused = _without_reference(case, *contradiction)
+        refused = _without_that_reference(case, *contradiction)
         return evaluate(refused, specs, traces=traces, cost=cost, command=command)
     with clock("audit"):
         checks = _checks(case)
@@ -178,19 +181,31 @@ def _described(case: Case) -> dict[str, Any]:
     return describe(case.log, case.segments)
 
 
+def _smoothing(
+    log: FlightLog, phases: Segments, options: reference.Options, clock: Stopwatch
+) -> Callable[[], Estimate]:
+    """Runs the smoother where the reference asks for it, as a stage of its own."""
+
+    def run() -> Estimate:
+        with clock("smoother"):
+            return replay.smoother(log, phases, options)
+
+    return run
+
+
 def _contradicted(case: Case, rows: list[Row]) -> tuple[str, AlignmentStep] | None:
-    """Why the onboard attitude is refused after all, by filters that agree; None where it is not, or was asked for."""
+    """Why a reference is refused after all, by filters that agree; None where it is not, or was asked for."""
     imu = case.log.replay_imu
     if case.settings.get("reference", "auto") != "auto" or imu is None:
         return None
     return reference.contradicted(case.log, imu, case.reference, rows)
 
 
-def _without_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
-    """The same case without the reference that is refused: nothing computed with it is kept."""
+def _without_that_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
+    """The same case with the next best reference, or none: nothing computed with the refused one is kept."""
     options = reference_options(Config.of(case.settings))
     refused = case.reference.refused | {case.reference.kind: fault}
-    ref = reference.refuse(case.log, case.segments, options, fault, refused)
+    ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)
     ref.steps.append(step)
     headings = reference.heading_references(case.log, case.segments, ref)
     return Case(
@@ -270,19 +285,22 @@ def _given(log: FlightLog, config: Config) -> FlightLog:
 
 
 class Stopwatch:
-    """Seconds of wall time per stage, added to those of earlier stages."""
+    """Seconds of wall time per stage, added to those of earlier stages; a stage within another counts for itself."""
 
     def __init__(self, earlier: Mapping[str, float] | None = None) -> None:
         self.seconds: dict[str, float] = dict(earlier or {})
+        self.within = 0.0
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
-        begin = time.perf_counter()
+        begin, before, self.within = time.perf_counter(), self.within, 0.0
         STAGES.info(SAID[stage])
         try:
             yield
         finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+            spent = time.perf_counter() - begin
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + spent - self.within
+            self.within = before + spent
 
 
 def reference_options(config: Config) -> reference.Options:
@@ -311,13 +329,35 @@ def summarize(ref: Reference) -> ReferenceSummary:
     """The reference as the result shows it: what agreement with it proves, and every step."""
     texts = {
         "truth": "Truth: errors are errors.",
-        "smoother": "Smoother: the best estimate from all sensors of the log; errors below its own sigma mean nothing.",
+        "smoother": _smoothed_text(ref),
         "onboard": "The autopilot's own attitude: agreement, not truth.",
         "none": "Nothing to compare with: only questions at rest can be answered.",
     }
     end = ref.end if math.isfinite(ref.end) else None
+    tilt, heading = (_sigma(ref, angle) for angle in ("inclination", "heading"))
     return ReferenceSummary(
-        ref.kind, ref.source, ref.rate, ref.floor_deg, texts[ref.kind], ref.steps, ref.scoring_start, end
+        ref.kind, ref.source, ref.rate, ref.floor_deg, texts[ref.kind], ref.steps, ref.scoring_start, end,
+        tilt, heading, ref.heading_by, ref.refused,
+    )  # fmt: skip
+
+
+def _sigma(ref: Reference, angle: str) -> float | None:
+    """How wrong a reference says it may be, deg; None for one that does not tell."""
+    own = reference.sigma_deg(ref, angle)
+    return own if ref.kind == "smoother" and math.isfinite(own) else None
+
+
+def _smoothed_text(ref: Reference) -> str:
+    """What agreement with a smoother proves."""
+    tilt, heading = (_sigma(ref, angle) or 0.0 for angle in ("inclination", "heading"))
+    whose = {
+        "own": f"{heading:.2g} deg in heading",
+        "onboard": "headings are compared with onboard",
+        "nobody": "headings are not compared",
+    }[ref.heading_by]
+    return (
+        "Smoother: an estimate from both sides of each moment, from all sensors of the log, with the same IMU as the "
+        f"filters. Differences below its own sigma mean nothing: {tilt:.2g} deg in tilt, {whose}."
     )
 
 

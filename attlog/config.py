@@ -56,9 +56,9 @@ class Config(BaseModel):
     @field_validator("reference")
     @classmethod
     def _known_reference(cls, value: str) -> str:
-        if value in ("auto", "truth", "onboard", "none") or value.startswith("onboard:"):
+        if value in ("auto", "truth", "smoother", "onboard", "none") or value.startswith("onboard:"):
             return value
-        raise ValueError("use auto, truth, onboard, onboard:NAME (such as onboard:AHR2) or none")
+        raise ValueError("use auto, truth, smoother, onboard, onboard:NAME (such as onboard:AHR2) or none")
 
     @classmethod
     def of(cls, config: Config | Mapping[str, Any] | None) -> Config:

@@ -29,7 +29,8 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     """Contents, physics checks, answerable questions and problems of a log.
 
     Keys: ``log``, ``messages`` of the boot (name, instance, records, rate_hz, fields; the rate
-    is None without times and for records within one second), ``audit``, ``answerable``,
+    is None without times and for records within one second), ``compared_with`` (what an
+    analysis would compare with), ``audit``, ``answerable``,
     ``problems`` (all that is wrong, worst first, with cause and remedy, before any filter runs), ``damage``,
     ``gyro_bias`` (what an analysis takes off the gyro; None without inertial data),
     ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
@@ -60,6 +61,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
             }
             for table in part.values()
         ],
+        "compared_with": "" if phases is None or chosen is None else reference.foreseen(log, phases, chosen),
         "audit": plain(checks),
         "answerable": plain(answerable(log, case)),
         "gyro_bias": None if case is None else plain(list(case.gyro_bias.values())),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -11,12 +12,15 @@ import numpy as np
 
 from attlog import estimators, inputs, reference
 from attlog.errors import AttlogError, PluginError, UsageError
+from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import CommonBias
 from attlog.reference import declination
 from attlog.reference.model import Row
 from attlog.result import EstimatorRow, ParameterValue
+from attlog.segments.model import Segments
+from attlog.segments.spans import Span
 
 STAGES = logging.getLogger("attlog.stages")
 """Tells which filter is being run; who wants to know adds a handler."""
@@ -46,6 +50,47 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
                 raise spec
             rows.append(_run(case, imu, spec, suffix)[0])
     return rows
+
+
+def smoother(log: FlightLog, segments: Segments, options: reference.Options) -> Estimate:
+    """What the whole-run smoother finds in the IMU that flew, from both sides of each moment.
+
+    With GNSS it is told the lag of the IMU's filters and gives the attitude of each stamp itself. Each
+    piece between gaps, impacts and losses of control stands for itself; those that fail their own checks are left out.
+    UsageError where that leaves too little, for a log too long, or without accelerometer.
+    """
+    imu = log.replay_imu
+    asked = options.reference != "auto"
+    pieces = reference.pieces(log, segments)
+    why_not = "" if asked and pieces else reference.not_smoothed(log, segments)
+    if why_not or imu is None:
+        raise UsageError(why_not)
+    STAGES.info("running %s", reference.SMOOTHER)
+    north, _ = declination.step(log, options.declination)
+    field = declination.model(log)
+    if field is not None and north is not None:
+        field = replace(field, declination_deg=north)
+    aids, facts = inputs.aids_of(log, segments, imu, field), inputs.facts_of(log, segments, imu, north)
+    t = imu.gyro.t_best
+    mag = None if log.mag is None else log.mags[log.mag]
+
+    def piece(span: Span) -> Estimate:
+        use = np.flatnonzero((t >= span[0]) & (t <= span[1]))
+        found = estimators.estimate(
+            reference.SMOOTHER,
+            t[use],
+            imu.gyro.x[use],
+            imu.acc.x[use],
+            estimators.place(t[use], mag.field.t_best, mag.field.x) if mag is not None else None,
+            sampling=imu.gyro.sampling,
+            dt=None if imu.dt is None else imu.dt[use],
+            aids=aids,
+            log=facts,
+        )
+        told = "gnss" in str(found.quality.get("aided_by", "")).split()
+        return found if told else replace(found, t=found.t - imu.gyro.delay)  # else it takes samples for what they say
+
+    return reference.joined([piece(span) for span in pieces], whatever=asked)
 
 
 def replays(case: Case, specs: Mapping[str, Chosen]) -> Iterator[tuple[Row | None, EstimatorRow]]:

@@ -123,7 +123,12 @@ class Verdict:
 
 @dataclass(slots=True)
 class ReferenceSummary:
-    """What everything was compared with, and each step of the alignment."""
+    """What everything was compared with, and each step of the alignment.
+
+    ``sigma_tilt_deg``, ``sigma_heading_deg``: how wrong a smoother says it may be itself (RMS over what is
+    scored). ``heading_by``: whose north its heading has, ``own``, ``onboard`` or ``nobody``. ``refused``: why a
+    better attitude (truth, smoother) was not taken.
+    """
 
     choice: str
     source: str
@@ -135,6 +140,10 @@ class ReferenceSummary:
     """Rows are compared from here on: before it filters and onboard settle."""
     scoring_end_s: float | None = None
     """Rows are compared up to here (impact); None: to the end."""
+    sigma_tilt_deg: float | None = None
+    sigma_heading_deg: float | None = None
+    heading_by: str = "own"
+    refused: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import attlog
 from attlog import analysis
 from attlog.errors import UsageError
+from attlog.estimators.base import Estimate
 from attlog.metrics.base import Case
 from attlog.result import Answer, Result
 
@@ -166,3 +168,37 @@ def test_a_row_92_deg_off_in_heading_is_never_best(samples, tmp_path):
     assert marked
     assert "turned" not in marked
     assert rows["turned"].metrics["all"]["heading_rmse_deg"].value == pytest.approx(92.0, abs=5.0)
+
+
+def smoothed(log: object, phases: object, options: object) -> Estimate:
+    """What a smoother would find: the truth, with its sigmas."""
+    truth = attlog.read(LOG).truth
+    assert truth is not None
+    aux = {name: np.full(len(truth.t), 1e-3) for name in ("sigma_tilt", "sigma_heading")}
+    return Estimate(truth.t, truth.q, aux=aux, quality={"aided_by": "gnss"})
+
+
+def test_with_the_smoother_as_reference_the_onboard_attitude_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(analysis.replay, "smoother", smoothed)
+    result = attlog.evaluate(attlog.prepare(LOG, {"reference": "smoother"}), "mahony,madgwick", traces=True)
+    by_truth = attlog.evaluate(attlog.prepare(LOG), "mahony,madgwick")
+    assert result.reference is not None
+    assert (result.reference.choice, result.reference.sigma_tilt_deg) == ("smoother", pytest.approx(0.0573, abs=1e-4))
+    for name in ("onboard", "mahony"):
+        for metric in ("inclination_rmse_deg", "lag_ms", "drift_air_deg_per_min.smoother"):
+            found = answers(result, name)["airborne"][metric]
+            expected = answers(by_truth, name)["airborne"][metric.replace("smoother", "truth")]
+            assert found.value == pytest.approx(expected.value, abs=0.02), (name, metric)
+    assert {"attitude", "sigma"} <= {t.figure for t in result.traces if t.row == "smoother"}
+    assert "sigma 0.057" in next(v.sentence for v in result.verdicts if v.question == "closest")
+    assert "smoother" in result.timing
+
+
+def test_a_stage_within_another_counts_once() -> None:
+    clock = analysis.Stopwatch()
+    with clock("reference"):
+        time.sleep(0.01)
+        with clock("smoother"):
+            time.sleep(0.05)
+    assert clock.seconds["smoother"] >= 0.05
+    assert 0.01 <= clock.seconds["reference"] < 0.05

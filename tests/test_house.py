@@ -35,7 +35,7 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "inputs": {"flight", "segments", "estimators"},
     "result": {"plain", "flight", "segments", "reference", "metrics", "health"},
     "schema": {"plain", "result"},
-    "replay": {"flight", "estimators", "reference", "metrics", "result", "inputs"},
+    "replay": {"flight", "segments", "estimators", "reference", "metrics", "result", "inputs"},
     "analysis": BELOW_THE_RESULT | {"result", "summary", "present", "replay"},
     "summary": {"flight", "segments"},
     "present": {"result"},

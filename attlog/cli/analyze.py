@@ -53,7 +53,7 @@ def command(
         typer.Option(
             metavar="R",
             autocompletion=completion.references,
-            help="auto, truth, onboard, onboard:NAME or none. [default: auto]",
+            help="auto, truth, smoother, onboard, onboard:NAME or none. [default: auto]",
         ),
     ] = None,
     window: Annotated[

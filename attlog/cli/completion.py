@@ -40,7 +40,9 @@ def windows(incomplete: str) -> list[str]:
 
 def references(incomplete: str) -> list[str]:
     """What ``--reference`` takes."""
-    return [name for name in ("auto", "truth", "onboard", "onboard:", "none") if name.startswith(incomplete)]
+    return [
+        name for name in ("auto", "truth", "smoother", "onboard", "onboard:", "none") if name.startswith(incomplete)
+    ]
 
 
 def messages(ctx: typer.Context, incomplete: str) -> list[str]:

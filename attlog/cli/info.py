@@ -101,6 +101,8 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
     yield from _part("What can be answered", answers, width, ["" if q["can"] else "red" for q in questions])
     taken = [(f"gyro of {bias['imu']}", said_bias(CommonBias(**bias))) for bias in report["gyro_bias"] or []]
     yield from _part("What analyze does to every filter alike", taken, width, [""] * len(taken))
+    if report["compared_with"]:
+        yield from _part("Compared with", [("reference", "", report["compared_with"])], width, [""])
     yield Line("")
     found = [Problem(**p) for p in report["problems"] if verbose or p["severity"] != "info"]
     yield from wrong(said(found), str, width, verbose=True)

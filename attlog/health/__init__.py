@@ -6,6 +6,7 @@ from attlog.flight.model import FlightLog
 from attlog.health import (
     acc_bias,
     accelerometer,
+    against_smoother,
     attitude,
     crash,
     delay,
@@ -29,15 +30,18 @@ __all__ = ["Answerable", "Check", "answerable", "audit"]
 def audit(log: FlightLog, segments: Segments | None, reference: Reference | None = None) -> list[Check]:
     """Every check of the log in a fixed order; ``segments`` None where there is no usable IMU.
 
-    ``reference`` is what the delay is measured against; where it is not given it is chosen.
+    ``reference`` judges the onboard attitude, and the delay is measured against it; where it is not given, or is
+    a smoother, made of the very gyro whose delay is asked for, truth or the onboard attitude is taken for that.
     """
     phases = segments or Segments()
-    if reference is None and segments is not None and log.imu is not None:
-        reference = choose(log, segments)
+    rates = reference
+    if (reference is None or reference.kind == "smoother") and segments is not None and log.imu is not None:
+        rates = choose(log, segments)
     return [
         *timing.checks(log),
-        *delay.checks(log, reference),
+        *delay.checks(log, rates),
         *gyro.checks(log, phases),
+        *against_smoother.checks(log, phases, reference),
         *accelerometer.checks(log, phases),
         *acc_bias.checks(log, phases),
         *vibration.checks(log, phases),

@@ -13,6 +13,7 @@ import numpy as np
 
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
+from attlog.health import against_smoother
 from attlog.health.gyro import HOPELESS_DPS
 from attlog.health.model import Check
 from attlog.reference.model import Reference
@@ -52,6 +53,11 @@ ABOUT: dict[str, About] = {
     "crash": About(
         bad="error", cause="Lost thrust, lost attitude or contact with something.", fault="crash",
         means="Nothing is compared after an impact.", codes=("crash",),
+    ),
+    "onboard against smoother": About(
+        bad="error", cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
+        fault="estimator", means="Filters are compared with the smoother and not with it; what it flew on was wrong.",
+        codes=("reference_contradicted",),
     ),
     "gravity direction": About(
         bad="error", cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
@@ -130,7 +136,7 @@ ABOUT: dict[str, About] = {
 }  # fmt: skip
 """By the name of the check, in the order of entries that are equally bad."""
 BY_ATTITUDE = ("gravity direction", "gravity in flight", "vertical force", "field against attitude", "declination")
-"""What is judged by the onboard attitude: nothing of its own where that is refused."""
+"""What is judged by the onboard attitude: nothing of its own where that is refused, or the wrong one."""
 PAUSE_S = 5.0
 """A gap this long is a pause of the logger and not lost records."""
 SPECIFIC = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
@@ -169,7 +175,11 @@ def findings(
 
 
 def contradiction(reference: Reference) -> list[Problem]:
-    """A reference that physics contradicts, as an entry of the list; none where it is not."""
+    """A reference that physics contradicts, or that had to give way to the smoother, as an entry; none otherwise."""
+    gave_way = reference.refused.get("onboard", "")
+    if reference.kind == "smoother" and gave_way:
+        means = "Filters are compared with the smoother and not with it."
+        return [Problem("reference_contradicted", "error", f"{gave_way}.", means=means)]
     if not reference.fault:
         return []
     asked = "It was asked for as reference all the same"
@@ -202,7 +212,7 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
         unit=check.unit if value is not None else "", cause=about.cause,
         remedy=log.remedies.get(about.fault, "") if about.fault else _logging(check, log), means=means,
     )  # fmt: skip
-    if check.name in BY_ATTITUDE and any(p.code == "reference_contradicted" for p in told):
+    if check.name in BY_ATTITUDE and any(p.code == "reference_contradicted" or _wrong_one(p) for p in told):
         return told
     if check.name.startswith(("field", "magnetometer")) and any(p.code in SPECIFIC for p in told):
         return told
@@ -210,6 +220,11 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
     if not same:
         return [*told, own]
     return [_merged(p, own, check.name) if p is same[0] else p for p in told if p is same[0] or p not in same]
+
+
+def _wrong_one(problem: Problem) -> bool:
+    """Whether this says that the onboard attitude is the wrong one."""
+    return problem.code == _code(against_smoother.NAME) and problem.severity == "error"
 
 
 def _explained(problem: Problem, checks: list[Check], log: FlightLog) -> Problem:

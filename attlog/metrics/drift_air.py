@@ -117,6 +117,8 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
         return missing("no_reference", case.reference.refused[name], "deg/min", window)
     if name not in case.heading_references and name != case.reference.kind:
         return missing(*ABSENT[name], "deg/min", window)
+    if name == "smoother" and case.reference.heading_by != "own":
+        return missing("no_reference", case.reference.heading_why, "deg/min", window)
     if name == row.name or (row.is_reference and name == case.reference.kind):
         return missing("not_applicable", "this row is the heading reference itself", "deg/min", window)
     if not case.segments.spans("airborne"):

@@ -14,6 +14,7 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph
 from attlog.metrics.evidence import seconds, unbroken
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
+from attlog.reference import scoring, sigma_deg
 from attlog.reference.model import Row
 from attlog.segments.spans import complement, intersect
 
@@ -124,11 +125,16 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
         reason = f"{good.sum()} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
     duration = seconds(errors.t, unbroken(errors.t, good, errors.segment))
-    answers = {}
+    answers: dict[str, Answer] = {}
+    inside = case.segments.mask(case.reference.t, window) & scoring.scored(case.reference, case.reference.t)
     for angle in ANGLES:
         asked = [name for name in STATISTICS if only is None or f"{angle}_{name}_deg" in only]
         if not asked:
             continue
+        if angle != "inclination" and (why_not := why_no_heading(case, row)):
+            answers |= {f"{angle}_{name}_deg": missing(*why_not, "deg", window) for name in asked}
+            continue
+        own = np.nan_to_num(sigma_deg(case.reference, angle, inside))
         groups = groups_of(int(good.sum()), duration, GROUP_S[angle])
         values = np.abs(getattr(errors, angle)[good])
         units = block_units(case, row, window, angle)
@@ -146,7 +152,7 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
                 reason=why,
                 ranked=why is None,
                 detail={"samples": int(good.sum())},
-                floor=case.reference.floor_deg,
+                floor=math.hypot(case.reference.floor_deg, own),
                 units=units if name == "rmse" else None,
             )
     return answers
@@ -186,8 +192,10 @@ def why_unranked(
         return "an extreme of this record has no interval"
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
-    if angle != "inclination" and case.reference.kind not in ("truth", "smoother"):
-        return f"compared with the {case.reference.kind} attitude, whose own heading error can be larger"
+    if angle != "inclination" and (case.reference.kind == "onboard" or case.reference.heading_by == "onboard"):
+        return "compared with the onboard attitude, whose own heading error can be larger"
+    if case.reference.kind == row.estimator:
+        return "made the same way as the reference"
     if angle != "inclination" and (offset := heading_is_offset_free(case, row)):
         return offset
     if len(units.ids) < MIN_BLOCKS[angle]:
@@ -205,6 +213,15 @@ def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
         return "not_applicable", "this row is the reference itself"
     if row.errors is None or len(row.errors.t) == 0:
         return "not_covered", row.reason or "this row and the reference have no time in common"
+    return None
+
+
+def why_no_heading(case: Case, row: Row) -> tuple[str, str] | None:
+    """Code and reason where a row's heading cannot be compared though its tilt can, else None."""
+    if row.heading_shared:
+        return "not_applicable", f"{case.reference.heading_why}, so the reference has its heading from this row"
+    if case.reference.heading_by == "nobody":
+        return "no_reference", f"{case.reference.heading_why}, and no other heading can be compared with"
     return None
 
 

@@ -16,7 +16,7 @@ from attlog.metrics.rest_traces import rest_traces
 from attlog.metrics.sensor_traces import sensor_traces
 from attlog.metrics.step_traces import step_traces
 from attlog.metrics.trace import Trace
-from attlog.reference.model import Row
+from attlog.reference.model import Reference, Row
 
 Array = NDArray[np.float64]
 
@@ -24,14 +24,15 @@ Array = NDArray[np.float64]
 def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
     """All traces of all rows, figure by figure within a row; see :class:`Trace` for their columns.
 
-    A reference that is no row (truth) comes first, with its attitude alone; what is drawn
+    A reference that is no row (truth, smoother) comes first, with its attitude alone; what is drawn
     of all rows together and of the sensors comes last. Long logs become envelopes.
     """
     rows, reference = list(rows), case.reference
-    truth = len(reference.t) if reference.kind == "truth" else 0
-    angles = Share.of([truth, *(len(row.t) for row in rows)])
+    alone = reference.kind in ("truth", "smoother") and not any(row.is_reference for row in rows)
+    angles = Share.of([len(reference.t) if alone else 0, *(len(row.t) for row in rows)])
     errors = Share.of(0 if row.errors is None else len(row.errors.t) for row in rows)
-    found = attitude(reference.kind, reference.t, reference.q, reference.gap_segment, angles) if truth else []
+    found = attitude(reference.kind, reference.t, reference.q, reference.gap_segment, angles) if alone else []
+    found += own_sigma(reference, angles) if alone else []
     for row in rows:
         found += [
             *attitude(row.name, row.t, row.q, row.segment, angles),
@@ -52,6 +53,19 @@ def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Share
         return []
     euler = np.degrees(rotation.to_euler(q))
     return [_enveloped("attitude", name, t, _broken(euler, run), ("roll", "pitch", "heading"), share)]
+
+
+def own_sigma(reference: Reference, share: Share) -> list[Trace]:
+    """How wrong a smoother says it may be itself, deg: its tilt, and its heading where that is its own."""
+    if reference.sigma_tilt_deg is None or reference.sigma_heading_deg is None:
+        return []
+    columns = {"inclination": reference.sigma_tilt_deg}
+    if reference.heading_by == "own":
+        columns["heading"] = reference.sigma_heading_deg
+    made = np.column_stack(list(columns.values()))
+    return [
+        _enveloped("sigma", reference.kind, reference.t, _broken(made, reference.gap_segment), tuple(columns), share)
+    ]
 
 
 def difference(row: Row, share: Share) -> list[Trace]:

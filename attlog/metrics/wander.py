@@ -13,7 +13,7 @@ from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.drift_air import error_blocks
 from attlog.metrics.drift_rest import rest_blocks, rests
 from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_REST_S
-from attlog.metrics.rmse import root_mean_square, why_no_errors
+from attlog.metrics.rmse import root_mean_square, why_no_errors, why_no_heading
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     if not applies_to(window, "all", "rest", "rest.long", "airborne"):
         return {}
     if window == "airborne":
-        absent = why_no_errors(case, row)
+        absent = why_no_errors(case, row) or why_no_heading(case, row)
         if absent is not None:
             return {"wander_deg": missing(*absent, "deg", window)}
         flown = error_blocks(case, row, case.reference.kind, window)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from attlog.present.numbers import quantity
 from attlog.result import EstimatorRow, Result
 
 ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "imu", "marg", "mekf", "px4", "q", "ukf"})
@@ -98,10 +99,13 @@ def against_heading(reference: str) -> str:
     )
 
 
-def against_whom(result: Result) -> str:
-    """What the rows were compared with, with a warning where it is no truth."""
-    choice = result.reference.choice if result.reference else ""
-    return {"truth": "the logged truth", "smoother": "the smoother"}.get(choice, AGREEMENT)
+def against_whom(result: Result, *, sigma: bool = False) -> str:
+    """What the rows were compared with, with a warning where it is no truth; with the smoother's sigma of tilt."""
+    reference = result.reference
+    choice = reference.choice if reference else ""
+    whom = {"truth": "the logged truth", "smoother": "the smoother"}.get(choice, AGREEMENT)
+    own = reference.sigma_tilt_deg if reference is not None and sigma else None
+    return f"{whom} (sigma {quantity(own, 'deg', signed=False)})" if choice == "smoother" and own else whom
 
 
 CODES = {

@@ -1,14 +1,17 @@
 """What attitudes are compared with, and how the comparison is made fair."""
 
-from attlog.reference.choose import choose, refuse
+from attlog.reference.choose import choose
 from attlog.reference.contradiction import contradicted
 from attlog.reference.declination import seen_deg
 from attlog.reference.heading_references import heading_references
 from attlog.reference.model import AlignmentStep, Errors, HeadingReference, Reference, Row
 from attlog.reference.options import Options
 from attlog.reference.rows import onboard_rows, replayed
+from attlog.reference.smoothed import NAME as SMOOTHER
+from attlog.reference.smoothed import foreseen, joined, not_smoothed, pieces, sigma_deg
 
 __all__ = [
+    "SMOOTHER",
     "AlignmentStep",
     "Errors",
     "HeadingReference",
@@ -17,9 +20,13 @@ __all__ = [
     "Row",
     "choose",
     "contradicted",
+    "foreseen",
     "heading_references",
+    "joined",
+    "not_smoothed",
     "onboard_rows",
-    "refuse",
+    "pieces",
     "replayed",
     "seen_deg",
+    "sigma_deg",
 ]

@@ -1,86 +1,161 @@
-"""Which attitude the others are compared with, and every step that makes the comparison fair."""
+"""Which attitude the others are compared with: truth, the smoother, the one that flew, or none."""
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from attlog.errors import UsageError
-from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.reference import clock, declination, delay, floor, gravity, scoring, trim
+from attlog.errors import AttlogError, UsageError
+from attlog.estimators.base import Estimate
+from attlog.flight.model import Attitude, FlightLog
+from attlog.reference import clock, smoothed
+from attlog.reference.build import build, without
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.reference.options import Options
-from attlog.segments import Segments, gaps, resets
+from attlog.segments import Segments
 
-Array = NDArray[np.float64]
-
-SLOW_HZ = 5.0
-
-FROZEN_DPS = 5.0
-"""A gyro that varies by more than this does not belong to an attitude that never changes."""
+Smooth = Callable[[], Estimate]
+"""Runs the smoother over the log; AttlogError says why it cannot."""
+NOTHING = "the log holds neither truth nor an onboard attitude"
 
 
-def choose(log: FlightLog, segments: Segments, options: Options | None = None) -> Reference:
-    """The reference of a log: truth, else the onboard attitude that flew, else none; with all its steps.
+def choose(
+    log: FlightLog, segments: Segments, options: Options | None = None, *,
+    smooth: Smooth | None = None, refused: Mapping[str, str] | None = None, second: Reference | None = None,
+) -> Reference:  # fmt: skip
+    """The reference of a log: truth, else the smoother, else the onboard attitude that flew, else none; with its steps.
 
-    UsageError for an option that names something the log does not hold. An attitude
-    that gravity contradicts by more than 10 deg, or that stands still while the gyro
-    turns, is refused for the next best unless the user asked for it.
+    ``smooth`` runs the smoother and is called only where it is wanted (None: there is none);
+    ``refused``: attitudes that are out for a reason found before, ``second`` the smoother that stood behind them.
+    UsageError for an option that names something the log does not hold.
+
+    Refused for the next best unless the user asked for it is an attitude that gravity contradicts
+    by more than 10 deg or that stands still while the gyro turns; a smoother that is not sure of its
+    tilt, if the onboard attitude is sound; an onboard attitude that such a smoother contradicts.
     """
     options = options or Options()
     if options.clock not in ("sample", "publication"):
         raise UsageError(f"clock {options.clock!r}: use sample or publication")
-    imu = log.replay_imu
-    kind, name, attitude, why = _pick(log, options.reference)
-    if attitude is None:
-        return _without(log, imu, segments, options, why)
-    reference = _build(log, imu, segments, options, kind, name, attitude, why)
-    if not reference.fault or options.reference != "auto":
-        return reference
-    refused: dict[str, str] = {kind: reference.fault}
-    _, flew, onboard, _ = _pick(log, "auto", truth=False)
-    if kind == "truth" and onboard is not None:
-        second = _build(log, imu, segments, options, "onboard", flew, onboard, f"truth refused: {reference.fault}")
-        if not second.fault:
-            second.refused = refused
-            return second
-        refused["onboard"] = second.fault
-    return refuse(log, segments, options, reference.fault, refused)
+    kind = _wanted(options.reference)
+    if kind != "auto":
+        return _asked(log, segments, options, kind, smooth)
+    out = dict(refused or {})
+    truth = None if "truth" in out else _truth(log, segments, options)
+    if truth is not None and not truth.fault:
+        return truth
+    if truth is not None:
+        out["truth"] = truth.fault
+    found = second or (None if smooth is None or smoothed.NAME in out else _smoothed(log, segments, options, smooth))
+    if isinstance(found, str) or (found is not None and found.fault):
+        out[smoothed.NAME] = found if isinstance(found, str) else found.fault
+        found = None
+    unsure = "" if found is None else smoothed.unsure_of_tilt(found)
+    if found is not None and not unsure and smoothed.sure_of_heading(found):
+        return _taken(found, out)
+    onboard = None if "onboard" in out else _onboard(log, segments, options)
+    if onboard is not None and found is not None:
+        onboard.fault = onboard.fault or smoothed.contradicts(found, onboard)
+    sound = onboard is not None and not onboard.fault
+    if onboard is not None and not sound:
+        out["onboard"] = onboard.fault
+    if found is not None and not unsure:
+        return _taken(smoothed.with_heading_of(found, onboard if sound else None), out)
+    if onboard is not None and sound:
+        onboard.second = found
+        return _taken(onboard, out | ({smoothed.NAME: unsure} if unsure else {}))
+    if found is not None:
+        return _taken(smoothed.with_heading_of(found, None), out)
+    return _nothing(log, segments, options, out)
 
 
-def refuse(log: FlightLog, segments: Segments, options: Options, fault: str, refused: dict[str, str]) -> Reference:
-    """No reference because of a fault; ``refused`` holds the sentence for each attitude that was not taken."""
-    nothing = _without(log, log.replay_imu, segments, options, fault)
+def _taken(reference: Reference, refused: dict[str, str]) -> Reference:
+    """A reference that tells what better attitude was not taken, and why."""
+    told = "".join(f"; {name} refused: {why}" for name, why in refused.items())
+    reference.steps[0] = replace(reference.steps[0], text=reference.steps[0].text + told)
+    reference.refused = refused
+    return reference
+
+
+def _nothing(log: FlightLog, segments: Segments, options: Options, refused: dict[str, str]) -> Reference:
+    """No reference; with a fault where an attitude was refused by physics and not by its own doubt."""
+    fault = next((why for kind, why in refused.items() if kind != smoothed.NAME), "")
+    doubt = f"; smoother refused: {refused[smoothed.NAME]}" if smoothed.NAME in refused else ""
+    nothing = without(log, log.replay_imu, segments, options, (fault or NOTHING) + doubt)
     nothing.fault, nothing.refused = fault, refused
     return nothing
 
 
-Kind = Literal["truth", "onboard", "none"]
+def _wanted(option: str) -> str:
+    """The kind of reference that is asked for. UsageError for an option that is none."""
+    kind, _, named = option.partition(":")
+    if kind not in ("auto", "truth", "smoother", "onboard", "none") or (named and kind != "onboard"):
+        raise UsageError(f"reference {option!r}: use auto, truth, smoother, onboard, onboard:NAME or none")
+    return kind
 
 
-def _pick(log: FlightLog, wanted: str, truth: bool = True) -> tuple[Kind, str, Attitude | None, str]:
-    """Kind, name and attitude of the reference, with the reason; ``truth=False`` leaves the truth out."""
-    kind, _, named = wanted.partition(":")
-    if kind not in ("auto", "truth", "onboard", "none") or (named and kind != "onboard"):
-        raise UsageError(f"reference {wanted!r}: use auto, truth, onboard, onboard:NAME or none")
+def _asked(log: FlightLog, segments: Segments, options: Options, kind: str, smooth: Smooth | None) -> Reference:
+    """What the user asked for, whatever is wrong with it. UsageError where it is not there."""
     if kind == "none":
-        return "none", "", None, "no reference, as asked"
-    if kind == "truth" and log.truth is None:
-        raise UsageError(f"reference truth: {log.path.name} holds no truth; it has {_known(log)}")
-    if named:
-        if named not in log.attitudes:
-            raise UsageError(f"reference {wanted!r}: {log.path.name} holds {_known(log)}")
-        return "onboard", named, log.attitudes[named], "as asked"
-    if truth and kind in ("auto", "truth") and log.truth is not None and _enough(log.truth):
-        return "truth", "", log.truth, "the log holds the truth"
-    attitude = log.attitudes.get(log.onboard or "")
-    if attitude is None or not _enough(attitude):
-        if kind == "onboard":
-            raise UsageError(f"reference onboard: {log.path.name} holds no attitude that flew")
-        return "none", "", None, "the log holds neither truth nor an onboard attitude"
-    return "onboard", log.onboard or "", attitude, log.choices.get("onboard", "the attitude that flew")
+        return without(log, log.replay_imu, segments, options, "no reference, as asked")
+    found: Reference | str | None
+    if kind == "smoother":
+        found = "it was not run" if smooth is None else _smoothed(log, segments, options, smooth)
+        missing = f"{log.path.name}: {found}"
+    elif kind == "truth":
+        found, missing = _truth(log, segments, options), f"{log.path.name} holds no truth; it has {_known(log)}"
+    else:
+        named = options.reference.partition(":")[2]
+        if named and named not in log.attitudes:
+            raise UsageError(f"reference {options.reference!r}: {log.path.name} holds {_known(log)}")
+        found = _onboard(log, segments, options, named)
+        missing = f"{log.path.name} holds no attitude that flew"
+    if found is None or isinstance(found, str):
+        raise UsageError(f"reference {kind}: {missing}")
+    return found
+
+
+def _truth(log: FlightLog, segments: Segments, options: Options) -> Reference | None:
+    """The truth of the log as reference, None where it has none."""
+    if log.truth is None or not _enough(log.truth):
+        return None
+    return build(log, segments, options, "truth", "", log.truth, "the log holds the truth")
+
+
+def _onboard(log: FlightLog, segments: Segments, options: Options, named: str = "") -> Reference | None:
+    """The attitude that flew, or the one that is named, as reference; None where the log has none."""
+    attitude = log.attitudes.get(named or log.onboard or "")
+    if attitude is None or not (named or _enough(attitude)):
+        return None
+    why = "as asked" if named else log.choices.get("onboard", "the attitude that flew")
+    return build(log, segments, options, "onboard", named or log.onboard or "", attitude, why)
+
+
+def _smoothed(log: FlightLog, segments: Segments, options: Options, smooth: Smooth) -> Reference | str:
+    """What the smoother found with its own sigma, or why it is of no use.
+
+    One that was asked for is taken whatever its own checks say, which then stands in the text.
+    """
+    try:
+        estimate = smooth()
+    except AttlogError as error:
+        return str(error)
+    failed = smoothed.why_not(estimate)
+    if failed and (options.reference == "auto" or not smoothed.tells_sigma(estimate)):
+        return failed
+    t, q, segment, tilt, heading = smoothed.thinned(estimate)
+    why = f"own estimate from both sides of each moment, aided by {smoothed.aided_by(estimate)}"
+    reference = build(log, segments, options, "smoother", "", Attitude(t, q, "the smoother"), why, segment)
+    used = np.isin(t, reference.t)
+    reference.sigma_tilt_deg, reference.sigma_heading_deg = tilt[used], heading[used]
+    own = [smoothed.sigma_deg(reference, angle) for angle in ("inclination", "heading")]
+    if not own[0] <= smoothed.USELESS_DEG and options.reference == "auto":
+        return f"own tilt sigma {own[0]:.1f} deg" if np.isfinite(own[0]) else "none of its attitudes is scored"
+    text = f"its own sigma: tilt {own[0]:.2f} deg, heading {own[1]:.2f} deg (RMS)"
+    text += f"; its own checks fail: {failed}" if failed else ""
+    reference.steps.insert(1, AlignmentStep("own_sigma", text, own[0], "deg", "the smoother"))
+    return reference
 
 
 def _known(log: FlightLog) -> str:
@@ -89,123 +164,3 @@ def _known(log: FlightLog) -> str:
 
 def _enough(attitude: Attitude) -> bool:
     return len(clock.usable(attitude, "publication")[0]) >= 2
-
-
-def _build(
-    log: FlightLog, imu: Imu | None, segments: Segments, options: Options,
-    kind: Kind, name: str, attitude: Attitude, why: str,
-) -> Reference:  # fmt: skip
-    which = _clock(options)
-    t, q, kept = clock.usable(attitude, which)
-    gap_segment = _gap_segments(t, segments)
-    found, sentences = resets.known(log, name, segments) if kind == "onboard" else resets.find(attitude, imu)
-    jumped = np.zeros(len(attitude.t), np.int64)
-    jumped[found] = 1
-    segment = gap_segment + np.cumsum(jumped)[kept]
-    reference = Reference(kind, attitude.source, t, q, gap_segment, gaps.renumber(segment), name=name, clock=which)
-    reference.rate = gaps.rate(t)
-    reference.trim, trim_step = trim.step(log, attitude, options.trim)
-    reference.floor_deg, reference.step_deg, floor_step = floor.step(t, q, attitude.step_deg, imu)
-    start_step = _score(reference, _imu_times(imu, t), segments, options)
-    aligned = scoring.aligned_at(attitude, found, segments) if kind == "onboard" else None
-    if aligned is not None:
-        reference.unscored = [(-np.inf, aligned), *reference.unscored]
-        text = "its own alignment: nothing is compared with it before this jump"
-        start_step.append(AlignmentStep("alignment", text, aligned, "s", attitude.source))
-    reference.declination_deg, north = declination.step(log, options.declination)
-    reference.input_delay_s, lag = delay.step(log, imu, reference, options.input_delay)
-    reference.fault, gravity_step = gravity.check(reference, imu, segments)
-    reference.fault = reference.fault or _frozen(reference, imu)
-    reference.steps = [
-        AlignmentStep("reference", why, kind, source=attitude.source, option="--reference"),
-        clock.step(log, attitude, which),
-        lag,
-        _resampling(reference),
-        AlignmentStep("resets", _reset_text(sentences), float(len(found)), "", attitude.source, len(found) > 0),
-        *_north(log, reference, north),
-        trim_step,
-        *gravity_step,
-        *start_step,
-        floor_step,
-    ]
-    return reference
-
-
-def _clock(options: Options) -> clock.Clock:
-    return "publication" if options.clock == "publication" else "sample"
-
-
-def _without(log: FlightLog, imu: Imu | None, segments: Segments, options: Options, why: str) -> Reference:
-    """No reference: only questions at rest can be answered."""
-    zero = np.zeros(0)
-    index = np.zeros(0, np.int64)
-    reference = Reference("none", "", zero, np.zeros((0, 4)), index, index, clock=_clock(options))
-    reference.declination_deg, north = declination.step(log, options.declination)
-    start = _score(reference, _imu_times(imu, zero), segments, options)
-    reference.steps = [AlignmentStep("reference", why, "none", option="--reference"), north, *start]
-    return reference
-
-
-def _imu_times(imu: Imu | None, otherwise: Array) -> Array:
-    t = otherwise if imu is None else imu.gyro.t_best
-    return t[np.isfinite(t)]
-
-
-def _gap_segments(t: Array, segments: Segments) -> NDArray[np.int64]:
-    """The segment number of each time (n,): a gap of the attitude or of the replayed IMU begins a new one."""
-    starts = np.array([s.t0 for s in segments.of("continuous")][1:])
-    return gaps.renumber(gaps.number(t), np.searchsorted(starts, t, side="right"))
-
-
-def _score(reference: Reference, t: Array, segments: Segments, options: Options) -> list[AlignmentStep]:
-    """Set start, end and unscored segments of a reference; returns the steps that tell them."""
-    reference.scoring_start, reference.unscored = scoring.start_and_unscored(t, options.score_from)
-    why = "given by the user" if options.score_from is not None else (
-        "15 s after the first IMU sample, a third of a log shorter than 30 s"
-    )  # fmt: skip
-    if reference.unscored:
-        why += f"; {len(reference.unscored)} restarts after gaps, each followed by unscored seconds"
-    steps = [AlignmentStep("scoring_start", why, reference.scoring_start, "s", "the IMU", option="--score-from")]
-    impacts = segments.of("impact")
-    if impacts:
-        reference.end = impacts[0].t0
-        steps.append(AlignmentStep("scoring_end", impacts[0].why, reference.end, "s", "impact"))
-    return steps
-
-
-def _resampling(reference: Reference) -> AlignmentStep:
-    text = f"{reference.rate:.1f} Hz; faster rows are compared at its times, slower ones at their own"
-    if reference.rate < SLOW_HZ:
-        text += "; too slow for lag, only rest and drift are answered"
-    return AlignmentStep("resampling", text, reference.rate, "Hz", reference.source)
-
-
-def _reset_text(sentences: list[str]) -> str:
-    if not sentences:
-        return "no reset of this attitude found"
-    different = list(dict.fromkeys(sentences))
-    count = f"{len(sentences)} reset{'s' if len(sentences) > 1 else ''}"
-    return f"{count}, cut out: {'; '.join(different[:3])}{' ...' if len(different) > 3 else ''}"
-
-
-def _north(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[AlignmentStep]:
-    """The declination, and where this reference sees magnetic north."""
-    seen = declination.seen_deg(log, reference)
-    if seen is None:
-        return [north]
-    text = f"the measured field, turned by {reference.source}, points this far east of its north (median)"
-    return [north, AlignmentStep("declination_seen", text, seen, "deg", "the log", False)]
-
-
-def _frozen(reference: Reference, imu: Imu | None) -> str:
-    """A sentence if the reference never moves while the gyro turns faster than an offset explains, else nothing."""
-    if imu is None or not len(imu.gyro.x):
-        return ""
-    t = imu.gyro.t_best
-    known = np.isfinite(imu.gyro.x).all(axis=1) & (t >= reference.t[0]) & (t <= reference.t[-1])
-    good = imu.gyro.x[known]
-    spread = np.std(good, axis=0) if len(good) else np.zeros(3)
-    turning = float(np.degrees(np.sqrt(np.sum(spread**2))))
-    if turning < FROZEN_DPS or np.ptp(reference.q, axis=0).max() > 1e-9:
-        return ""
-    return f"{reference.source} never changes while the gyro turns by {turning:.0f} deg/s rms: it holds no attitude"

@@ -33,8 +33,11 @@ def usable(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDArray[np.b
     return t[good], rotation.normalize(attitude.q[good]), good
 
 
-def step(log: FlightLog, attitude: Attitude, clock: Clock) -> AlignmentStep:
-    """What the clock is, and how much later than measured the attitude was published."""
+def step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) -> AlignmentStep:
+    """What the clock is, and how much later than measured the attitude was published (``own``: made of the IMU)."""
+    if own:
+        text = "made at the IMU's stamps, freed of the delay of its filter"
+        return AlignmentStep("clock", text, "sample", source=attitude.source, option="--clock")
     told = attitude.t_sample is not None
     if not told:
         text = f"{attitude.source} has one time stamp; it is taken for the time of the attitude"

@@ -1,4 +1,4 @@
-"""Do filters that agree with each other, and the mean force, contradict the onboard attitude?
+"""Do filters that agree with each other, and the mean force, contradict the reference (onboard attitude, smoother)?
 
 A filter that differs from the reference may be wrong. Where several different filters
 stay together and the reference alone is elsewhere, the mean specific force decides:
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.flight.model import FlightLog, Imu
-from attlog.reference import scoring, trim
+from attlog.reference import scoring, smoothed, trim
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, Reference, Row
 from attlog.segments import gaps
@@ -37,10 +37,11 @@ DOWN = np.array([0.0, 0.0, 1.0])
 def contradicted(
     log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
 ) -> tuple[str, AlignmentStep] | None:
-    """Why an onboard reference is refused, and the numbers; None where filters and force do not contradict it."""
+    """Why an onboard attitude or a smoother is refused, and the numbers; None where filters and force agree with it."""
     own = [r for r in rows if r.imu is None or r.imu.index == imu.index]
     replays = {r.estimator: r for r in own if r.kind == "replay" and len(r.t) > 1}
-    if reference.kind != "onboard" or len(replays) < FILTERS:
+    replays.pop(smoothed.NAME, None)
+    if reference.kind not in ("onboard", "smoother") or len(replays) < FILTERS:
         return None
     use = np.flatnonzero(scoring.scored(reference, reference.t))
     use = use[:: max(1, len(use) // SAMPLES)]

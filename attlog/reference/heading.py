@@ -41,6 +41,7 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
     row.q = rotation.turn_about_down(row.q, -offset[place])
     row.heading_offset_deg = float(np.degrees(rotation.wrap(offset[own[0]])))
     text = f"mean heading difference over {sources[0]}, removed"
+    text += "; the reference has no north of its own" if reference.heading_by == "nobody" else ""
     text += f" in each of {len(sources)} segments" if len(sources) > 1 else ""
     resets = int(np.count_nonzero(jumps))
     text += f"; {resets} resets of the reference not counted" if resets else ""

@@ -42,7 +42,11 @@ class Reference:
     ``name`` is the attitude's name in the log where the reference is an onboard one.
     ``trim`` (3,) rad is what has to be taken out of attitudes of the IMU before they
     are compared, None for nothing. ``fault`` says why agreement with it means nothing;
-    ``refused`` holds that sentence for each attitude (truth, onboard) that was not taken.
+    ``refused`` holds that sentence for each attitude (truth, smoother, onboard) that was not taken.
+
+    A smoother knows how wrong it may be: ``sigma_tilt_deg``, ``sigma_heading_deg`` (n,), None
+    of others. ``heading_by`` says whose north its heading has: its ``own``, that of the
+    ``onboard`` attitude, or of ``nobody``, with the reason in ``heading_why``.
     """
 
     kind: Literal["truth", "smoother", "onboard", "none"]
@@ -67,6 +71,12 @@ class Reference:
     clock: Literal["sample", "publication"] = "sample"
     fault: str = ""
     refused: dict[str, str] = field(default_factory=dict)
+    sigma_tilt_deg: Array | None = None
+    sigma_heading_deg: Array | None = None
+    heading_by: Literal["own", "onboard", "nobody"] = "own"
+    heading_why: str = ""
+    second: Reference | None = None
+    """A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later."""
 
 
 @dataclass(slots=True)
@@ -127,6 +137,8 @@ class Row:
     parameters: dict[str, Any] = field(default_factory=dict)
     equation: str = ""
     """The equation that the filter's file declares; empty where it is its own."""
+    heading_shared: bool = False
+    """Whether the reference has its heading from this row: then its heading errors mean nothing."""
     heading_offset_deg: float | None = None
     """Heading that was taken out of ``q`` (of its first segment), None where the heading is the row's own."""
     steps: list[AlignmentStep] = field(default_factory=list)

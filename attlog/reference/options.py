@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class Options:
     """How to choose and align the reference.
 
-    ``reference``: auto, truth, onboard, onboard:NAME or none. ``clock``: sample (times
+    ``reference``: auto, truth, smoother, onboard, onboard:NAME or none. ``clock``: sample (times
     of measurement) or publication. ``declination``: auto, model, param or degrees.
     ``trim``: take the vehicle's trim out of replays. ``input_delay``: auto, off or
     ms. ``score_from``: seconds, None for 15 s after the first IMU sample.

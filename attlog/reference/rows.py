@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
-from attlog.reference import clock, compare, floor, heading, scoring, trim
+from attlog.reference import clock, compare, floor, heading, scoring, smoothed, trim
 from attlog.reference.model import AlignmentStep, Reference, Row
 from attlog.segments import Segments, gaps, resets
 from attlog.segments.spans import Span
@@ -38,7 +38,8 @@ def replayed(
         row.q = trim.apply(row.q, reference.trim)
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
         row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="--trim"))
-    free_heading = not uses_mag or reference.declination_deg is None
+    row.is_reference = reference.kind == smoothed.NAME and name == smoothed.NAME
+    free_heading = not uses_mag or reference.declination_deg is None or reference.heading_by == "nobody"
     if estimate.no_heading:
         size = float(sum(t1 - t0 for t0, t1 in estimate.no_heading))
         text = "no field until then: the heading was unknown, nothing before is scored"
@@ -49,7 +50,8 @@ def replayed(
 def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Row]:
     """All onboard attitudes as rows: ``onboard`` the one that flew, others ``onboard:NAME``.
 
-    The reference itself is among them, marked, without errors.
+    The reference itself is among them, marked, without errors. One that lends its heading to the
+    reference is judged by its tilt alone.
     """
     rows = []
     for name, attitude in log.attitudes.items():
@@ -74,7 +76,8 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
             row.coverage_pct = scoring.coverage_pct(t, row.segment, counted, reference, segments)
             rows.append(row)
         else:
-            rows.append(_measure(row, segments, reference, free_heading=False))
+            row.heading_shared = reference.heading_by == "onboard" and name == log.onboard
+            rows.append(_measure(row, segments, reference, free_heading=reference.heading_by == "nobody"))
     return sorted(rows, key=lambda r: (r.name != "onboard", not r.is_reference))
 
 
@@ -112,7 +115,7 @@ def _judge(row: Row, segments: Segments, reference: Reference) -> None:
         row.coverage_pct = 0.0
         row.reason = f"{row.name} and the reference {reference.source} have no time in common"
         return
-    own_heading = row.uses_mag and row.heading_offset_deg is None
+    own_heading = row.uses_mag and row.heading_offset_deg is None and not row.heading_shared
     row.coverage_pct = scoring.coverage_pct(errors.t, errors.gap_segment, errors.scored, reference, segments)
     row.convergence_s = scoring.convergence_s(errors, row.start, own_heading)
     tipped = scoring.diverged_at(errors)

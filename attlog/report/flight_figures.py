@@ -6,7 +6,7 @@ import numpy as np
 
 from attlog.present.messages import alarming, messages
 from attlog.present.numbers import moment
-from attlog.report.figure import Figure, Rows, reach, said, series
+from attlog.report.figure import Figure, Rows, reach, said, series, stored
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
@@ -38,7 +38,7 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
         reference = result.reference.choice if result.reference else "onboard"
         caption = {
             "truth": "Zero is the logged truth. ",
-            "smoother": "Zero is the smoother. ",
+            "smoother": "Zero is the smoother; grey: its own sigma. ",
         }.get(reference, "Zero is agreement with onboard, not truth. ")
         caption += "Tilt is the angle between the two down directions. " + said(ratio)
         start = scored_from(result)
@@ -47,6 +47,8 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
         title = f"Difference from {'onboard' if reference == 'none' else reference}"
         words = reach(by["difference"], names)
         data = {"series": drawn, "scored": start}
+        if by.get("sigma"):
+            data["sigma"] = stored(by["sigma"][0], ("inclination", "heading"), store, ANGLE_STEP / 10.0)
         figures.append(Figure("difference", "difference", title, caption, 560, data, words=words))
     return figures
 

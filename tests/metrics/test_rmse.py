@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from attlog import rotation
-from attlog.metrics import rmse
+from attlog.metrics import ranking, rmse
 from attlog.segments.model import Segment
 from tests.metrics import flights
 
@@ -136,6 +136,59 @@ def test_heading_errors_are_ranked_only_against_truth_or_smoother(kind, ranked):
     for angle in ("heading", "total"):
         assert found[f"{angle}_rmse_deg"].ranked == ranked
     assert found["inclination_rmse_deg"].ranked
+
+
+def with_sigma(case, tilt, heading):
+    """The case with a smoother that says how wrong it may be."""
+    reference = case.reference
+    reference.kind = "smoother"
+    reference.sigma_tilt_deg, reference.sigma_heading_deg = (np.full(len(reference.t), s) for s in (tilt, heading))
+    return case
+
+
+def test_differences_below_the_sigma_of_a_smoother_tell_nobody_apart():
+    """The same two rows, once against a smoother that is sure of itself and once against one that is not."""
+    table = {}
+    for sigma in (0.05, 0.5):
+        case, rows = drifting_rows([1.0, 1.5])
+        with_sigma(case, sigma, 2 * sigma)
+        found = [rmse.compute(case, row, "airborne") for row in rows]
+        floors = [found[0][f"{angle}_rmse_deg"].floor for angle in ("inclination", "heading", "total")]
+        assert floors == pytest.approx([sigma, 2 * sigma, np.sqrt(5) * sigma], rel=1e-6)
+        column = {row.name: a["inclination_rmse_deg"] for row, a in zip(rows, found, strict=True)}
+        table[sigma] = ranking.family(column, "low").told
+    assert table == {0.05: [("row0", "row1")], 0.5: []}
+
+
+def test_the_sigma_of_the_window_counts_and_not_that_of_the_whole_log():
+    case, rows = drifting_rows([1.0, 1.5])
+    with_sigma(case, 0.1, 0.1)
+    case.reference.sigma_tilt_deg[case.reference.t < 50.0] = 1.0
+    assert rmse.compute(case, rows[0], "60:80")["inclination_rmse_deg"].floor == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("heading_by", "code"), [("own", None), ("onboard", None), ("nobody", "no_reference")])
+def test_whose_heading_a_smoother_has_decides_what_heading_errors_mean(heading_by, code):
+    case, rows = drifting_rows([1.0, 3.0])
+    with_sigma(case, 0.1, 0.1)
+    case.reference.heading_by, case.reference.heading_why = heading_by, "the smoother's own heading sigma is 4.0 deg"
+    found = rmse.compute(case, rows[0], "airborne")
+    for angle in ("heading", "total"):
+        answer = found[f"{angle}_rmse_deg"]
+        assert answer.code == code
+        assert answer.ranked == (heading_by == "own")
+    assert found["inclination_rmse_deg"].ranked
+    rows[1].heading_shared = heading_by == "onboard"
+    shared = rmse.compute(case, rows[1], "airborne")["heading_rmse_deg"]
+    assert (shared.code == "not_applicable") == (heading_by == "onboard")
+
+
+def test_a_row_made_as_the_reference_is_not_ranked_against_it():
+    case, rows = drifting_rows([1.0, 3.0])
+    with_sigma(case, 0.1, 0.1)
+    rows[0].estimator = "smoother"
+    assert not rmse.compute(case, rows[0], "airborne")["inclination_rmse_deg"].ranked
+    assert rmse.compute(case, rows[1], "airborne")["inclination_rmse_deg"].ranked
 
 
 def test_a_record_of_few_blocks_has_a_value_and_no_rank():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from attlog.result import Check
 from tests.present.made import HEADING as HEAD
 from tests.present.made import TILT, row, sentence, tilt, verdict
 from tests.present.made import result as made
@@ -81,4 +82,37 @@ def test_who_lost_its_way_is_named():
 def test_nothing_to_compare_with_says_so():
     assert sentence("closest", made([], reference="none")) == (
         "Cannot be judged: the log holds no attitude to compare with."
+    )
+
+
+def against_smoother(rows, heading_by="own", **more):
+    found = made(rows, {TILT: ["vqf"]}, {TILT: "mahony"}, "smoother")
+    found.reference.sigma_tilt_deg, found.reference.heading_by = 0.12, heading_by
+    found.audit = [Check("onboard against smoother", more.get("onboard", "good"), "")]
+    return found
+
+
+def test_against_the_smoother_its_sigma_is_named_and_what_flew_is_judged():
+    rows = [row("vqf", tilt(1.2)), row("mahony", tilt(3.7)), row("onboard", tilt(18.2))]
+    assert sentence("closest", against_smoother(rows, onboard="bad")) == (
+        "VQF is closest in tilt to the smoother (sigma 0.12°): 1.2° (1.1 to 1.3). "
+        "Mahony is farthest: 3.7° (3.3 to 4.1). Onboard: 18.2°; it is the wrong one here."
+    )
+    assert sentence("closest", against_smoother(rows)).endswith("Onboard: 18.2°.")
+    assert verdict("closest", against_smoother(rows)).title == "Which filter is closest?"
+
+
+def test_a_heading_that_is_compared_with_onboard_is_said_to_be():
+    rows = [row("vqf", tilt(1.2, 9.4)), row("mahony", tilt(3.7, 2.0)), row("onboard", tilt(0.5))]
+    for one in rows[:2]:
+        one.metrics["airborne"][HEAD].ranked = False
+    assert "Its heading is off by 9.4° (8.5 to 10.3) against onboard (agreement, not truth), not ranked." in sentence(
+        "closest", against_smoother(rows, "onboard")
+    )
+
+
+def test_filters_that_all_diverge_from_the_smoother_do_not_acquit_it():
+    rows = [row(n, tilt(50.0), status="diverged", reason="tilt error above 30 deg") for n in ("vqf", "mahony")]
+    assert "All 2 filters diverged from the smoother (sigma 0.12°): either they or the smoother is wrong." in sentence(
+        "closest", against_smoother(rows)
     )

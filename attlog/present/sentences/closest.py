@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from attlog.present.contest import Contest, contest
-from attlog.present.names import against_whom
+from attlog.present.names import AGREEMENT, against_whom
 from attlog.present.numbers import duration, listed
 from attlog.present.rows import AIR
 from attlog.present.sentences.reasons import cannot
@@ -22,6 +22,8 @@ from attlog.present.sentences.words import (
 from attlog.result import Result, Verdict
 
 TILT, HEADING = "inclination_rmse_deg", "heading_rmse_deg"
+ONBOARD_CHECK = "onboard against smoother"
+"""The check that says whether the onboard attitude is the wrong one."""
 
 
 def closest(result: Result) -> Verdict:
@@ -50,14 +52,14 @@ def says(result: Result, tilt: Contest, heading: Contest) -> str:
     agrees = result.reference is not None and result.reference.choice == "onboard"
     text = leading(tilt, tilt_words(result, agrees=agrees)) + "."
     text += last(tilt, tilt_words(result, agrees=agrees))
-    text += heading_part(tilt, heading) + flew(tilt, heading)
+    text += heading_part(result, tilt, heading) + flew(result, tilt, heading)
     gone = lost_part(lost(result))
     return text + (f" {gone}." if gone else "")
 
 
 def tilt_words(result: Result, *, agrees: bool) -> Words:
     """How the tilt error is spoken of: against the onboard attitude it is agreement, not truth."""
-    whom = against_whom(result)
+    whom = against_whom(result, sigma=True)
     alone, close = f"is the only filter to compare in tilt with {whom}", f" in tilt against {whom}"
     if agrees:
         one, several = (f"{verb} best in tilt with {whom}" for verb in ("agrees", "agree"))
@@ -67,12 +69,13 @@ def tilt_words(result: Result, *, agrees: bool) -> Words:
 
 def unranked(result: Result, tilt: Contest, heading: Contest) -> str:
     """The errors where no filter was compared with another: all of them lost, or too little time."""
-    whom = against_whom(result)
+    whom = against_whom(result, sigma=True)
     sound = [j for j in tilt.filters if j.row.status == "ok"]
     if not sound:
         who = f"All {len(tilt.filters)} filters" if len(tilt.filters) > 1 else tilt.filters[0].name
         end = "either they or the onboard attitude is wrong" if "onboard" in whom else "none can be judged"
-        return f"{who} diverged from {whom}: {end}.{flew(tilt, heading)}"
+        end = "either they or the smoother is wrong" if "smoother" in whom else end
+        return f"{who} diverged from {whom}: {end}.{flew(result, tilt, heading)}"
     seconds = duration(max(j.answer.seconds for j in sound))
     spread = f"{values(sound)} against {whom}"
     if len(sound) <= NAMED:
@@ -81,17 +84,19 @@ def unranked(result: Result, tilt: Contest, heading: Contest) -> str:
     beside = [j for j in (heading.of(one.row) for one in sound) if j is not None]
     text += f" Heading errors are {values(beside, named=False)}." if beside else ""
     gone = lost_part(lost(result))
-    return text + flew(tilt, heading) + (f" {gone}." if gone else "")
+    return text + flew(result, tilt, heading) + (f" {gone}." if gone else "")
 
 
-def flew(tilt: Contest, heading: Contest) -> str:
-    """The errors of the attitude that flew, where something better is the reference."""
+def flew(result: Result, tilt: Contest, heading: Contest) -> str:
+    """The errors of what flew, where something better is the reference, and whether it is the wrong one."""
     if tilt.onboard is None:
         return ""
-    return f" Onboard: {tilt.onboard.text}{f', heading {heading.onboard.text}' if heading.onboard else ''}."
+    wrong = any(check.name == ONBOARD_CHECK and check.verdict == "bad" for check in result.audit)
+    beside = f", heading {heading.onboard.text}" if heading.onboard else ""
+    return f" Onboard: {tilt.onboard.text}{beside}{'; it is the wrong one here' if wrong else ''}."
 
 
-def heading_part(tilt: Contest, heading: Contest) -> str:
+def heading_part(result: Result, tilt: Contest, heading: Contest) -> str:
     """The heading error: who leads where it is ranked, else that of the rows that lead in tilt."""
     if heading.ranked:
         words = Words("is closest", "are closest", "is farthest", "alone can be compared")
@@ -102,9 +107,11 @@ def heading_part(tilt: Contest, heading: Contest) -> str:
     beside = [j for j in (heading.of(leader.row) for leader in leaders) if j is not None]
     if not beside:
         return ""
+    shared = result.reference is not None and result.reference.heading_by == "onboard"
+    whom = f" against {AGREEMENT}" if shared else ""
     if len(beside) == 1:
-        return f" Its heading is off by {single(beside[0])}, not ranked."
-    return f" Their headings are off by {values(beside, named=bool(tilt.best))}, not ranked."
+        return f" Its heading is off by {single(beside[0])}{whom}, not ranked."
+    return f" Their headings are off by {values(beside, named=bool(tilt.best))}{whom}, not ranked."
 
 
 def notes(result: Result, tilt: Contest) -> list[str]:

@@ -46,6 +46,14 @@ const draws = {
   },
   difference(id, f, range) {
     const p = panels(id, f, [['inclination', 'tilt, °', { axis: { rangemode: 'nonnegative' } }], ['roll', 'roll, °', { wraps: true }], ['pitch', 'pitch, °'], ['heading', 'heading, °', { wraps: true }]], { range, phases: 'named', from: f.scored });
+    // how wrong the smoother may be itself: a grey band below the lines
+    const none = { line: { width: 0 }, hoverinfo: 'skip', say: undefined }, grey = faded(css('--tx'), 0.14);
+    if (f.sigma) [['inclination', 'y', 0], ['heading', 'y4', -1]].forEach(([key, yaxis, low]) => {
+      if (!f.sigma.y[key]) return;
+      const [X, Y] = reduced(times(f.sigma.t), values(f.sigma.y[key]), range, width(id));
+      const edge = (sign, more) => plain('sigma of the smoother', css('--tx'), X, Y.map((v) => (v === null ? null : sign * v)), Object.assign({ yaxis }, none, more));
+      p.traces.unshift(edge(low), edge(1, { fill: 'tonexty', fillcolor: grey }));
+    });
     alarms(p.layout, range);
     return p;
   },

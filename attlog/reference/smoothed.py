@@ -1,0 +1,260 @@
+"""May what a smoother found be the reference, and whose north has its heading?
+
+A smoother looks at the whole log from both sides and says how wrong it may be (one sigma). It is
+a reference where its own checks pass and that is little: it then judges the onboard attitude too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import rotation
+from attlog.errors import UsageError
+from attlog.estimators.base import Estimate
+from attlog.flight.model import FlightLog
+from attlog.reference import scoring
+from attlog.reference.compare import interpolate
+from attlog.reference.model import AlignmentStep, Reference
+from attlog.segments import Segments, gaps
+from attlog.segments.spans import Span, complement, intersect
+
+Array = NDArray[np.float64]
+
+NAME = "smoother"
+"""The estimator whose attitude is taken."""
+MOST_SIGMA_DEG, USELESS_DEG = 1.0, 3.0
+"""A smoother less sure than the first of its tilt is a reference only where no onboard attitude is left, than the
+second never; less sure than the first of its heading it is none for headings."""
+MOST_OPENINGS, MOST_SOFT_GATED_PCT, MOST_RATIO = 5.0, 40.0, 3.0
+"""Its own checks: how often a sensor had to be believed anew, the share of GNSS velocities that did not fit, and the
+largest ratio of a sensor's errors to what was expected of it."""
+SECONDS = 20.0, 1800.0
+"""Shorter pieces tell a smoother nothing, longer logs cost it minutes and gigabytes."""
+ENOUGH_HZ = 200.0
+"""Attitudes that come faster are thinned, to no less: no vehicle turns so that a slerp over 5 ms would show."""
+TIPPING_S = 1.0
+"""A vehicle has lost control so long before its tilt is beyond 90 deg."""
+LEAST_COVERED = 0.5
+"""Of what is flown and rested; a smoother of which less is sound is none for the log."""
+FIX_3D = 3
+WRONG_DEG, WRONG_SIGMAS, WRONG_SHARE = 10.0, 3.0, 0.2
+"""An onboard attitude tilted against a smoother by more than this, in degrees and in sigmas, for this share of the time
+is refused, and its heading with it."""
+TURNED_S = 2.0
+"""A heading is turned to another's by the mean of their difference over so long: slowly, so that movements stay."""
+
+
+def pieces(log: FlightLog, segments: Segments) -> list[Span]:
+    """Where a smoother can be run, each for itself: between gaps, up to an impact, without any loss of control.
+
+    What happens in a tumble it would spread over the time before and after; short pieces tell it nothing.
+    """
+    imu = log.replay_imu
+    t = np.zeros(0) if imu is None else imu.gyro.t_best[np.isfinite(imu.gyro.t_best)]
+    if len(t) == 0:
+        return []
+    end = min((s.t0 for s in segments.of("impact")), default=np.inf)
+    starts = gaps.restarts(t)
+    lasts = np.append(t[np.searchsorted(t, starts[1:]) - 1], t[-1])
+    lost = [(s.t0 - TIPPING_S, s.t1) for s in segments.of("loss_of_control")]
+    whole = [(float(a), min(float(b), end)) for a, b in zip(starts, lasts, strict=True)]
+    clear = complement(lost, float(t[0]), float(t[-1]))
+    return [(a, b) for a, b in intersect(whole, clear) if b - a >= SECONDS[0]]
+
+
+def not_smoothed(log: FlightLog, segments: Segments) -> str:
+    """Why the smoother is not run over a log unless it is asked for; empty where it is."""
+    if log.replay_imu is None:
+        return "no IMU is replayed"
+    seconds = sum(b - a for a, b in pieces(log, segments))
+    if seconds > SECONDS[1]:
+        return f"{seconds / 60:.0f} min would cost minutes; up to {SECONDS[1] / 60:.0f} min are smoothed"
+    if seconds > 0:
+        return ""
+    return f"it needs {SECONDS[0]:.0f} s without a gap, an impact or a loss of control"
+
+
+def foreseen(log: FlightLog, segments: Segments, chosen: Reference) -> str:
+    """What an analysis will compare with, before any smoother ran; ``chosen`` is the reference without one."""
+    otherwise = {"truth": "the logged truth", "onboard": f"the onboard attitude ({chosen.source})"}.get(
+        chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.fault else "nothing"
+    )
+    if chosen.kind == "truth":
+        return f"{otherwise}."
+    if why := not_smoothed(log, segments):
+        return f"{otherwise} (no smoother: {why})."
+    located = any(np.count_nonzero(g.fix >= FIX_3D) > 1 for g in log.gnss)
+    aids = [word for word, there in (("GNSS", located), ("magnetometer", log.mag is not None)) if there]
+    unsure = "" if located else " Without GNSS its heading is hardly sure enough to be compared with."
+    by = " and ".join(aids) or "gravity alone"
+    return f"the smoother, aided by {by}, if its own checks pass; else {otherwise}.{unsure}"
+
+
+def why_not(estimate: Estimate) -> str:
+    """Why a smoother that failed its own checks is no reference; empty where it passed."""
+    if len(estimate.t) < 2:
+        return "no sample of the log can be used"
+    if not tells_sigma(estimate):
+        return "it does not tell how wrong it may be"
+    if not np.isfinite(estimate.q).all():
+        return "it lost its way: some of its attitudes are no numbers"
+    openings, soft, ratio = (_number(estimate, n) for n in ("openings", "soft_gated_pct", "worst_ratio"))
+    if openings > MOST_OPENINGS:
+        return f"a sensor contradicted it for so long that it gave way {openings:.0f} times"
+    if soft > MOST_SOFT_GATED_PCT:
+        return f"{soft:.0f} % of the GNSS velocities do not fit its attitude"
+    if ratio > MOST_RATIO:
+        return f"a sensor's errors are {ratio:.1f} times what it expects of them"
+    return ""
+
+
+def joined(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
+    """One estimate of those of the pieces (in order) that pass their own checks; all of them with ``whatever``.
+
+    It says of itself what its longest piece says. UsageError where less than half of the time is left.
+    """
+    why = {k: why_not(one) for k, one in enumerate(found)}
+    sound = [one for k, one in enumerate(found) if whatever or not why[k]]
+    length = [float(one.t[-1] - one.t[0]) if len(one.t) else 0.0 for one in found]
+    kept = sum(length[k] for k in why if whatever or not why[k])
+    longest = int(np.argmax([length[k] if why[k] else 0.0 for k in why])) if found else 0
+    if not sound or kept < LEAST_COVERED * sum(length):
+        raise UsageError(why.get(longest, "there is no piece of the log to smooth"))
+    told = max(sound, key=lambda one: len(one.t))
+    counts = [np.full(len(one.t), k) for k, one in enumerate(sound)]
+    names = set.intersection(*(set(one.aux) for one in sound))
+    return replace(
+        told,
+        t=np.concatenate([one.t for one in sound]),
+        q=np.concatenate([one.q for one in sound]),
+        bias=None,
+        aux={name: np.concatenate([one.aux[name] for one in sound]) for name in sorted(names)},
+        segment=np.concatenate(counts),
+    )
+
+
+def tells_sigma(estimate: Estimate) -> bool:
+    """Whether it says how sure it is of tilt and heading."""
+    return len(estimate.t) > 1 and {"sigma_tilt", "sigma_heading"} <= estimate.aux.keys()
+
+
+def _number(estimate: Estimate, name: str) -> float:
+    value = estimate.quality.get(name, 0.0)
+    return value if isinstance(value, float | int) else 0.0
+
+
+def aided_by(estimate: Estimate) -> str:
+    """What helped it beside gyro and accelerometer, in words: ``GNSS, barometer and magnetometer``."""
+    words = {"gnss": "GNSS", "baro": "barometer", "mag": "magnetometer", "rest": "rest"}
+    told = [words.get(w, w) for w in str(estimate.quality.get("aided_by", "")).split()]
+    return " and ".join(x for x in (", ".join(told[:-1]), *told[-1:]) if x) or "gravity alone"
+
+
+def thinned(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Array]:
+    """Times, attitudes, segments between restarts, sigmas (deg) of tilt and heading of an estimate."""
+    t = np.asarray(estimate.t, np.float64)
+    step = max(1, int(1.01 * gaps.rate(t) / ENOUGH_HZ))
+    segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
+    sigma = [
+        np.degrees(np.asarray(estimate.aux[n], np.float64).reshape(len(t))) for n in ("sigma_tilt", "sigma_heading")
+    ]
+    return t[::step], rotation.normalize(estimate.q[::step]), segment[::step], sigma[0][::step], sigma[1][::step]
+
+
+def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None = None) -> float:
+    """How wrong a reference may be itself (deg, one sigma, RMS over its scored or the given samples (n,)).
+
+    ``angle``: inclination, heading or total. 0 for a reference that does not tell, NaN without samples.
+    """
+    tilt, heading = reference.sigma_tilt_deg, reference.sigma_heading_deg
+    if tilt is None or heading is None:
+        return 0.0
+    heading = heading if reference.heading_by == "own" else np.zeros_like(heading)
+    squares = {"inclination": tilt**2, "heading": heading**2, "total": tilt**2 + heading**2}[angle]
+    used = squares[scoring.scored(reference, reference.t) if inside is None else inside]
+    return float(np.sqrt(np.mean(used))) if len(used) else float("nan")
+
+
+def apart_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
+    """Tilt, and heading with its sign, of attitudes (n, 4) at ``t`` against a reference, deg; NaN where it has none."""
+    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
+    e = rotation.error(q, own)
+    return np.degrees(rotation.inclination_angle(e)), np.degrees(rotation.heading_angle(e))
+
+
+def unsure_of_tilt(reference: Reference) -> str:
+    """Why a smoother gives way to a sound onboard attitude; empty where it is sure enough of its tilt."""
+    own = sigma_deg(reference, "inclination")
+    return (
+        "" if own <= MOST_SIGMA_DEG else f"own tilt sigma {own:.1f} deg; up to {MOST_SIGMA_DEG:.0f} deg is a reference"
+    )
+
+
+def sure_of_heading(reference: Reference) -> bool:
+    """Whether headings can be compared with a smoother's own."""
+    return sigma_deg(reference, "heading") <= MOST_SIGMA_DEG
+
+
+def contradicts(reference: Reference, onboard: Reference) -> str:
+    """Why a smoother refuses an onboard attitude: its tilt is elsewhere, by far and for long; empty where it is not."""
+    if reference.sigma_tilt_deg is None:
+        return ""
+    tilt, _ = apart_deg(reference, onboard.t, onboard.q)
+    counted = np.isfinite(tilt) & scoring.scored(onboard, onboard.t)
+    sigma = np.interp(onboard.t, reference.t, reference.sigma_tilt_deg)
+    wrong = counted & (tilt > np.maximum(WRONG_DEG, WRONG_SIGMAS * sigma))
+    if np.count_nonzero(wrong) <= WRONG_SHARE * np.count_nonzero(counted):
+        return ""
+    return (
+        f"{onboard.source} is tilted by {np.median(tilt[wrong]):.0f} deg against the smoother (sigma "
+        f"{np.median(sigma[wrong]):.1f} deg) for {100.0 * np.count_nonzero(wrong) / np.count_nonzero(counted):.0f} % "
+        "of the time"
+    )
+
+
+def with_heading_of(reference: Reference, onboard: Reference | None) -> Reference:
+    """The smoother with the heading of the onboard attitude, with nobody's where there is none to go by.
+
+    Turned about the vertical by the running mean of the difference, which leaves tilt and movements the
+    smoother's own. Segments end at the resets of the onboard attitude, scoring begins with its alignment.
+    A smoother that is sure of its heading keeps it.
+    """
+    if sure_of_heading(reference):
+        return reference
+    why = f"the smoother's own heading sigma is {sigma_deg(reference, 'heading'):.1f} deg"
+    step = AlignmentStep("heading_by", f"{why}: no heading is compared", source="nobody")
+    heading = np.zeros(0) if onboard is None else apart_deg(reference, onboard.t, onboard.q)[1]
+    known = np.isfinite(heading)
+    if onboard is None or np.count_nonzero(known) < 2:
+        steps = [*reference.steps[:2], step, *reference.steps[2:]]
+        return replace(reference, heading_by="nobody", heading_why=why, steps=steps)
+    t, segment = onboard.t[known], onboard.segment[known]
+    off = np.radians(heading[known])
+    turned = np.zeros(len(reference.t))
+    i = np.clip(np.searchsorted(t, reference.t, side="right") - 1, 0, len(t) - 1)
+    for part in gaps.slices(np.ones(len(t), bool), segment):
+        mine = segment[i] == segment[part.start]
+        turned[mine] = np.interp(reference.t[mine], t[part], _slowly(t[part], np.unwrap(off[part])))
+    step = replace(step, text=f"{why}: heading and its errors are against {onboard.source}", source=onboard.source)
+    return replace(
+        reference,
+        q=rotation.turn_about_down(reference.q, turned),
+        segment=gaps.renumber(reference.segment, segment[i]),
+        unscored=onboard.unscored,
+        heading_by="onboard",
+        heading_why=why,
+        steps=[*reference.steps[:2], step, *reference.steps[2:]],
+    )
+
+
+def _slowly(t: Array, x: Array) -> Array:
+    """The running mean (n,) of ``x`` over TURNED_S around each of its times."""
+    low = np.searchsorted(t, t - 0.5 * TURNED_S)
+    high = np.searchsorted(t, t + 0.5 * TURNED_S, "right")
+    total = np.concatenate([[0.0], np.cumsum(x)])
+    mean: Array = (total[high] - total[low]) / (high - low)
+    return mean
