@@ -55,7 +55,7 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
 def smoother(log: FlightLog, segments: Segments, options: reference.Options) -> Estimate:
     """What the whole-run smoother finds in the IMU that flew, from both sides of each moment.
 
-    With GNSS it is told the lag of the IMU's filters and gives the attitude of each stamp itself. Each
+    It is told the lag of the IMU's filters, gives the attitude of each stamp itself and does not share that lag. Each
     piece between gaps, impacts and losses of control stands for itself; those that fail their own checks are left out.
     UsageError where that leaves too little, for a log too long, or without accelerometer.
     """
@@ -76,7 +76,7 @@ def smoother(log: FlightLog, segments: Segments, options: reference.Options) -> 
 
     def piece(span: Span) -> Estimate:
         use = np.flatnonzero((t >= span[0]) & (t <= span[1]))
-        found = estimators.estimate(
+        return estimators.estimate(
             reference.SMOOTHER,
             t[use],
             imu.gyro.x[use],
@@ -87,8 +87,6 @@ def smoother(log: FlightLog, segments: Segments, options: reference.Options) -> 
             aids=aids,
             log=facts,
         )
-        told = "gnss" in str(found.quality.get("aided_by", "")).split()
-        return found if told else replace(found, t=found.t - imu.gyro.delay)  # else it takes samples for what they say
 
     return reference.joined([piece(span) for span in pieces], whatever=asked)
 

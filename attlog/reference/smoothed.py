@@ -36,6 +36,8 @@ SECONDS = 20.0, 1800.0
 """Shorter pieces tell a smoother nothing, longer logs cost it minutes and gigabytes."""
 ENOUGH_HZ = 200.0
 """Attitudes that come faster are thinned, to no less: no vehicle turns so that a slerp over 5 ms would show."""
+BEFORE_IMPACT_S = 0.3
+"""The blow itself reaches so far back through filters ahead of the logger and stamps."""
 TIPPING_S = 1.0
 """A vehicle has lost control so long before its tilt is beyond 90 deg."""
 LEAST_COVERED = 0.5
@@ -57,7 +59,7 @@ def pieces(log: FlightLog, segments: Segments) -> list[Span]:
     t = np.zeros(0) if imu is None else imu.gyro.t_best[np.isfinite(imu.gyro.t_best)]
     if len(t) == 0:
         return []
-    end = min((s.t0 for s in segments.of("impact")), default=np.inf)
+    end = min((s.t0 for s in segments.of("impact")), default=np.inf) - BEFORE_IMPACT_S
     starts = gaps.restarts(t)
     lasts = np.append(t[np.searchsorted(t, starts[1:]) - 1], t[-1])
     lost = [(s.t0 - TIPPING_S, s.t1) for s in segments.of("loss_of_control")]
@@ -150,8 +152,12 @@ def _number(estimate: Estimate, name: str) -> float:
 def aided_by(estimate: Estimate) -> str:
     """What helped it beside gyro and accelerometer, in words: ``GNSS, barometer and magnetometer``."""
     words = {"gnss": "GNSS", "baro": "barometer", "mag": "magnetometer", "rest": "rest"}
-    told = [words.get(w, w) for w in str(estimate.quality.get("aided_by", "")).split()]
+    told = [words.get(w, w) for w in _aids(estimate)]
     return " and ".join(x for x in (", ".join(told[:-1]), *told[-1:]) if x) or "gravity alone"
+
+
+def _aids(estimate: Estimate) -> list[str]:
+    return str(estimate.quality.get("aided_by", "")).split()
 
 
 def thinned(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Array]:
@@ -162,6 +168,8 @@ def thinned(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array,
     sigma = [
         np.degrees(np.asarray(estimate.aux[n], np.float64).reshape(len(t))) for n in ("sigma_tilt", "sigma_heading")
     ]
+    if not {"gnss", "mag"} & set(_aids(estimate)):
+        sigma[1] = np.full(len(t), 180.0)  # nothing tells it where north is
     return t[::step], rotation.normalize(estimate.q[::step]), segment[::step], sigma[0][::step], sigma[1][::step]
 
 

@@ -255,7 +255,7 @@ def test_the_smoother_is_told_the_lag_of_the_gyro_and_gets_all_of_a_flight_witho
 @pytest.mark.parametrize(
     ("happened", "spans"),
     [
-        ([Segment("impact", 42.0, 43.0)], [(0.0, 42.0)]),
+        ([Segment("impact", 42.0, 43.0)], [(0.0, 41.7)]),
         ([Segment("loss_of_control", 30.0, 32.0)], [(0.0, 29.0), (32.0, 59.99)]),
         ([Segment("loss_of_control", 12.0, 32.0)], [(32.0, 59.99)]),  # 11 s are too short
         ([Segment("loss_of_control", 50.0, 51.0), Segment("impact", 51.0, 52.0)], [(0.0, 49.0)]),
@@ -299,6 +299,11 @@ def test_too_short_and_too_long_logs_are_not_smoothed(runs) -> None:
     with pytest.raises(UsageError, match="40 min would cost minutes; up to 30 min"):
         replay.smoother(log, Segments(), Options())
     assert not runs
+
+
+def test_a_smoother_that_nothing_tells_north_is_sure_of_no_heading() -> None:
+    reference = chosen(flight(), made(heading=0.2, aided_by="rest"))
+    assert (reference.heading_by, sigma_deg(reference, "inclination")) == ("onboard", pytest.approx(0.1))
 
 
 def test_sigma_is_that_of_what_is_scored() -> None:
