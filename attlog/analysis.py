@@ -218,7 +218,7 @@ def _withhold(why: str, rows: Sequence[Row], table: Sequence[EstimatorRow]) -> N
     """Where a sensor is beyond use (``why``, empty where it is not) no filter may be called good or bad."""
     for some in (rows, table):
         for row in some if why else []:
-            if row.kind == "replay" and row.status in ("ok", "not_converged"):
+            if row.kind == "replay" and row.status in ("ok", "not_converged", "diverged"):
                 row.status, row.reason = "not_judged", why
 
 

@@ -75,25 +75,41 @@ def test_a_crash_is_said_with_its_time() -> None:
     assert "ERR 12/1" in first.text
 
 
+def off_in_tilt(judged: Result, name: str) -> float:
+    row = next(r for r in judged.estimators if r.name == name)
+    value = row.metrics["all"]["inclination_rmse_deg"].value
+    assert value is not None
+    return value
+
+
 def test_an_onboard_attitude_that_the_accelerometer_refutes_is_said_and_is_no_reference() -> None:
     """copter_3.3dev_31: on the ground at 320 s ATT roll is -18.5 deg, the accelerometer says -0.3."""
     found = said("copter_3.3dev_31.BIN")
     assert found["reference_contradicted"].severity == "error"
     assert found["reference_contradicted"].remedy
-    assert result("copter_3.3dev_31.BIN").reference.choice == "none"
+    assert "The onboard attitude is the wrong one here: tilt 1" in found["reference_contradicted"].text
+    judged = result("copter_3.3dev_31.BIN")
+    assert judged.reference.choice == "smoother"
+    onboard, *filters = (off_in_tilt(judged, name) for name in ("onboard", "vqf", "mahony", "madgwick"))
+    assert onboard > 1.5 * max(filters)
     assert found["gyro_bias"].severity == "warning"
     assert "1.05 deg/s" in found["gyro_bias"].text
 
 
-def test_filters_that_agree_are_not_called_diverged_from_a_wrong_attitude() -> None:
+def test_filters_are_not_called_diverged_where_the_onboard_attitude_is_the_wrong_one() -> None:
     """px4_1.6.5_hand_rotation: five filters within 6 deg of vqf; mean force -9.67 down by it, not by the onboard."""
     name = "px4_1.6.5_hand_rotation.ulg"
-    assert result(name).reference.choice == "none"
-    assert {r.status for r in result(name).estimators if r.kind == "replay"} == {"ok"}
-    first = result(name).problems[0]
+    judged = result(name)
+    assert (judged.reference.choice, judged.reference.heading_by) == ("smoother", "nobody")
+    papers = ("complementary", "mahony", "madgwick", "ekf12", "vqf")
+    assert {r.status for r in judged.estimators if r.estimator in papers} == {"ok"}
+    assert max(off_in_tilt(judged, filter_) for filter_ in papers) < 6.0
+    assert off_in_tilt(judged, "onboard") == pytest.approx(28, abs=4)
+    first = judged.problems[0]
     assert (first.code, first.severity) == ("reference_contradicted", "error")
-    step = next(s for s in result(name).reference.alignment if s.name == "contradiction")
-    assert step.value == pytest.approx(26, abs=8)
+    assert "The onboard attitude is the wrong one here: tilt 2" in first.text
+    check = next(c for c in judged.audit if c.name == "onboard against smoother")
+    assert check.value == pytest.approx(28, abs=4)
     assert not {"field_against_attitude", "gravity_in_flight"} & set(said(name))
 
 
