@@ -159,7 +159,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
         "bias_sigma": 1.5,
         "velocity_sigma": 0.3,
         "velocity_factor": 4.0,
-        "acc_bias_sigma": 0.027,
+        "acc_bias_sigma": 0.02,
         "misalignment_sigma": 0.0018,
         "mag_noise": 8.0,
         "field_sigma": 4.5,

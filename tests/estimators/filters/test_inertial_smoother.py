@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog import rotation
 from attlog.estimators import estimate
-from attlog.estimators.filters.inertial import backward
+from attlog.estimators.filters.inertial import backward, layout
 from attlog.estimators.filters.inertial.layout import N
 from attlog.testing.motion import CONSUMER, Motion, flight, motion, still, swing
 from attlog.testing.subject import heading_deg, inclination_deg
@@ -136,3 +136,18 @@ def test_sigma_of_tilt_covers_the_error() -> None:
         e = estimate("smoother", m.t, m.gyr, acc, m.mag)
         ratios.append(inclination_deg(e.q, m.q) / np.rad2deg(e.aux["sigma_tilt"].ravel()))
     assert 0.3 < rms(np.concatenate(ratios)) < 1.2
+
+
+def test_a_raw_accelerometer_gets_more_room_for_its_bias_than_a_calibrated_one() -> None:
+    """0.15 m/s^2 is 7.5 sigma of what is expected: known at once it would be 0.9 deg of tilt."""
+    m = swing(90.0, noise=CONSUMER)
+    wrong = replace(m, acc=m.acc + np.array([0.15, -0.1, 0.05]))
+    late = m.t > 20.0
+    q = backward.smooth(*wrong.sensors).q
+    assert rms(inclination_deg(q[late], m.q[late])) < 0.15
+    values = backward.mekf_values({}, 60.0)
+    data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, m.acc, m.mag]
+    expected = values[layout.ACC_BIAS_SIGMA]
+    calibrated = backward.acc_bias_spread(backward.forward(data, values, None), expected)
+    raw = backward.acc_bias_spread(backward.forward([data[0], m.gyr, wrong.acc, m.mag], values, None), expected)
+    assert calibrated < expected < 1.5 * expected < raw
