@@ -12,6 +12,7 @@ from attlog.compare import toml_file
 from attlog.compare.configuration import Configuration, parse
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import suggestion
+from attlog.flight.parameter_file import read_file
 
 KEYS = re.compile(r"[^:]*:[A-Za-z_]\w*=")
 
@@ -72,13 +73,21 @@ def is_configuration(word: str) -> bool:
 def with_params(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:
     """The configurations, and behind each whose filter takes firmware parameters the same with those of a file.
 
-    Without any configuration the filters that replay a firmware's own estimator stand in. UsageError where
-    no filter takes such parameters.
+    Without any configuration the filter stands in that replays a firmware's own estimator and whose parameters are in
+    the file. UsageError where no filter takes such parameters; errors of reading the file as they come.
     """
-    named = list(configurations) or [parse(name) for name in REPLICAS if name in estimators.names()]
+    told = set(read_file(path))
+    named = list(configurations)
+    if not named:
+        replicas = [parse(name) for name in REPLICAS if name in estimators.names()]
+        named = [c for c in replicas if told & {p.name for p in c.row.estimator.parameters}]
     taking = [c for c in named if c.row.estimator.from_log is not None and "params" not in c.before]
-    if not taking:
-        raise UsageError(f"--params {path}: none of the configurations takes firmware parameters")
+    if not taking or (not configurations and len(named) > 1):
+        which = ", ".join(n for n in REPLICAS if n in estimators.names())
+        raise UsageError(
+            f"--params {path}: name a filter that takes these parameters ({which}); "
+            f"{'none of the configurations does' if configurations else 'the file does not tell which'}"
+        )
     found: dict[str, Configuration] = {}
     for c in named:
         found[c.name] = c

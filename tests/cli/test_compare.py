@@ -65,3 +65,27 @@ def test_words_are_told_apart_by_what_they_look_like(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as error:
         sorted_out(["mahoni", "mahony:kpp=1"])
     assert len(str(error.value).splitlines()) == 2
+
+
+def test_other_firmware_parameters_are_those_of_the_filter_itself(attlog, tmp_path: Path) -> None:
+    """The same as the filter with that gain set by hand, and the filter is found by the file's own names."""
+    new = tmp_path / "new.params"
+    new.write_text("1\t1\tATT_W_ACC\t0.8\t9\n")
+    log = str(SAMPLES / "px4_steps.ulg")
+    by_hand = "px4_q:ATT_W_ACC=0.8"
+    assert attlog("compare", log, "--params", str(new), "-o", str(tmp_path), "-q").code == 0
+    found = Comparison.load(tmp_path / "compare.json")
+    assert [c.name for c in found.configurations] == ["px4_q", f"px4_q:params={new}"]
+    assert attlog("compare", log, by_hand, f"px4_q:params={new}", "px4_q", "-o", str(tmp_path), "-q").code == 0
+    same, other = Comparison.load(tmp_path / "compare.json").verdicts
+    assert same.lead.startswith("No difference")
+    assert not other.lead.startswith("No difference")
+
+
+def test_a_file_that_fits_no_filter_is_refused(attlog, tmp_path: Path) -> None:
+    new = tmp_path / "new.param"
+    new.write_text("FOO,1\n")
+    for words in (["mahony", "vqf"], []):
+        done = attlog("compare", str(STEPS), *words, "--params", str(new), "-o", str(tmp_path))
+        assert (done.code, "name a filter that takes these parameters" in done.err) == (2, True)
+    assert attlog("compare", str(STEPS), "--params", str(tmp_path / "none"), "-o", str(tmp_path)).code == 66
