@@ -30,6 +30,8 @@ DIGITS = 3
 """Gains are tried and told with so many digits: nobody needs more, and equal ones are run once."""
 WIDER = 20.0
 """A parameter is looked for from its default over this to its default times this, where no range is given."""
+MOST_UNASKED, MOST = 4, 8
+"""So many gains are looked for without being named, and at all: a few flights tell no more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +69,15 @@ def free_parameters(texts: Sequence[str], estimator: Estimator) -> list[Free]:
         own = [p for p in estimator.own if not p.choices and p not in COMMON and float(p.default) > 0.0]
         if not own:
             raise UsageError(f"{estimator.name} has no gains to tune; give ranges such as NAME=0.1..10log")
-        return [
-            Free(p.name, p.unit, max(float(p.default) / WIDER, p.low), min(float(p.default) * WIDER, p.high), True)
-            for p in own
-        ]
+        if len(own) > MOST_UNASKED:
+            names, example = ", ".join(p.name for p in own), _around(own[0])
+            raise UsageError(
+                f"{estimator.name} has {len(own)} numbers ({names}); name up to {MOST} to look for, such as "
+                f"{example.name}={example.low:g}..{example.high:g}log"
+            )
+        return [_around(p) for p in own]
+    if len(texts) > MOST:
+        raise UsageError(f"{len(texts)} gains; up to {MOST} can be looked for at once")
     found, wrong = [], []
     for text in texts:
         try:
@@ -80,6 +87,13 @@ def free_parameters(texts: Sequence[str], estimator: Estimator) -> list[Free]:
     if wrong:
         raise UsageError("\n".join(wrong))
     return found
+
+
+def _around(parameter: Parameter) -> Free:
+    """A gain between its default over WIDER and times WIDER."""
+    default = float(parameter.default)
+    low, high = (float(f"{x:.{DIGITS}g}") for x in (default / WIDER, default * WIDER))
+    return Free(parameter.name, parameter.unit, max(low, parameter.low), min(high, parameter.high), True)
 
 
 def _free(text: str, estimator: Estimator) -> Free:

@@ -124,7 +124,7 @@ def rows(s: Sweep) -> tuple[list[str], list[list[str]]]:
     for k in order(s):
         setting = s.settings[k]
         values = [value_text(setting.get(a.name, AS_IS)) for a in s.grid.axes]
-        scores = [number(float(c.score[k]), c.metric.unit, signed=False) or "none" for c in s.columns]
+        scores = [digits(float(c.score[k])) for c in s.columns]
         beside = "best" if k == first.single else beside_text(first.beside[k], first.metric.unit)
         found.append([*values, *scores, beside])
     return head, found
@@ -150,13 +150,18 @@ def log_rows(s: Sweep, c: Column) -> tuple[list[str], list[list[str]]]:
             [
                 clean(name),
                 named(s.settings[best]),
-                number(own, c.metric.unit, False),
-                number(one, c.metric.unit, False),
+                digits(own),
+                digits(one),
                 near,
             ]
         )
     unit = f" [{c.metric.unit}]"
     return ["log", "its own optimum", c.metric.name + unit, "with the single best" + unit, ""], found
+
+
+def digits(value: float) -> str:
+    """A value to three digits: settings that lie close together differ in them."""
+    return "none" if math.isnan(value) else f"{value:.3g}"
 
 
 def value_text(value: float | str) -> str:

@@ -51,6 +51,8 @@ def test_without_ranges_all_gains_with_a_default_are_looked_for() -> None:
     assert "declination" not in found
     with pytest.raises(UsageError, match="no gains to tune"):
         free_parameters([], get("gyro"))
+    with pytest.raises(UsageError, match="ekf12 has 6 numbers"):
+        free_parameters([], get("ekf12"))
 
 
 @pytest.mark.parametrize(

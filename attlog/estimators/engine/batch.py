@@ -227,9 +227,7 @@ def _source(
 
     single = dtype == "float32"
     number = "f4" if single else "f8"
-    functions = generate.with_helpers(
-        {"turn_vector_back": turn_vector_back, "step": step}, jit=False, single=single
-    )
+    functions = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=False, single=single)
     constants, _, rest = functions.partition("def ")
     rewritten = expand.expand("def " + rest, ENTRY, dict(switches))
     if rewritten is None:
