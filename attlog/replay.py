@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from attlog import estimators, inputs, reference
+from attlog import estimators, inputs, recorded, reference
 from attlog.errors import AttlogError, PluginError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog, Imu, Mag
@@ -135,8 +135,30 @@ def _run(case: Case, imu: Imu, spec: estimators.Row | Runnable, suffix: str) -> 
     STAGES.info("running %s", spec.name)
     if not isinstance(spec, estimators.Row):
         return spec.run(case, imu, suffix)
+    if is_recorded(spec):
+        return recorded_row(case, imu, spec, spec.name + suffix)
     mag = None if case.log.mag is None else case.log.mags[case.log.mag]
     return replayed(case, imu, mag, spec, facts(case, suffix), aids_of(case, suffix), spec.name + suffix)
+
+
+def is_recorded(spec: estimators.Row) -> bool:
+    """Whether a row is an attitude that was computed elsewhere."""
+    return estimators.is_recorded(spec.estimator.origin)
+
+
+def recorded_row(case: Case, imu: Imu, spec: estimators.Row, name: str) -> tuple[Row, EstimatorRow]:
+    """An attitude that was computed elsewhere as a row like any other. Errors as of :func:`attlog.recorded.read`."""
+    values = spec.resolved()
+    asked = {k: v for k, (v, _) in values.items()}
+    estimate = recorded.read(Path(spec.estimator.origin), case.log, imu, asked)
+    row = reference.replayed(
+        case.log, case.segments, case.reference, estimate, name=name, estimator=spec.estimator.origin,
+        parameters=asked, uses_mag=asked["north"] == "yes",
+    )  # fmt: skip
+    row.imu, row.ns_per_update, row.quality = imu, None, dict(estimate.quality)
+    known = {p.name: p for p in spec.estimator.parameters}
+    parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in values.items()}
+    return row, table_row(row, spec.estimator.name, None, parameters, spec.estimator.title)
 
 
 def replayed(

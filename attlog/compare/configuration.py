@@ -17,6 +17,8 @@ from attlog.compare.settings import SETTINGS, Value, said, written
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimator, suggestion
 
+FILES = (".py", ".csv")
+"""What an estimator file and an attitude computed elsewhere are called."""
 WITH_UNIT = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
 """A number with something behind it that may be its unit."""
 
@@ -38,7 +40,7 @@ class Configuration:
         settings = ",".join(written(name, value) for name, value in self.before.items())
         estimator = self.row.estimator
         own = self.row.name
-        if estimator.origin.endswith(".py"):
+        if estimator.origin != "attlog" and estimator.origin.lower().endswith(FILES):
             own = estimator.origin + own.removeprefix(estimator.name)
         return own + ((":" if not self.row.params else ",") + settings if settings else "")
 
@@ -64,7 +66,7 @@ class Configuration:
 def parse(text: str, name: str | None = None) -> Configuration:
     """The configuration that ``NAME[@PRESET][:key=value,...]`` names; UsageError tells everything wrong with it."""
     text = text.strip()
-    begin = text.find(".py") + 3 if ".py" in text else 0
+    begin = next((text.lower().find(f) + len(f) for f in FILES if f in text.lower()), 0)
     head, _, tail = text[begin:].partition(":")
     values: dict[str, object] = {}
     problems = []

@@ -8,6 +8,7 @@ from attlog import replay
 from attlog.compare.before import prepared
 from attlog.compare.configuration import Configuration
 from attlog.compare.settings import SETTINGS
+from attlog.errors import UsageError
 from attlog.flight.model import Imu
 from attlog.flight.parameter_file import read_file
 from attlog.metrics.base import Case
@@ -35,6 +36,12 @@ class Run:
         UsageError where the log cannot be prepared so; errors of the filter as they come.
         """
         c, log = self.configuration, case.log
+        if replay.is_recorded(c.row):
+            if c.before:
+                raise UsageError(
+                    f"{', '.join(c.before)}: nothing can come before an attitude that was computed elsewhere"
+                )
+            return replay.recorded_row(case, imu, c.row, c.name + suffix)
         mag = None if log.mag is None else log.mags[log.mag]
         settings = {name: value for name, value in c.before.items() if name != "params"}
         facts = replay.facts(case, suffix)

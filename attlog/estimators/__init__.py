@@ -8,6 +8,7 @@ from attlog.estimators.base import Estimate, Estimator, LogFacts, LogInfo, Param
 from attlog.estimators.engine.loop import not_compiled
 from attlog.estimators.engine.samples import place
 from attlog.estimators.propagate import propagated
+from attlog.estimators.recorded import is_recorded
 from attlog.estimators.registry import get, names
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "Row",
     "estimate",
     "get",
+    "is_recorded",
     "items",
     "names",
     "not_compiled",

@@ -28,6 +28,7 @@ from types import ModuleType
 from typing import Any
 
 from attlog.errors import AttlogError, PluginError, UsageError
+from attlog.estimators import recorded
 from attlog.estimators.base import (
     AIDS,
     COMMON,
@@ -73,12 +74,14 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> Estimator:
-    """The estimator of that name, or of the file ``name`` if it ends in ``.py``.
+    """The estimator of that name, or of the file ``name`` if it ends in ``.py``, or ``.csv`` for an attitude.
 
     UsageError for an unknown name; PluginError with file and line for a broken plug-in.
     """
     if name.endswith(".py"):
         return from_file(Path(name))
+    if recorded.is_recorded(name):
+        return recorded.from_file(Path(name))
     if name in BUILT_IN:
         return from_module(importlib.import_module(f"attlog.estimators.filters.{name}"), name)
     points = _entry_points()

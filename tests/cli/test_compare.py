@@ -89,3 +89,32 @@ def test_a_file_that_fits_no_filter_is_refused(attlog, tmp_path: Path) -> None:
         done = attlog("compare", str(STEPS), *words, "--params", str(new), "-o", str(tmp_path))
         assert (done.code, "name a filter that takes these parameters" in done.err) == (2, True)
     assert attlog("compare", str(STEPS), "--params", str(tmp_path / "none"), "-o", str(tmp_path)).code == 66
+
+
+def test_a_filters_own_output_as_a_file_is_equal_to_the_filter(attlog, tmp_path: Path) -> None:
+    """Written by extract, read as an estimate: in compare and in analyze one more row with the same numbers."""
+    file = tmp_path / "estimate.csv"
+    spec = "mahony:kp=0.3"
+    assert attlog("extract", str(STEPS), "--estimates", spec, "--format", "csv", "-o", str(file)).code == 0
+    done = attlog("compare", str(STEPS), spec, str(file), "mahony", "-o", str(tmp_path), "-q")
+    assert done.code == 0, done.err
+    found = Comparison.load(tmp_path / "compare.json")
+    for question in found.questions:
+        cells = question.cells[STEPS.name]
+        if cells[spec].value is not None and question.metric != "drift_rest_deg_per_min":
+            assert cells[found.configurations[1].name].value == pytest.approx(cells[spec].value, rel=1e-3, abs=1e-3)
+    done = attlog("analyze", str(STEPS), "--estimators", f"mahony:kp=0.3,{file}", "-o", str(tmp_path))
+    assert done.code == 0, done.err
+    rows = {r["name"]: r for r in json.loads((tmp_path / f"{STEPS.name}.json").read_text())["estimators"]}
+    assert rows["estimate"]["quality"]["frame"] == "ned-frd"
+    tilt = [rows[n]["metrics"]["airborne"]["inclination_rmse_deg"]["value"] for n in (spec, "estimate")]
+    assert tilt[1] == pytest.approx(tilt[0], rel=1e-4)
+
+
+def test_an_estimate_of_another_log_is_a_row_with_its_reason(attlog, tmp_path: Path) -> None:
+    file = tmp_path / "estimate.csv"
+    file.write_text("t,qw,qx,qy,qz\n" + "\n".join(f"{1000 + 0.01 * k},1,0,0,0" for k in range(1000)))
+    done = attlog("compare", str(STEPS), "mahony", str(file), "-o", str(tmp_path))
+    assert done.code == 0
+    assert "does not overlap the log" in " ".join(done.out.split())
+    assert attlog("compare", str(STEPS), "mahony", f"{file}:frame=xyz", "-o", str(tmp_path)).code == 2
