@@ -106,7 +106,8 @@ def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
     inside = [good & (t >= a) & (t <= b) for a, b in chosen]
     seconds = sum(b - a for a, b in chosen)
     if seconds < SHORTEST_S or not any(m.sum() >= FEWEST_BLOCKS for m in inside):
-        return none(_why_no_rest(before, rests, np.isfinite(takeoff)))
+        told = "; --gyro-bias onboard would take off the autopilot's own" if log.onboard_gyro_bias is not None else ""
+        return none(_why_no_rest(before, rests, np.isfinite(takeoff)) + told)
     means = np.degrees(np.concatenate([_blocks(t[m], x[m]) for m in inside if m.sum() >= FEWEST_BLOCKS]))
     mean = np.degrees(np.mean(np.concatenate([x[m] for m in inside]), axis=0))
     half = [0.5 * (ends[1] - ends[0]) for ends in (interval.of_mean(axis) for axis in means.T) if ends is not None]

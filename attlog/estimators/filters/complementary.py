@@ -34,24 +34,32 @@ STATE = {"q": 4, "bias": 3}
 PARAMETERS = (
     Parameter(
         "kp",
-        0.5,
+        0.35,
         "1/s",
         0,
         100,
         "proportional gain: large follows the accelerometer, small the gyro",
-        "Lyu section 3.1",
+        "attlog; accelerations of 3 s average out (docs/estimators.md)",
     ),
     Parameter(
-        "ki", 0.001, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Lyu section 3.1"
+        "ki",
+        0.0035,
+        "1/s^2",
+        0,
+        10,
+        "integral gain, takes out the gyro bias; 0 estimates none",
+        "attlog; kp / ki = 100 s, slower than a flight's accelerations",
     ),
-    replace(MAG_GAIN, source="Fan, equal weights"),
+    replace(
+        MAG_GAIN, default=0.4, source="attlog; a field near motors is the worse reference, a gyro holds heading 7 s"
+    ),
     MAG_FORM,
     ACC_FORM,
     INTEGRATOR,
     KI_PER,
 )
 PRESETS = {
-    "fan": {"kp": 3.0, "ki": 0.01, "mag_form": "vector", **AS_PRINTED},
+    "fan": {"kp": 3.0, "ki": 0.01, "mag_gain": 1.0, "mag_form": "vector", **AS_PRINTED},
     "lyu-fixed": {"kp": 0.5, "ki": 0.001, "mag_gain": 0.0, **AS_PRINTED},
 }
 

@@ -99,7 +99,7 @@ PARAMETERS = (
     ),
     Parameter(
         "gravity_noise",
-        0.1,
+        0.07,
         "m/s^2/sqrt(s)",
         1e-9,
         1e2,
@@ -108,12 +108,12 @@ PARAMETERS = (
     ),
     Parameter(
         "field_noise",
-        0.005,
+        0.0075,
         "1/sqrt(s)",
         1e-9,
         1e2,
         "random walk of M: what the gyro does not explain; bandwidth = field_noise / mag_noise",
-        "attlog, half of gravity_noise as part of gravity: indoors and near motors the field is the worse reference",
+        "attlog, as gravity_noise as part of gravity",
     ),
     INTEGRATOR,
 )

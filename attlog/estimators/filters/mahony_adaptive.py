@@ -26,6 +26,7 @@ norm is 0.46 g sideways. ``acc_form = vector`` (the default; ``direction`` as pr
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,15 +42,21 @@ STATE = {"q": 4, "bias": 3, "trust": 1, "_force": 3}
 PARAMETERS = (
     Parameter(
         "kp",
-        0.6,
+        0.3,
         "1/s",
         0,
         100,
         "gain of the error where the accelerometer is trusted in full",
-        "Xu section 3, best of 0.6, 1.1, 2",
+        "attlog; half of the 0.6 that is best of Xu's section 3",
     ),
     Parameter(
-        "ki", 0.0012, "1/s^2", 0, 10, "gain of the gyro bias estimate; 0 estimates none", "BROAD, best for all trials"
+        "ki",
+        0.006,
+        "1/s^2",
+        0,
+        10,
+        "gain of the gyro bias estimate; 0 estimates none",
+        "attlog; larger than in mahony: long accelerations, which it takes for bias, are left out",
     ),
     Parameter(
         "thr1",
@@ -66,7 +73,7 @@ PARAMETERS = (
     Parameter(
         "rate_gain", 0.0, "s/rad", 0, 100, "by how much the gain grows per rad/s of body rate", "attlog; 0 is off"
     ),
-    MAG_GAIN,
+    replace(MAG_GAIN, default=0.5, source="attlog; as mahony"),
     Parameter(
         "tau",
         0.1,
@@ -80,7 +87,7 @@ PARAMETERS = (
     ACC_FORM,
     INTEGRATOR,
 )
-PRESETS = {"xu": {"kp": 0.6, "ki": 0.0, **AS_PRINTED}}
+PRESETS = {"xu": {"kp": 0.6, "ki": 0.0, "mag_gain": 1.0, **AS_PRINTED}}
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

@@ -24,6 +24,7 @@ with another way to integrate: both agree to the integration error.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,9 +49,15 @@ PARAMETERS = (
         "Huang tables 2 and 3",
     ),
     Parameter(
-        "ki", 0.01, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Huang tables 2 and 3"
+        "ki",
+        0.005,
+        "1/s^2",
+        0,
+        10,
+        "integral gain, takes out the gyro bias; 0 estimates none",
+        "attlog; half of Huang's 0.01 (tables 2 and 3), which turns accelerations of half a minute into bias",
     ),
-    MAG_GAIN,
+    replace(MAG_GAIN, default=0.5, source="attlog; as mahony"),
     Parameter(
         "heading_error",
         "sine",
@@ -66,7 +73,7 @@ PARAMETERS = (
     ACC_FORM,
     INTEGRATOR,
 )
-PRESETS = {"huang": {"kp": 0.3, "ki": 0.01, "heading_error": "printed", **AS_PRINTED}}
+PRESETS = {"huang": {"kp": 0.3, "ki": 0.01, "mag_gain": 1.0, "heading_error": "printed", **AS_PRINTED}}
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

@@ -40,14 +40,22 @@ STATE = {"q": 4, "bias": 3, "_matrix": 9}
 PARAMETERS = (
     Parameter(
         "kp",
-        0.3,
+        0.2,
         "1/s",
         0,
         100,
         "gain of the error: large follows accelerometer and magnetometer, small the gyro",
-        "Huang tables 2 and 3",
+        "attlog; below Huang's 0.3 (tables 2 and 3): it follows directions, in which accelerations do not average out",
     ),
-    Parameter("ki", 0.01, "1/s^2", 0, 10, "gain of the gyro bias estimate; 0 estimates none", "Huang tables 2 and 3"),
+    Parameter(
+        "ki",
+        0.003,
+        "1/s^2",
+        0,
+        10,
+        "gain of the gyro bias estimate; 0 estimates none",
+        "attlog; below Huang's 0.01 (tables 2 and 3), which turns accelerations of half a minute into bias",
+    ),
     Parameter("l1", 1.0, "1", 1e-6, 1e6, "weight of gravity in the rebuilt attitude", "attlog; only l1 / l2 counts"),
     Parameter(
         "l2",
@@ -60,12 +68,14 @@ PARAMETERS = (
     ),
     replace(
         MAG_GAIN,
+        default=0.5,
+        source="attlog; as mahony",
         meaning="weight of the error about the vertical, which the field alone tells; 1 as in the papers, 0 leaves "
         "heading to the gyro",
     ),
     INTEGRATOR,
 )
-PRESETS = {"huang": {"kp": 0.3, "ki": 0.01, "integrator": "first_order"}}
+PRESETS = {"huang": {"kp": 0.3, "ki": 0.01, "mag_gain": 1.0, "integrator": "first_order"}}
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

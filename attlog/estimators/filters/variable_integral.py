@@ -24,6 +24,7 @@ the filter is ``complementary`` to the last bit; it can be neither quieter nor s
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,15 +40,21 @@ STATE = {"q": 4, "bias": 3, "ratio": 1}
 PARAMETERS = (
     Parameter(
         "kp",
-        0.5,
+        0.3,
         "1/s",
         0,
         100,
         "proportional gain: large follows the accelerometer, small the gyro",
-        "Lyu section 3.1",
+        "attlog; as complementary",
     ),
     Parameter(
-        "ki", 0.001, "1/s^2", 0, 10, "integral gain, takes out the gyro bias; 0 estimates none", "Lyu section 3.1"
+        "ki",
+        0.005,
+        "1/s^2",
+        0,
+        10,
+        "integral gain, takes out the gyro bias; 0 estimates none",
+        "attlog; may be larger than in complementary because it fades where errors are large",
     ),
     Parameter("err1", 0.3, "1", 0, 2, "error (sine) up to which the integral works in full", "Lyu section 3.1"),
     Parameter(
@@ -59,7 +66,7 @@ PARAMETERS = (
         "error (sine) from which the integral is off; at or below err1 it is a switch",
         "Lyu section 3.1",
     ),
-    MAG_GAIN,
+    replace(MAG_GAIN, default=0.5, source="attlog; as complementary"),
     MAG_FORM,
     ACC_FORM,
     INTEGRATOR,

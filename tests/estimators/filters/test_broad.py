@@ -22,7 +22,7 @@ TOLERANCE_DEG = 0.005
 """The publishers computed in float32; we reproduce their numbers to 0.001 deg."""
 
 SETTINGS = {
-    "mahony": "mahony:kp=0.74,ki=0.0012,mag_form=vector,acc_form=direction,integrator=first_order",
+    "mahony": "mahony:kp=0.74,ki=0.0012,mag_gain=1,mag_form=vector,acc_form=direction,integrator=first_order",
     "madgwick": "madgwick@code2011",
 }
 

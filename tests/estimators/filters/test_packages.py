@@ -18,7 +18,7 @@ def biased(deg_s: float, seconds: float = 60.0) -> tuple[np.ndarray, ...]:
 
 def test_vqf_tells_when_the_bias_exceeds_its_clip() -> None:
     _, *sensors = biased(4.0)
-    assert estimate("vqf", *sensors).skipped["bias_beyond_clip"] > 1000
+    assert estimate("vqf@package", *sensors).skipped["bias_beyond_clip"] > 1000
     assert "bias_beyond_clip" not in estimate("vqf:bias_clip=10", *sensors).skipped
 
 

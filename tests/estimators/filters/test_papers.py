@@ -24,7 +24,7 @@ def off(m: Motion, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> n
 @pytest.mark.parametrize("forms", [{}, {"mag_form": "vector", "acc_form": "vector"}, {"ki_per": "sample"}])
 def test_variable_integral_is_complementary_to_the_bit_below_err1(forms: dict[str, str]) -> None:
     m = swing(30.0, noise=Noise(gyro=1e-3, bias=(0.01, -0.02, 0.01)))
-    gains = {"kp": 0.5, "ki": 1e-4 if "ki_per" in forms else 0.05, **forms}
+    gains = {"kp": 0.5, "mag_gain": 1.0, "ki": 1e-4 if "ki_per" in forms else 0.05, **forms}
     mine = estimate("variable_integral", *m.sensors, **gains)
     assert mine.aux["ratio"].min() == 1.0
     plain = estimate("complementary", *m.sensors, **gains)
@@ -157,8 +157,8 @@ def test_adaptive_corrects_its_tilt_under_vibration(hz: float) -> None:
 
     m = motion(lambda t: (0.0, 0.0, 0.0), 30.0, 250.0, acceleration=shaken)
     q0 = off(m, roll=0.7)
-    adaptive = total_deg(estimate("mahony_adaptive", *m.sensors, q0=q0).q, m.q)
-    sample_by_sample = total_deg(estimate("mahony_adaptive:tau=0", *m.sensors, q0=q0).q, m.q)
+    adaptive = total_deg(estimate("mahony_adaptive:kp=0.6", *m.sensors, q0=q0).q, m.q)
+    sample_by_sample = total_deg(estimate("mahony_adaptive:kp=0.6,tau=0", *m.sensors, q0=q0).q, m.q)
     assert adaptive[-1] < 2.0
     assert sample_by_sample[-1] > 30.0
 
@@ -192,7 +192,7 @@ def test_huang_s_heading_error_as_printed_has_the_factor_cos_dip() -> None:
     assert 0.2 < cos_dip < 0.9, "else the test says nothing"
     q0 = off(m, yaw=np.deg2rad(2.0))
     for form, factor in (("sine", 1.0), ("printed", cos_dip)):
-        e = estimate("mahony_dcm", *m.sensors, q0=q0, kp=0.5, ki=0.0, heading_error=form)
+        e = estimate("mahony_dcm", *m.sensors, q0=q0, kp=0.5, ki=0.0, mag_gain=1.0, heading_error=form)
         assert total_deg(e.q, m.q)[-1] == pytest.approx(2.0 * np.exp(-0.5 * factor * 4.0), rel=0.01)
 
 
@@ -252,5 +252,5 @@ def test_mahony_and_madgwick_agree_with_the_ahrs_package() -> None:
     ours = estimate("mahony@xu-0.6:integrator=first_order,acc_form=direction", m.t, m.gyr, m.acc, q0=q0).q
     assert total_deg(ours, theirs).max() < 0.01
     theirs = Madgwick(**common, gain=0.05).Q * body
-    ours = estimate("madgwick:beta=0.05,integrator=first_order", m.t, m.gyr, m.acc, q0=q0).q
+    ours = estimate("madgwick@imu:beta=0.05", m.t, m.gyr, m.acc, q0=q0).q
     assert total_deg(ours, theirs).max() < 0.01
