@@ -11,9 +11,9 @@ data whose spacing varies by more than 5 % are resampled by their integrals, bec
 the package knows one constant rate. Without magnetometer heading starts at 0; a field within the first 3 s gives
 the heading from the first sample on, a later one from then on. Samples at which the
 bias stands at ``bias_clip``, so that the sensor's own is probably larger, are counted as
-``bias_beyond_clip``. A start in motion taught the package a bias that turned the heading by 14 deg for a minute;
-with ``settle`` it is 0.3 deg. Preset ``package`` has the package's own values: four EuRoC flights with 4.5 deg/s have an
-inclination of 5.1 deg with them, 1.6 deg with the defaults here.
+``bias_beyond_clip``. A start in motion taught the package a bias that turned the heading by 32 deg for a minute;
+with ``settle`` it is 1 deg. Preset ``package`` has the package's own values: four EuRoC flights with 4.5 deg/s
+have an inclination of 5.1 deg with them, 1.5 deg with the defaults here.
 """
 
 from __future__ import annotations
