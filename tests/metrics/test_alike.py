@@ -66,14 +66,15 @@ def test_what_the_files_declare_is_true():
 def test_page_terminal_and_json_say_it(attlog, samples, tmp_path):
     import json
 
-    rows = "complementary,variable_integral,mahony,gyro"
+    same_gains = "complementary:kp=0.3,ki=0.005,mag_gain=0.5"
+    rows = f"{same_gains},variable_integral,mahony,gyro"
     run = attlog("analyze", samples / "copter_yaw_turns.bin", "-o", tmp_path, "--estimators", rows, "--json")
     groups = {group["by"]: group for group in json.loads(run.out)["alike"]}
-    assert groups["attitudes"]["rows"] == ["complementary", "variable_integral"]
-    assert groups["equation"]["rows"] == ["complementary", "mahony"]
-    same = "Complementary and Variable integral give the same attitudes in this log"
+    assert groups["attitudes"]["rows"] == [same_gains, "variable_integral"]
+    assert groups["equation"]["rows"] == [same_gains, "mahony"]
+    same = "Complementary (kp 0.3 ki 0.005 mag_gain 0.5) and Variable integral give the same attitudes in this log"
     assert same in " ".join(run.err.split())
-    assert "Complementary and Mahony share one equation (Mahony2008 32)" in " ".join(run.err.split())
+    assert "and Mahony share one equation (Mahony2008 32) and differ in kp (0.3, 0.45)" in " ".join(run.err.split())
     assert same in (tmp_path / "copter_yaw_turns.bin.html").read_text(encoding="utf-8")
 
 
