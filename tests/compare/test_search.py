@@ -47,7 +47,8 @@ def test_generations_are_handed_over_whole() -> None:
 def test_without_ranges_all_gains_with_a_default_are_looked_for() -> None:
     found = {f.name: f for f in free_parameters([], get("mahony"))}
     assert {"kp", "ki"} <= set(found)
-    assert (found["kp"].low, found["kp"].high, found["kp"].log) == (0.03, 12.0, True)
+    kp = float(get("mahony").parameter("kp").default)
+    assert (found["kp"].low, found["kp"].high, found["kp"].log) == pytest.approx((kp / 20.0, kp * 20.0, True))
     assert "declination" not in found
     with pytest.raises(UsageError, match="no gains to tune"):
         free_parameters([], get("gyro"))
