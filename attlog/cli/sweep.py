@@ -98,13 +98,14 @@ def command(
             grid(given.axes, base.row.estimator),
             [many.OnLog(c, base, many.wanted(metric or METRICS)) for c in cases],
         )
-        files = _written(found, output, cases)
+        told = about(cases)
+        files = _written(found, output, told)
     if table is not None:
         write_table(table, *sweep_words.rows(found))
     if json:
         print(files[1].read_text(encoding="utf-8").rstrip("\n"))
     if not quiet:
-        say(_told(found, files, bool(verbose)), console(stderr=json))
+        say(_told(found, files, told, bool(verbose)), console(stderr=json))
     end(errors)
 
 
@@ -168,7 +169,7 @@ def stem(command: str, filter_name: str) -> str:
     return f"{command}-{re.sub(r'[^A-Za-z0-9._-]+', '-', Path(filter_name).name)}"
 
 
-def _written(found: Sweep, folder: Path, cases: Sequence[Case]) -> tuple[Path, Path, Path]:
+def _written(found: Sweep, folder: Path, told: dict[str, Any]) -> tuple[Path, Path, Path]:
     """The page, the JSON and the CSV."""
     import json
 
@@ -178,19 +179,18 @@ def _written(found: Sweep, folder: Path, cases: Sequence[Case]) -> tuple[Path, P
 
     name = stem("sweep", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json", folder / f"{name}.csv"
-    told = about(cases)
     write_atomic(paths[0], sweep_page(found, told))
     write_atomic(paths[1], json.dumps(sweep_words.document(found, told), indent=1, allow_nan=False) + "\n")
     write_atomic(paths[2], sweep_words.csv_text(found))
     return paths
 
 
-def _told(found: Sweep, files: Sequence[Path], everything: bool) -> Iterator[Line]:
+def _told(found: Sweep, files: Sequence[Path], told: dict[str, Any], everything: bool) -> Iterator[Line]:
     from attlog.cli.layout import Line
     from attlog.cli.terminal import wrapped
     from attlog.compare import sweep_words
 
-    for sentence in sweep_words.sentences(found):
+    for sentence in sweep_words.sentences(found, sweep_words.references_of(told)):
         yield from wrapped("", sentence, 100)
     yield Line("")
     head, rows = sweep_words.rows(found)

@@ -135,9 +135,9 @@ def _told(found: Tuned, files: Sequence[Path], told: dict[str, Any], firmware: d
     from attlog.cli.layout import Line
     from attlog.cli.terminal import wrapped
     from attlog.compare import tune_words
-    from attlog.compare.tune_page import references
+    from attlog.compare.sweep_words import references_of
 
-    for sentence in tune_words.sentences(found, references(told)):
+    for sentence in tune_words.sentences(found, references_of(told)):
         yield from wrapped("", sentence, 100)
     yield Line("")
     for line in tune_words.paste(found, firmware):

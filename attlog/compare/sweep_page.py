@@ -9,7 +9,7 @@ from attlog.compare import page
 from attlog.compare.grid import text_of
 from attlog.compare.sweep import Sweep
 from attlog.compare.sweep_figures import figures
-from attlog.compare.sweep_words import log_rows, rows, sentences
+from attlog.compare.sweep_words import log_rows, references_of, rows, sentences
 from attlog.present.numbers import counted
 from attlog.present.text import clean
 
@@ -22,7 +22,7 @@ def sweep_page(s: Sweep, about: Mapping[str, Any]) -> str:
 
 
 def _parts(s: Sweep, about: Mapping[str, Any]) -> Iterator[str]:
-    yield page.said(map(clean, sentences(s)))
+    yield page.said(map(clean, sentences(s, references_of(about))))
     yield page.heading("Figures")
     yield page.figures((clean(caption), drawing) for caption, drawing in figures(s))
     yield page.heading("Settings")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from attlog import plain
@@ -24,10 +24,26 @@ def named(setting: Setting) -> str:
     return ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in setting.items()) or AS_IS
 
 
-def sentences(s: Sweep) -> Iterator[str]:
-    """What was found for each metric, in one to four sentences."""
+def sentences(s: Sweep, references: Mapping[str, int] | None = None) -> Iterator[str]:
+    """What was found for each metric, and what agreement with the ``references`` (how many logs have which) proves."""
     for column in s.columns:
         yield " ".join(_of(s, column))
+    yield from only_agreement(references or {})
+
+
+def only_agreement(references: Mapping[str, int]) -> Iterator[str]:
+    """What has to be said where logs hold no truth."""
+    if references.get("onboard"):
+        yield (
+            f"{counted(references['onboard'], 'log')} of {sum(references.values())} can only be compared with the "
+            "onboard attitude: what agrees with it, not with the truth."
+        )
+
+
+def references_of(about: Mapping[str, Any]) -> dict[str, int]:
+    """How many logs have which reference, of what a JSON says of the logs."""
+    kinds = [str(log["reference"]) for log in about["logs"]]
+    return {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
 
 
 def _of(s: Sweep, c: Column) -> Iterator[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from attlog.compare import page, svg
 from attlog.compare.search import Free
-from attlog.compare.sweep_words import named
+from attlog.compare.sweep_words import named, references_of
 from attlog.compare.tune import Tuned
 from attlog.compare.tune_words import gain_rows, judged_rows, part_rows, paste, sentences
 from attlog.present.numbers import counted
@@ -26,14 +26,8 @@ def tune_page(t: Tuned, about: Mapping[str, Any], firmware: Mapping[str, str]) -
     return page.page("tune", f"{clean(t.filter)}: gains from {where}", told, _parts(t, about, firmware))
 
 
-def references(about: Mapping[str, Any]) -> dict[str, int]:
-    """How many logs have which reference."""
-    kinds = [str(log["reference"]) for log in about["logs"]]
-    return {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
-
-
 def _parts(t: Tuned, about: Mapping[str, Any], firmware: Mapping[str, str]) -> Iterator[str]:
-    yield page.said(map(clean, sentences(t, references(about))))
+    yield page.said(map(clean, sentences(t, references_of(about))))
     yield page.heading("Gains, ready to paste")
     yield page.code("\n".join(paste(t, firmware)))
     yield page.heading("On what was left out")

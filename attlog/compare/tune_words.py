@@ -9,7 +9,7 @@ from typing import Any
 from attlog import plain
 from attlog.compare.grid import text_of
 from attlog.compare.sweep import Beside
-from attlog.compare.sweep_words import named
+from attlog.compare.sweep_words import named, only_agreement
 from attlog.compare.tune import Judged, Tuned
 from attlog.present.numbers import counted, listed, number, quantity
 from attlog.present.text import clean
@@ -33,11 +33,7 @@ def sentences(t: Tuned, references: Mapping[str, int]) -> Iterator[str]:
     missing = {t.parts[k].name: why for j in t.judged if j.weight > 0 for k, why in j.missing.items()}
     for name, why in missing.items():
         yield f"Not counted: {clean(name)} ({why})."
-    if references.get("onboard"):
-        yield (
-            f"{counted(references['onboard'], 'log')} of {sum(references.values())} can only be compared with the "
-            "onboard attitude: gains that agree with it, not with the truth."
-        )
+    yield from only_agreement(references)
 
 
 def _where(t: Tuned) -> str:

@@ -95,6 +95,15 @@ def test_a_log_on_which_nothing_can_be_judged_is_left_out_with_its_reason() -> N
     assert any("Not counted: bb (tilt error above 30 deg)" in text for text in sentences(s))
 
 
+def test_agreement_with_the_onboard_attitude_is_not_called_truth() -> None:
+    s = made(Made("a", 0.2))
+    assert (
+        "1 log of 3 can only be compared with the onboard attitude"
+        in list(sentences(s, {"truth": 2, "onboard": 1}))[-1]
+    )
+    assert not any("onboard" in text for text in sentences(s, {"truth": 3}))
+
+
 def test_where_no_setting_can_be_judged_that_is_said() -> None:
     s = made(Made("a", 0.2, unsound=0.0))
     assert s.columns[0].single is None
