@@ -18,7 +18,8 @@ takes every one of them for a tilt; (2) integrates them to a velocity that is sm
 to heading are left out: nobody knows the true velocity, so an acceleration tells nothing about heading. The
 magnetometer corrects heading, gyro bias and d only; the tilt's part in psi enters the covariance, not the gain
 (Schmidt). Delay and body-fixed offset of the magnetometer are found beside the filter (``inertial/compass.py``). d, the
-local field's direction relative to magnetic north, changes while the body moves about; by default it is 0.
+local field's direction relative to magnetic north, changes while the body moves about; by default it is 0. How large an
+accelerometer bias may be is learnt on the way: calibrated sensors keep a tight prior, raw ones get room.
 
 The first ``align_time`` seconds vectors are averaged in axes that the gyro holds still, so that a start in the middle
 of a motion does no harm; of a start attitude that is given only the heading counts, and only without magnetometer. The
@@ -39,15 +40,19 @@ from attlog.estimators.base import Parameter
 from attlog.estimators.engine.vectors import turn
 from attlog.estimators.filters.inertial.compass import field
 from attlog.estimators.filters.inertial.layout import (
+    ACC_BIAS_SIGMA,
     ALIGNING,
     BA,
     BIAS,
     BIAS_NOISE,
     BLOCK,
     DB,
+    DBA,
     DD,
     DM,
     DV,
+    EXPECT_TIME,
+    EXPECTED,
     FIELD_SIGMA,
     FIELD_TIME,
     GYRO_NOISE,
@@ -109,6 +114,7 @@ STATE = {
     "_start": 8,
     "_field": 14,
     "_calibration": 57,
+    "_expected": 2,
 }
 RECORDED = "tuned on BROAD and EuRoC with altered copies"
 PHYSICAL = "attlog; MEMS data sheets"
@@ -120,7 +126,7 @@ PARAMETERS = (
     Parameter("bias_sigma", 0.65, "deg/s", 1e-3, 100, "gyro bias expected at the start", RECORDED),
     Parameter("scale_sigma", 0.004, "", 0, 1, "gyro scale errors expected", PHYSICAL),
     Parameter("misalignment_sigma", 0.0025, "", 0, 1, "gyro misalignments expected", PHYSICAL),
-    Parameter("acc_bias_sigma", 0.035, "m/s^2", 0, 10, "accelerometer bias expected", RECORDED),
+    Parameter("acc_bias_sigma", 0.016, "m/s^2", 0, 10, "accelerometer bias expected; follows what is found", RECORDED),
     Parameter("velocity_noise", 0.02, "m/s/sqrt(s)", 1e-6, 10, "white noise of the accelerometer", RECORDED),
     Parameter("velocity_sigma", 0.13, "m/s", 1e-4, 100, "velocity expected, at least: small trusts gravity", RECORDED),
     Parameter("velocity_factor", 2.6, "", 0, 100, "velocity expected: factor on the running mean square", RECORDED),
@@ -165,13 +171,15 @@ PRESETS: dict[str, dict[str, float | str]] = {
         "field_sigma": 4.5,
     },
 }
+EXPECT_EVERY = 5.0
+"""How often the size of accelerometer bias is asked for [s]."""
 REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
 """At rest: sigma of velocity [m/s], noise density of the rate [rad/s*sqrt(s)]."""
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """The state before the first sample: everything but the attitude is found during the first ``align_time``."""
-    state = np.zeros(652)
+    state = np.zeros(654)
     state[0:4] = q0
     state[Q:M] = q0
     state[SIGMA] = math.sqrt(2.0) * RAD * params[TILT_SIGMA]
@@ -342,6 +350,7 @@ def correct(state: Any, params: Any) -> None:
     time = state[T]
     for i in range(N):
         state[X + i] = 0.0
+    expect(state, params)
     rest = state[QUIET] >= 1.0
     square_speed = min(0.5 * (square(state[V]) + square(state[V + 1])), 400.0)
     state[V_MEAN] += (1.0 - math.exp(-time / params[VELOCITY_TIME])) * (square_speed - state[V_MEAN])
@@ -358,6 +367,30 @@ def correct(state: Any, params: Any) -> None:
     if state[H_COUNT] > 0.0:
         field(state, params)
         state[H_SINCE] = 0.0
+
+
+def expect(state: Any, params: Any) -> None:
+    """Every few seconds: the size of accelerometer bias that explains what was found becomes its prior.
+
+    sigma^2 = (sum of ba_i^2 + P_ii over the axes + what was expected^2) / 4, a step of expectation maximisation. ba is
+    constant, so another prior is one more measurement of 0 with variance 1/(1/new - 1/old), negative for a wider one.
+    """
+    state[EXPECT_TIME] += state[T]
+    if state[EXPECT_TIME] < EXPECT_EVERY or params[ACC_BIAS_SIGMA] <= 0.0:
+        return
+    state[EXPECT_TIME] = 0.0
+    old = state[EXPECTED]
+    new = square(params[ACC_BIAS_SIGMA])
+    for i in range(3):
+        new += square(state[BA + i]) + state[P + (N + 1) * (DBA + i)]
+    new *= 0.25
+    if abs(new - old) < 0.01 * old:
+        return
+    spread = 1.0 / (1.0 / new - 1.0 / old)
+    update(state, 15, -state[BA], spread)
+    update(state, 16, -state[BA + 1], spread)
+    update(state, 17, -state[BA + 2], spread)
+    state[EXPECTED] = new
 
 
 def update(state: Any, k: int, value: float, r: float) -> None:

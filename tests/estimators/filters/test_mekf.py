@@ -144,6 +144,43 @@ def test_the_field_corrects_heading_bias_and_its_own_direction_and_nothing_else(
     assert state[P : P + N * N].reshape(N, N) == pytest.approx(joseph(p, h, k, r), abs=1e-7)
 
 
+def test_another_prior_is_one_more_measurement() -> None:
+    """P and ba after a change of the prior are those of a filter that had the new one from the start."""
+    values = parameters(acc_bias_sigma=0.02)
+
+    def begun(sigma: float) -> Array:
+        state = running(5)
+        p = np.diag(np.repeat([1e-6, 1e-9, 1e-9, sigma**2, 1.0, 0.0], [3, 3, 9, 3, 2, 1]))
+        state[P : P + N * N], state[BA:V], state[X : X + N] = p.ravel(), 0.0, 0.0
+        state[S + 2] = -9.8
+        state[A : A + 9] = np.eye(3).ravel()
+        state[T] = 1.0
+        for k in range(6):
+            state[X : X + N] = transition(state) @ state[X : X + N]
+            mekf.predict(state, values)
+            mekf.update(state, DV + k % 2, 1.0 - 0.3 * k, 0.01)
+        mekf.inject(state)
+        state[X : X + N] = 0.0
+        return state
+
+    state = begun(0.02)
+    state[layout.EXPECTED], state[layout.EXPECT_TIME] = 0.02**2, 5.0
+    mekf.expect(state, values)
+    mekf.inject(state)
+    new = np.sqrt(state[layout.EXPECTED])
+    assert new > 0.025
+    wanted = begun(new)
+    assert state[P : P + N * N] == pytest.approx(wanted[P : P + N * N], rel=1e-9, abs=1e-15)
+    assert state[BA:V] == pytest.approx(wanted[BA:V], rel=1e-6, abs=1e-9)
+
+
+def test_a_raw_accelerometer_gets_room_for_its_bias() -> None:
+    """0.15 m/s^2 is 9 sigma of what is expected, and 0.9 deg of tilt where it is not found."""
+    m = swing(120.0, noise=CONSUMER)
+    wrong = replace(m, acc=m.acc + np.array([0.15, -0.1, 0.05]))
+    assert errors(wrong, 40.0)[0] < 0.3
+
+
 def rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
 

@@ -39,6 +39,7 @@ from attlog.estimators.filters.inertial.layout import (
     DD,
     DM,
     DV,
+    EXPECT_TIME,
     FIELD_TIME,
     LEAD,
     MOVING_RATE,
@@ -232,6 +233,8 @@ def forward(data: list[Array], values: Array, known: Array | None) -> Forward:
     n, blocks = len(dt), int(np.sum(dt) / (0.75 * values[BLOCK])) + 3
     blocks = min(blocks, n + 1)
     state = mekf.start(values, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    # The rounds look for the prior of the accelerometer bias; within a run it stands.
+    state[EXPECT_TIME] = -np.inf
     if known is not None and known[UNIT] > 0.0:
         state[CAL : CAL + 3] = known[CAL : CAL + 3]
         state[CAL + 6] = known[CAL + 6]

@@ -19,6 +19,7 @@ from attlog.estimators.filters.inertial.layout import (
     DD,
     DM,
     DV,
+    EXPECTED,
     FAST_A,
     FAST_G,
     HEADING_SIGMA,
@@ -156,4 +157,5 @@ def begin(state: Any, params: Any) -> None:
         state[P + (N + 1) * (DM + i)] = square(params[SCALE_SIGMA] if i % 4 == 0 else params[MISALIGNMENT_SIGMA])
     for i in range(DV, DD):
         state[P + (N + 1) * i] = 1.0
+    state[EXPECTED] = square(params[ACC_BIAS_SIGMA])
     state[V_MEAN] = square(params[VELOCITY_SIGMA])
