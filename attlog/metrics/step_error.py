@@ -25,12 +25,16 @@ AFTER_S = (0.5, 1.0)
 NEAR_S = 0.05
 """The error is the mean over so long on both sides, of one sample at least."""
 
+SMOOTHED_DEG = 0.05
+"""So much does a smoother's own error change within a second: 0.02 to 0.06 deg (RMS) on six flights with truth."""
+
 _ERROR = """How far the attitude is off {after:.1f} s after a quick movement: the row's error relative to its own
     mean over 0.3 s before the onset, about the axis of the movement, {after:.1f} s after 90 % of the stroke (mean over
     +-50 ms). A constant heading offset or misalignment does not count. """
 _DEG = _ERROR + "Median of the magnitude over events; detail: 90 %."
 _PCT = _ERROR + "Percent of the stroke, signed: negative where the row shows too little. Median over events."
-_INTERVAL = " Interval: order statistics, from 6 events on."
+_INTERVAL = """ Interval: order statistics, from 6 events on. Against the smoother rows that differ by less than
+    0.05 deg are the same."""
 
 _KINDS: tuple[tuple[str, str, Literal["low", "zero"], str], ...] = (
     ("deg", "deg", "low", _DEG),
@@ -113,12 +117,14 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     answers: dict[str, Answer] = {}
     for after in AFTER_S:
         errors = errors_after(found, after)
-        answers[f"step_error_deg.{after:.1f}s"] = _answer(errors, "deg", window, found)
-        answers[f"step_error_pct.{after:.1f}s"] = _answer(errors, "pct", window, found)
+        own = SMOOTHED_DEG if case.reference.kind == "smoother" else 0.0
+        answers[f"step_error_deg.{after:.1f}s"] = _answer(errors, "deg", window, found, own)
+        answers[f"step_error_pct.{after:.1f}s"] = _answer(errors, "pct", window, found, own)
     return {m.name: answers[m.name] for m in METRICS}
 
 
-def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: list[Curve]) -> Answer:
+def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float) -> Answer:
+    """The answer in one unit; ``own_deg``: the reference's own error, below which rows are the same."""
     count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
     if count < MIN_EVENTS:
         reason = too_few(count)
@@ -130,4 +136,5 @@ def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: lis
         summary.value, sign, window, count, seconds, summary.ci95, f"median of {count} events, order statistics",
         detail={"p90": float(np.quantile(np.abs(values), 0.9))}, each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, magnitude(errors), here),
+        floor=own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0),
     )  # fmt: skip

@@ -8,13 +8,13 @@ from tests.metrics import flights
 from tests.metrics.motions import motion, sampled
 
 
-def answers(est, seconds=36.0, kind="yaw"):
+def answers(est, seconds=36.0, kind="yaw", against="truth"):
     """Answers for a row ``est(t, q)`` (n, 4) in turns of yaw every 3 s."""
     t, q = motion(kind, seconds)
     ref, row = sampled(t, q, 50.0), sampled(t, est(t, q), 200.0)
     made = flights.row(row.t, row.q)
     end = float(ref.t[-1])
-    case = flights.case([made], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q))
+    case = flights.case([made], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q), against)
     return step_error.compute(case, made, "all")
 
 
@@ -78,3 +78,15 @@ def test_units_are_magnitudes_whatever_the_unit():
     np.testing.assert_allclose(deg.units.values, pct.units.values)
     assert deg.units.kind == "step_event"
     assert pct.units.on(pct.units.ids[:4]).value == pytest.approx(-10.0, abs=1.0)
+
+
+def test_the_own_error_of_a_smoother_is_a_floor_in_both_units():
+    def est(t, q):
+        return short_by(t, q, lambda since: 0.1)
+
+    found = answers(est, against="smoother")
+    deg, pct = found["step_error_deg.0.5s"], found["step_error_pct.0.5s"]
+    stroke = np.median(np.array(deg.each) / np.abs(np.array(pct.each) / 100.0))
+    assert deg.floor == 0.05
+    assert pct.floor == pytest.approx(100.0 * 0.05 / stroke)
+    assert answers(est)["step_error_deg.0.5s"].floor == 0.0
