@@ -357,7 +357,8 @@ def _smoothed_text(ref: Reference) -> str:
     }[ref.heading_by]
     return (
         "Smoother: an estimate from both sides of each moment, from all sensors of the log, with the same IMU as the "
-        f"filters. Differences below its own sigma mean nothing: {tilt:.2g} deg in tilt, {whose}."
+        "filters and the model of ESKF (without GNSS of MEKF). "
+        f"Differences below its own sigma mean nothing: {tilt:.2g} deg in tilt, {whose}."
     )
 
 

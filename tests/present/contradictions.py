@@ -130,10 +130,12 @@ def bounds(result: Result, verdict: Verdict) -> Iterator[str]:
 
 
 def figures(result: Result, verdict: Verdict) -> Iterator[str]:
-    """Every number in a sentence is a number of the columns that it is about, as the table writes it."""
+    """Every number in a sentence is a number of the columns that it is about, or the sigma of what is compared with."""
     if any(words in verdict.sentence for words in NO_ANSWER):
         return
     known = {text for row in result.estimators for text in numbers_of(row, verdict.question)}
+    own = result.reference.sigma_tilt_deg if result.reference is not None and verdict.question == "closest" else None
+    known |= set() if own is None else {number(own, "deg", False)}
     said = re.sub(r"^Do not rely on this, .*?\. (?=[A-Z])", "", verdict.sentence)
     for m in NUMBER.finditer(said):
         if m[0].lstrip("+−") not in known and m[0] not in known:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from attlog.present.sentences import verdicts
 from attlog.result import Check
+from tests.present.contradictions import contradictions
 from tests.present.made import HEADING as HEAD
 from tests.present.made import TILT, row, sentence, tilt, verdict
 from tests.present.made import result as made
@@ -106,9 +108,23 @@ def test_a_heading_that_is_compared_with_onboard_is_said_to_be():
     rows = [row("vqf", tilt(1.2, 9.4)), row("mahony", tilt(3.7, 2.0)), row("onboard", tilt(0.5))]
     for one in rows[:2]:
         one.metrics["airborne"][HEAD].ranked = False
-    assert "Its heading is off by 9.4° (8.5 to 10.3) against onboard (agreement, not truth), not ranked." in sentence(
+    whom = "against onboard (agreement, not truth)"
+    assert f"Its heading is off by 9.4° (8.5 to 10.3) {whom}, not ranked." in sentence(
         "closest", against_smoother(rows, "onboard")
     )
+    for one in rows[:2]:
+        one.metrics["airborne"][TILT].ranked = False
+    assert f"Heading errors are 9.4° and 2.0° {whom}." in sentence("closest", against_smoother(rows, "onboard"))
+
+
+def test_nothing_that_is_said_of_the_smoother_contradicts_its_numbers():
+    rows = [row("vqf", tilt(1.2, 1.6)), row("mahony", tilt(3.7, 4.0)), row("onboard", tilt(18.2, 2.0))]
+    found = against_smoother(rows)
+    found.reference.text = "Differences below its own sigma mean nothing: 0.12 deg in tilt, 0.3 deg in heading."
+    found.verdicts = verdicts(found)
+    assert contradictions(found) == []
+    found.verdicts[0].sentence = found.verdicts[0].sentence.replace("0.12", "0.13")
+    assert any("0.13 is no number" in said for said in contradictions(found))
 
 
 def test_filters_that_all_diverge_from_the_smoother_do_not_acquit_it():

@@ -19,6 +19,7 @@ from attlog.present.sentences.words import (
     single,
     values,
 )
+from attlog.present.text import typeset
 from attlog.result import Result, Verdict
 
 TILT, HEADING = "inclination_rmse_deg", "heading_rmse_deg"
@@ -82,7 +83,7 @@ def unranked(result: Result, tilt: Contest, heading: Contest) -> str:
         spread = f"{listed([f'{j.name} {j.text}{j.interval}' for j in sound])} against {whom}"
     text = f"Filters cannot be ranked over {seconds}: tilt errors are {spread}."
     beside = [j for j in (heading.of(one.row) for one in sound) if j is not None]
-    text += f" Heading errors are {values(beside, named=False)}." if beside else ""
+    text += f" Heading errors are {values(beside, named=False)}{against_north(result)}." if beside else ""
     gone = lost_part(lost(result))
     return text + flew(result, tilt, heading) + (f" {gone}." if gone else "")
 
@@ -107,11 +108,16 @@ def heading_part(result: Result, tilt: Contest, heading: Contest) -> str:
     beside = [j for j in (heading.of(leader.row) for leader in leaders) if j is not None]
     if not beside:
         return ""
-    shared = result.reference is not None and result.reference.heading_by == "onboard"
-    whom = f" against {AGREEMENT}" if shared else ""
+    whom = against_north(result)
     if len(beside) == 1:
         return f" Its heading is off by {single(beside[0])}{whom}, not ranked."
     return f" Their headings are off by {values(beside, named=bool(tilt.best))}{whom}, not ranked."
+
+
+def against_north(result: Result) -> str:
+    """What headings are compared with, where that is another than what tilt is compared with."""
+    shared = result.reference is not None and result.reference.heading_by == "onboard"
+    return f" against {AGREEMENT}" if shared else ""
 
 
 def notes(result: Result, tilt: Contest) -> list[str]:
@@ -119,4 +125,4 @@ def notes(result: Result, tilt: Contest) -> list[str]:
     seconds = max((j.answer.seconds for j in tilt.filters), default=0.0)
     where = "in the air" if tilt.window == "airborne" else "over the whole log" if tilt.window == "all" else "armed"
     over = [f"RMS error {where}, {seconds:.0f} s."] if seconds else []
-    return ([result.reference.text] if result.reference else []) + over
+    return ([typeset(result.reference.text)] if result.reference else []) + over
