@@ -42,7 +42,12 @@ WALKS = {
     "wander_walk": (WANDER, 3, 0.1, 3.0), "baro_walk": (BARO_BIAS, 1, 0.1, 5.0),
 }  # fmt: skip
 """State rows, and the range of the random walk as parts of its start."""
-SPREADS = {"hard": (HARD, 3, 0.004, 0.150), "soft": (SOFT, 6, 0.003, 0.05), "acc_bias": (BA, 3, 0.03, 0.5)}
+SPREADS = {
+    "hard": (HARD, 3, 0.004, 0.150),
+    "soft": (SOFT, 6, 0.003, 0.05),
+    "acc_bias": (BA, 3, 0.03, 0.5),
+    "gyro_bias": (BG, 3, np.deg2rad(0.3), np.deg2rad(10.0)),
+}
 DECLINATION_RANGE = (np.deg2rad(0.6), np.deg2rad(3.0))
 PRIOR_WEIGHT = 0.5
 QUIETEST_GYRO, QUIETEST_ACC = 1e-4, 3e-3
