@@ -43,7 +43,7 @@ class Prior:
     gyro_bias_rest: float = np.deg2rad(0.3)
     gyro_bias: float = np.deg2rad(1.0)
     acc_bias: float = 0.1
-    declination: float = np.deg2rad(0.8)
+    declination: float = np.deg2rad(0.6)
     field_size: float = 0.015
     hard: float = 0.010
     soft: float = 0.006
