@@ -84,12 +84,12 @@ def _lost(found: Comparison, name: str) -> list[str]:
     called = {c.name: c.label for c in found.configurations}
     said = []
     for one in (found.configurations[0].name, name):
-        lost: dict[str, list[str]] = {}
+        lost: dict[tuple[str, str], list[str]] = {}
         for log, cells in found.questions[0].cells.items() if found.questions else ():
             if one in cells and cells[one].status != "ok":
-                lost.setdefault(cells[one].status, []).append(log)
-        said += [
-            f"{called[one]} {STATUS.get(status, status)} on {listed(logs)} and is not compared there."
-            for status, logs in lost.items()
-        ]
+                why = cells[one].reason if cells[one].status == "failed" else ""
+                lost.setdefault((cells[one].status, why), []).append(log)
+        for (status, why), logs in lost.items():
+            where = f"on {listed(logs)}{f' ({why})' if why else ''}"
+            said.append(f"{called[one]} {STATUS.get(status, status)} {where} and is not compared there.")
     return said
