@@ -106,6 +106,10 @@ def command(
     plotly: Annotated[
         str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")
     ] = "inline",
+    table: Annotated[
+        list[Path] | None,
+        typer.Option("--table", metavar="FILE.csv|tex|md", help="Write the table to a file too; may be repeated."),
+    ] = None,
     open_report: Annotated[bool, typer.Option("--open", help="Open the report in a browser.")] = False,
     deterministic: Annotated[
         bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")
@@ -119,6 +123,11 @@ def command(
     """Re-run attitude filters on each LOG and compare them with the onboard attitude: a report, a JSON, a table."""
     if plotly not in BUNDLES:
         raise UsageError(f"--plotly {plotly}: use inline or shared")
+    if table:
+        from attlog.compare.table_file import check_suffix
+
+        for file in table:
+            check_suffix(file)
     options = {
         "estimators": estimators,
         "imu": _int_or(imu, "all", "--imu"),
@@ -163,6 +172,7 @@ def command(
 
     with progress(quiet, verbose > 0) as shown:
         outcomes, interrupted = _outcomes(found, task, jobs, shown, tell)
+    _write_tables(table or [], [o.written.result for o in outcomes if o.written is not None], settings)
     if len(found) > 1 and not quiet:
         say(_summary(found, outcomes, output), console(stderr=json))
     if interrupted:
@@ -204,6 +214,18 @@ def _outcomes(
     except KeyboardInterrupt:
         return done, True
     return done, False
+
+
+def _write_tables(files: Sequence[Path], results: Sequence[Result], settings: Config) -> None:
+    """The table of all logs as files for papers."""
+    if not files or not results:
+        return
+    from attlog.compare.analysis_table import head_and_rows
+    from attlog.compare.table_file import write_table
+
+    content = head_and_rows(results, settings.window or "all")
+    for file in files:
+        write_table(file, *content)
 
 
 def _summary(logs: Sequence[Path], outcomes: Sequence[Outcome], folder: Path) -> Iterator[Line]:

@@ -118,3 +118,16 @@ def test_an_estimate_of_another_log_is_a_row_with_its_reason(attlog, tmp_path: P
     assert done.code == 0
     assert "does not overlap the log" in " ".join(done.out.split())
     assert attlog("compare", str(STEPS), "mahony", f"{file}:frame=xyz", "-o", str(tmp_path)).code == 2
+
+
+def test_the_table_of_analyze_goes_to_a_file_for_a_paper(attlog, tmp_path: Path) -> None:
+    files = [tmp_path / f"t{suffix}" for suffix in (".csv", ".tex", ".md")]
+    named = [word for file in files for word in ("--table", str(file))]
+    done = attlog("analyze", str(STEPS), "--estimators", "mahony,madgwick", "-o", str(tmp_path), *named)
+    assert done.code == 0, done.err
+    lines = files[0].read_text().splitlines()
+    assert lines[0].startswith('filter,"Tilt error RMS, °"')
+    assert any(line.startswith("Madgwick,") for line in lines)
+    assert "Madgwick & " in files[1].read_text()
+    assert "| Madgwick | " in files[2].read_text()
+    assert attlog("analyze", str(STEPS), "--table", "t.xls", "-o", str(tmp_path)).code == 2
