@@ -131,7 +131,9 @@ def search(free: Sequence[Free], costs: Costs, start: Setting, generations: int,
         from scipy.optimize import differential_evolution  # type: ignore[import-untyped, unused-ignore]
         from scipy.stats import qmc  # type: ignore[import-untyped, unused-ignore]
     except ImportError:
-        raise UsageError('attlog tune needs scipy: pip install "attlog[tune]" or pip install scipy') from None
+        raise UsageError(
+            'attlog tune needs scipy: pip install scipy, or pip install ".[tune]" in the source folder'
+        ) from None
     tried: dict[str, tuple[Setting, float]] = {}
 
     def cost(x: Array) -> Any:

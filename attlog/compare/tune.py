@@ -136,6 +136,9 @@ def _judged(
     changes = [size(b, metric) - size(replace(a, unsound=""), metric) for a, b in zip(first, second, strict=True)]
     better, worse = sum(c < 0 for c in changes), sum(c > 0 for c in changes)
     beside, _ = over_logs(metric, [replace(a, unsound="") for a in first], second)
+    if not first:
+        said = list(missing.values())
+        beside = replace(beside, why=max(said, key=said.count))
     return Judged(metric, weight, beside, before, after, better, worse, missing)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -108,3 +110,9 @@ def test_a_function_that_wants_more_names_nothing() -> None:
         return {"w_acc": params["FW_W_ACC"]}
 
     assert firmware_names(made(from_log)) == {}
+
+
+def test_without_scipy_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "scipy.optimize", None)
+    with pytest.raises(UsageError, match="pip install scipy"):
+        search([KP], bowl, START, 1, 0)
