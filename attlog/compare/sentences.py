@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from attlog.compare.comparison import Comparison, Said
 from attlog.compare.difference_words import Seen, clause, seen
+from attlog.present.names import AGREEMENT
 from attlog.present.numbers import counted, listed
 
 LEADS = ("inclination_rmse_deg", "heading_rmse_deg", "noise_tilt_deg", "lag_ms")
@@ -80,7 +81,7 @@ def _why(found: Comparison, name: str) -> str:
 
 
 def _lost(found: Comparison, name: str) -> list[str]:
-    """Where one of the two drops out: said, because what is left would flatter it."""
+    """Where one of the two drops out: what is left would flatter it; and where there is no truth to compare with."""
     called = {c.name: c.label for c in found.configurations}
     said = []
     for one in (found.configurations[0].name, name):
@@ -92,4 +93,9 @@ def _lost(found: Comparison, name: str) -> list[str]:
         for (status, why), logs in lost.items():
             where = f"on {listed(logs)}{f' ({why})' if why else ''}"
             said.append(f"{called[one]} {STATUS.get(status, status)} {where} and is not compared there.")
+    used = [line for line in found.logs if not line.code]
+    onboard = sum(line.reference.startswith("onboard") for line in used)
+    if onboard:
+        where = "" if onboard == len(used) else f" on {onboard} of {counted(len(used), 'log')}"
+        said.append(f"Errors are differences from {AGREEMENT}{where}.")
     return said

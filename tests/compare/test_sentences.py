@@ -74,6 +74,14 @@ def test_a_log_that_broke_and_a_row_that_diverged_are_said() -> None:
     assert "kp 0.6 diverged on flight2.ulg and is not compared there." in verdicts(found)[0].more
 
 
+def test_agreement_with_what_flew_is_not_called_truth() -> None:
+    found = comparison({"inclination_rmse_deg": [(0.3, 0.1), (0.3, 0.1)]})
+    found.logs[1].reference = "onboard (ATT)"
+    assert verdicts(found)[0].more == ["Errors are differences from onboard (agreement, not truth) on 1 of 2 logs."]
+    found.logs[0].reference = "onboard (ATT)"
+    assert verdicts(found)[0].more == ["Errors are differences from onboard (agreement, not truth)."]
+
+
 def test_without_any_difference_the_commonest_reason_is_given() -> None:
     found = comparison({"inclination_rmse_deg": [(0.3, 0.1)]})
     only = found.questions[0].contrasts[0]
