@@ -13,7 +13,8 @@ from attlog.reference.model import Row
 STILL_S, PULSE_S, AFTER_S = 20.0, 0.5, 10.0
 RATE_DPS = 20.0
 MAX_LEFT = 0.5
-"""Of 14 filters integrated gyro keeps 1.00 of the tilt, all others 0.00 to 0.13."""
+"""Integrated gyro keeps 1.00 of the tilt, ``mekf``, which may take it for a bias of the accelerometer, 0.46, all others
+0.00 to 0.13."""
 UNCORRECTED = "it is not corrected by gravity"
 
 
@@ -21,10 +22,12 @@ UNCORRECTED = "it is not corrected by gravity"
 def tilt_left(case: Case, row: Row) -> float | None:
     """The share of a tilt that only the gyro told which is left 10 s later; None where the row cannot be replayed.
 
+    None too for a row that looks ahead: what it says at the end of a made record says nothing of a flight.
+
     A level, still vehicle for 20 s, then 20 deg/s about x for 0.5 s in the gyro alone: the
     accelerometer goes on to show level, and a filter that listens to it comes back.
     """
-    rest = still.made(case, row, STILL_S + PULSE_S + AFTER_S)
+    rest = still.made(case, row, STILL_S + PULSE_S + AFTER_S) if row.causal else None
     if rest is None:
         return None
     gyro = rest.gyro.copy()
