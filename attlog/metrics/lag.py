@@ -73,9 +73,14 @@ UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
 
 
 def input_delay(case: Case, row: Row) -> float:
-    """The delay of the logged sensors (s) to subtract: of replays, where the reference does not share it."""
-    shared = case.reference.input_delay_shared or row.kind != "replay"
-    return 0.0 if shared else case.reference.input_delay_s
+    """The delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
+
+    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven only what it left.
+    """
+    if case.reference.input_delay_shared or row.kind != "replay":
+        return 0.0
+    corrected = 1e-3 * float(row.quality.get("imu_lag_corrected_ms", 0.0))
+    return max(0.0, case.reference.input_delay_s - corrected)
 
 
 def half_width(found: Fit, common: float = COMMON_S) -> float:

@@ -64,6 +64,14 @@ def test_the_input_delay_is_subtracted_once_and_both_numbers_are_told():
     assert lag.compute(case, row, "all")["lag_ms"].value == pytest.approx(11.3, abs=0.3)
 
 
+def test_a_filter_that_corrects_the_input_delay_is_not_forgiven_it_again():
+    t, q = motion("steps", 40.0)
+    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
+    case.reference.input_delay_s = 0.0113
+    row.quality["imu_lag_corrected_ms"] = 11.3
+    assert lag.compute(case, row, "all")["lag_ms"].value == pytest.approx(0.0, abs=0.3)
+
+
 def test_a_reference_below_5_hz_answers_no_lag():
     t, q = motion("yaw", 40.0)
     case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 4.0))

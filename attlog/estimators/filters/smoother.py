@@ -98,7 +98,7 @@ def inertial(inputs: Inputs, mag: Array) -> Estimate:
     found = smooth(inputs.t, inputs.gyr, inputs.acc, mag)
     assert found.bias is not None
     tilt, heading = found.aux["sigma_tilt"], found.aux["sigma_heading"]
-    told = found.quality | quality.own_sigma(tilt, heading)
+    told = found.quality | quality.own_sigma(tilt, heading) | quality.lag_corrected(inputs)
     if np.isnan(mag).all():
         told["sigma_heading_deg"] = 180.0
     told["refused"] = quality.refusal(told)

@@ -25,6 +25,7 @@ def quality(inputs: Inputs, found: Pass, tuned: Tuned, tilt: Array, heading: Arr
         "kicks": float(found.memory[KICKED]),
         "soft_gated_pct": 100.0 * float(found.memory[SOFTENED]) / seen if seen else 0.0,
         **own_sigma(tilt, heading),
+        **lag_corrected(inputs),
         "likelihood": found.likelihood,
         "gyro_noise_dps_sqrt_hz": float(np.degrees(tuned.gyro)),
         "acc_noise_m_s2_sqrt_hz": float(tuned.acc),
@@ -51,6 +52,11 @@ def of_passes(solution: Solution) -> dict[str, float | str]:
 def own_sigma(tilt: Array, heading: Array) -> dict[str, float | str]:
     """Root mean squares in deg of what a run says of its errors."""
     return {"sigma_tilt_deg": _rms_deg(tilt), "sigma_heading_deg": _rms_deg(heading)}
+
+
+def lag_corrected(inputs: Inputs) -> dict[str, float | str]:
+    """By how much the attitude was turned on so that it is not late by the IMU's low-pass."""
+    return {"imu_lag_corrected_ms": 1e3 * inputs.lag}
 
 
 def refusal(told: dict[str, float | str]) -> str:
