@@ -48,7 +48,8 @@ class Vectors:
     """What the accelerometer and magnetometer told a row around its events.
 
     ``f`` (n, 3) m/s^2 and ``m`` (n, 3) (unit length, zero where there is none) act over the
-    interval that ends at each sample of the stack.
+    interval that ends at each sample of the stack; they are those of its beginning, where they
+    are compared with the attitude.
     """
 
     f: Array
@@ -183,7 +184,7 @@ class Sensors:
     def around(self, stack: Stack) -> Vectors:
         """Force and field over the intervals that end at the stack's samples."""
         t = self.track.t[stack.index]
-        near = np.clip(np.searchsorted(self.seen.t, t - 1e-6), 0, len(self.seen.t) - 1)
+        near = np.clip(np.searchsorted(self.seen.t, t - 1e-6) - (not self.slow), 0, len(self.seen.t) - 1)
         f = self._mean_force(stack) if self.slow else self.seen.f[near]
         m = self.seen.m[near] if self.uses_mag else np.zeros_like(f)
         if self.uses_mag and self.bias is not None:
