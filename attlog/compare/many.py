@@ -18,6 +18,7 @@ from attlog.metrics import level, rmse
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case
 from attlog.metrics.ranking import MIN_COVERAGE_PCT
+from attlog.present.columns import NOISE_TITLES
 from attlog.reference.model import Row
 
 AT_A_TIME = 32
@@ -37,6 +38,18 @@ class Wanted:
     def name(self) -> str:
         """As it is asked for: ``METRIC`` or ``METRIC@WINDOW``."""
         return self.metric if self.window == "all" else f"{self.metric}@{self.window}"
+
+    @property
+    def title(self) -> str:
+        """What it is called in words: ``Noise in hover``, ``Heading error, root mean square``."""
+        if self.metric == "noise_tilt_deg":
+            return NOISE_TITLES.get("rest" if self.window == "all" else self.window, f"Noise, {self.window}")
+        title = (
+            metrics.definitions()[self.metric]
+            .title.replace("Inclination", "Tilt")
+            .replace(", root mean square", " RMS")
+        )
+        return title if self.window == "all" else f"{title}, {self.window}"
 
 
 def wanted(texts: Iterable[str]) -> list[Wanted]:

@@ -30,7 +30,7 @@ def figures(s: Sweep) -> Iterator[tuple[str, str]]:
     """(caption, SVG) of every figure, metric by metric."""
     free = [a for a in s.grid.axes if len(a.values) > 1]
     for column in (c for c in s.columns if c.single is not None):
-        title = f"{column.metric.name} [{column.metric.unit}]"
+        title = f"{column.metric.title} [{column.metric.unit}]"
         if len(free) > 1:
             others = [a.name for a in free[2:]]
             rest = f"; {', '.join(others)} each at its best" if others else ""
@@ -93,7 +93,7 @@ def heat_map(s: Sweep, c: Column, across: Axis, down: Axis) -> str:
     parts.append(svg.text(6, 14, _titled(down), "start", svg.MUTED))
     width = max(ROOM_LEFT + len(across.values) * size + 10, 240.0)
     return svg.picture(
-        width, bottom + ROOM_BELOW, parts, f"heat map of {c.metric.name} over {across.name} and {down.name}"
+        width, bottom + ROOM_BELOW, parts, f"heat map of {c.metric.title} over {across.name} and {down.name}"
     )
 
 
@@ -134,7 +134,7 @@ def curve(s: Sweep, c: Column, axis: Axis) -> str:
         for i, (x, v) in enumerate(zip(places, axis.values, strict=True))
     ]
     parts.append(svg.text(WIDTH / 2 + 20, HEIGHT - 8, _titled(axis), fill=svg.MUTED))
-    return svg.picture(WIDTH, HEIGHT, parts, f"{c.metric.name} along {axis.name}")
+    return svg.picture(WIDTH, HEIGHT, parts, f"{c.metric.title} along {axis.name}")
 
 
 def _words(s: Sweep, c: Column, k: int) -> str:

@@ -34,7 +34,7 @@ def _parts(s: Sweep, about: Mapping[str, Any]) -> Iterator[str]:
         yield page.code(f"attlog analyze LOG --estimators {s.filter}{',' if ':' in s.filter else ':'}{own}")
     if len(s.logs) > 1:
         for column in (c for c in s.columns if c.single is not None):
-            yield page.heading(f"Each log: {column.metric.name}")
+            yield page.heading(f"Each log: {column.metric.title}")
             yield page.table(log_rows(s, column), left=2)
     yield page.heading("Logs")
     head = ["log", "vehicle", "firmware", "compared with"]

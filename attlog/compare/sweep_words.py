@@ -47,7 +47,7 @@ def references_of(about: Mapping[str, Any]) -> dict[str, int]:
 
 
 def _of(s: Sweep, c: Column) -> Iterator[str]:
-    title, unit, logs = c.metric.name, c.metric.unit, len(c.used)
+    title, unit, logs = c.metric.title, c.metric.unit, len(c.used)
     if c.single is None:
         left = next(iter(c.left_out.values()), "no setting has a value on every log")
         yield f"{title}: no setting of the grid can be judged ({left})."
@@ -133,7 +133,7 @@ def rows(s: Sweep) -> tuple[list[str], list[list[str]]]:
     first = s.columns[0]
     head = [
         *(a.name for a in s.grid.axes),
-        *(f"{c.metric.name} [{c.metric.unit}]" for c in s.columns),
+        *(f"{c.metric.title} [{c.metric.unit}]" for c in s.columns),
         "beside the best",
     ]
     found = []
@@ -172,7 +172,7 @@ def log_rows(s: Sweep, c: Column) -> tuple[list[str], list[list[str]]]:
             ]
         )
     unit = f" [{c.metric.unit}]"
-    return ["log", "its own optimum", c.metric.name + unit, "with the single best" + unit, ""], found
+    return ["log", "its own optimum", c.metric.title + unit, "with the single best" + unit, ""], found
 
 
 def digits(value: float) -> str:

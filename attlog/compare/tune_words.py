@@ -41,16 +41,16 @@ def _where(t: Tuned) -> str:
 
 
 def judged_text(j: Judged) -> str:
-    """One metric: ``inclination_rmse_deg 36 % closer to perfect (16 to 51 %), better on 5 of 5``."""
+    """One metric: ``Tilt error RMS 36 % closer to perfect (16 to 51 %), better on 5 of 5``."""
     b, on = j.beside, f"better on {j.better} of {j.better + j.worse}"
     if b.value is None:
-        return f"{j.metric.name} not known ({b.why})"
+        return f"{j.metric.title} not known ({b.why})"
     if b.ci95 is not None and b.ci95 == (b.value, b.value):
-        return f"{j.metric.name} the same"
+        return f"{j.metric.title} the same"
     change, ends = _change(b, j.metric.unit)
     told = told_side(b)
     words = {-1: "closer to perfect", 1: "further from perfect", 0: "not told apart"}[told]
-    return f"{j.metric.name} {change} {words}{ends}, {on}"
+    return f"{j.metric.title} {change} {words}{ends}, {on}"
 
 
 def told_side(b: Beside) -> int:
@@ -130,7 +130,10 @@ def gain_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
 def part_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
     """Values of every part before and after, with gains that were not found on it."""
     shown = [j for j in t.judged if j.beside.value is not None]
-    head = ["left out", *(f"{j.metric.name} [{j.metric.unit}] {when}" for j in shown for when in ("as it is", "tuned"))]
+    head = [
+        "left out",
+        *(f"{j.metric.title} [{j.metric.unit}] {when}" for j in shown for when in ("as it is", "tuned")),
+    ]
     rows = []
     for k, part in enumerate(t.parts):
         values = [v for j in shown for v in (j.before[k], j.after[k])]
@@ -146,7 +149,7 @@ def judged_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
         change, ends = ("none", "") if b.value is None else _change(b, j.metric.unit, signed=True)
         words = {-1: "better", 1: "worse", 0: "not told apart"}[told_side(b)] if b.value is not None else b.why
         weight = f"{j.weight:g}" if j.weight else "elsewhere"
-        rows.append([j.metric.name, weight, change + ends, f"{j.better} of {j.better + j.worse}", words])
+        rows.append([j.metric.title, weight, change + ends, f"{j.better} of {j.better + j.worse}", words])
     return ["metric", "weight", "tuned beside as it is (95 %)", "better on", ""], rows
 
 

@@ -13,7 +13,7 @@ LOG = SAMPLES / "px4_steps.ulg"
 def test_a_sweep_writes_page_json_csv_and_table(attlog, tmp_path: Path) -> None:
     done = attlog("sweep", LOG, "mahony", "kp=0.2,0.6", "-o", tmp_path, "--table", tmp_path / "t.tex")
     assert done.code == 0, done.err
-    assert "inclination_rmse_deg: best setting kp" in done.out
+    assert "Tilt error RMS: best setting kp" in done.out
     assert {p.name for p in tmp_path.iterdir()} == {
         "sweep-mahony.html",
         "sweep-mahony.json",
