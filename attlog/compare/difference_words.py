@@ -75,7 +75,7 @@ def wording(question: Question) -> Wording:
         what = {"inclination_rmse_deg": "tilt", "heading_rmse_deg": "heading"}.get(question.metric, "attitude")
         return Wording(f"holds {what}", "closer", "less closely")
     if question.metric.startswith("noise_"):
-        where = {"rest": "at rest", "hover": "in hover", "cruise": "in other flight", "idle": "with idling motors"}
+        where = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with idling motors"}
         place = where.get(question.windows[0], "")
         about = {"noise_tilt_deg": ""}.get(question.metric, f" in {question.metric.split('_')[1]}")
         tail = f"{about} {place}".rstrip()
