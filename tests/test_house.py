@@ -45,11 +45,14 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis", "replay"},
     "processes": set(),
-    "fleet": {"config", "analysis", "result", "report", "formats", "processes"},
+    "simulate": {"formats", "flight", "estimators"},
+    "reproduce": BELOW_THE_RESULT
+    | {"analysis", "replay", "result", "plain", "present", "report", "compare", "simulate", "processes"},
+    "fleet": {"config", "analysis", "result", "report", "formats", "processes", "plain", "present", "compare"},
     "compare": BELOW_THE_RESULT | {"analysis", "replay", "result", "plain", "present", "report", "schema", "processes"},
     "cli": BELOW_THE_RESULT
     | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present", "fleet"}
-    | {"compare"},
+    | {"compare", "simulate", "reproduce"},
 }
 LATE_UPWARDS = {("result", "report")}
 """The one import against the flow: ``Result.to_html``."""
