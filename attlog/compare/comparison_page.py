@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,20 +10,13 @@ from attlog.compare.difference_words import scale_title, seen, signed, span
 from attlog.compare.table import Table, tables
 from attlog.output import write_atomic
 from attlog.plain import plain
-from attlog.present.numbers import counted, duration
-from attlog.present.text import cleaned, typeset
+from attlog.report import shell
 from attlog.report.bundle import bundle
 from attlog.report.figure import Figure
-from attlog.report.pack import Store, packed
-from attlog.report.page import SCRIPTS, WEB, policy, shown
+from attlog.report.pack import Store
 
 OWN = Path(__file__).parent / "web"
 COLOURS = 8
-NO_MARKS: dict[str, Any] = {
-    "range": [0, 1], "modes": [], "armed": [], "airborne": [], "texts": [], "rest": [], "impact": [], "gaps": [],
-    "resets": [],
-}  # fmt: skip
-"""What figures over flight time would show; a comparison has none."""
 
 
 def write(found: Comparison, path: Path, *, plotly: Literal["inline", "shared"] = "inline") -> None:
@@ -41,44 +32,26 @@ def write(found: Comparison, path: Path, *, plotly: Literal["inline", "shared"] 
 
 def render(found: Comparison, *, shared: bool = False) -> str:
     """The page as text: nothing in it is loaded from anywhere but, if ``shared``, the bundle beside it."""
-    from jinja2 import Environment, FileSystemLoader
-
-    plot, store = bundle(), Store()
     figures = {q.id: _forest(found, q, number) for number, q in enumerate(found.questions) if q.main and _drawn(q)}
     rows = [
         {"name": c.label, "slot": 0 if not k else 1 + (k - 1) % COLOURS, "dash": "solid", "shown": True,
          "onboard": False, "lost": False}
         for k, c in enumerate(found.configurations)
     ]  # fmt: skip
-    header = {
-        "rows": cleaned(rows),
-        "marks": NO_MARKS,
-        "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for f in figures.values()},
-        "shared": {"src": plot.name, "integrity": plot.hash} if shared else None,
-    }
-    style = (WEB / "style.css").read_text(encoding="utf-8")
-    parts = [(WEB / name).read_text(encoding="utf-8") for name in SCRIPTS]
-    script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
-    environment = Environment(
-        loader=FileSystemLoader([OWN, WEB]), autoescape=True, finalize=shown, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"typeset": typeset, "duration": duration, "counted": counted}
-    document = json.dumps(plain(found), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return environment.get_template("compare.html").render(
-        found=found,
-        policy=policy(plot, style, script, shared=shared),
-        style=style,
-        script=script,
+    return shell.render(
+        "compare.html",
+        OWN,
         rows=rows,
+        figures=figures.values(),
+        store=Store(),
+        document=plain(found),
+        shared=shared,
+        found=found,
         names={c.name: c.label for c in found.configurations},
         slots={c.name: row["slot"] for c, row in zip(found.configurations, rows, strict=True)},
-        figures=figures,
+        places=figures,
         tables=_by_question(found),
         config=as_toml(found),
-        data=store.pack(header),
-        json=packed(document.encode("utf-8", "replace")),
-        bundle=None if shared else base64.b64encode(plot.packed).decode(),
-        shared=plot.name if shared else None,
     )
 
 

@@ -1,0 +1,70 @@
+"""A page of another room drawn by the report's machinery: its style, its script, its packed data, its policy."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from attlog.present.numbers import counted, duration
+from attlog.present.text import cleaned, typeset
+from attlog.report.bundle import bundle
+from attlog.report.figure import Figure
+from attlog.report.pack import Store, packed
+from attlog.report.page import SCRIPTS, WEB, policy, shown
+
+NO_MARKS: dict[str, Any] = {
+    "range": [0, 1], "modes": [], "armed": [], "airborne": [], "texts": [], "rest": [], "impact": [], "gaps": [],
+    "resets": [],
+}  # fmt: skip
+"""What figures over flight time would show; pages of several flights have none."""
+
+
+def render(
+    template: str,
+    folder: Path,
+    *,
+    rows: Sequence[dict[str, Any]],
+    figures: Iterable[Figure],
+    store: Store,
+    document: Any,
+    scripts: Sequence[str] = (),
+    shared: bool = False,
+    **words: Any,
+) -> str:
+    """The page as text. ``template`` and ``scripts`` (run before the page starts to draw) stand in ``folder``.
+
+    ``rows``: name, slot, dash, shown, onboard, lost of each line; ``document``: the JSON that can be saved from the
+    page; ``shared``: the bundle lies beside the page; ``words``: what else the template wants.
+    """
+    from jinja2 import Environment, FileSystemLoader
+
+    plot = bundle()
+    header = {
+        "rows": cleaned(rows),
+        "marks": NO_MARKS,
+        "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for f in figures},
+        "shared": {"src": plot.name, "integrity": plot.hash} if shared else None,
+    }
+    style = (WEB / "style.css").read_text(encoding="utf-8")
+    *drawing, start = [WEB / name for name in SCRIPTS]
+    parts = [file.read_text(encoding="utf-8") for file in (*drawing, *(folder / name for name in scripts), start)]
+    script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
+    environment = Environment(
+        loader=FileSystemLoader([folder, WEB]), autoescape=True, finalize=shown, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"typeset": typeset, "duration": duration, "counted": counted}
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return environment.get_template(template).render(
+        policy=policy(plot, style, script, shared=shared),
+        style=style,
+        script=script,
+        rows=rows,
+        data=store.pack(header),
+        json=packed(text.encode("utf-8", "replace")),
+        bundle=None if shared else base64.b64encode(plot.packed).decode(),
+        shared=plot.name if shared else None,
+        **words,
+    )

@@ -1,0 +1,83 @@
+"""Numbers of many seeds as one number with an interval, and what an interval says about a claim.
+
+A claim about a size holds where the whole 95 % interval lies on its side, does not hold where the whole interval lies
+on the other, and cannot be judged where the interval holds the limit. Ratios are paired: both numbers of a pair
+come from the same seed, and it is the mean of their logarithms that has the interval.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from attlog.compare.pooled import pool
+from attlog.reproduce.paper import Number, Verdict
+
+
+def mean(what: str, values: Sequence[float], unit: str) -> Number:
+    """The mean of a number over seeds with Student's interval. Seeds without one (NaN) are left out and not counted."""
+    return _pooled(what, [v for v in values if math.isfinite(v)], unit)
+
+
+def difference(what: str, ours: Sequence[float], other: Sequence[float], unit: str) -> Number:
+    """The mean of ``ours - other``, seed by seed."""
+    return mean(what, [a - b for a, b in zip(ours, other, strict=True)], unit)
+
+
+def ratio(what: str, ours: Sequence[float], other: Sequence[float]) -> Number:
+    """The geometric mean of ``ours / other``, seed by seed. Pairs in which either is not positive are left out."""
+    pairs = [(a, b) for a, b in zip(ours, other, strict=True) if a > 0.0 and b > 0.0]
+    logs = _pooled(what, [math.log(a / b) for a, b in pairs], "ratio")
+    if logs.value is None:
+        return logs
+    ends = None if logs.ci95 is None else (math.exp(logs.ci95[0]), math.exp(logs.ci95[1]))
+    return Number(what, math.exp(logs.value), "ratio", ends, logs.n)
+
+
+def share(what: str, hits: Sequence[bool]) -> Number:
+    """The percentage of seeds on which something is so, with Wilson's interval (1927)."""
+    n = len(hits)
+    if n == 0:
+        return Number(what, None, "pct", None, 0)
+    p, z2 = sum(hits) / n, 1.959964**2
+    middle, half = (
+        (p + z2 / (2 * n)) / (1 + z2 / n),
+        math.sqrt(z2 * (p * (1 - p) / n + z2 / (4 * n * n))) / (1 + z2 / n),
+    )
+    return Number(what, 100 * p, "pct", (100 * max(0.0, middle - half), 100 * min(1.0, middle + half)), n)
+
+
+def below(number: Number, limit: float) -> Verdict:
+    """Whether a number is smaller than a limit."""
+    if number.value is None or number.ci95 is None:
+        return "cannot be judged"
+    low, high = number.ci95
+    return "holds" if high < limit else "does not hold" if low >= limit else "cannot be judged"
+
+
+def above(number: Number, limit: float) -> Verdict:
+    """Whether a number is larger than a limit."""
+    if number.value is None or number.ci95 is None:
+        return "cannot be judged"
+    low, high = number.ci95
+    return "holds" if low > limit else "does not hold" if high <= limit else "cannot be judged"
+
+
+def together(verdicts: Sequence[Verdict]) -> Verdict:
+    """The verdict on a claim of several parts: of one mind, or in part where one part holds and another does not.
+
+    Without a part that holds, one that does not decides: "A and B" is false when A is.
+    """
+    found = set(verdicts)
+    if len(found) == 1:
+        return verdicts[0]
+    if found & {"holds", "holds in part"}:
+        return "holds in part"
+    return "does not hold" if "does not hold" in found else "cannot be judged"
+
+
+def _pooled(what: str, values: Sequence[float], unit: str) -> Number:
+    if not values:
+        return Number(what, None, unit, None, 0)
+    found = pool(values, [None] * len(values))
+    return Number(what, found.value, unit, found.ci95, len(values))

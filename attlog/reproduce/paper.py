@@ -1,0 +1,139 @@
+"""What a paper claims and what was found here: the claims with their verdicts, figures, tables, settings.
+
+One file per paper has ``paper(options) -> Paper``; page, JSON and terminal show a Paper and know no paper.
+Texts are plain (``deg``, ``m/s^2``, ``-1``): the page and the terminal typeset them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.plain import IN_JSON
+
+Array = NDArray[np.float64]
+Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+SCHEMA = "attlog-paper/1"
+TRUTH = "truth"
+"""The name of a line that shows what really was; it is drawn in black."""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """One measured number: mean or ratio over ``n`` independent flights (seeds or logs), 95 % interval or None.
+
+    ``unit`` as in :mod:`attlog.present.numbers` (``deg``, ``s``, ``pct``, ``ratio``); ``value`` None: not measurable.
+    """
+
+    what: str
+    value: float | None
+    unit: str
+    ci95: tuple[float, float] | None = None
+    n: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A sentence of a paper and what became of it.
+
+    ``says`` in our words; ``where`` figure, table or section; ``paper`` the number it prints, empty where it prints
+    none; ``measured`` how it was measured here; ``by`` by how much it holds or not, one or two sentences.
+    """
+
+    id: str
+    says: str
+    where: str
+    measured: str
+    numbers: tuple[Number, ...]
+    verdict: Verdict
+    by: str
+    paper: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line of a figure: ``x`` and ``y`` (n,), NaN breaks it; lines of one name share colour and legend.
+
+    ``low`` and ``high`` (n,): ends of intervals of the points of a figure of kind ``points``.
+    """
+
+    name: str
+    x: Sequence[float] | Array
+    y: Sequence[float] | Array
+    panel: int = 0
+    low: Sequence[float] | Array | None = None
+    high: Sequence[float] | Array | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure redrawn from our own run. ``kind``: ``curves`` (dense lines) or ``points`` (with intervals).
+
+    ``x_title`` and each of ``panels`` (titles of the y axes, stacked, sharing x) end with their unit after a comma
+    (``time, s``). ``ticks``: names of x = 0, 1, 2 ... in place of numbers. ``where``: the paper's figure.
+    """
+
+    id: str
+    where: str
+    title: str
+    caption: str
+    x_title: str
+    panels: tuple[str, ...]
+    lines: tuple[Line, ...] = field(metadata={IN_JSON: False})
+    kind: Literal["curves", "points"] = "curves"
+    ticks: tuple[str, ...] = ()
+    height: int = 380
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Numbers in rows, as text; the first column names the row."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A setting of the run; ``origin``: ``paper`` where the paper states it, ``ours`` where it does not."""
+
+    name: str
+    value: str
+    origin: Literal["paper", "ours"]
+
+
+@dataclass(frozen=True, slots=True)
+class Paper:
+    """One paper run again. ``key`` names it (``lyu``); ``citation`` is that of docs/references.md, shortened."""
+
+    key: str
+    title: str
+    citation: str
+    settings: tuple[Setting, ...]
+    claims: tuple[Claim, ...]
+    figures: tuple[Figure, ...]
+    tables: tuple[Table, ...] = ()
+    notes: tuple[str, ...] = ()
+    seeds: int = 0
+    logs: tuple[str, ...] = ()
+    schema: str = SCHEMA
+    attlog: dict[str, str] = field(default_factory=dict)
+    command: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What a run may be told: how many seeds (0, 1, ... are flown), how many processes, logs for the paper that wants
+    some."""
+
+    seeds: int = 20
+    processes: int = 1
+    logs: tuple[Path, ...] = ()

@@ -1,0 +1,90 @@
+"""The page of a paper: whole, self-contained, drawn in a browser, and hostile names are only text."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from attlog.reproduce import page
+from attlog.reproduce.document import as_json
+from attlog.reproduce.paper import VERDICTS
+from tests.report.browser import Visit, chromium
+from tests.reproduce.made import EVIL, paper
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("paper") / "made.html"
+    page.write(paper(), place)
+    return place
+
+
+def test_every_claim_stands_there_with_verdict_number_and_place(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    for claim in paper().claims:
+        assert claim.says in text
+    for verdict in VERDICTS:
+        assert f">{verdict}</span>" in text
+    assert "0.80× (0.70 to 0.90; 20)" in text
+    assert "20 % quieter: 0.8° against 1.0°." in text
+    assert EVIL not in text
+
+
+def test_the_document_holds_claims_and_no_points_of_figures() -> None:
+    told = json.loads(as_json(paper()))
+    assert told["schema"] == "attlog-paper/1"
+    assert told["claims"][0]["numbers"][0] == {
+        "what": "spread, ours over theirs", "value": 0.8, "unit": "ratio", "ci95": [0.7, 0.9], "n": 20,
+    }  # fmt: skip
+    assert "lines" not in told["figures"][0]
+
+
+def test_it_opens_without_complaint_or_request_and_draws_every_figure(browser: Any, path: Path) -> None:
+    visit = Visit(browser, path)
+    assert visit.complaints == []
+    assert visit.requests == [path.as_uri()]
+    assert visit.figures() == {"tilt": True, "spread": True}
+    titles = visit.page.evaluate("() => document.getElementById('tilt').layout.yaxis2.title.text")
+    assert titles == "heading, °"
+    visit.page.click(".lg:has-text('first filter')")
+    assert visit.visible("tilt") == {"0": True, "1": False, "2": True}
+    assert visit.visible("spread") == {"1": False}
+    visit.close()
+
+
+def test_a_figure_shows_what_it_was_given(browser: Any, path: Path) -> None:
+    visit = Visit(browser, path)
+    drawn = visit.page.evaluate("() => document.getElementById('spread').data[0]")
+    assert drawn["y"] == [1, 2, 3]
+    assert drawn["error_y"]["array"] == [0.5, 0.5, 0.5]
+    truth = visit.page.evaluate("() => document.getElementById('tilt').data.find((t) => t.meta === 0)")
+    assert max(truth["y"]) == pytest.approx(1.0, abs=1e-3)
+    assert visit.range("tilt") == pytest.approx([0.0, 9.99])
+    visit.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_violation(browser: Any, path: Path, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    visit = Visit(browser, path, color_scheme=scheme)
+    for details in visit.page.query_selector_all("details"):
+        details.evaluate("d => { d.open = true; }")
+    found = axe.Axe().run(visit.page)
+    assert [(v["id"], v["nodes"][0]["html"][:120]) for v in found.response["violations"]] == []
+    visit.close()
+
+
+def test_a_phone_never_scrolls_sideways(browser: Any, path: Path) -> None:
+    visit = Visit(browser, path, viewport={"width": 390, "height": 844}, has_touch=True)
+    assert visit.page.evaluate("document.documentElement.scrollWidth") == 390
+    visit.close()
