@@ -1,0 +1,66 @@
+"""Every number of a result in little space: for tables over many logs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from attlog.result import MEASURED_TIMES, Answer, Result
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """One metric of one row in one window: a value with interval, or the code and reason why there is none."""
+
+    row: str
+    window: str
+    metric: str
+    unit: str
+    value: float | None
+    low: float | None
+    high: float | None
+    n: int | None
+    seconds: float | None
+    code: str | None
+    reason: str | None
+
+
+def packed(result: Result) -> dict[str, Any]:
+    """All answers as plain values, without measured times.
+
+    ``values``: row -> window -> metric -> [value, low, high, n, seconds], or the place in ``missing`` of
+    [code, reason]; ``units``: metric -> unit. A sentence that many answers share stands there once.
+    """
+    missing: dict[tuple[str, str], int] = {}
+    units: dict[str, str] = {}
+    values: dict[str, dict[str, dict[str, Any]]] = {}
+    for row in result.estimators:
+        for window, answers in row.metrics.items():
+            kept = {m: a for m, a in answers.items() if m not in MEASURED_TIMES}
+            units |= {m: a.unit for m, a in kept.items()}
+            if kept:
+                place = values.setdefault(row.name, {}).setdefault(window, {})
+                place |= {m: _packed(a, missing) for m, a in kept.items()}
+    return {"values": values, "missing": [list(k) for k in missing], "units": units}
+
+
+def _packed(answer: Answer, missing: dict[tuple[str, str], int]) -> Any:
+    if answer.value is None:
+        return missing.setdefault((answer.code or "", answer.reason or ""), len(missing))
+    low, high = answer.ci95 or (None, None)
+    return [answer.value, low, high, answer.n, answer.seconds]
+
+
+def numbers(answers: dict[str, Any]) -> Iterator[Number]:
+    """What :func:`packed` made, one by one."""
+    units, missing = answers["units"], answers["missing"]
+    for row, windows in answers["values"].items():
+        for window, metrics in windows.items():
+            for metric, found in metrics.items():
+                if isinstance(found, int):
+                    code, reason = missing[found]
+                    yield Number(row, window, metric, units[metric], None, None, None, None, None, code, reason)
+                else:
+                    value, low, high, n, seconds = found
+                    yield Number(row, window, metric, units[metric], value, low, high, n, seconds, None, None)
