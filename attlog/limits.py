@@ -37,6 +37,21 @@ MAX_UNPACKED_RATIO = 200
 UNPACKED_ANYWAY_BYTES = 64 << 20
 """Never too much to unpack, whatever the ratio: dumps of a flash chip that is mostly erased."""
 
+MAX_MEMBERS = 100_000
+"""Files in one zip archive; a directory of more is no folder of flights."""
+
+MAX_FILE_NAME_BYTES = 150
+"""Kept of a name that a server or an archive gives; file systems end at 255, and a number and suffixes are added."""
+
+MAX_LISTING_DEPTH = 12
+"""Folders below a URL; a web server's links can lead in circles."""
+
+STALLED_S = 60.0
+"""A download is given up when nothing came for so long."""
+
+MAX_FETCH_S = 7200.0
+"""A download is given up after this time: 4 GiB at 0.6 MB/s."""
+
 MAX_TIME_JUMP_S = 3600.0 * 12
 """A record this far from its neighbours in time is a false record, not a flight."""
 

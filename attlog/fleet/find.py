@@ -1,71 +1,137 @@
-"""Which logs do files, folders and patterns mean?"""
+"""Which logs do files, folders, patterns, archives and URLs mean?"""
 
 from __future__ import annotations
 
 import glob
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
-from attlog import formats
-from attlog.errors import AttlogError, LogUnreadable, NotALog, UsageError
+from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
+from attlog.fleet.archive import is_archive, members
+from attlog.fleet.meant import is_meant, may_be_log
+from attlog.fleet.sources import Source
+from attlog.fleet.urls import is_url, shown
 
 PATTERN = frozenset("*?[")
-LOG_SUFFIXES = frozenset((".ulg", ".tlog", ".px4log"))
-"""A file of these names was meant as a log even where its content is none; other names serve other things too."""
 
 
 def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
-    """The logs that were named, each once, and what is wrong with the names.
+    """The logs that were named and lie as files on this machine, each once, and what is wrong with the names.
 
-    A file is taken as it is, also where it does not exist: reading it says so. A folder
-    stands for the logs in it at any depth (hidden folders left out), a pattern that no
-    file bears as its name for the logs that it matches (``**`` reaches into folders);
-    there logs are known by their content, also in gzip files. A folder or pattern
-    without a log is a LogUnreadable, ``-`` a UsageError.
+    As :func:`sources`, for commands that work on files: an archive is a file like another.
     """
     logs: dict[Path, None] = {}
     wrong: list[AttlogError] = []
     for path in given:
         try:
-            logs |= dict.fromkeys(_meant(path))
+            logs |= dict.fromkeys(Path(source.place) for source in _meant(path, archives=False))
         except AttlogError as error:
             wrong.append(error)
     return list(logs), wrong
 
 
-def _meant(path: Path) -> list[Path]:
+def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError]]:
+    """The logs that were named, each once, and what is wrong with the names.
+
+    A file is taken as it is, also where it does not exist: reading it says so. A folder
+    stands for the logs in it at any depth (hidden folders left out), a pattern that no
+    file bears as its name for the logs that it matches (``**`` reaches into folders),
+    a zip archive for the logs in it, ``archive.zip/a.ulg`` or ``archive.zip/*.ulg`` for
+    those members; there logs are known by their content, also in gzip files. A URL is one
+    log, an archive, a folder (``s3://bucket/flights``; ``https://host/flights/``) or a
+    pattern where the place can be listed; there logs are known by their names. What
+    means no log is a LogUnreadable, ``-`` a UsageError.
+    """
+    logs: dict[Source, None] = {}
+    wrong: list[AttlogError] = []
+    for place in map(str, given):
+        try:
+            if place.lower().startswith("file://"):
+                place = url2pathname(urlsplit(place).path)
+            found = _behind(place) if is_url(place) else _meant(Path(place), archives=True)
+            logs |= dict.fromkeys(found)
+        except AttlogError as error:
+            wrong.append(error)
+    return list(logs), wrong
+
+
+def _meant(path: Path, archives: bool) -> list[Source]:
     if str(path) == "-":
         raise UsageError("a log cannot come from standard input: it is memory-mapped; give a file name")
     if path.is_dir():
-        return list(_in_folder(path))
+        return list(_in_folder(path, archives))
     if path.exists() or not PATTERN & set(str(path)):
-        return [path]
+        return _of_file(path) if archives else [Source(str(path))]
+    if archives and (inside := _in_archive(path)) is not None:
+        return inside
     matches = sorted(map(Path, glob.glob(str(path), recursive=True)))
     if not matches:
         raise LogUnreadable(f"{path}: no file matches this pattern")
     files = [m for m in matches if not m.is_dir()]
-    logs = list(filter(is_meant, files)) + ([] if files else [log for folder in matches for log in _in_folder(folder)])
+    logs = [log for file in files for log in _logs_of(file, archives)]
+    if not files:
+        logs = [log for folder in matches for log in _in_folder(folder, archives)]
     if not logs:
         raise LogUnreadable(f"{path}: none of the {len(files)} files that match is a flight log")
     return logs
 
 
-def _in_folder(folder: Path) -> Iterator[Path]:
+def _in_folder(folder: Path, archives: bool) -> Iterator[Source]:
     found = False
     for path in sorted(folder.rglob("*")):
         hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
-        if not hidden and path.is_file() and is_meant(path):
-            found = True
-            yield path
+        if not hidden and path.is_file():
+            for log in _logs_of(path, archives):
+                found = True
+                yield log
     if not found:
         raise LogUnreadable(f"{folder}: is a folder without a flight log")
 
 
-def is_meant(path: Path) -> bool:
-    """Whether a file found in a folder is a log, by its content; one that cannot be read or is damaged, by its name."""
-    try:
-        formats.recognise(path)
-    except (NotALog, LogUnreadable):
-        name = path.with_suffix("") if path.suffix.lower() == ".gz" else path
-        return name.suffix.lower() in LOG_SUFFIXES
-    return True
+def _logs_of(file: Path, archives: bool) -> list[Source]:
+    """What a file that was not named itself stands for. A broken archive is one source, which tells so when read."""
+    if archives and is_archive(file):
+        try:
+            return [Source(str(file), member) for member in members(str(file))]
+        except (LogUnreadable, LogUnusable):
+            return [Source(str(file))] if file.suffix.lower() == ".zip" else []
+    return [Source(str(file))] if is_meant(file) else []
+
+
+def _of_file(path: Path) -> list[Source]:
+    """What the name of a file stands for."""
+    if not is_archive(path):
+        inside = None if path.exists() else _in_archive(path)
+        return [Source(str(path))] if inside is None else inside
+    return _members(str(path))
+
+
+def _in_archive(path: Path) -> list[Source] | None:
+    """The members that ``archive.zip/flights/a.ulg`` means, None where no part of the path is an archive."""
+    for archive in path.parents:
+        if archive.is_file():
+            return _members(str(archive), path.relative_to(archive).as_posix()) if is_archive(archive) else None
+    return None
+
+
+def _members(place: str, pattern: str = "") -> list[Source]:
+    found = [Source(place, member) for member in members(place, pattern)]
+    if not found:
+        what = f"no flight log matches {pattern}" if pattern else "is an archive without a flight log"
+        raise LogUnreadable(f"{shown(place)}: {what}")
+    return found
+
+
+def _behind(url: str) -> list[Source]:
+    from attlog.fleet.remote import meant
+
+    logs: list[Source] = []
+    for found in meant(url, lambda name: may_be_log(name) or _is_zip(name)):
+        logs += _members(found) if _is_zip(found) else [Source(found)]
+    return logs
+
+
+def _is_zip(url: str) -> bool:
+    return (urlsplit(url).path if url.lower().startswith("http") else url).lower().endswith(".zip")

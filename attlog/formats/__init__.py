@@ -6,13 +6,14 @@ A new format is a folder with reader, writer, clock, recogniser and oracle, and 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 from attlog.errors import LogUnreadable, NotALog
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
 from attlog.formats.registry import Format
 
 __all__ = ["FORMATS", "Boot", "Damage", "Field", "Messages", "ParamChange", "Table", "Text", "format_named", "open",
-           "recognise"]  # fmt: skip
+           "recognise", "recognise_bytes"]  # fmt: skip
 
 HEAD = 1 << 16
 """Bytes that are enough to recognise every format, also behind a damaged start."""
@@ -59,15 +60,25 @@ def recognise(path: Path | str) -> str:
     head = _head(path)
     if not head:
         raise NotALog(f"{path}: the file is empty")
-    for entry in FORMATS:
-        if entry.recognises(head):
-            return entry.name
+    if name := _format_of(head):
+        return name
     raise NotALog(f"{path}: not a flight log that attlog knows ({', '.join(f.for_people for f in FORMATS)})")
+
+
+def recognise_bytes(file: BinaryIO) -> str:
+    """The format's name of an open file or of the first :data:`HEAD` bytes of one, packed or not; empty if none."""
+    from attlog.formats.compression import first_bytes_of
+
+    return _format_of(first_bytes_of(file, HEAD))
 
 
 def format_named(name: str) -> Format:
     """The entry of a format. KeyError if there is none."""
     return {entry.name: entry for entry in FORMATS}[name]
+
+
+def _format_of(head: bytes) -> str:
+    return next((entry.name for entry in FORMATS if head and entry.recognises(head)), "")
 
 
 def _head(path: Path) -> bytes:

@@ -36,16 +36,21 @@ def is_gzip(path: Path) -> bool:
 def first_bytes(path: Path, count: int) -> bytes:
     """The first bytes of a log, unpacked if need be. OSError if the file cannot be opened."""
     with path.open("rb") as file:
-        head = file.read(count)
-        if not head.startswith(MAGIC):
-            return head
-        file.seek(0)
-        head = b""
-        for block in Unpacking(file).blocks():
-            head += block
-            if len(head) >= count:
-                break
-        return head[:count]
+        return first_bytes_of(file, count)
+
+
+def first_bytes_of(file: BinaryIO, count: int) -> bytes:
+    """As :func:`first_bytes` of an open file that can be rewound."""
+    head = file.read(count)
+    if not head.startswith(MAGIC):
+        return head
+    file.seek(0)
+    head = b""
+    for block in Unpacking(file).blocks():
+        head += block
+        if len(head) >= count:
+            break
+    return head[:count]
 
 
 def content(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:

@@ -1,0 +1,141 @@
+"""Logs inside zip archives: which there are, and one of them copied out.
+
+An archive is a stranger's file: a member's name is never used as a path, and what a
+member may unpack to is limited (``attlog.limits``).
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from attlog import formats
+from attlog.errors import AttlogError, LogUnreadable, LogUnusable
+from attlog.fleet.copied import BLOCK, copy, unreadable
+from attlog.fleet.meant import named_as_log
+from attlog.fleet.urls import is_url, shown
+from attlog.limits import MAX_MEMBERS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
+
+MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
+_ENCRYPTED = 1
+_BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OverflowError)
+"""What reading a damaged or foreign archive raises; RuntimeError: a member is encrypted after all."""
+
+
+def is_archive(path: Path) -> bool:
+    """Whether a file begins as zip archives do; False where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(4) in MAGICS
+    except OSError:
+        return False
+
+
+def members(place: str, pattern: str = "") -> list[str]:
+    """The members of an archive (path or URL) that are logs, known as in a folder; with ``pattern`` those it matches.
+
+    LogUnreadable: the archive cannot be read. LogUnusable: it is damaged, or there are more members than limits allow.
+    """
+    with _archive(place) as archive:
+        entries = {entry.filename: entry for entry in archive.infolist() if not entry.is_dir()}
+        if len(entries) > MAX_MEMBERS:
+            raise LogUnusable(f"{shown(place)}: holds more than {MAX_MEMBERS} files; unpack what you need of it")
+        if pattern:
+            wanted = [name for name in entries if name == pattern] or [n for n in entries if fnmatchcase(n, pattern)]
+        else:
+            wanted = [name for name in entries if not _hidden(name)]
+        exact = wanted == [pattern]
+        return [name for name in sorted(wanted) if exact or _is_log(archive, entries[name])]
+
+
+def extract(place: str, member: str, path: Path) -> tuple[str, int]:
+    """A member to a file: SHA-256 and size. Errors as :meth:`attlog.fleet.sources.Source.local`."""
+    name = f"{shown(place)}/{member}"
+    with _archive(place) as archive:
+        entry = _entry(archive, member, name)
+        if entry.flag_bits & _ENCRYPTED:
+            raise LogUnusable(f"{name}: is encrypted in its archive; unpack it with its password first")
+        try:
+            return copy(_blocks(archive, entry, name), path)
+        except _BROKEN as error:
+            raise LogUnusable(f"{name}: is damaged in its archive ({error})") from error
+
+
+def member_stamp(place: str, member: str) -> str:
+    """Size and checksum of a member as its archive tells them."""
+    with _archive(place) as archive:
+        entry = _entry(archive, member, f"{shown(place)}/{member}")
+        return f"{entry.file_size}-{entry.CRC:08x}"
+
+
+@contextmanager
+def _archive(place: str) -> Iterator[zipfile.ZipFile]:
+    """An archive opened where it lies; one behind a server that gives no parts of files is downloaded first."""
+    if not is_url(place):
+        try:
+            with zipfile.ZipFile(place) as archive:
+                yield archive
+        except AttlogError:
+            raise
+        except OSError as error:
+            raise unreadable(place, error) from error
+        except _BROKEN as error:
+            raise LogUnusable(f"{place}: is a damaged zip archive ({error})") from error
+        return
+    from attlog.fleet.remote import download, random_access
+
+    with random_access(place) as file:
+        if file is not None:
+            yield zipfile.ZipFile(file)
+            return
+    with TemporaryDirectory(prefix="attlog-") as folder:
+        path = Path(folder) / "archive.zip"
+        download(place, path)
+        try:
+            with zipfile.ZipFile(path) as archive:
+                yield archive
+        except _BROKEN as error:
+            raise LogUnusable(f"{shown(place)}: is a damaged zip archive ({error})") from error
+
+
+def _entry(archive: zipfile.ZipFile, member: str, name: str) -> zipfile.ZipInfo:
+    try:
+        return archive.getinfo(member)
+    except KeyError:
+        raise LogUnreadable(f"{name}: no such member of the archive") from None
+
+
+def _blocks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Iterator[bytes]:
+    """A member's content; what it says of its own size counts for nothing."""
+    limit = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * entry.compress_size))
+    given = 0
+    with archive.open(entry) as file:
+        while block := file.read(BLOCK):
+            given += len(block)
+            if given > limit:
+                raise LogUnusable(f"{name}: unpacks to more than {limit >> 20} MB; no flight log does that")
+            yield block
+
+
+def _is_log(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bool:
+    """As :func:`attlog.fleet.meant.is_meant`: by content, else by name."""
+    if not entry.flag_bits & _ENCRYPTED:
+        try:
+            with archive.open(entry) as file:
+                head = file.read(formats.HEAD)
+            if formats.recognise_bytes(io.BytesIO(head)):
+                return True
+        except (*_BROKEN, OSError):
+            pass  # damaged: its name tells whether it was meant
+    return named_as_log(entry.filename)
+
+
+def _hidden(name: str) -> bool:
+    """What file managers add beside the files, and what is hidden in a folder too."""
+    return any(part == "__MACOSX" or (part[:1] == "." and part not in (".", "..")) for part in name.split("/"))

@@ -1,0 +1,37 @@
+"""Was a file that lies somewhere meant as a log?"""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePath
+
+from attlog import formats
+from attlog.errors import LogUnreadable, NotALog
+
+LOG_SUFFIXES = frozenset((".ulg", ".tlog", ".px4log"))
+"""A file of these names was meant as a log even where its content is none; other names serve other things too."""
+
+SUFFIXES_OF_LOGS = LOG_SUFFIXES | {".bin", ".log", ".mavlink"}
+"""Names that logs have; what stands behind a URL is told by its name alone, because asking each would take hours."""
+
+
+def is_meant(path: Path) -> bool:
+    """Whether a file found in a folder is a log, by its content; one that cannot be read or is damaged, by its name."""
+    try:
+        formats.recognise(path)
+    except (NotALog, LogUnreadable):
+        return named_as_log(path.name)
+    return True
+
+
+def named_as_log(name: str) -> bool:
+    """Whether a file of this name can only have been meant as a log."""
+    return _suffix(name) in LOG_SUFFIXES
+
+
+def may_be_log(name: str) -> bool:
+    """Whether logs have such names."""
+    return _suffix(name) in SUFFIXES_OF_LOGS
+
+
+def _suffix(name: str) -> str:
+    return PurePath(name.lower().removesuffix(".gz")).suffix

@@ -1,0 +1,115 @@
+"""Where a log comes from, as a small value that travels: a file, a member of a zip archive, a URL."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from attlog.errors import LogUnreadable
+from attlog.fleet.copied import hashed, unreadable
+from attlog.fleet.urls import is_url, shown
+from attlog.limits import MAX_FILE_NAME_BYTES
+
+_UNSAFE = re.compile(r"[^\w.+@=,()\[\] -]")
+
+
+@dataclass(frozen=True, slots=True)
+class Local:
+    """A log's bytes as a file on this machine: where, their SHA-256 (hex) and how many."""
+
+    path: Path
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Source:
+    """A log by its place: path or URL, and the member where that is a zip archive. Pickles to a few bytes."""
+
+    place: str
+    member: str = ""
+
+    @property
+    def name(self) -> str:
+        """What people read and what stays the same between runs: ``archive.zip/flights/a.ulg``, ``s3://...``.
+
+        Names and passwords of users and signatures in a URL are left out.
+        """
+        place = shown(self.place)
+        return _printable(f"{place}/{self.member}" if self.member else place)
+
+    @property
+    def file_name(self) -> str:
+        """A name for files made of this log: its last part alone, harmless whatever a stranger called it."""
+        if not self.member and not is_url(self.place):
+            return Path(self.place).name
+        if self.member:
+            last = re.split(r"[/\\]", self.member)[-1]
+        else:
+            url = urlsplit(shown(self.place))
+            last = unquote(url.path.rstrip("/").rpartition("/")[2] or url.netloc)
+            last += f"_{unquote(url.query)}" if url.query else ""
+        last = _UNSAFE.sub("_", last).lstrip(".").strip()
+        kept = last.encode()[-MAX_FILE_NAME_BYTES:].decode(errors="ignore")  # the end holds the suffix
+        return kept or "log"
+
+    def stamp(self) -> str:
+        """A cheap sign of the content that changes when it is replaced, empty where nothing tells.
+
+        Size and time of a file, checksum of a member, what the server says of a URL; nothing is
+        downloaded. LogUnreadable if the place cannot be asked.
+        """
+        if self.member:
+            from attlog.fleet.archive import member_stamp
+
+            return member_stamp(self.place, self.member)
+        if is_url(self.place):
+            from attlog.fleet.remote import url_stamp
+
+            return url_stamp(self.place)
+        try:
+            found = Path(self.place).stat()
+        except OSError as error:
+            raise unreadable(self.place, error) from error
+        return f"{found.st_size}-{found.st_mtime_ns}"
+
+    @contextmanager
+    def local(self, scratch: Path | None = None) -> Iterator[Local]:
+        """The log as a file on the machine that asks, for as long as the context lasts.
+
+        A file is used where it lies. A member or a URL is copied whole to a folder of its own in
+        ``scratch`` (the system's temporary folder by default), which is removed at the end, also
+        after an error. LogUnreadable: missing, refused, cut short, timed out, or no room for it.
+        LogUnusable: an encrypted or damaged member, or more bytes than a log can have.
+        """
+        if not self.member and not is_url(self.place):
+            yield Local(Path(self.place), *hashed(Path(self.place)))
+            return
+        try:
+            folder = Path(tempfile.mkdtemp(prefix="attlog-", dir=scratch))
+        except OSError as error:
+            raise LogUnreadable(f"{self.name}: no temporary folder for it ({error.strerror or error})") from error
+        try:
+            path = folder / self.file_name
+            if self.member:
+                from attlog.fleet.archive import extract
+
+                told = extract(self.place, self.member, path)
+            else:
+                from attlog.fleet.remote import download
+
+                told = download(self.place, path)
+            yield Local(path, *told)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _printable(text: str) -> str:
+    """Without control characters: a member's name is a stranger's text on the user's terminal."""
+    return "".join(c if c.isprintable() or "\ud800" <= c <= "\udfff" else "?" for c in text)
