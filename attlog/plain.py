@@ -17,6 +17,8 @@ Build = Callable[[Any], Any]
 
 IN_JSON = "json"
 """A field that stays out of the document says so: ``field(metadata={IN_JSON: False})``."""
+DIGITS = "digits"
+"""A field of numbers that are written with so many digits says so: ``field(metadata={DIGITS: 6})``."""
 OLDER = "*"
 """Among the keys that may lack: unknown ones may be there."""
 
@@ -24,8 +26,8 @@ OLDER = "*"
 def plain(value: Any) -> Any:
     """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = [f.name for f in dataclasses.fields(value) if f.metadata.get(IN_JSON, True)]
-        return {name: plain(getattr(value, name)) for name in fields}
+        fields = [f for f in dataclasses.fields(value) if f.metadata.get(IN_JSON, True)]
+        return {f.name: _rounded(plain(getattr(value, f.name)), f.metadata.get(DIGITS)) for f in fields}
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
@@ -39,6 +41,11 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     return str(value)
+
+
+def _rounded(value: Any, digits: int | None) -> Any:
+    """A plain value, or the numbers of a list with so many digits."""
+    return value if digits is None else [None if v is None else float(f"{v:.{digits}g}") for v in value]
 
 
 def without(value: Any, keys: tuple[str, ...]) -> Any:
@@ -94,6 +101,10 @@ def _builder(hint: Any, may_lack: tuple[str, ...]) -> Build:
         return functools.partial(_one_of, others, types.NoneType in args)
     if origin is typing.Literal:
         return functools.partial(_word, args)
+    if origin is np.ndarray:
+        number: Any = typing.get_args(args[1])[0]
+        one = functools.partial(_exactly, int) if np.issubdtype(number, np.integer) else _number
+        return functools.partial(_array, functools.partial(_list, one), number)
     if origin is list:
         return functools.partial(_list, _builder(args[0], may_lack))
     if origin is tuple:
@@ -175,6 +186,10 @@ def _word(words: tuple[Any, ...], value: Any) -> Any:
     if value not in words:
         raise Misfit(f"{value!r} instead of one of {', '.join(map(repr, words))}")
     return value
+
+
+def _array(items: Build, number: Any, value: Any) -> Any:
+    return np.asarray(items(value), number)
 
 
 def _list(make: Build, value: Any) -> list[Any]:

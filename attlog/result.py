@@ -23,6 +23,7 @@ from attlog.metrics.alike import Alike
 from attlog.metrics.answer import Answer
 from attlog.metrics.common_bias import CommonBias
 from attlog.metrics.trace import Trace
+from attlog.metrics.units import UnitValues
 from attlog.plain import IN_JSON, Misfit, plain, restored, without
 from attlog.reference.model import AlignmentStep
 from attlog.segments.model import Segment
@@ -47,7 +48,7 @@ __all__ = [
 ]
 """The whole contract: what stands in a result comes from here for those above it, wherever it is defined."""
 
-SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 2
+SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 3
 SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
 OLDEST = 1
 """Schemas from this number on are read."""
@@ -60,7 +61,7 @@ MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
 KEPT_OUT = {
     kind.__name__: tuple(f.name for f in fields(kind) if not f.metadata.get(IN_JSON, True))
-    for kind in (Answer, CommonBias)
+    for kind in (Answer, CommonBias, UnitValues)
 }
 """Fields that are not in the JSON, by class."""
 

@@ -14,7 +14,10 @@ _TYPES = ConfigDict(arbitrary_types_allowed=True)
 
 
 class _Generator(GenerateJsonSchema):
-    """Accepts arrays and functions, which only fields hold that stay out of the document."""
+    """Arrays as lists of numbers; accepts functions, which only fields hold that stay out of the document."""
+
+    def is_instance_schema(self, schema: Any) -> dict[str, Any]:
+        return {"type": "array", "items": {"type": "number"}}
 
     def handle_invalid_for_json_schema(self, schema: Any, error_info: str) -> dict[str, Any]:
         return {}

@@ -77,14 +77,14 @@ def test_another_schema_is_refused_in_words(written: Path, tmp_path: Path, schem
     ("content", "says"),
     [
         (b"", "line 1, column 1 .the file ends there"),
-        (b'{"schema": "attlog-result/2",\n "log": {"a": [1, 2', "line 2, column .* cut off"),
+        (b'{"schema": "attlog-result/3",\n "log": {"a": [1, 2', "line 2, column .* cut off"),
         (b'{"schema": ]}', "line 1, column 12"),
         (b"[1, 2]", "no schema"),
         (b'"text"', "no schema"),
         (b"\xff\xfe{}", "no UTF-8 text at byte 0"),
         (b'{"schema": NaN}', "NaN is no number of JSON"),
         (b"[" * 200_000, "not a result"),
-        (b'{"schema": "attlog-result/2"}', "attlog: is missing"),
+        (b'{"schema": "attlog-result/3"}', "attlog: is missing"),
     ],
 )
 def test_what_is_no_result_is_refused_with_the_place(tmp_path: Path, content: bytes, says: str) -> None:

@@ -78,7 +78,7 @@ def paired(a: Answer, b: Answer, better: str) -> Paired | str:
     needed = max(pairs.NEEDED[a.units.kind], math.ceil(ranking.MIN_UNITS * most))
     if len(common) < needed:
         return f"{len(common)} units of evidence in common; {needed} are needed"
-    first, second = a.units.on(common).value, b.units.on(common).value
+    first, second = a.units.of(common).value, b.units.of(common).value
     found = estimate(a.units, b.units, common)
     scale, value, ci95, error = found.scale, found.value, found.ci95, found.error
     p = _p_value(a.units, b.units, common)

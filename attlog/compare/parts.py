@@ -36,7 +36,7 @@ class Part:
         if not inside.any():
             return None
         ids = answer.units.ids[inside]
-        told = answer.units.on(ids)
+        told = answer.units.of(ids)
         units = replace(answer.units, ids=ids, values=answer.units.values[inside])
         return replace(answer, value=told.value, ci95=told.ci95, n=len(ids), units=units)
 

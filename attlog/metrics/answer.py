@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from attlog.metrics.units import UnitValues
-from attlog.plain import IN_JSON
 
 CODES = (
     "no_rest",
@@ -63,7 +62,7 @@ class Answer:
     - ``disagree``: least and largest of the records where one value does not explain them all
     - ``changes``: first and last rate where the rate itself rises or falls steadily
     - ``taken_out``: what was subtracted because it is not the row's own (the delay of the logged sensors)
-    - ``units``: what the ranking pairs with other rows; it does not leave the process (not in the JSON)
+    - ``units``: the pieces of evidence by which the answer is paired with another on the same log
     """
 
     value: float | None
@@ -85,7 +84,7 @@ class Answer:
     disagree: tuple[float, float] | None = None
     changes: tuple[float, float] | None = None
     taken_out: float | None = None
-    units: UnitValues | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
+    units: UnitValues | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.value is None:

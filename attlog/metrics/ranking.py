@@ -135,7 +135,7 @@ def _restrict(answer: Answer, common: Ids) -> None:
     """The answer on some of its units: so that what stands side by side was measured at the same time."""
     if answer.units is None:
         return
-    told = answer.units.on(common)
+    told = answer.units.of(common)
     answer.seconds *= len(common) / len(answer.units.ids)
     answer.value, answer.ci95, answer.n = told.value, told.ci95, len(common)
     answer.detail["units_left_out"] = len(answer.units.ids) - len(common)
