@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,13 +17,19 @@ def write_atomic(path: Path, data: str | bytes) -> None:
     The file gets the rights that any new file of the process gets there. OutputError
     says what could not be written and why.
     """
-    raw = data.encode("utf-8") if isinstance(data, str) else data
+    with writing(path) as file:
+        file.write(data.encode("utf-8") if isinstance(data, str) else data)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[BinaryIO]:
+    """The same for what is written bit by bit: a file that takes its name when the block ends well, else none."""
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         file, temporary = _new_file_beside(path)
         with file:
-            file.write(raw)
+            yield file
         temporary.replace(path)
     except BaseException as error:
         if temporary is not None:

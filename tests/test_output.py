@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from attlog.errors import OutputError
-from attlog.output import write_atomic
+from attlog.output import write_atomic, writing
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="rights as POSIX knows them")
 
@@ -73,3 +73,22 @@ def test_several_writers_of_one_file_leave_one_whole_file(tmp_path: Path) -> Non
         writer.join()
     assert path.read_bytes() in contents
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_written_bit_by_bit_appears_when_it_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "file"
+    with writing(path) as file:
+        file.write(b"first ")
+        assert not path.exists()
+        file.write(b"second")
+    assert path.read_bytes() == b"first second"
+
+    def fails_halfway() -> None:
+        with writing(path) as file:
+            file.write(b"half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails_halfway()
+    assert path.read_bytes() == b"first second"
+    assert [p.name for p in path.parent.iterdir()] == ["file"]
