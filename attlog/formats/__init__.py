@@ -8,28 +8,30 @@ from __future__ import annotations
 from pathlib import Path
 from typing import BinaryIO
 
-from attlog.errors import LogUnreadable, NotALog
+from attlog.errors import LogUnreadable, NotALog, UsageError
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
+from attlog.formats.recording import Layout, Recording
 from attlog.formats.registry import Format
 
-__all__ = ["FORMATS", "Boot", "Damage", "Field", "Messages", "ParamChange", "Table", "Text", "format_named", "open",
-           "recognise", "recognise_bytes"]  # fmt: skip
+__all__ = ["FORMATS", "Boot", "Damage", "Field", "Layout", "Messages", "ParamChange", "Recording", "Table", "Text",
+           "format_for", "format_named", "open", "recognise", "recognise_bytes", "write"]  # fmt: skip
 
 HEAD = 1 << 16
 """Bytes that are enough to recognise every format, also behind a damaged start."""
 
 # The first that recognises a file reads it: sdlog2 is framed like DataFlash and tells more of itself.
-# name, for people, recogniser, reader, writer, oracle
+# name, title, suffix, recogniser, reader, writer, oracle
 FORMATS = (
-    Format("ulog", "ULog .ulg", "ulog.detect:is_ulog", "ulog.reader:read", "ulog.writer:write", "ulog.oracle:ORACLE"),
-    Format("px4log", "sdlog2 .px4log", "sdlog2:is_sdlog2", "sdlog2:read", None, "dataflash.oracle:BINARY"),
-    Format("dataflash", "DataFlash .bin", "dataflash.detect:is_binary", "dataflash.reader:read",
+    Format("ulog", "ULog", ".ulg", "ulog.detect:is_ulog", "ulog.reader:read", "ulog.writer:write",
+           "ulog.oracle:ORACLE"),
+    Format("px4log", "sdlog2", ".px4log", "sdlog2:is_sdlog2", "sdlog2:read", None, "dataflash.oracle:BINARY"),
+    Format("dataflash", "DataFlash", ".bin", "dataflash.detect:is_binary", "dataflash.reader:read",
            "dataflash.writer:write", "dataflash.oracle:BINARY"),
-    Format("dataflash_text", "DataFlash text .log", "dataflash.detect:is_text", "dataflash.text:read", None,
+    Format("dataflash_text", "DataFlash text", ".log", "dataflash.detect:is_text", "dataflash.text:read", None,
            "dataflash.oracle:TEXT"),
-    Format("tlog", "MAVLink .tlog", "mavlink.detect:is_tlog", "mavlink.reader:read", "mavlink.writer:write",
+    Format("tlog", "MAVLink", ".tlog", "mavlink.detect:is_tlog", "mavlink.reader:read", "mavlink.writer:write",
            "mavlink.oracle:TLOG", several_vehicles=True),
-    Format("mavlink", "raw MAVLink .mavlink", "mavlink.detect:is_capture", "mavlink.reader:read", None,
+    Format("mavlink", "raw MAVLink", ".mavlink", "mavlink.detect:is_capture", "mavlink.reader:read", None,
            "mavlink.oracle:CAPTURE", several_vehicles=True),
 )  # fmt: skip
 
@@ -70,6 +72,25 @@ def recognise_bytes(file: BinaryIO) -> str:
     from attlog.formats.compression import first_bytes_of
 
     return _format_of(first_bytes_of(file, HEAD))
+
+
+def write(path: Path | str, recording: Recording) -> None:
+    """Write a log in the format of the path's suffix (``.ulg``, ``.bin``, ``.tlog``), whole or not at all.
+
+    UsageError for another suffix and for what the format cannot hold, OutputError if the file cannot be written.
+    The same recording gives the same bytes.
+    """
+    format_for(path).write(Path(path), recording)
+
+
+def format_for(path: Path | str) -> Format:
+    """The format that a path's suffix asks for when a log is written. UsageError if there is none."""
+    suffix = Path(path).suffix.lower()
+    for entry in FORMATS:
+        if entry.writer is not None and entry.suffix == suffix:
+            return entry
+    known = ", ".join(entry.for_people for entry in FORMATS if entry.writer is not None)
+    raise UsageError(f"{path}: the suffix tells the format of a log that is written, and it is none of {known}")
 
 
 def format_named(name: str) -> Format:

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.errors import UsageError
 from attlog.formats.base import Messages
+from attlog.formats.recording import Recording
 
 if TYPE_CHECKING:
     from attlog.formats.oracle import Oracle
@@ -19,21 +21,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A log format. The last four fields name places below ``attlog.formats`` as ``module:name``.
+    """A log format. Recogniser, reader, writer and oracle name places below ``attlog.formats`` as ``module:name``.
 
-    ``name`` is ``Messages.format``, ``for_people`` name and suffix as messages say them (files are told
-    apart by content). ``recogniser(head) -> bool`` judges the first bytes; ``reader(path, *, data) -> Messages``
-    decodes; ``writer`` is None for formats that are only read; ``oracle`` is an
+    ``name`` is ``Messages.format``; ``title`` and ``suffix`` are what messages say (files are told apart by content
+    when they are read, by suffix when they are written). ``recogniser(head) -> bool`` judges the first bytes;
+    ``reader(path, *, data) -> Messages`` decodes; ``writer(path, recording)`` takes a
+    :class:`attlog.formats.recording.Recording` and is None for formats that are only read; ``oracle`` is an
     :class:`attlog.formats.oracle.Oracle`. ``several_vehicles``: the reader takes ``system`` too.
     """
 
     name: str
-    for_people: str
+    title: str
+    suffix: str
     recogniser: str
     reader: str
     writer: str | None
     oracle: str
     several_vehicles: bool = False
+
+    @property
+    def for_people(self) -> str:
+        """Title and suffix."""
+        return f"{self.title} {self.suffix}"
 
     def recognises(self, head: bytes) -> bool:
         """Whether a file that begins with these bytes is such a log."""
@@ -44,9 +53,11 @@ class Format:
         read: Callable[..., Messages] = _load(self.reader)
         return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
 
-    def load_writer(self) -> Callable[..., None] | None:
-        """The function that writes such logs, None where attlog has none."""
-        return None if self.writer is None else _load(self.writer)
+    def write(self, path: Path, recording: Recording) -> None:
+        """Write the log; UsageError for what the format cannot hold, and where attlog has no writer for it."""
+        if self.writer is None:
+            raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
+        _load(self.writer)(path, recording)
 
     def load_oracle(self) -> Oracle:
         """How the official library is asked."""

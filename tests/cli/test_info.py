@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from attlog.formats.ulog import reader
+from attlog import formats
+from attlog.formats import Recording
 
 
 @pytest.mark.parametrize(
@@ -46,9 +47,8 @@ def test_a_strangers_log_cannot_write_to_the_terminal(attlog, tmp_path):
     path = tmp_path / "evil.ulg"
     stamps = (1_000_000 + 5000 * np.arange(400)).astype("<u8")
     q = np.tile(np.array([1, 0, 0, 0], "<f4"), (400, 1))
-    reader.write(
-        path, {("vehicle_attitude", 0): {"timestamp": stamps, "q": q}}, info={"sys_name": "PX4\x1b]0;owned\x07"}
-    )
+    topics = {("vehicle_attitude", 0): {"timestamp": stamps, "q": q}}
+    formats.write(path, Recording(topics, info={"sys_name": "PX4\x1b]0;owned\x07"}))
     path.write_bytes(path.read_bytes()[:-5])
     done = attlog("info", path, "--no-color")
     assert done.code == 0
@@ -76,7 +76,7 @@ def test_records_within_one_second_have_no_rate(attlog, tmp_path):
     long, burst = (1_000_000 + step * np.arange(400) for step in (5000, 20))
     q = np.tile(np.array([1, 0, 0, 0], "<f4"), (400, 1))
     stamps = {"vehicle_attitude": long.astype("<u8"), "offboard": burst.astype("<u8")}
-    reader.write(path, {(name, 0): {"timestamp": t, "q": q} for name, t in stamps.items()})
+    formats.write(path, Recording({(name, 0): {"timestamp": t, "q": q} for name, t in stamps.items()}))
     rates = {m["name"]: m["rate_hz"] for m in json.loads(attlog("info", path, "--json").out)["messages"]}
     assert rates == {"vehicle_attitude": pytest.approx(200.0), "offboard": None}
 

@@ -21,7 +21,6 @@ from tests.conftest import SAMPLES
 def test_every_entry_names_what_exists(entry: Format) -> None:
     assert not entry.recognises(b"no log at all " * 300)
     assert entry.load_oracle().library in ("pyulog", "pymavlink")
-    assert entry.writer is None or callable(entry.load_writer())
     assert formats.format_named(entry.name) is entry
 
 
@@ -51,7 +50,7 @@ ORACLE = Oracle("numpy", theirs, list, lambda log, key: {"v": log[key]["v"]})
 
 
 def test_one_line_is_all_that_a_new_format_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    line = Format("new", "NEWLOG .new", "newformat:recognises", "newformat:read", None, "newformat:ORACLE")
+    line = Format("new", "NEWLOG", ".new", "newformat:recognises", "newformat:read", None, "newformat:ORACLE")
     (tmp_path / "newformat.py").write_text(NEW)
     monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path)])
     monkeypatch.setattr(formats, "FORMATS", (*formats.FORMATS, line))

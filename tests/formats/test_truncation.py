@@ -10,8 +10,7 @@ import pytest
 
 from attlog import formats
 from attlog.errors import AttlogError
-from attlog.formats import Messages, ParamChange, Text
-from attlog.formats.ulog import reader
+from attlog.formats import Messages, ParamChange, Recording, Text
 from tests.conftest import SAMPLES
 
 NAMES = ["px4_steps.ulg", "px4_hover.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"]
@@ -27,7 +26,8 @@ def small_ulog(path: Path) -> None:
         ("status", 1): {"timestamp": t[::5] + 3, "name": np.array([b"plane"] * 8, "S8")},
     }
     params = [ParamChange(f"PARAM_{i}", i) for i in range(8)] + [ParamChange("PARAM_3", 9, t_us=100_000)]
-    reader.write(path, topics, params, [Text("takeoff", 6, 50_000)], {"sys_name": "PX4"})
+    recording = Recording(topics, params, [Text("takeoff", 6, 50_000)], {"sys_name": "PX4"})
+    formats.format_named("ulog").write(path, recording)
 
 
 def small_dataflash(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Reads and writes ArduPilot's DataFlash binary logs (``.bin``).
+"""Reads ArduPilot's DataFlash binary logs (``.bin``).
 
 Layout: ArduPilot, libraries/AP_Logger/LogStructure.h. Every type is described by
 an FMT record, from 3.6 on also by FMTU (one unit and one multiplier id per
@@ -23,10 +23,9 @@ from attlog.formats.dataflash.content import params, texts
 from attlog.formats.dataflash.index import HEADER_LENGTH, Index, index_records
 from attlog.formats.dataflash.tables import build_tables, unreadable
 from attlog.formats.dataflash.units import units_of
-from attlog.formats.dataflash.writer import write
 from attlog.formats.mapping import Offsets, gather, map_bytes, text_of
 
-__all__ = ["read", "write"]
+__all__ = ["read"]
 
 
 def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import UsageError
-from attlog.formats.base import ParamChange, Text
 from attlog.formats.dataflash.index import (
     FMT_FORMAT,
     FMT_TYPE,
@@ -21,66 +20,75 @@ from attlog.formats.dataflash.index import (
     LETTER_SCALES,
     Format,
 )
+from attlog.formats.dataflash.tables import instance_column
 from attlog.formats.merge import merged
+from attlog.formats.recording import Columns, Layout, Recording, fitted, only
 from attlog.output import write_atomic
 
-Columns = Mapping[str, NDArray[Any]]
-
 UNITS = {
-    "-": "", "?": "UNKNOWN", "#": "instance", "A": "A", "D": "deglatitude", "d": "deg", "E": "rad/s", "G": "Gauss",
-    "h": "degheading", "k": "deg/s", "m": "m", "n": "m/s", "O": "degC", "o": "m/s/s", "P": "Pa", "r": "rad", "S":
-    "satellites", "s": "s", "U": "deglongitude", "v": "V", "z": "Hz",
+    "-": "", "?": "UNKNOWN", "A": "A", "a": "Ah", "d": "deg", "b": "B", "B": "B/s", "k": "deg/s", "D": "deglatitude",
+    "e": "deg/s/s", "E": "rad/s", "G": "Gauss", "h": "degheading", "i": "A.s", "J": "W.s", "l": "l", "L": "rad/s/s",
+    "m": "m", "n": "m/s", "o": "m/s/s", "O": "degC", "%": "%", "S": "satellites", "s": "s", "q": "rpm", "r": "rad",
+    "U": "deglongitude", "u": "ppm", "v": "V", "P": "Pa", "w": "Ohm", "W": "Watt", "X": "W.h", "y": "l/s", "Y": "us",
+    "z": "Hz", "#": "instance",
 }  # fmt: skip
-"""ArduPilot's unit ids (AP_Logger/LogStructure.h), as far as attlog writes them."""
+"""ArduPilot's unit ids (AP_Logger/LogStructure.h)."""
 
 MULTIPLIERS = {
     "-": 0.0, "?": 1.0, "2": 1e2, "1": 1e1, "0": 1.0, "A": 1e-1, "B": 1e-2, "C": 1e-3, "D": 1e-4, "E": 1e-5, "F": 1e-6,
-    "G": 1e-7, "I": 1e-9,
+    "G": 1e-7, "I": 1e-9, "!": 3.6, "/": 3600.0,
 }  # fmt: skip
 """ArduPilot's multiplier ids."""
+
+OWN = {
+    "PARM": ("QNff", ("TimeUS", "Name", "Value", "Default"), "s---", "F---"),
+    "MSG": ("QZ", ("TimeUS", "Message"), "s-", "F-"),
+    "UNIT": ("QbZ", ("TimeUS", "Id", "Label"), "s--", "F--"),
+    "MULT": ("Qbd", ("TimeUS", "Id", "Mult"), "s--", "F--"),
+    "FMTU": ("QBNN", ("TimeUS", "FmtType", "UnitIds", "MultIds"), "s---", "F---"),
+}
+"""Messages that are made of a recording's parameters, texts and layouts: letters, columns, units, multipliers."""
 
 _LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8": "q", "u8": "Q", "f2": "g",
             "f4": "f", "f8": "d"}  # fmt: skip
 _NAME = re.compile(r"[A-Z][A-Z0-9_]{0,3}")
 
 
-def write(
-    path: Path | str,
-    messages: Mapping[str, Columns],
-    params: Iterable[ParamChange] = (),
-    texts: Sequence[Text] = (),
-    letters: Mapping[str, str] | None = None,
-    units: Mapping[str, tuple[str, str]] | None = None,
-) -> None:
+def write(path: Path | str, recording: Recording) -> None:
     """Write the log; ``attlog.formats.dataflash.reader.read`` and pymavlink give the same numbers back.
 
-    ``messages``: name (at most 4 characters) to columns, ``TimeUS`` (uint64) among them. Types
-    tell the letters; ``letters[name]`` names them instead, and then columns of c C e E L are
-    the printed numbers and are rounded to the letter's step. ``units[name]`` are the unit and
-    multiplier ids (:data:`UNITS`, :data:`MULTIPLIERS`), one character per column. Parameters and
-    texts without time take the first time of the data; texts are cut to 64 bytes as ArduPilot
-    cuts them. UsageError for what the format cannot hold, OutputError if the file cannot be written.
+    The clock column is ``TimeUS`` (uint64). Types tell the letters where the layout does not; where one layout
+    has units, FMTU, UNIT and MULT describe all messages. A message with several instances has a column that tells
+    them (unit ``#`` or one of ``tables.INSTANCE_COLUMNS``). Texts are cut to 64 bytes as ArduPilot cuts them and
+    lose their level, which DataFlash does not hold; a default needs its parameter. UsageError for what the format
+    cannot hold, OutputError if the file cannot be written.
     """
-    letters, units = letters or {}, units or {}
-    formats = {"PARM": Format(0, 0, "PARM", "QNff", ("TimeUS", "Name", "Value", "Default"), 0)}
-    formats |= {"MSG": Format(0, 0, "MSG", "QZ", ("TimeUS", "Message"), 0)}
-    if units:
-        formats["UNIT"] = Format(0, 0, "UNIT", "QbZ", ("TimeUS", "Id", "Label"), 0)
-        formats["MULT"] = Format(0, 0, "MULT", "Qbd", ("TimeUS", "Id", "Mult"), 0)
-        formats["FMTU"] = Format(0, 0, "FMTU", "QBNN", ("TimeUS", "FmtType", "UnitIds", "MultIds"), 0)
-    for name, columns in messages.items():
-        if name in formats or name == "FMT":
+    start = recording.checked("TimeUS")
+    only("info", recording.info, ())
+    with_units = any(layout.units for layout in recording.layouts.values())
+    formats = {
+        name: Format(0, 0, name, letters, columns, 0)
+        for name, (letters, columns, _, _) in OWN.items()
+        if with_units or name in ("PARM", "MSG")
+    }
+    for (name, instance), columns in recording.messages.items():
+        if name in OWN or name == "FMT":
             raise UsageError(f"{name}: this DataFlash message is written by attlog itself")
-        formats[name] = _format(name, columns, letters.get(name))
+        layout = recording.layouts.get(name, Layout())
+        fmt = _format(name, columns, layout)
+        if (known := formats.setdefault(name, fmt)) != fmt:
+            raise UsageError(f"{name}: all instances need the same columns ({known.columns} and {fmt.columns})")
+        _check_instance(fmt, layout.units, instance, columns)
     if len(formats) >= 255:
         raise UsageError(f"a DataFlash log holds at most 254 messages, these are {len(formats)}")
     types = [t for t in range(1, 256) if t != FMT_TYPE]
     formats = {name: _numbered(fmt, kind) for (name, fmt), kind in zip(formats.items(), types, strict=False)}
-    starts = [int(c["TimeUS"].min()) for c in messages.values() if len(c["TimeUS"])]
-    own = _own_messages(formats, list(params), texts, units, min(starts, default=0))
     head = b"".join(_fmt_record(fmt) for fmt in [FMT_FORMAT, *formats.values()])
     blocks, times, lengths = [], [], []
-    for name, columns in [*own.items(), *messages.items()]:
+    own = _parameters(recording, start) | _texts(recording, start)
+    if with_units:
+        own |= _units(formats, recording.layouts, start)
+    for name, columns in [*own.items(), *((name, c) for (name, _), c in recording.messages.items())]:
         rows = _records(formats[name], columns)
         blocks.append(rows)
         times.append(np.asarray(columns["TimeUS"]))
@@ -88,18 +96,34 @@ def write(
     write_atomic(Path(path), head + merged(blocks, times, lengths))
 
 
-def _format(name: str, columns: Columns, letters: str | None) -> Format:
+def _format(name: str, columns: Columns, layout: Layout) -> Format:
     """The format of a message; UsageError if DataFlash cannot hold it."""
     if _NAME.fullmatch(name) is None:
         raise UsageError(f"{name}: a DataFlash message has 1 to 4 capitals, digits or _")
-    if "TimeUS" not in columns or columns["TimeUS"].dtype != np.dtype("<u8"):
+    if columns["TimeUS"].dtype != np.dtype("<u8"):
         raise UsageError(f"{name}: a DataFlash message needs a column TimeUS (uint64, microseconds)")
-    letters = letters or "".join(_letter(name, column, values) for column, values in columns.items())
+    if layout.nested:
+        raise UsageError(f"{name}: DataFlash has no nested types")
+    letters = layout.letters or "".join(_letter(name, column, values) for column, values in columns.items())
     if len(letters) != len(columns) or len(letters) > 16 or any(c not in LETTER_DTYPES for c in letters):
         raise UsageError(f"{name}: the letters {letters!r} do not fit {len(columns)} columns (at most 16)")
+    if letters[list(columns).index("TimeUS")] != "Q":
+        raise UsageError(f"{name}: the letter of TimeUS is Q")
     if len(",".join(columns)) > 64 or any(re.fullmatch(r"\w+", column) is None for column in columns):
         raise UsageError(f"{name}: the column names need letters, digits and _, together at most 64 characters")
+    for ids, known, what in ((layout.units, UNITS, "units"), (layout.multipliers, MULTIPLIERS, "multipliers")):
+        if (layout.units or ids) and (len(ids) != len(columns) or any(i not in known for i in ids)):
+            raise UsageError(f"{name}: the {what} {ids!r} are not {len(columns)} known ids, one per column")
     return Format(0, 0, name, letters, tuple(columns), 0)
+
+
+def _check_instance(fmt: Format, units: str, instance: int, columns: Columns) -> None:
+    """UsageError unless the records of an instance say that they are of this instance."""
+    column = instance_column(fmt, units)
+    if column is None and instance != 0:
+        raise UsageError(f"{fmt.name}: instance {instance} needs a column that tells it, such as I")
+    if column is not None and not bool(np.all(np.asarray(columns[column]) == instance)):
+        raise UsageError(f"{fmt.name}.{column}: tells the instance, and not all of it is {instance}")
 
 
 def _letter(name: str, column: str, values: NDArray[Any]) -> str:
@@ -136,51 +160,52 @@ def _records(fmt: Format, columns: Columns) -> NDArray[np.uint8]:
     rows["(header)"] = (0xA3, 0x95, fmt.type)
     for letter, kind, (name, values) in zip(fmt.letters, kinds, columns.items(), strict=True):
         if letter in LETTER_SCALES:
-            values = np.rint(np.asarray(values, np.float64) / LETTER_SCALES[letter])
-            limits = np.iinfo(kind)
-            if not np.all((values >= limits.min) & (values <= limits.max)):
-                raise UsageError(f"{fmt.name}.{name}: a value does not fit the letter {letter}")
-        rows[name] = values
+            values = np.asarray(values, np.float64) / LETTER_SCALES[letter]
+        rows[name] = fitted(values, kind, f"{fmt.name}.{name} (letter {letter})")
     return rows.view(np.uint8).reshape(len(rows), fmt.length)
 
 
-def _own_messages(
-    formats: Mapping[str, Format],
-    params: list[ParamChange],
-    texts: Sequence[Text],
-    units: Mapping[str, tuple[str, str]],
-    start_us: int,
-) -> dict[str, dict[str, NDArray[Any]]]:
-    """PARM, MSG and the unit descriptions as columns."""
-    defaults = {p.name: p.value for p in params if p.is_default}
-    values = [p for p in params if not p.is_default]
-    long = [p.name for p in values if len(p.name.encode()) > 16]
-    if long:
-        raise UsageError(f"{long[0]}: a DataFlash parameter name holds 16 characters")
-    own: dict[str, dict[str, NDArray[Any]]] = {
-        "PARM": {
-            "TimeUS": np.array([start_us if p.t_us is None else p.t_us for p in values], np.uint64),
-            "Name": np.array([p.name.encode() for p in values], "S16"),
-            "Value": np.array([p.value for p in values], np.float32),
-            "Default": np.array([defaults.get(p.name, np.nan) for p in values], np.float32),
-        },
-        "MSG": {
-            "TimeUS": np.array([start_us if x.t_us is None else x.t_us for x in texts], np.uint64),
-            "Message": np.array([x.text.encode()[:64] for x in texts], "S64"),
-        },
+def _parameters(recording: Recording, start: int) -> dict[str, Columns]:
+    """PARM; the default stands beside the value."""
+    defaults = {p.name: p.value for p in recording.params if p.is_default}
+    values = [p for p in recording.params if not p.is_default]
+    only("default without its parameter", defaults, {p.name for p in values})
+    names = [p.name.encode() for p in values]
+    if any(len(name) > 16 for name in names):
+        raise UsageError(f"{max(names, key=len).decode()}: a DataFlash parameter name holds 16 characters")
+    columns = {
+        "TimeUS": np.array([start if p.t_us is None else p.t_us for p in values], np.uint64),
+        "Name": np.array(names, "S16"),
+        "Value": np.array([p.value for p in values], np.float32),
+        "Default": np.array([defaults.get(p.name, np.nan) for p in values], np.float32),
     }
-    if units:
-        own["UNIT"] = _described(start_us, Id=[ord(u) for u in UNITS], Label=[t.encode() for t in UNITS.values()])
-        own["MULT"] = _described(start_us, Id=[ord(m) for m in MULTIPLIERS], Mult=list(MULTIPLIERS.values()))
-        own["FMTU"] = _described(
-            start_us,
-            FmtType=[formats[name].type for name in units],
-            UnitIds=[ids.encode() for ids, _ in units.values()],
-            MultIds=[ids.encode() for _, ids in units.values()],
-        )
-    return own
+    return {"PARM": columns}
 
 
-def _described(start_us: int, **columns: list[Any]) -> dict[str, NDArray[Any]]:
+def _texts(recording: Recording, start: int) -> dict[str, Columns]:
+    columns = {
+        "TimeUS": np.array([start if x.t_us is None else x.t_us for x in recording.texts], np.uint64),
+        "Message": np.array([x.text.encode()[:64] for x in recording.texts], "S64"),
+    }
+    return {"MSG": columns}
+
+
+def _units(formats: Mapping[str, Format], layouts: Mapping[str, Layout], start: int) -> dict[str, Columns]:
+    """UNIT, MULT, and FMTU for the messages that have units."""
+    own = {name: Layout(units=units, multipliers=ids) for name, (_, _, units, ids) in OWN.items()}
+    told = {name: layout for name, layout in (own | dict(layouts)).items() if layout.units}
+    return {
+        "UNIT": _described(start, Id=[ord(u) for u in UNITS], Label=[t.encode() for t in UNITS.values()]),
+        "MULT": _described(start, Id=[ord(m) for m in MULTIPLIERS], Mult=list(MULTIPLIERS.values())),
+        "FMTU": _described(
+            start,
+            FmtType=[formats[name].type for name in told],
+            UnitIds=[layout.units.encode() for layout in told.values()],
+            MultIds=[layout.multipliers.encode() for layout in told.values()],
+        ),
+    }
+
+
+def _described(start: int, **columns: list[Any]) -> dict[str, NDArray[Any]]:
     n = len(next(iter(columns.values())))
-    return {"TimeUS": np.full(n, start_us, np.uint64)} | {name: np.array(values) for name, values in columns.items()}
+    return {"TimeUS": np.full(n, start, np.uint64)} | {name: np.array(values) for name, values in columns.items()}

@@ -1,4 +1,4 @@
-"""Reads and writes MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
+"""Reads MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
 
 MAVLink 1 and 2 may be mixed in one file. Layouts and CRC seeds come from
 pymavlink's ``ardupilotmega`` dialect, which contains ``common`` and so what PX4
@@ -24,10 +24,9 @@ from attlog.formats.mavlink.clock import CLOCK_MESSAGES, of_system, timeline
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
 from attlog.formats.mavlink.dialect import STAMP, catalogue, layout
 from attlog.formats.mavlink.index import Packets, index_packets
-from attlog.formats.mavlink.writer import write
 from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
-__all__ = ["CLOCK_MESSAGES", "STAMP", "parameter_values", "read", "systems_of", "vehicle_of", "write"]
+__all__ = ["CLOCK_MESSAGES", "STAMP", "parameter_values", "read", "systems_of", "vehicle_of"]
 
 PX4_AUTOPILOT = 12
 NO_AUTOPILOT = 8

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -10,38 +10,141 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import UsageError
+from attlog.formats.base import Text
 from attlog.formats.mavlink.crc import crc_of_rows
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
 from attlog.formats.mavlink.dialect import STAMP, catalogue, dialect, layout
-from attlog.formats.merge import merged
+from attlog.formats.merge import merged, order_of
+from attlog.formats.recording import Columns, Key, Recording, fitted, only
 from attlog.output import write_atomic
 
 _HEADER = 10
+_TEXT_CHUNK = 50
+_MAV_PARAM_TYPE_INT32, _MAV_PARAM_TYPE_REAL32 = 6, 9
+_PX4_AUTOPILOT = 12
 
 
-def write(path: Path | str, messages: Mapping[tuple[str, int], Mapping[str, NDArray[Any]]]) -> None:
+def write(path: Path | str, recording: Recording) -> None:
     """Write the log; ``attlog.formats.mavlink.reader.read`` and pymavlink give the same columns back.
 
-    ``messages``: (name, system * 256 + component) to columns, among them ``_t_us``, the
-    receiver's clock (Unix us) in whose order the packets stand; fields that are not given
-    are zero. UsageError for unknown messages or fields, OutputError if the file cannot be written.
+    The instance is system * 256 + component. The clock column is ``_t_us``, the receiver's clock (Unix us) in
+    whose order the packets stand; fields that are not given are zero. Parameters become PARAM_VALUE packets,
+    whole numbers the way the autopilot in the heartbeats sends them, texts STATUSTEXT packets, in chunks where they
+    are long. Both come from ``info["system"]`` and ``info["component"]``. Defaults and layouts have no place.
+    UsageError for unknown messages or fields, OutputError if the file cannot be written.
     """
+    start = recording.checked(STAMP)
+    only("info", recording.info, ("system", "component"))
+    only("layout of", recording.layouts, ())
+    system, component = (_byte(recording.info.get(k, 1), k) for k in ("system", "component"))
+    pilot = system * 256 + component
     numbers = {message.msgname: number for number, message in dialect().items()}
-    blocks, times, lengths = [], [], []
-    for (name, sender), columns in messages.items():
+    messages = [
+        *_parameters(recording, start, pilot),
+        *_texts(recording.texts, start, pilot),
+        *recording.messages.items(),
+    ]
+    for (name, sender), _ in messages:
         if name not in numbers:
             raise UsageError(f"{name}: not a message of the ardupilotmega dialect")
-        if STAMP not in columns:
-            raise UsageError(f"{name}: a telemetry log needs the column {STAMP} (Unix time in us)")
-        rows, length = _packets(numbers[name], sender, columns)
+        if not 0 <= sender <= 0xFFFF:
+            raise UsageError(f"{name}: the sender {sender} is not system * 256 + component")
+    times = [np.asarray(columns[STAMP]) for _, columns in messages]
+    counts = _sequences(times, [sender for (_, sender), _ in messages])
+    blocks, lengths = [], []
+    for ((name, sender), columns), count in zip(messages, counts, strict=True):
+        rows, length = _packets(numbers[name], sender, columns, count)
         blocks.append(rows)
-        times.append(np.asarray(columns[STAMP]))
         lengths.append(length)
     write_atomic(Path(path), merged(blocks, times, lengths))
 
 
+def _byte(value: str | int, name: str) -> int:
+    if not isinstance(value, int) or not 0 <= value <= 255:
+        raise UsageError(f"the {name} {value!r} of a MAVLink sender is a number from 0 to 255")
+    return value
+
+
+def _sequences(times: list[NDArray[Any]], senders: list[int]) -> list[NDArray[np.uint8]]:
+    """Each packet's count (0 to 255) among all packets of its sender, in the order in which they stand."""
+    order = order_of(times)
+    sender = np.repeat(np.array(senders, np.int64), [len(t) for t in times])
+    count = np.zeros(len(order), np.int64)
+    for one in np.unique(sender):
+        mine = order[sender[order] == one]
+        count[mine] = np.arange(len(mine))
+    ends = np.cumsum([len(t) for t in times], dtype=np.int64)
+    return [part.astype(np.uint8) for part in np.split(count & 0xFF, ends[:-1])] if times else []
+
+
+def _parameters(recording: Recording, start: int, pilot: int) -> Iterable[tuple[Key, Columns]]:
+    """PARAM_VALUE. ArduPilot sends a whole number as a float value, PX4 its bits in the float."""
+    params = recording.params
+    only("default of", [p.name for p in params if p.is_default], ())
+    if not params:
+        return
+    names = [p.name.encode() for p in params]
+    if any(len(name) > 16 for name in names):
+        raise UsageError(f"{max(names, key=len).decode()}: a MAVLink parameter name holds 16 characters")
+    beats = recording.messages.get(("HEARTBEAT", pilot), {}).get("autopilot", np.zeros(0))
+    bitwise = bool(np.any(np.asarray(beats) == _PX4_AUTOPILOT))
+    whole = np.array([isinstance(p.value, int) for p in params])
+    values = np.zeros(len(params), np.float32)
+    for k, p in enumerate(params):
+        if isinstance(p.value, int) and not -(2**31) <= p.value < 2**31:
+            raise UsageError(f"{p.name}: {p.value} does not fit 32 bits")
+        if isinstance(p.value, int) and bitwise:
+            values[k : k + 1].view(np.int32)[0] = p.value
+        else:
+            values[k] = p.value
+            if isinstance(p.value, int) and int(values[k]) != p.value:
+                raise UsageError(f"{p.name}: ArduPilot sends {p.value} as a float, which does not hold it")
+    different = list(dict.fromkeys(names))
+    index = {name: k for k, name in enumerate(different)}
+    yield (
+        ("PARAM_VALUE", pilot),
+        {
+            STAMP: np.array([start if p.t_us is None else p.t_us for p in params], np.int64),
+            "param_id": np.array(names, "S16"),
+            "param_value": values,
+            "param_type": np.where(whole, _MAV_PARAM_TYPE_INT32, _MAV_PARAM_TYPE_REAL32),
+            "param_index": np.array([index[name] for name in names]),
+            "param_count": np.full(len(names), len(different)),
+        },
+    )
+
+
+def _texts(texts: Iterable[Text], start: int, pilot: int) -> Iterable[tuple[Key, Columns]]:
+    """STATUSTEXT; a text of more than one field is cut into numbered chunks of which the last is not full."""
+    rows: list[tuple[int, int, bytes, int, int]] = []
+    number = 0
+    for text in texts:
+        raw = text.text.encode()
+        pieces = [raw[k : k + _TEXT_CHUNK] for k in range(0, len(raw), _TEXT_CHUNK)] or [b""]
+        if len(pieces) > 1:
+            number = number % 0xFFFF + 1
+            if len(pieces[-1]) == _TEXT_CHUNK:
+                pieces.append(b"")
+        if len(pieces) > 256:
+            raise UsageError(f"{text.text[:40]!r}: a MAVLink text has at most 256 chunks of {_TEXT_CHUNK} bytes")
+        when = start if text.t_us is None else text.t_us
+        rows += [(when, text.level, piece, number if len(pieces) > 1 else 0, k) for k, piece in enumerate(pieces)]
+    if rows:
+        stamps, levels, parts, numbers, sequence = zip(*rows, strict=True)
+        yield (
+            ("STATUSTEXT", pilot),
+            {
+                STAMP: np.array(stamps, np.int64),
+                "severity": np.array(levels),
+                "text": np.array(parts, f"S{_TEXT_CHUNK}"),
+                "id": np.array(numbers),
+                "chunk_seq": np.array(sequence),
+            },
+        )
+
+
 def _packets(
-    number: int, sender: int, columns: Mapping[str, NDArray[Any]]
+    number: int, sender: int, columns: Columns, count: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     """Stamped packets as rows, and how many bytes of each count: trailing zeros of a payload are not sent."""
     name, fields, record = layout(number)
@@ -53,7 +156,7 @@ def _packets(
     payload = np.zeros(n, record)
     for column, values in columns.items():
         if column != STAMP:
-            payload[column] = values
+            payload[column] = fitted(values, record[column], f"{name}.{column}")
     body = payload.view(np.uint8).reshape(n, size)
     used = np.where(body != 0, np.arange(1, size + 1), 1).max(axis=1, initial=1)
     rows = np.zeros((n, STAMP_LENGTH + _HEADER + size + 2), np.uint8)
@@ -61,7 +164,7 @@ def _packets(
     head = rows[:, STAMP_LENGTH:]
     head[:, 0] = V2
     head[:, 1] = used
-    head[:, 4] = np.arange(n) & 0xFF
+    head[:, 4] = count
     head[:, 5:7] = sender >> 8, sender & 0xFF
     head[:, 7:10] = number & 0xFF, number >> 8 & 0xFF, number >> 16
     head[:, _HEADER : _HEADER + size] = body

@@ -1,4 +1,4 @@
-"""PX4 logs (``.ulg``): read to lazy columns, write from columns.
+"""PX4 logs (``.ulg``) as lazy columns.
 
 Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html. The file is
 mapped; one pass finds where every record lies (:mod:`attlog.formats.ulog.index`),
@@ -34,13 +34,12 @@ from attlog.formats.ulog.records import (
     text,
 )
 from attlog.formats.ulog.topic import Topic
-from attlog.formats.ulog.writer import write
 from attlog.limits import (
     MAX_DAMAGE,
     MAX_FORMATS,
 )
 
-__all__ = ["read", "write"]
+__all__ = ["read"]
 
 LONG_UNKNOWN = 300
 """Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog import flight, rotation
+from attlog import flight, formats, rotation
 from attlog.errors import LogUnusable, UsageError
 from attlog.flight.mavlink import reader
 from attlog.flight.model import FlightLog
-from attlog.formats.mavlink import writer
+from attlog.formats import Recording
 from tests.flight.fake import messages
 
 UNIX = 1_700_000_000_000_000
@@ -129,7 +129,7 @@ def test_of_two_vehicles_in_a_file_the_one_asked_for_is_read(tmp_path: Path) -> 
                  "type": np.full(20, system, np.uint8)}  # fmt: skip
         tables |= {("RAW_IMU", me): raw_imu(500, rate), ("ATTITUDE", me): attitude(100, 10), ("HEARTBEAT", me): beats}
     path = tmp_path / "two.tlog"
-    writer.write(path, tables)
+    formats.write(path, Recording(tables))
     first, second = flight.read(path), flight.read(path, system=2)
     assert (first.vehicle, second.vehicle) == ("fixed wing", "quadrotor")
     assert second.imus[0].gyro.rate == pytest.approx(25, rel=0.01)

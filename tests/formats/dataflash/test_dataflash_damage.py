@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from attlog import formats
 from attlog.errors import LogUnreadable, LogUnusable
+from attlog.formats import Recording
 from attlog.formats.dataflash import reader
 from attlog.formats.dataflash.index import FMT_LENGTH, Index, index_records
 from tests.conftest import SAMPLES
@@ -75,7 +77,8 @@ def test_a_record_with_a_changed_time_is_left_out(raw: bytes, clean: Index, tmp_
 def test_a_message_with_a_clock_of_its_own_is_kept(tmp_path: Path) -> None:
     time = np.arange(200, dtype=np.uint64) * 20_000 + 10**9
     other = {"TimeUS": time[::20], "Unix": time[::20] + np.uint64(1_700_000_000_000_000)}
-    reader.write(tmp_path / "b.bin", {"IMU": {"TimeUS": time, "I": np.zeros(200, np.uint8)}, "GCS": other})
+    imu = {"TimeUS": time, "I": np.zeros(200, np.uint8)}
+    formats.write(tmp_path / "b.bin", Recording({("IMU", 0): imu, ("GCS", 0): other}))
     raw = bytearray((tmp_path / "b.bin").read_bytes())
     for offset in reader.read(tmp_path / "b.bin")["GCS", 0].offsets.tolist():
         raw[offset + 3 : offset + 11] = raw[offset + 11 : offset + 19]
@@ -210,10 +213,10 @@ def test_formats_that_come_late_hold_for_what_lies_before(raw: bytes, clean: Ind
 
 
 def test_texts_of_two_layouts_keep_their_length(raw: bytes, tmp_path: Path) -> None:
-    short = {"NOTE": {"TimeUS": np.array([10], np.uint64), "Text": np.array([b"abc"], "S4")}}
-    long = {"NOTE": {"TimeUS": np.array([20], np.uint64), "Text": np.array([b"a longer text"], "S16")}}
+    short = {("NOTE", 0): {"TimeUS": np.array([10], np.uint64), "Text": np.array([b"abc"], "S4")}}
+    long = {("NOTE", 0): {"TimeUS": np.array([20], np.uint64), "Text": np.array([b"a longer text"], "S16")}}
     for name, messages in (("a.bin", short), ("b.bin", long)):
-        reader.write(tmp_path / name, messages)
+        formats.write(tmp_path / name, Recording(messages))
     joined = (tmp_path / "a.bin").read_bytes() + (tmp_path / "b.bin").read_bytes()
     assert reader.read(written(tmp_path, joined))["NOTE", 0]["Text"].tolist() == [b"abc", b"a longer text"]
 

@@ -10,8 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from attlog import formats
 from attlog.errors import UsageError
-from attlog.formats import ParamChange, Text
+from attlog.formats import Layout, ParamChange, Recording, Text
 from attlog.formats.dataflash import reader
 from tests.formats.dataflash.test_dataflash import differences, read_with_pymavlink
 
@@ -46,7 +47,7 @@ def logs(draw: st.DrawFn) -> dict[str, dict[str, np.ndarray]]:
 @given(messages=logs())
 def test_random_logs_come_back(messages: dict[str, dict[str, np.ndarray]], tmp_path: Path) -> None:
     path = tmp_path / "random.bin"
-    reader.write(path, messages)
+    formats.write(path, Recording(of_instance_0(messages)))
     log = reader.read(path)
     assert (log.damage, log.damage_bytes) == ([], 0)
     for name, expected in messages.items():
@@ -60,43 +61,43 @@ def test_random_logs_come_back(messages: dict[str, dict[str, np.ndarray]], tmp_p
 @given(messages=logs())
 def test_pymavlink_reads_the_same(messages: dict[str, dict[str, np.ndarray]], tmp_path: Path) -> None:
     path = tmp_path / "random.bin"
-    reader.write(path, messages)
+    formats.write(path, Recording(of_instance_0(messages)))
     assert differences(reader.read(path), read_with_pymavlink(path)) == []
 
 
-def flight(n: int = 50) -> dict[str, dict[str, np.ndarray]]:
+def of_instance_0(messages: dict[str, dict[str, np.ndarray]]) -> dict[tuple[str, int], dict[str, np.ndarray]]:
+    return {(name, 0): columns for name, columns in messages.items()}
+
+
+def flight(n: int = 50) -> dict[tuple[str, int], dict[str, np.ndarray]]:
     time = np.arange(n, dtype=np.uint64) * 20_000 + 5_000_000
     rng = np.random.default_rng(1)
-    return {
-        "IMU": {
-            "TimeUS": np.repeat(time, 2),
-            "I": np.tile(np.array([0, 1], np.uint8), n),
-            "GyrX": rng.normal(size=2 * n).astype(np.float32),
-        },
-        "ATT": {"TimeUS": time, "Roll": rng.normal(0, 20, n), "Yaw": rng.uniform(0, 360, n)},
+    imus = {
+        ("IMU", i): {"TimeUS": time, "I": np.full(n, i, np.uint8), "GyrX": rng.normal(size=n).astype(np.float32)}
+        for i in (0, 1)
     }
+    return {**imus, ("ATT", 0): {"TimeUS": time, "Roll": rng.normal(0, 20, n), "Yaw": rng.uniform(0, 360, n)}}
 
 
 def test_printed_numbers_are_rounded_to_the_step_of_the_letter(tmp_path: Path) -> None:
     path = tmp_path / "scaled.bin"
     messages = flight()
-    reader.write(path, messages, letters={"ATT": "QcC"})
+    formats.write(path, Recording(messages, layouts={"ATT": Layout("QcC")}))
     table = reader.read(path)["ATT", 0]
     assert table["Roll"].dtype == np.int16
-    np.testing.assert_allclose(table.value("Roll"), messages["ATT"]["Roll"], atol=0.00501)
-    np.testing.assert_allclose(table.value("Yaw"), messages["ATT"]["Yaw"], atol=0.00501)
+    np.testing.assert_allclose(table.value("Roll"), messages["ATT", 0]["Roll"], atol=0.00501)
+    np.testing.assert_allclose(table.value("Yaw"), messages["ATT", 0]["Yaw"], atol=0.00501)
 
 
 def test_units_instances_parameters_and_texts_come_back(tmp_path: Path) -> None:
     path = tmp_path / "units.bin"
-    reader.write(
-        path,
+    written = Recording(
         flight(),
         [ParamChange("RATE_P", 0.25), ParamChange("RATE_P", 0.5, is_default=True), ParamChange("B", 2, 5_100_000)],
         [Text("ArduCopter V4.6.0 (12345678)", 6), Text("Crash", 2, 5_200_000)],
-        letters={"ATT": "QcC"},
-        units={"IMU": ("s#E", "F-0"), "ATT": ("sdh", "FBB")},
+        layouts={"IMU": Layout("", "s#E", "F-0"), "ATT": Layout("QcC", "sdh", "FBB")},
     )
+    formats.write(path, written)
     log = reader.read(path)
     assert log.instances("IMU") == [0, 1]
     assert [log["IMU", 0].fields[c].unit for c in ("TimeUS", "I", "GyrX")] == ["us", None, "rad/s"]
@@ -112,7 +113,7 @@ def test_units_instances_parameters_and_texts_come_back(tmp_path: Path) -> None:
 
 def test_records_of_all_messages_stand_in_the_order_of_time(tmp_path: Path) -> None:
     path = tmp_path / "order.bin"
-    reader.write(path, flight())
+    formats.write(path, Recording(flight()))
     log = reader.read(path)
     tables = [log["IMU", 0], log["IMU", 1], log["ATT", 0]]
     order = np.argsort(np.concatenate([t.offsets for t in tables]))
@@ -135,10 +136,10 @@ def test_records_of_all_messages_stand_in_the_order_of_time(tmp_path: Path) -> N
 )
 def test_what_the_format_cannot_hold_is_refused(tmp_path: Path, messages: dict, reason: str) -> None:
     with pytest.raises(UsageError, match=reason):
-        reader.write(tmp_path / "x.bin", messages)
+        formats.write(tmp_path / "x.bin", Recording(of_instance_0(messages)))
 
 
 def test_a_value_beyond_its_letter_is_refused(tmp_path: Path) -> None:
-    messages = {"ATT": {"TimeUS": np.zeros(1, np.uint64), "Roll": np.array([400.0])}}
-    with pytest.raises(UsageError, match="does not fit the letter c"):
-        reader.write(tmp_path / "x.bin", messages, letters={"ATT": "Qc"})
+    messages = {("ATT", 0): {"TimeUS": np.zeros(1, np.uint64), "Roll": np.array([400.0])}}
+    with pytest.raises(UsageError, match=r"ATT.Roll \(letter c\): a value does not fit int16"):
+        formats.write(tmp_path / "x.bin", Recording(messages, layouts={"ATT": Layout("Qc")}))

@@ -10,7 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from attlog import formats
 from attlog.errors import UsageError
+from attlog.formats import Recording
 from attlog.formats.mavlink import reader
 from attlog.formats.mavlink.crc import crc_of_rows
 from attlog.formats.mavlink.dialect import dialect, layout
@@ -43,7 +45,7 @@ def logs(draw: st.DrawFn) -> Log:
 @given(messages=logs())
 def test_random_logs_come_back_and_pymavlink_reads_the_same(messages: Log, tmp_path: Path) -> None:
     path = tmp_path / "random.tlog"
-    reader.write(path, messages)
+    formats.write(path, Recording(messages))
     log = reader.read(path)
     theirs, refused = read_with_pymavlink(path, stamped=True)
     assert (log.damage, log.damage_bytes, refused) == ([], 0, 0)
@@ -66,10 +68,10 @@ def test_the_checksum_is_that_of_pymavlink(raw: bytes) -> None:
     ("messages", "reason"),
     [
         ({("NOT_A_MESSAGE", 257): {reader.STAMP: np.zeros(1, np.int64)}}, "not a message"),
-        ({("ATTITUDE", 257): {"roll": np.zeros(1)}}, "needs the column _t_us"),
+        ({("ATTITUDE", 257): {"roll": np.zeros(1)}}, "needs a column _t_us"),
         ({("ATTITUDE", 257): {reader.STAMP: np.zeros(1, np.int64), "rol": np.zeros(1)}}, "has no field rol"),
     ],
 )
 def test_what_mavlink_does_not_know_is_refused(tmp_path: Path, messages: Log, reason: str) -> None:
     with pytest.raises(UsageError, match=reason):
-        reader.write(tmp_path / "x.tlog", messages)
+        formats.write(tmp_path / "x.tlog", Recording(messages))

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pyulog import ULog
 
+from attlog import formats
 from attlog.errors import UsageError
-from attlog.formats import ParamChange, Text
+from attlog.formats import ParamChange, Recording, Text
 from attlog.formats.ulog import reader
 from attlog.limits import MAX_TEXT_LENGTH
 
@@ -52,7 +53,7 @@ def test_random_logs_come_back(
     path = tmp_path / "random.ulg"
     params = [ParamChange("A_INT", 7), ParamChange("A_FLOAT", 0.5), ParamChange("A_FLOAT", 2.0, is_default=True)]
     written = [Text(text, level, t) for text, level, t in texts]
-    reader.write(path, topics, params, written, {"sys_name": "PX4", "ver": 3})
+    formats.write(path, Recording(topics, params, written, {"sys_name": "PX4", "ver": 3}))
     log = reader.read(path)
     assert (log.damage, log.damage_bytes) == ([], 0)
     assert set(log) == set(topics)
@@ -74,9 +75,8 @@ def test_the_official_library_reads_what_is_written(tmp_path: Path) -> None:
         ("status", 1): {"timestamp": t[::10], "name": np.array([b"abc"] * 6, "S5"), "ok": np.ones(6, bool)},
     }
     change = ParamChange("GAIN", 3, t_us=30_000)
-    reader.write(
-        tmp_path / "a.ulg", topics, [ParamChange("GAIN", 2), change], [Text("hello", 6, 5000)], {"sys_name": "x"}
-    )
+    params, texts = [ParamChange("GAIN", 2), change], [Text("hello", 6, 5000)]
+    formats.write(tmp_path / "a.ulg", Recording(topics, params, texts, {"sys_name": "x"}))
     theirs = ULog(str(tmp_path / "a.ulg"))
     assert not theirs.file_corruption
     data = theirs.get_dataset("sensor_combined").data
@@ -94,14 +94,14 @@ def test_the_official_library_reads_what_is_written(tmp_path: Path) -> None:
     ("columns", "words"),
     [
         ({"x": np.zeros(3)}, "timestamp"),
-        ({"timestamp": np.zeros(3, np.uint64), "a.b": np.zeros(3)}, "nested"),
+        ({"timestamp": np.zeros(3, np.uint64), "a[1].b": np.zeros(3)}, "numbered"),
         ({"timestamp": np.zeros(3, np.uint64), "a": np.zeros(3, complex)}, "no type"),
         ({"timestamp": np.zeros(3, np.uint64), "a": np.zeros((3, 9000))}, "65535"),
     ],
 )
 def test_what_ulog_cannot_hold_is_refused(columns: dict[str, np.ndarray], words: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=words):
-        reader.write(tmp_path / "bad.ulg", {("topic", 0): columns})
+        formats.write(tmp_path / "bad.ulg", Recording({("topic", 0): columns}))
     assert not (tmp_path / "bad.ulg").exists()
 
 
@@ -110,7 +110,7 @@ def test_long_texts_and_short_names_are_no_damage(tmp_path: Path) -> None:
     path = tmp_path / "odd.ulg"
     topics = {("topic", 0): {"timestamp": np.arange(50, dtype=np.uint64), "x": np.arange(50.0)}}
     params = [ParamChange(name, 1.5) for name in ("A", "B2", "C3", "LONG_NAME_OF_16_")]
-    reader.write(path, topics, params, [Text("A" * 60_000, 4, 20), Text("b", 4, 21)])
+    formats.write(path, Recording(topics, params, [Text("A" * 60_000, 4, 20), Text("b", 4, 21)]))
     mine, theirs = reader.read(path), ULog(str(path))
     assert mine.damage == []
     assert {p.name: p.value for p in mine.params} == theirs.initial_parameters

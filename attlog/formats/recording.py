@@ -1,0 +1,116 @@
+"""What a log is to hold, the same for every format that can be written.
+
+Names and columns are those that the format's reader gives back, so that what was
+read can be written. Each writer refuses what its format has no place for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.errors import UsageError
+from attlog.formats.base import ParamChange, Text
+
+Columns = Mapping[str, NDArray[Any]]
+Key = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How one message is stored, beyond what the types of its columns say.
+
+    DataFlash: ``letters``, ``units`` and ``multipliers`` have one character per column; columns of the letters
+    c C e E L are the printed numbers and are rounded to the letter's step. ULog: ``nested`` names the type of each
+    nested member (``esc`` of the columns ``esc[0].esc_rpm``).
+    """
+
+    letters: str = ""
+    units: str = ""
+    multipliers: str = ""
+    nested: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Columns, parameters and texts of a log in the making.
+
+    ``messages``: (name, instance) to columns (n,) or (n, k), numbers or numpy bytes, all of one length; the
+    instance means what it means in :class:`attlog.formats.Messages`. Every message has its format's clock column.
+    ``params`` and ``texts`` without time belong to the start, which is ``start_us`` on the clock of the log, else
+    the first time of the data. ``info`` are the statements of a ULog, or the ``system`` and ``component`` (1 and 1
+    if not given) that send a tlog's parameters and texts. ``layouts``: message name to what its types do not tell.
+    """
+
+    messages: Mapping[Key, Columns]
+    params: Sequence[ParamChange] = ()
+    texts: Sequence[Text] = ()
+    info: Mapping[str, str | int] = field(default_factory=dict)
+    start_us: int | None = None
+    layouts: Mapping[str, Layout] = field(default_factory=dict)
+
+    def checked(self, clock: str) -> int:
+        """The log's start in us, by its ``clock`` column; UsageError where the columns do not make records."""
+        first = []
+        for (name, _), columns in self.messages.items():
+            if clock not in columns:
+                raise UsageError(f"{name}: every message of this format needs a column {clock} (microseconds)")
+            times = np.asarray(columns[clock])
+            if times.ndim != 1 or times.dtype.kind not in "iu":
+                raise UsageError(f"{name}.{clock}: times are whole microseconds, one per record")
+            for column, values in columns.items():
+                if np.ndim(values) == 0 or len(values) != len(times):
+                    raise UsageError(f"{name}.{column}: not one value for each of the {len(times)} times")
+            if len(times):
+                if int(times.min()) < 0 or int(times.max()) >= 2**63:
+                    raise UsageError(f"{name}.{clock}: a time is negative or beyond 63 bits")
+                first.append(int(times.min()))
+        for name in self.layouts:
+            if all(name != known for known, _ in self.messages):
+                raise UsageError(f"{name}: has a layout but is no message of this recording")
+        if self.start_us is not None and not 0 <= self.start_us < 2**63:
+            raise UsageError(f"the start {self.start_us} us is negative or beyond 63 bits")
+        return self.start_us if self.start_us is not None else min(first, default=0)
+
+
+def fitted(values: NDArray[Any], kind: np.dtype[Any], what: str) -> NDArray[Any]:
+    """``values`` (n,) or (n, k) as the stored type ``kind``, rounded where it holds integers.
+
+    UsageError where a value does not fit: too large, not a number in an integer, a text too long, another shape.
+    """
+    values = np.asarray(values)
+    if values.shape[1:] != kind.shape or (values.dtype.kind == "S") != (kind.kind == "S"):
+        raise UsageError(f"{what}: {values.dtype} of shape {values.shape} does not fit {kind}")
+    base = kind.base
+    if base.kind == "S":
+        longest = int(np.char.str_len(values).max(initial=0))
+        if longest > base.itemsize:
+            raise UsageError(f"{what}: a text has {longest} bytes, the place for it {base.itemsize}")
+        return values.astype(base)
+    if values.dtype == base:
+        return values
+    if base.kind in "iu":
+        limits = np.iinfo(base)
+        least, most = limits.min, limits.max
+        if values.dtype.kind == "f":
+            values = np.rint(values)
+            most = int(np.nextafter(float(most) + 1.0, 0.0))  # the largest float below
+        if not bool(np.all((values >= least) & (values <= most))):
+            raise UsageError(f"{what}: a value does not fit {base}, which holds {least} to {limits.max}")
+        return values.astype(base)
+    with np.errstate(over="ignore"):
+        stored = values.astype(base)
+    if base.itemsize < values.dtype.itemsize and bool(np.any(np.isinf(stored) & np.isfinite(values))):
+        raise UsageError(f"{what}: a value is too large for {base}")
+    return stored
+
+
+def only(what: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """UsageError if ``given`` names anything but ``known``, which are all that a format has of ``what``."""
+    rest = sorted(set(given) - set(known))
+    if rest:
+        raise UsageError(f"this format has no place for the {what} {rest[0]!r}")
