@@ -1,0 +1,158 @@
+"""A scenario: everything that decides a simulated flight but the seed, from TOML or as frozen dataclasses.
+
+``load`` takes the name of one in ``scenarios/`` or the path of a TOML file and tells
+everything that is wrong in it at once. Units stand in the names; angles are degrees
+here and radians inside.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_type_hints
+
+from pydantic import Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from attlog.errors import LogUnreadable, UsageError
+from attlog.estimators.base import suggestion
+from attlog.simulate.commands import Command, Motion
+from attlog.simulate.fault import Fault
+from attlog.simulate.loop import Controller, Estimator, Logging, Loop
+from attlog.simulate.place import Anomaly, Place, Wind
+from attlog.simulate.sensors.settings import STRICT, Sensors
+from attlog.simulate.vehicle import Vehicle
+
+LIBRARY = Path(__file__).parent / "scenarios"
+
+
+@dataclass(frozen=True, config=STRICT)
+class Scenario:
+    """A flight to simulate. With ``motion`` it is prescribed, else ``command`` tells the autopilot what to do and
+    when."""
+
+    name: str = ""
+    title: str = ""
+    seconds: Annotated[float, Field(gt=0, le=7200)] = 60.0
+    place: Place = Place()
+    wind: Wind = Wind()
+    anomaly: tuple[Anomaly, ...] = ()
+    vehicle: Vehicle = Vehicle()
+    sensors: Sensors = Sensors()
+    motion: Motion | None = None
+    command: tuple[Command, ...] = ()
+    loop: Loop = Loop()
+    controller: Controller = Controller()
+    estimator: Estimator = Estimator()
+    logging: Logging = Logging()
+    fault: tuple[Fault, ...] = ()
+
+    def changed(self, **values: Any) -> Scenario:
+        """A copy with other values, checked like a file: ``changed(seconds=20, estimator=Estimator("truth"))``."""
+        return dataclasses.replace(self, **values)
+
+
+def names() -> list[str]:
+    """The scenarios that come with attlog."""
+    return sorted(path.stem for path in LIBRARY.glob("*.toml"))
+
+
+def load(name_or_path: str | Path) -> Scenario:
+    """A scenario by its name in the library or by the path of a TOML file.
+
+    LogUnreadable where the file cannot be opened, UsageError for a name that is not
+    known and for everything wrong in a file.
+    """
+    path = Path(name_or_path)
+    if path.suffix.lower() != ".toml" and not path.is_file():
+        path = LIBRARY / f"{name_or_path}.toml"
+        if not path.is_file():
+            raise UsageError(f"no scenario {name_or_path}{suggestion(str(name_or_path), names())}")
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path}: no UTF-8 text at byte {error.start}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"{path}: not valid TOML: {error}") from error
+    return build({"name": path.stem} | values, origin=path.name)
+
+
+def build(values: Mapping[str, Any], origin: str = "scenario") -> Scenario:
+    """A scenario from plain values, as TOML holds them. UsageError lists every problem with its place."""
+    try:
+        scenario = TypeAdapter(Scenario).validate_python(dict(values))
+    except ValidationError as error:
+        raise UsageError("\n".join(f"{origin}: {line}" for line in _explain(error))) from None
+    problems = _contradictions(scenario)
+    if problems:
+        raise UsageError("\n".join(f"{origin}: {line}" for line in problems))
+    return scenario
+
+
+def _explain(error: ValidationError) -> list[str]:
+    """One line per thing that is wrong, each with its place in the file."""
+    lines = []
+    for item in error.errors():
+        where = _place(item["loc"])
+        if item["type"] == "unexpected_keyword_argument":
+            key = str(item["loc"][-1])
+            lines.append(f"unknown key {where}{suggestion(key, _known(item['loc'][:-1]))}")
+        elif item["type"] in ("missing", "missing_argument"):
+            lines.append(f"{where}: is missing")
+        else:
+            lines.append(f"{where}: {item['msg'].removeprefix('Value error, ')} (got {item['input']!r})")
+    return lines
+
+
+def _place(loc: tuple[int | str, ...]) -> str:
+    """``sensors.imu[0].rate_hz`` of a place in the values."""
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
+    return text.lstrip(".") or "the file"
+
+
+def _known(loc: tuple[int | str, ...]) -> list[str]:
+    """The keys that the table at a place may have."""
+    table: Any = Scenario
+    for part in loc:
+        if isinstance(part, str):
+            table = _table(get_type_hints(table).get(part))
+        if table is None:
+            return []
+    return [f.name for f in dataclasses.fields(table)]
+
+
+def _table(kind: Any) -> Any:
+    """The table within a declared type such as ``tuple[Imu, ...]`` or ``Motion | None``, None if there is none."""
+    if dataclasses.is_dataclass(kind):
+        return kind
+    return next((found for inner in get_args(kind) if (found := _table(inner)) is not None), None)
+
+
+def _contradictions(scenario: Scenario) -> list[str]:
+    """What single values do not show."""
+    found = []
+    raw = scenario.loop.rate_hz * scenario.loop.substeps
+    for k, imu in enumerate(scenario.sensors.imu):
+        if imu.rate_hz > raw:
+            found.append(
+                f"sensors.imu[{k}].rate_hz: {imu.rate_hz:g} is more than the raw rate, "
+                f"loop.rate_hz x substeps = {raw:g}"
+            )
+        if not len(imu.vibration.harmonics) == len(imu.vibration.acc_m_s2) == len(imu.vibration.gyro_dps):
+            found.append(f"sensors.imu[{k}].vibration: harmonics, acc_m_s2 and gyro_dps must be equally long")
+    if not scenario.sensors.imu:
+        found.append("sensors.imu: at least one is needed")
+    if scenario.motion is not None and scenario.command:
+        found.append("motion, command: give one of them; a prescribed motion flies no commands")
+    if [c.t for c in scenario.command] != sorted(c.t for c in scenario.command):
+        found.append("command: the times must ascend")
+    counts = {"gyro": len(scenario.sensors.imu), "acc": len(scenario.sensors.imu), "mag": len(scenario.sensors.mag)}
+    counts |= {"gnss": len(scenario.sensors.gnss), "baro": len(scenario.sensors.baro), "rotor": 4}
+    for k, fault in enumerate(scenario.fault):
+        if fault.instance >= counts[fault.part]:
+            found.append(f"fault[{k}].instance: there is no {fault.part} {fault.instance}")
+    return found

@@ -1,0 +1,1 @@
+"""One file per sensor: what it measures of a motion, with its errors."""

@@ -1,0 +1,155 @@
+"""The raw samples of an inertial unit and what becomes of them, as one compiled loop.
+
+At the raw rate (loop rate x substeps) the body's rate and specific force are moved to the unit's place, shaken,
+turned and scaled, biased, made noisy, clipped and rounded like a converter's counts, then low-passed. At each
+sampling instant the loop writes the low-pass's value (instant) or the mean since the last instant (interval): for
+the gyro the rotation vector over the interval, composed to second order with the term of a linearly changing rate
+(Bortz 1971), divided by its length.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+RAW = 17
+"""Columns of a raw row: w (3), w_dot (3), specific force at the centre of gravity (3), rotor speeds (4), rotor
+angles (4)."""
+OUT = 9
+"""Columns of a sample: dt, gyro (3), acc (3), clipped raw samples of gyro and accelerometer."""
+STATE = 50
+"""y (6) 0, filter memories (6 x 2) 6, angle (3) 18, velocity (3) 21, last instant 24, clipped (2) 25, primed 27."""
+SIGNATURE = (
+    "i8(f8, f8, f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, :, ::1], f8[::1], f8[::1], f8[:, :, ::1], "
+    "f8[:, :, ::1], f8[::1], f8[::1], i8, f8[:, ::1])"
+)
+
+
+def imu_samples(
+    t: float,
+    h: float,
+    raw: Any,
+    noise: Any,
+    bias: Any,
+    substeps: int,
+    matrices: Any,
+    numbers: Any,
+    harmonics: Any,
+    shake: Any,
+    phase: Any,
+    state: Any,
+    instants: Any,
+    k: int,
+    out: Any,
+) -> int:
+    """Run through raw rows at ``t + h``, ``t + 2 h`` ...; fill ``out`` from row ``k`` on; the next row's number.
+
+    ``bias`` has a row for every ``substeps`` raw rows. ``numbers``: lever arm (3), limits (2), steps (2), noise (2),
+    low-pass on (2) and coefficients (2 x 5), interval (1 or 0), hover speed.
+    """
+    mean = numbers[21] > 0.5
+    for j in range(len(raw)):
+        x0, x1, x2 = raw[j, 0], raw[j, 1], raw[j, 2]
+        a0, a1, a2 = raw[j, 3], raw[j, 4], raw[j, 5]
+        r0, r1, r2 = numbers[0], numbers[1], numbers[2]
+        d = x0 * r0 + x1 * r1 + x2 * r2
+        s2 = x0 * x0 + x1 * x1 + x2 * x2
+        f0 = raw[j, 6] + a1 * r2 - a2 * r1 + x0 * d - r0 * s2
+        f1 = raw[j, 7] + a2 * r0 - a0 * r2 + x1 * d - r1 * s2
+        f2 = raw[j, 8] + a0 * r1 - a1 * r0 + x2 * d - r2 * s2
+        for n in range(len(harmonics)):
+            for r in range(4):
+                size = raw[j, 9 + r] / numbers[22]
+                size *= size
+                if size > 1e-6:
+                    angle = harmonics[n] * raw[j, 13 + r]
+                    x0 += size * shake[n, r, 0] * math.sin(angle + phase[n, r, 0])
+                    x1 += size * shake[n, r, 1] * math.sin(angle + phase[n, r, 1])
+                    x2 += size * shake[n, r, 2] * math.sin(angle + phase[n, r, 2])
+                    f0 += size * shake[n, r, 3] * math.sin(angle + phase[n, r, 3])
+                    f1 += size * shake[n, r, 4] * math.sin(angle + phase[n, r, 4])
+                    f2 += size * shake[n, r, 5] * math.sin(angle + phase[n, r, 5])
+        b = j // substeps
+        fresh = state[27] < 0.5
+        state[27] = 1.0
+        # The values before and after the raw step; the integral runs between them.
+        p0, p1, p2, p3, p4, p5 = state[0], state[1], state[2], state[3], state[4], state[5]
+        for i in range(6):
+            g = 0 if i < 3 else 1
+            c = i - 3 * g
+            if g == 0:
+                y = matrices[0, c, 0] * x0 + matrices[0, c, 1] * x1 + matrices[0, c, 2] * x2
+            else:
+                y = matrices[1, c, 0] * f0 + matrices[1, c, 1] * f1 + matrices[1, c, 2] * f2
+            y += bias[b, i] + numbers[7 + g] * noise[j, i]
+            limit = numbers[3 + g]
+            if abs(y) >= limit:
+                y = limit if y > 0 else -limit
+                state[25 + g] += 1.0
+            if numbers[5 + g] > 0:
+                y = numbers[5 + g] * math.floor(y / numbers[5 + g] + 0.5)
+            if numbers[9 + g] > 0.5:
+                q = 11 + 5 * g
+                if fresh:
+                    # Begin as if the first value had always been there.
+                    state[6 + 2 * i] = y * (1.0 - numbers[q])
+                    state[7 + 2 * i] = y * (numbers[q + 2] - numbers[q + 4])
+                filtered = numbers[q] * y + state[6 + 2 * i]
+                state[6 + 2 * i] = numbers[q + 1] * y - numbers[q + 3] * filtered + state[7 + 2 * i]
+                state[7 + 2 * i] = numbers[q + 2] * y - numbers[q + 4] * filtered
+                y = filtered
+            state[i] = y
+        if fresh:
+            p0, p1, p2, p3, p4, p5 = state[0], state[1], state[2], state[3], state[4], state[5]
+        begin = t + j * h
+        done = 0.0
+        while k < len(instants) and instants[k] <= begin + h * 1.000001:
+            u = (instants[k] - begin) / h
+            if u > 1.0:
+                u = 1.0
+            if mean:
+                _integrate(state, p0, p1, p2, p3, p4, p5, done, u, h)
+                dt = instants[k] - state[24]
+                for i in range(6):
+                    out[k, 1 + i] = state[18 + i] / dt
+                    state[18 + i] = 0.0
+            else:
+                dt = instants[k] - state[24]
+                out[k, 1] = p0 + u * (state[0] - p0)
+                out[k, 2] = p1 + u * (state[1] - p1)
+                out[k, 3] = p2 + u * (state[2] - p2)
+                out[k, 4] = p3 + u * (state[3] - p3)
+                out[k, 5] = p4 + u * (state[4] - p4)
+                out[k, 6] = p5 + u * (state[5] - p5)
+            out[k, 0] = dt
+            out[k, 7] = state[25]
+            out[k, 8] = state[26]
+            state[25] = 0.0
+            state[26] = 0.0
+            state[24] = instants[k]
+            done = u
+            k += 1
+        if mean and done < 1.0:
+            _integrate(state, p0, p1, p2, p3, p4, p5, done, 1.0, h)
+    return k
+
+
+def _integrate(
+    state: Any, p0: float, p1: float, p2: float, p3: float, p4: float, p5: float, u: float, v: float, h: float
+) -> None:
+    """Add the part from ``u`` to ``v`` (shares of the raw step ``h``) of signals that run straight from p to y."""
+    step = (v - u) * h
+    b0, b1, b2 = p0 + u * (state[0] - p0), p1 + u * (state[1] - p1), p2 + u * (state[2] - p2)
+    e0, e1, e2 = p0 + v * (state[0] - p0), p1 + v * (state[1] - p1), p2 + v * (state[2] - p2)
+    c = step * step / 12.0
+    d0 = 0.5 * step * (b0 + e0) + c * (b1 * e2 - b2 * e1)
+    d1 = 0.5 * step * (b1 + e1) + c * (b2 * e0 - b0 * e2)
+    d2 = 0.5 * step * (b2 + e2) + c * (b0 * e1 - b1 * e0)
+    a0, a1, a2 = state[18], state[19], state[20]
+    state[18] = a0 + d0 + 0.5 * (a1 * d2 - a2 * d1)
+    state[19] = a1 + d1 + 0.5 * (a2 * d0 - a0 * d2)
+    state[20] = a2 + d2 + 0.5 * (a0 * d1 - a1 * d0)
+    middle = 0.5 * (u + v)
+    state[21] += step * (p3 + middle * (state[3] - p3))
+    state[22] += step * (p4 + middle * (state[4] - p4))
+    state[23] += step * (p5 + middle * (state[5] - p5))

@@ -1,0 +1,74 @@
+"""Scenarios: what is wrong in a file is told at once, with its place and the name that was meant."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from attlog.errors import LogUnreadable, UsageError
+from attlog.simulate.scenario import Scenario, build, load, names
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_scenario_of_the_library_loads_under_its_name(name: str) -> None:
+    scenario = load(name)
+    assert scenario.name == name
+    assert scenario.title
+
+
+def test_all_problems_of_a_file_are_told_at_once(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'secnds = 3\n[place]\nlat_deg = 100\n[[sensors.imu]]\nrate = 3\n[sensors.imu.gyro]\nnoise_dps_rthz = "much"\n'
+        '[[command]]\nt = 1\ndo = "takeof"\n[[command]]\ndo = "arm"\n'
+    )
+    with pytest.raises(UsageError) as error:
+        load(file)
+    lines = str(error.value).splitlines()
+    assert [line for line in lines if not line.startswith("mine.toml: ")] == []
+    for told in (
+        "secnds; did you mean seconds?",
+        "place.lat_deg: ",
+        "sensors.imu[0].rate; did you mean rate_hz?",
+        "sensors.imu[0].gyro.noise_dps_rthz: ",
+        "command[0].do: ",
+        "command[1].t: is missing",
+    ):
+        assert [line for line in lines if told in line], told
+    assert len(lines) == 6
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"sensors": {"imu": []}}, "sensors.imu: at least one"),
+        ({"sensors": {"imu": [{"rate_hz": 4000}]}}, "more than the raw rate"),
+        ({"sensors": {"imu": [{"vibration": {"harmonics": [1]}}]}}, "equally long"),
+        ({"motion": {}, "command": [{"t": 0, "do": "arm"}]}, "give one of them"),
+        ({"command": [{"t": 5, "do": "arm"}, {"t": 4, "do": "takeoff"}]}, "ascend"),
+        ({"fault": [{"t": 5, "part": "mag", "kind": "stuck", "instance": 2}]}, "there is no mag 2"),
+    ],
+)
+def test_values_that_contradict_each_other_are_refused(values: dict[str, object], told: str) -> None:
+    with pytest.raises(UsageError, match=told.replace("[", r"\[")):
+        build(values)
+
+
+def test_an_unknown_name_suggests_the_nearest() -> None:
+    with pytest.raises(UsageError, match="did you mean static"):
+        load("statik")
+
+
+def test_a_file_that_is_not_there_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(LogUnreadable):
+        load(tmp_path / "none.toml")
+
+
+def test_a_scenario_cannot_be_changed_but_copied() -> None:
+    scenario = Scenario(seconds=5)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        scenario.seconds = 6  # type: ignore[misc]
+    assert scenario.changed(seconds=7).seconds == 7
+    assert scenario.seconds == 5
