@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,6 +10,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 from attlog.errors import OutputError
+
+NO_ROOM = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO))
+
+
+def is_full(error: BaseException | None) -> bool:
+    """Whether an error says that the whole file system takes no more, not this one file."""
+    return isinstance(error, OSError) and error.errno in NO_ROOM
 
 
 def write_atomic(path: Path, data: str | bytes) -> None:

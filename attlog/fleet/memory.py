@@ -1,0 +1,34 @@
+"""How much memory does a process hold?
+
+The limit of ``--memory`` is kept by looking at this number, not by RLIMIT_AS: an address space counts libraries,
+mapped logs and reserved room that never becomes memory (a gigabyte before the first log), and an allocation that is
+refused inside a filter would end as a failed row of a report that looks whole. A process that is ended leaves no
+result at all.
+"""
+
+from __future__ import annotations
+
+import os
+
+from attlog.errors import UsageError
+
+
+def resident_mb(pid: int) -> float:
+    """Resident memory of a process in MB (10^6 bytes), mapped pages of its log included; 0 for one that is gone.
+
+    UsageError where the system has no /proc and psutil is not installed.
+    """
+    try:
+        with open(f"/proc/{pid}/statm", "rb") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    except (FileNotFoundError, ProcessLookupError, IndexError):
+        if os.path.exists("/proc/self/statm"):
+            return 0.0
+    try:
+        import psutil
+    except ImportError:
+        raise UsageError("--memory needs the package psutil on this system: pip install psutil") from None
+    try:
+        return float(psutil.Process(pid).memory_info().rss) / 1e6
+    except psutil.Error:
+        return 0.0

@@ -1,0 +1,148 @@
+"""One child process per log, from a program that has everything imported and only forks: the side of the caller."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import pickle
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from attlog.fleet.forking import HEADER
+from attlog.fleet.work import Work
+
+START = "import sys; sys.path[:] = {path!r}; from attlog.fleet.forking import main; main({fd})"
+"""Not ``-m``: that would put the current folder first, where a file next to a log could be called numpy.py."""
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Processes are as many as cores already; and sums over several threads may differ in the last bit."""
+
+
+class Closed(Exception):
+    """The nursery was closed while a child worked: the run is being interrupted."""
+
+
+class Nursery:
+    """Starts children; may be used from several threads. Closed or dead, it takes its children with it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._control: socket.socket | None = None
+        self.closed = False
+
+    def child(self, work: Work, room: Path) -> Child:
+        """A child that does the work and writes its files to ``room``. Closed if the nursery is."""
+        ours, theirs = socket.socketpair()
+        payload = pickle.dumps((work, str(room)))
+        with self._lock, theirs:
+            if self.closed:
+                ours.close()
+                raise Closed
+            control = self._started()
+            socket.send_fds(control, [HEADER.pack(len(payload))], [theirs.fileno()])
+            control.sendall(payload)
+        return Child(ours, self)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the forking program runs."""
+        return self._process is not None and self._process.poll() is None
+
+    def close(self) -> None:
+        """End all children and start none any more."""
+        with self._lock:
+            self.closed = True
+            self._end()
+
+    def _started(self) -> socket.socket:
+        """The way to the forking program, which is started first where none runs."""
+        if self._control is not None and self.alive:
+            return self._control
+        self._end()
+        ours, theirs = socket.socketpair()
+        with theirs:
+            start = START.format(path=sys.path, fd=theirs.fileno())
+            # a session of its own: Ctrl-C goes to the caller alone
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", start], pass_fds=[theirs.fileno()], start_new_session=True,
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                env=dict.fromkeys(ONE_THREAD, "1") | os.environ,
+            )  # fmt: skip
+        self._control = ours
+        return ours
+
+    def _end(self) -> None:
+        if self._control is not None:
+            self._control.close()
+        if self._process is not None:
+            self._process.wait()
+        self._control = self._process = None
+
+
+@functools.lru_cache(maxsize=1)
+def shared() -> Nursery:
+    """The nursery of this process, for callers that bring none (a task of a cluster)."""
+    return Nursery()
+
+
+class Child:
+    """A process at work on one log."""
+
+    def __init__(self, ours: socket.socket, nursery: Nursery) -> None:
+        self._socket, self._nursery = ours, nursery
+
+    def messages(self, pause: float) -> Iterator[dict[str, Any]]:
+        """What is told, with an empty message after each ``pause`` seconds of silence; ``exit`` is the last.
+
+        A nursery that dies (its children with it) is an end without ``exit``. Closed if it was closed.
+        """
+        self._socket.settimeout(pause)
+        rest = b""
+        while True:
+            try:
+                block = self._socket.recv(1 << 16)
+            except TimeoutError:
+                if self._nursery.alive:
+                    yield {}
+                    continue
+                block = b""
+            except ConnectionResetError:
+                block = b""
+            if not block:
+                if self._nursery.closed:
+                    raise Closed
+                return
+            *lines, rest = (rest + block).split(b"\n")
+            for line in lines:
+                message = _message(line)
+                if message:
+                    yield message
+                if "exit" in message:
+                    if self._nursery.closed:
+                        raise Closed
+                    return
+
+    def kill(self) -> None:
+        """End the process now; its ``exit`` is told as ever."""
+        self._socket.sendall(b"k")
+
+    def __enter__(self) -> Child:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()  # a child that still runs is killed with that
+
+
+def _message(line: bytes) -> dict[str, Any]:
+    """A line as a message; empty for a line that a dying process broke off."""
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,79 @@
+"""What is to be done with one log: everything that the process which does it has to know."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from attlog import __version__
+from attlog.config import Config
+from attlog.errors import AttlogError
+from attlog.fleet.record import Record, intact, read_record
+from attlog.fleet.sources import Source
+from attlog.fleet.urls import is_url
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """One log and how it is treated; plain and picklable, so that any scheduler can carry it.
+
+    ``name``: of its report, unique in ``folder``. ``settings``: from :func:`settings_key`. ``command`` stands in the
+    result. ``timeout`` (s) and ``memory`` (MB, resident) end the log's process; None: no limit. ``resume``: a record
+    of the same key whose files are there counts as done. ``keep``: keep a record.
+    """
+
+    source: Source
+    name: str
+    folder: Path
+    config: Config
+    settings: str
+    command: str = ""
+    plotly: Literal["inline", "shared"] = "inline"
+    deterministic: bool = False
+    timeout: float | None = None
+    memory: float | None = None
+    resume: bool = False
+    keep: bool = True
+
+
+def settings_key(config: Config, plotly: str = "inline", deterministic: bool = False) -> str:
+    """A hash of all that decides what is written of a log beside its content and attlog's version.
+
+    That is the resolved configuration and what stands in the files it names: filters, estimates, parameters.
+    """
+    files = [item.partition(":")[0] for item in config.estimators] + [config.params or ""]
+    contents = {
+        name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files if name and Path(name).is_file()
+    }
+    told = {"config": config.resolved(), "files": contents, "plotly": plotly, "deterministic": deterministic}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def key(content: str, settings: str) -> str:
+    """What a record is found by: content, settings and version."""
+    return f"{content}:{settings}:{__version__}"
+
+
+def done_before(work: Work) -> Record | None:
+    """The record of an earlier run where the log needs no new one: same key, every file as it was written."""
+    record = read_record(work.folder, work.name)
+    if record is None or not record.for_good or record.log != work.source.name:
+        return None
+    content = record.key.partition(":")[0]
+    if record.key != key(content, work.settings) or not intact(work.folder, record):
+        return None
+    try:
+        if record.stamp and record.stamp == stamp(work.source):
+            return record
+        with work.source.local(work.folder) as log:
+            return record if log.sha256 == content else None
+    except AttlogError:
+        return None
+
+
+def stamp(source: Source) -> str:
+    """What tells without its bytes whether a log is the same: for URLs and members. A file's own bytes are read."""
+    return source.stamp() if source.member or is_url(source.place) else ""
