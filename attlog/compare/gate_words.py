@@ -1,0 +1,64 @@
+"""What a gate says of a row, in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from attlog.compare.gate_limits import Limit, Told
+from attlog.metrics.answer import Answer
+from attlog.present.numbers import quantity
+from attlog.segments.model import WINDOWS
+
+
+def no_row(pattern: str, names: Sequence[str]) -> str:
+    """A pattern that means no row."""
+    return f"no row is called {pattern}; the rows are {', '.join(names) if names else 'none'}"
+
+
+def lost(row: Mapping[str, Any]) -> str:
+    """A row that failed or diverged."""
+    reason = row.get("reason")
+    return f"{row.get('name')} {row.get('status')}{f': {reason}' if reason else ''}"
+
+
+def unanswered(row: Mapping[str, Any], metric: str, window: str | None, answer: Answer | None) -> str:
+    """Why nothing can be judged; empty where there is a value that can."""
+    name, place = row.get("name"), f" ({answer.window if answer is not None else window or 'any window'})"
+    if row.get("status") == "not_judged":
+        return f"{name} cannot be judged: {row.get('reason')}"
+    if answer is not None:
+        return "" if answer.value is not None else f"{name}: no {metric}{place}: {answer.reason}"
+    if row.get("is_reference"):
+        return f"{name} is what the others are compared with: it has no {metric}{place}"
+    if window is not None and window not in (row.get("metrics") or {}):
+        how = "" if window in WINDOWS else f"; analyse with --window {window}"
+        return f"{name}: the result has no window {window}{how}"
+    return f"{name}: {metric} means nothing there{place}"
+
+
+def measured(
+    row: str, metric: str, window: str, answer: Answer, limit: Limit, other: Answer | None, told: Told
+) -> str:  # fmt: skip
+    """A value beside its limit."""
+    unit = answer.unit
+    text = f"{row}: {metric} {quantity(answer.value, unit)} ({window})"
+    if limit.kind in ("min", "max"):
+        return f"{text}, at {'least' if limit.kind == 'min' else 'most'} {limit.value:g}{_with(unit)}"
+    what = "onboard" if limit.against == "onboard" else "the baseline"
+    text += f", {what} {quantity(None if other is None else other.value, unit)}"
+    if "ratio" in limit.kind:
+        text += f": {_ratio(told.size, told.other)}, at most {limit.value:g} times"
+    elif "above" in limit.kind:
+        text += f": {told.size - (told.other or 0.0):+.3g}{_with(unit)}, at most {limit.value:+g}{_with(unit)}"
+    else:
+        text += ": not to be worse" if told.passed else ": worse"
+    return text + (" (not told from it by the evidence)" if told.excused else "")
+
+
+def _ratio(size: float, other: float | None) -> str:
+    return f"{size / other:.2f} times" if other else "nothing to divide by"
+
+
+def _with(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
