@@ -71,7 +71,7 @@ def first_seconds(
     late = next(iter(np.flatnonzero(_there(mag))), None)
     soon = t[:end] - t[0] <= REST_S
     dt = np.diff(t, prepend=t[:1]) if dt is None else dt
-    rest = _at_rest(gyr[:end][soon], acc[:end][soon])
+    rest = at_rest(gyr[:end][soon], acc[:end][soon])
     # What the gyro shows at rest is its bias: a field that comes a second later is not turned by that.
     bias = gyr[:end][soon].mean(axis=0) if rest else np.zeros(3)
     held = stabilised(dt[:end], gyr[:end] - bias, acc[:end], mag[:end])
@@ -148,7 +148,7 @@ def start_attitude(acc: Array, mag: Array, declination: float = 0.0) -> Array:
     return rotation.turn_about_down(level, heading)
 
 
-def _at_rest(gyr: Array, acc: Array) -> bool:
+def at_rest(gyr: Array, acc: Array) -> bool:
     """True if rates (n, 3) are small and the halves of rates and forces agree: nothing but noise."""
     half = len(gyr) // 2
     forces = [x[_there(x)] for x in (acc[:half], acc[half:])]

@@ -1,0 +1,362 @@
+"""An attlog estimator in the loop: sample by sample as a vehicle would run it, with the numbers of a batch run.
+
+The shared loop (:mod:`attlog.estimators.engine.loop`) sees a whole log at once; a vehicle sees one sample
+after the other. Here every rule of that loop is kept for single samples, around the same compiled step: bad
+samples, gaps, the sampling rule, the time to which vectors belong, the slow magnetometer's vector turned on by
+the gyro, aids at the first sample at or after their time, a field that comes late, and the start. A start
+looks at the first seconds, so there is no attitude until they are over; then what came meanwhile is run at
+once. ``attlog.estimate`` over the logged samples gives the same attitudes.
+
+What can differ: of two samples with one time the loop may take the later; it takes the median of all sample
+times for a gap and for the age of a magnetometer's vector, here it is the nominal rate; with ``q0`` a vehicle
+that flies cannot wait, so the vectors of the first sample alone go into the start; a step of more than 1 rad
+turns a held field with the bias after it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog import rotation
+from attlog.errors import UsageError
+from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse
+from attlog.estimators.aids import (
+    ALT,
+    AT_REST,
+    BARO,
+    LAT,
+    LON,
+    POS_H_ACC,
+    POS_V_ACC,
+    SIZE,
+    VEL_ACC,
+    VEL_D,
+    VEL_E,
+    VEL_N,
+)
+from attlog.estimators.engine.loop import SIGMAS, kernel
+from attlog.estimators.engine.samples import (
+    BRIDGE_S,
+    GAP_LEAST_S,
+    GAP_MEDIANS,
+    HELD,
+    HOLD_PERIODS,
+    MISSING,
+    NEW,
+    Sampling,
+)
+from attlog.estimators.engine.start import (
+    MOTION_S,
+    REST_S,
+    First,
+    at_rest,
+    declination_rad,
+    first_seconds,
+    initial_state,
+    realigned,
+)
+from attlog.estimators.engine.vectors import turn_vector_back
+from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
+
+Array = NDArray[np.float64]
+TRUTH = "truth"
+"""Not an estimator: the controller flies on the true attitude and rate."""
+
+
+def stepping(text: str) -> Row:
+    """The estimator ``NAME[@PRESET][:k=v,...]`` that can fly. UsageError for unknown ones and those that cannot."""
+    row = parse(text)
+    if row.estimator.step is None:
+        why = "looks at samples that a vehicle does not have yet" if not row.estimator.causal else "has no step"
+        raise UsageError(
+            f"{row.name} cannot fly: it runs over a whole log at once and {why}; "
+            f"take a filter with a step, for example mahony, ekf12 or mekf, or {TRUTH}"
+        )
+    return row
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One cleaned sample, as a row of :class:`attlog.estimators.engine.samples.Samples`, with its aid or None."""
+
+    t: float
+    dt: float
+    substeps: int
+    gyr: Array
+    acc: Array
+    mag: Array
+    use: int
+    aid: Array | None
+
+
+class Live:
+    """The attitude of one estimator while a vehicle flies.
+
+    ``q`` (4,) body to true north, or None until the start is over; ``bias`` (3,) rad/s, zero where the filter
+    knows none. UsageError for an estimator that has no step or lacks a sensor.
+    """
+
+    def __init__(
+        self,
+        estimator: str | Row,
+        imu_rate: float,
+        mag_rate: float | None,
+        *,
+        sampling: Sampling = "interval",
+        declination: float | None = None,
+        q0: ArrayLike | None = None,
+        log: LogFacts | None = None,
+    ) -> None:
+        self.row = stepping(estimator) if isinstance(estimator, str) else estimator
+        filter_ = self.row.estimator
+        if mag_rate is None and "mag" in filter_.needs:
+            raise UsageError(f"{self.row.name} needs a magnetometer, which this vehicle does not have")
+        given = dict(self.row.params)
+        if declination is not None and any(p.name == "declination" for p in filter_.parameters):
+            given.setdefault("declination", declination)
+        facts = log or LogFacts(info=LogInfo(declination_deg=declination, imu_rate_hz=imu_rate, mag_rate_hz=mag_rate))
+        self.values = {k: v for k, (v, _) in filter_.resolve(self.row.preset, given, log=facts).items()}
+        self._params = filter_.pack(self.values)
+        self._advance = kernel(filter_)
+        self._north = declination_rad(self.values)
+        self._gap = max(GAP_MEDIANS / imu_rate, GAP_LEAST_S)
+        self._hold = HOLD_PERIODS / mag_rate if mag_rate and filter_.hold_mag else -1.0
+        self._field_expected = mag_rate is not None
+        self._instant = sampling == "instant"
+        self._q0 = None if q0 is None else np.asarray(q0, np.float64)
+        bias = filter_.slices.get("bias")
+        self._bias_at = None if bias is None else bias.start
+        self.skipped: Counter[str] = Counter()
+        self.q: Array | None = None
+        self.bias = np.zeros(3)
+        self._arrived: list[tuple[float, dict[int, float]]] = []
+        self._resting: float = math.nan
+        self._waiting: list[Sample] = []
+        self._last: Sample | None = None
+        self._raw_last = np.zeros(3)
+        self._field_t = -math.inf
+        self._segment = 0
+        self._state: Array | None = None
+        self._silent = False
+        self._no_heading: list[tuple[float, float]] = []
+        self._m = np.zeros(3)
+        self._out = np.empty((1, filter_.outputs))
+        self._kept: list[tuple[float, int, Array]] = []
+
+    def gnss(
+        self, t: float, position: ArrayLike | None, velocity: ArrayLike | None, sigma: tuple[float, float, float]
+    ) -> None:
+        """A fix with stamp ``t``: latitude, longitude (deg), altitude (m); velocity NED (m/s) relative to true north.
+
+        ``sigma``: 1 sigma of horizontal and vertical position (m) and of the velocity (m/s).
+        """
+        told: dict[int, float] = {}
+        if position is not None:
+            told |= dict(zip((LAT, LON, ALT), np.asarray(position, np.float64).tolist(), strict=True))
+            told |= {POS_H_ACC: sigma[0], POS_V_ACC: sigma[1]}
+        if velocity is not None:
+            north, east, down = np.asarray(velocity, np.float64).tolist()
+            # A step knows magnetic north only.
+            c, s = math.cos(self._north), math.sin(self._north)
+            told |= {VEL_N: c * north + s * east, VEL_E: c * east - s * north, VEL_D: down, VEL_ACC: sigma[2]}
+        self._arrived.append((t, told))
+
+    def baro(self, t: float, height: float) -> None:
+        """Barometric height (m) with stamp ``t``."""
+        self._arrived.append((t, {BARO: height}))
+
+    def resting(self, rest: bool) -> None:
+        """Whether the vehicle knows that it stands: landed and disarmed. Unknown until it is told."""
+        self._resting = 1.0 if rest else 0.0
+
+    def sample(self, t: float, gyr: Array, acc: Array, mag: Array | None = None, dt: float = math.nan) -> None:
+        """One IMU sample: ``gyr`` (3,) rad/s, ``acc`` (3,) m/s^2, ``mag`` (3,) any unit if one came since the last.
+
+        ``dt`` s is the sample's own time of integration where it is known.
+        """
+        cleaned = self._cleaned(t, gyr, acc, mag, dt)
+        if cleaned is None:
+            return
+        if self._state is None:
+            self._waiting.append(cleaned)
+            seen = self._seen()
+            if seen is None:
+                return
+            queue, self._waiting = self._waiting, []
+            self._begin(queue[0], seen)
+        else:
+            queue = [cleaned]
+        for one in queue:
+            self._step(one)
+        state = self._state
+        assert state is not None
+        self.q = rotation.turn_about_down(state[:4], self._north) if self._north else state[:4].copy()
+        if self._bias_at is not None:
+            self.bias = state[self._bias_at : self._bias_at + 3].copy()
+
+    def estimate(self) -> Estimate:
+        """What a batch run would return: all outputs so far."""
+        filter_ = self.row.estimator
+        out = np.array([x for _, _, x in self._kept]).reshape(-1, filter_.outputs)
+        parts = {name: out[:, part.start if name in SIGMAS else part].copy() for name, part in filter_.slices.items()}
+        q = np.ascontiguousarray(out[:, :4])
+        return Estimate(
+            t=np.array([t for t, _, _ in self._kept]),
+            q=rotation.turn_about_down(q, self._north) if self._north else q,
+            bias=parts.pop("bias", None),
+            aux=parts,
+            segment=np.array([s for _, s, _ in self._kept], np.int64),
+            skipped=dict(self.skipped),
+            causal=filter_.causal,
+            no_heading=list(self._no_heading),
+        )
+
+    def _cleaned(self, t: float, gyr: Array, acc: Array, mag: Array | None, own: float) -> Sample | None:
+        """The sample as :func:`attlog.estimators.engine.samples.prepare` would clean it; None if it is left out."""
+        last = self._last
+        if not (math.isfinite(t) and np.isfinite(gyr).all()):
+            self.skipped["nan"] += 1
+            return None
+        if np.abs(gyr).max() > GYRO_LIMIT_RAD_S:
+            self.skipped["saturated"] += 1
+            return None
+        if last is not None and t <= last.t:
+            self.skipped["time_not_rising"] += 1
+            return None
+        gyr = np.array(gyr, np.float64)
+        step = 0.0 if last is None else t - last.t
+        restart = step > max(self._gap, BRIDGE_S)
+        if restart:
+            self._restart()
+        begins = restart or last is None
+        rate = gyr
+        if not begins and (self._instant or step > self._gap):
+            if step > self._gap:
+                self.skipped["gap_bridged"] += 1
+            rate = 0.5 * (self._raw_last + gyr)
+        dt = 0.0 if begins else own if own > 0.0 and step < 1.5 * own else step
+        angle = math.sqrt(float(rate @ rate)) * dt
+        force = self._vector(acc, ACC_LIMIT_M_S2)
+        field = np.zeros(3) if mag is None else self._vector(mag, math.inf)
+        use = MISSING
+        if field.any():
+            use, self._field_t = NEW, t
+        elif t - self._field_t <= self._hold:
+            use = HELD
+        one = Sample(t, dt, 0 if begins else max(math.ceil(angle), 1), rate, force, field, use, self._aid(t, begins))
+        self._last, self._raw_last = one, gyr
+        return one
+
+    def _vector(self, x: Array, limit: float) -> Array:
+        """The vector, or zeros, which are counted, where it is not finite or not possible."""
+        if not np.isfinite(x).all():
+            self.skipped["nan"] += 1
+        elif float(np.abs(x).max()) > limit:
+            self.skipped["saturated"] += 1
+        elif not x.any():
+            self.skipped["zero_vector"] += 1
+        else:
+            return np.array(x, np.float64)
+        return np.zeros(3)
+
+    def _restart(self) -> None:
+        """A new segment: the filter starts anew."""
+        self.skipped["restart"] += 1
+        self._segment += 1
+        self._state, self._waiting, self._q0 = None, [], None
+        self._silent, self._field_t = False, -math.inf
+
+    def _aid(self, t: float, begins: bool) -> Array | None:
+        """What has arrived until ``t``, the newest of each; a segment's first sample takes no step, so it gets none."""
+        if not self.row.estimator.aided:
+            return None
+        due = [told for at, told in self._arrived if at <= t]
+        self._arrived = [(at, told) for at, told in self._arrived if at > t]
+        aid = np.full((2, SIZE), np.nan)
+        aid[:, AT_REST] = self._resting if "at_rest" in self.row.estimator.uses else math.nan
+        for told in due if not begins else ():
+            for where, value in told.items():
+                if math.isfinite(value):
+                    aid[1, where] = value
+        return aid
+
+    def _seen(self) -> First | None:
+        """What the start needs, once enough has come that more would not change it."""
+        queue = self._waiting
+        elapsed = queue[-1].t - queue[0].t
+        if self._q0 is not None:
+            return First(queue[0].acc, queue[0].mag, None)
+        if elapsed <= REST_S:
+            return None
+        if elapsed <= MOTION_S and not self._settled(queue):
+            return None
+        t, dt = np.array([s.t for s in queue]), np.array([s.dt for s in queue])
+        gyr, acc, mag = (np.array([getattr(s, name) for s in queue]) for name in ("gyr", "acc", "mag"))
+        return first_seconds(t, gyr, acc, mag, dt, str(self.values.get("init", "average")))
+
+    def _settled(self, queue: list[Sample]) -> bool:
+        """Whether more samples would not change the start: at rest, and half a second of every vector is in."""
+        soon = [s for s in queue if s.t - queue[0].t <= REST_S]
+        if not at_rest(np.array([s.gyr for s in soon]), np.array([s.acc for s in soon])):
+            return False
+        wanted = ["acc", "mag"] if self._field_expected else ["acc"]
+        came = [next((s.t for s in queue if getattr(s, name).any()), math.inf) for name in wanted]
+        return queue[-1].t - max(came) > REST_S
+
+    def _begin(self, begin: Sample, seen: First) -> None:
+        """The state at the first sample of a segment."""
+        self._state = initial_state(self.row.estimator, seen, self._params, self.values, self._q0)
+        uses = "mag" in self.row.estimator.uses
+        self._silent = uses and self._q0 is None and self._field_expected and not seen.mag.any()
+        self._m[:] = 0.0
+        self._begun, self._late = begin.t, 0
+        self._before = Sample(begin.t, 0.0, 1, np.zeros(3), np.zeros(3), np.zeros(3), MISSING, None)
+
+    def _step(self, s: Sample) -> None:
+        """One step of the kernel, with the vectors that belong to it."""
+        state = self._state
+        assert state is not None
+        at_start = self.row.estimator.vectors_at == "start"
+        # What a step compares with the attitude that it is given are the vectors of the sample before.
+        source = self._before if at_start else s
+        # The first sample of a segment takes no step; its own vectors are not taken either.
+        if self._silent or source.use == MISSING or (not at_start and s.substeps == 0):
+            self._m[:] = 0.0
+        elif source.use == NEW:
+            self._m[:] = source.mag
+        else:
+            self._turn_field(source, 1)
+        data: tuple[Any, ...] = (
+            np.array([s.dt]), np.array([s.substeps]), s.gyr[None], source.acc[None], self._m[None].copy(),
+            np.array([NEW]), 1, self._out,
+        )  # fmt: skip
+        if s.aid is not None:
+            news = int(np.isfinite(s.aid[1, :AT_REST]).any())
+            data += (np.array([news]), np.array([0]), s.aid)
+        self._advance(state, self._params, *data)
+        if at_start and s.substeps > 1:
+            self._turn_field(s, s.substeps - 1)
+        if self._silent and s.use == NEW:
+            self._no_heading.append((self._begun, s.t))
+            state[:] = realigned(self.row.estimator, state, self._params, s.mag)
+            self._out[0] = state[: self.row.estimator.outputs]
+            self._silent = False
+            self._m[:] = 0.0
+            self.skipped["late_field"] += self._late
+        self._late += 1
+        self._before = s
+        self._kept.append((s.t, self._segment, self._out[0].copy()))
+
+    def _turn_field(self, s: Sample, times: int) -> None:
+        """The last field turned on by the bias-corrected rate of a sample."""
+        state, at = self._state, self._bias_at
+        assert state is not None
+        x, y, z = (s.gyr if at is None else s.gyr - state[at : at + 3]).tolist()
+        for _ in range(times):
+            turn_vector_back(self._m, x, y, z, s.dt / max(s.substeps, 1))
