@@ -21,6 +21,7 @@ from attlog.cli import (
     extract,
     info,
     new,
+    reproduce,
     schema,
     streams,
     sweep,
@@ -79,6 +80,7 @@ app.command("tune", cls=WithJson)(tune.command)
 app.command("estimators")(estimators.command)
 app.command("new")(new.command)
 app.command("check-estimator")(check_estimator.command)
+app.command("reproduce", cls=WithJson)(reproduce.command)
 app.command("schema")(schema.command)
 
 

@@ -80,4 +80,4 @@ def _pooled(what: str, values: Sequence[float], unit: str) -> Number:
     if not values:
         return Number(what, None, unit, None, 0)
     found = pool(values, [None] * len(values))
-    return Number(what, found.value, unit, found.ci95, len(values))
+    return Number(what, found.value, unit, found.ci95 if len(values) > 1 else None, len(values))

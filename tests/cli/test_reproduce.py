@@ -1,0 +1,52 @@
+"""``attlog reproduce``: pages, JSON, the claims on the terminal, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from tests.conftest import SAMPLES
+
+
+def test_a_paper_is_told_on_the_terminal_and_written_as_page_and_json(attlog, tmp_path: Path) -> None:
+    done = attlog("reproduce", "lyu", "--seeds", "2", "-j", "1", "-o", tmp_path)
+    assert done.code == 0, done.err
+    assert "does not hold" in done.out
+    assert {p.name for p in tmp_path.iterdir()} == {"reproduce-lyu.html", "reproduce-lyu.json"}
+    told = json.loads((tmp_path / "reproduce-lyu.json").read_text(encoding="utf-8"))
+    assert (told["key"], told["seeds"]) == ("lyu", 2)
+    verdicts = {c["verdict"] for c in told["claims"]}
+    assert verdicts <= {"holds", "holds in part", "does not hold", "cannot be judged"}
+    for claim in told["claims"]:
+        assert claim["verdict"] in done.out
+
+
+def test_json_on_standard_output_is_the_file(attlog, tmp_path: Path) -> None:
+    done = attlog("reproduce", "lyu", "--seeds", "2", "-j", "1", "-o", tmp_path, "-q", "--json")
+    assert done.code == 0, done.err
+    assert json.loads(done.out) == json.loads((tmp_path / "reproduce-lyu.json").read_text(encoding="utf-8"))
+
+
+def test_an_unknown_paper_is_2_with_the_known_ones(attlog, tmp_path: Path) -> None:
+    done = attlog("reproduce", "lyi", "-o", tmp_path)
+    assert (done.code, done.out) == (2, "")
+    assert "did you mean lyu" in done.err
+
+
+def test_a_log_that_is_not_there_is_66(attlog, tmp_path: Path) -> None:
+    done = attlog("reproduce", "lyu", "--logs", tmp_path / "none.ulg", "-o", tmp_path)
+    assert (done.code, "none.ulg" in done.err) == (66, True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_logs_for_a_paper_without_are_2(attlog, tmp_path: Path) -> None:
+    done = attlog("reproduce", "lyu", "--logs", SAMPLES, "-o", tmp_path)
+    assert (done.code, "--logs" in done.err) == (2, True)
+
+
+def test_one_seed_alone_judges_nothing_by_an_interval(attlog, tmp_path: Path) -> None:
+    done = attlog("reproduce", "lyu", "--seeds", "1", "-j", "1", "-o", tmp_path)
+    assert done.code == 0, done.err
+    told = json.loads((tmp_path / "reproduce-lyu.json").read_text(encoding="utf-8"))
+    settle = next(c for c in told["claims"] if c["id"] == "settle")
+    assert settle["verdict"] == "cannot be judged"
