@@ -27,7 +27,8 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
 
     ``tilt`` of the attitude that everything is compared with, else of the one that flew, else of a filter.
     ``tilt_diff`` and ``heading_diff`` of ``of``: the attitude that flew, or, where that is the reference itself,
-    the median of the filters. None where nothing is known. ``air``: seconds in the air; ``marks``: [seconds, kind].
+    the median of the filters. None where nothing is known. ``air``: seconds in the air; ``marks``: [seconds, kind]
+    of impacts, and of jumps of the attitude in the air, since one that is set right before take-off is no news.
     """
     attitudes = {t.row: t for t in result.traces if t.figure == "attitude" and np.isfinite(t.t).any()}
     if not attitudes:
@@ -38,7 +39,8 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
     choice = result.reference.choice if result.reference else ""
     shown = next(attitudes[k] for k in (choice, "onboard", *_filters(result), *attitudes) if k in attitudes)
     of, tilt, heading = _differences(result, edges)
-    spans = (result.log.get("timeline") or {}).get("airborne") or []
+    air = (result.log.get("timeline") or {}).get("airborne") or []
+    marks = [s for s in result.segments if s.kind in MARKS and (s.kind != "reset" or not air or _within(s.t1, air))]
     return {
         "t0": round(start, 2),
         "t1": round(float(edges[-1]), 2),
@@ -46,9 +48,13 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
         "of": of,
         "tilt_diff": _points(tilt),
         "heading_diff": _points(heading),
-        "air": [[round(float(a), 1), round(float(b), 1)] for a, b in spans[:MOST_MARKS]],
-        "marks": [[round(s.t1, 1), s.kind] for s in result.segments if s.kind in MARKS][:MOST_MARKS],
+        "air": [[round(float(a), 1), round(float(b), 1)] for a, b in air[:MOST_MARKS]],
+        "marks": [[round(s.t1 if s.kind == "reset" else s.t0, 1), s.kind] for s in marks[:MOST_MARKS]],
     }
+
+
+def _within(t: float, spans: list[list[float]]) -> bool:
+    return any(a <= t <= b for a, b in spans)
 
 
 def _differences(result: Result, edges: Array) -> tuple[str, Array, Array]:

@@ -14,7 +14,7 @@ from attlog.fleet.answers import numbers
 from attlog.fleet.row import index_row, light
 from attlog.fleet.thumbnail import POINTS, thumbnail
 from attlog.metrics.trace import Trace
-from attlog.result import MEASURED_TIMES
+from attlog.result import MEASURED_TIMES, Segment
 from tests.conftest import SAMPLES
 from tests.report.conftest import make_result
 
@@ -104,8 +104,21 @@ def test_the_difference_is_that_of_the_attitude_that_flew_where_something_better
     assert seen is not None
     assert seen["of"] == "onboard"
     assert max(v for v in seen["tilt"] if v is not None) > 15.0
-    assert seen["marks"][0][1] == "reset"
+    assert seen["marks"] == []  # it was aligned at 2.5 s, long before take-off
     assert seen["air"] == [[pytest.approx(19.3), pytest.approx(81.8)]]
+
+
+def test_impacts_and_jumps_in_the_air_are_marked() -> None:
+    made = make_result()
+    made.log["timeline"]["airborne"] = [[60.0, 185.0]]
+    made.segments = [Segment("reset", t - 0.01, t) for t in (5.0, 70.0)] + [Segment("impact", 186.0, 187.0)]
+    seen = thumbnail(made)
+    assert seen is not None
+    assert seen["marks"] == [[70.0, "reset"], [186.0, "impact"]]
+    made.log["timeline"]["airborne"] = []
+    seen = thumbnail(made)
+    assert seen is not None
+    assert len(seen["marks"]) == 3  # nothing tells when it flew
 
 
 def test_a_result_without_traces_has_no_thumbnail_and_still_a_row() -> None:

@@ -1,0 +1,68 @@
+"""Entries of a batch made by hand: what flew, what was wrong with it, and flights by the thousand."""
+
+from __future__ import annotations
+
+import copy
+import functools
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from attlog.fleet.entry import Entry
+from attlog.fleet.row import index_row, light
+from attlog.fleet.trouble import POINTS, Reason, trouble
+from attlog.present.sentences import verdicts
+from tests.report.conftest import make_result
+
+FIRMWARES = ("PX4 1.9.0", "PX4 1.13.2", "PX4 1.15.4", "ArduPilot Copter 4.5.7")
+
+
+@functools.cache
+def _sound() -> dict[str, Any]:
+    made = make_result()
+    made.problems = []
+    made.verdicts = verdicts(made)
+    return light(index_row(made))
+
+
+def reason(kind: str, severity: str = "error", text: str = "") -> Reason:
+    return Reason(kind, kind, POINTS[kind, severity], text or f"Something about the {kind}.", 12.0)
+
+
+def flown(name: str, *reasons: Reason, folder: str = "drive", **flight: Any) -> Entry:
+    """A log with its report. ``scale`` multiplies its numbers."""
+    row = copy.deepcopy(_sound())
+    scale = flight.pop("scale", 1.0)
+    gates = flight.pop("gates", ())
+    for column in row["columns"]:
+        column["values"] = {k: v * scale if isinstance(v, float) else v for k, v in column["values"].items()}
+    row["flight"] |= {"name": name} | flight
+    row["trouble"] = trouble(reasons)
+    return Entry(f"{folder}/{name}", name, row=row, gates=gates)
+
+
+def failed(name: str, why: str = "not a flight log", code: int = 65, folder: str = "drive") -> Entry:
+    """A log without a report."""
+    return Entry(f"{folder}/{name}", name, code, f"attlog: {folder}/{name}: {why}")
+
+
+def many(count: int) -> list[Entry]:
+    """Flights over four years with different firmwares, numbers and troubles; every fiftieth could not be read."""
+    found = []
+    for i in range(count):
+        if i % 50 == 49:
+            found.append(failed(f"log_{i}.bin", folder=f"drive/{i // 100}"))
+            continue
+        reasons = [reason("attitude")] * (i % 29 == 0) + [reason("sensor", "warning")] * (i % 11 == 0)
+        when = datetime(2022, 1, 1, tzinfo=UTC) + timedelta(hours=3.4 * i)
+        found.append(
+            flown(
+                f"log_{i}.bin",
+                *reasons,
+                folder=f"drive/{i // 100}",
+                date_utc=when.isoformat(),
+                firmware=FIRMWARES[i % len(FIRMWARES)],
+                airborne_s=10.0 + i % 600,
+                scale=1.0 + (i % 97) / 50.0,
+            )
+        )
+    return found
