@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.simulate.autopilot import Autopilot, Maker, Measured
 from attlog.simulate.environment import Environment, environment, field_at
-from attlog.simulate.flight import Flight, Onboard, Truth
+from attlog.simulate.flight import Flight, Truth
+from attlog.simulate.happenings import events
 from attlog.simulate.prescribed import moved
+from attlog.simulate.rigid_body import POINTS, TOUCHING, Body
 from attlog.simulate.scenario import Scenario
 from attlog.simulate.sensors.baro import BaroSensor
 from attlog.simulate.sensors.gnss import GnssSensor
@@ -19,6 +21,7 @@ from attlog.simulate.sensors.imu import ImuSensor
 from attlog.simulate.sensors.imu_kernel import RAW
 from attlog.simulate.sensors.mag import MagSensor
 from attlog.simulate.sensors.power import battery, rpm
+from attlog.simulate.wind import wind_at
 
 Array = NDArray[np.float64]
 BLOCK = 2000
@@ -33,17 +36,18 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
     home = environment(scenario)
     truth = _no_truth(scenario)
     sensors = _Sensors(scenario, seed, home)
-    pilot = None if autopilot is None else autopilot(scenario, home.gravity, home.declination)
+    pilot = (autopilot or _maker())(scenario, home.gravity, home.declination)
     if scenario.motion is None:
-        raise NotImplementedError("flown motion")
-    _prescribed(scenario, home, truth, sensors, pilot)
+        _flown(scenario, home, truth, sensors, pilot, seed)
+    else:
+        _prescribed(scenario, home, truth, sensors, pilot)
     return Flight(
         scenario=scenario, seed=seed, gravity=home.gravity, declination_deg=math.degrees(home.declination), truth=truth,
         imus=[s.stream() for s in sensors.imus], mags=[s.stream() for s in sensors.mags],
         gnss=[s.stream() for s in sensors.gnss], baro=[s.stream() for s in sensors.baro],
-        onboard=Onboard() if pilot is None else pilot.onboard(),
+        onboard=pilot.onboard(),
         battery=battery(scenario, seed, truth), rpm=rpm(scenario, seed, truth),
-        events=[(f.t, f"fault: {f.part} {f.instance} {f.kind}") for f in scenario.fault],
+        events=events(scenario, truth),
     )  # fmt: skip
 
 
@@ -58,11 +62,12 @@ class _Sensors:
         self.baro = [BaroSensor(scenario, k, seed) for k in range(len(kinds.baro))]
         self.slow = [*self.mags, *self.gnss, *self.baro]
 
-    def advance(self, truth: Truth, step: int, raw: Array, last: int) -> None:
-        """Measure the periods from number ``step`` on, whose raw rows are ``raw``, up to row ``last`` of ``truth``."""
+    def advance(self, truth: Truth, step: int, raw: Array) -> None:
+        """Measure period number ``step``, whose raw rows are ``raw`` and which ends with row ``step + 1`` of
+        ``truth``."""
         for imu in self.imus:
             imu.advance(step, raw)
-        now = float(truth.t[last])
+        now = float(truth.t[step + 1])
         for sensor in self.slow:
             sensor.advance(truth, now)
 
@@ -90,18 +95,15 @@ def _no_truth(scenario: Scenario) -> Truth:
     return Truth(t, np.zeros((n, 4)), w, w_dot, p, v, a, np.zeros((n, 4)), wind, field, np.zeros(n, bool))
 
 
-def _prescribed(
-    scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot | None
-) -> None:
-    """Fill ``truth`` with the prescribed motion; with an autopilot on board its estimator runs along."""
+def _prescribed(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot) -> None:
+    """Fill ``truth`` with the prescribed motion; the estimator on board runs along, its commands move nothing."""
     sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
-    start = moved(scenario, truth.t)
-    truth.q[:], truth.w[:], truth.w_dot[:] = start.q, start.w, start.w_dot
-    truth.p[:], truth.v[:], truth.a[:] = start.p, start.v, start.a
+    known = moved(scenario, truth.t)
+    truth.q[:], truth.w[:], truth.w_dot[:] = known.q, known.w, known.w_dot
+    truth.p[:], truth.v[:], truth.a[:] = known.p, known.v, known.a
     truth.field[:] = field_at(scenario, home, truth.p)
     truth.ground[:] = True
     down = np.array([0.0, 0.0, home.gravity])
-    periods = 1 if pilot is not None else BLOCK
     for step in range(0, len(truth.t) - 1, BLOCK):
         count = min(BLOCK, len(truth.t) - 1 - step)
         m = moved(scenario, step * period + np.arange(1, count * sub + 1, dtype=np.float64) * (period / sub))
@@ -109,8 +111,43 @@ def _prescribed(
         raw[:, 0:3], raw[:, 3:6] = m.w, m.w_dot
         raw[:, 6:9] = rotation.rotate_inverse(m.q, m.a - down)
         raw[:, 8] += m.shock
-        for k in range(0, count, periods):
-            last = step + min(k + periods, count)
-            sensors.advance(truth, step + k, raw[k * sub : (k + periods) * sub], last)
-            if pilot is not None:
-                pilot.step(float(truth.t[last]), sensors.measured(truth, last))
+        for k in range(count):
+            sensors.advance(truth, step + k, raw[k * sub : (k + 1) * sub])
+            pilot.step(float(truth.t[step + k + 1]), sensors.measured(truth, step + k + 1))
+
+
+def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot, seed: int) -> None:
+    """Fill ``truth`` with what the body does under the autopilot's commands; each holds for one period."""
+    sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
+    body = Body(scenario.vehicle, home.gravity, home.density, math.radians(scenario.place.heading_deg))
+    truth.wind[:] = wind_at(scenario.wind, truth.t, seed)
+    broken = [f for f in scenario.fault if f.part == "rotor"]
+    raw = np.zeros((sub, RAW))
+    command = np.zeros(4)
+    _note(scenario, home, truth, body, 0)
+    for k in range(len(truth.t) - 1):
+        if broken:
+            body.health[:] = 1.0
+            for fault in broken:
+                if fault.holds(float(truth.t[k])):
+                    body.health[fault.instance] *= 0.0 if fault.kind == "off" else fault.factor
+        body.advance(command, truth.wind[k], period / sub, raw)
+        _note(scenario, home, truth, body, k + 1)
+        sensors.advance(truth, k, raw)
+        command = np.asarray(pilot.step(float(truth.t[k + 1]), sensors.measured(truth, k + 1)), np.float64)
+
+
+def _note(scenario: Scenario, home: Environment, truth: Truth, body: Body, row: int) -> None:
+    """Write the body's state into a row of the truth."""
+    s = body.state
+    truth.p[row], truth.v[row], truth.q[row], truth.w[row] = s[0:3], s[3:6], s[6:10], s[10:13]
+    truth.a[row], truth.w_dot[row], truth.rotor[row] = body.now[0:3], body.now[3:6], s[13:17]
+    truth.field[row] = field_at(scenario, home, truth.p[row : row + 1])[0] if scenario.anomaly else home.field_t
+    truth.ground[row] = s[TOUCHING : TOUCHING + POINTS].any()
+
+
+def _maker() -> Maker:
+    """The autopilot that attlog brings."""
+    from attlog.simulate.pilot import make
+
+    return make
