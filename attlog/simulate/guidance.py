@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 CLIMB_M_S, SINK_M_S, LAND_M_S = 2.0, 1.5, 0.6
 ACCELERATION_M_S2 = 5.0
 """The most that position and velocity may ask for; the tilt limit cuts it further."""
+BRAKING_M_S2 = 1.5
+"""How fast the point that is followed gathers and loses speed."""
 LEAST_THRUST, MOST_THRUST = 0.08, 0.95
 TOUCH_S, LEAST_CLIMB_M_S = 0.6, 0.2
 """Landed: for so long no sinking although it is wanted."""
@@ -52,6 +54,7 @@ class Guidance:
         self._place = [0.0, 0.0]
         self._path = [0.0, 0.0]
         self._up = self._up_end = 0.0
+        self._climbing = self._going = 0.0
         self._push = [0.0, 0.0, 0.0]
         self._touching = 0.0
 
@@ -104,6 +107,7 @@ class Guidance:
         if self.landed and command.do != "land":
             self.landed = False
             self._up = self._up_end = -float(p[2])
+            self._climbing = self._going = 0.0
             self._push = [0.0, 0.0, 0.0]
             self._path = p[:2].tolist()
         self._place = list(self._path)
@@ -131,14 +135,14 @@ class Guidance:
         g = self._gains
         if now.do == "land":
             self._up = min(self._up, -float(p[2]) + 1.0) - LAND_M_S * dt
+            self._climbing = 0.0
             wanted = -LAND_M_S
         else:
-            self._up += max(min(self._up_end - self._up, CLIMB_M_S * dt), -SINK_M_S * dt)
-            # While the set-point moves, its speed goes ahead.
-            going = (
-                CLIMB_M_S if self._up < self._up_end - 1e-6 else -SINK_M_S if self._up > self._up_end + 1e-6 else 0.0
-            )
-            wanted = max(min(going + g.height_kp * (self._up + float(p[2])), 1.5 * CLIMB_M_S), -1.5 * SINK_M_S)
+            left = self._up_end - self._up
+            most = CLIMB_M_S if left > 0.0 else SINK_M_S
+            self._climbing = _sped(self._climbing, math.copysign(_stopping(abs(left), most), left), dt)
+            self._up += self._climbing * dt
+            wanted = self._climbing + bounded(g.height_kp * (self._up + float(p[2])), SINK_M_S)
         error = wanted + float(v[2])
         self._push[2] = bounded(self._push[2] + g.climb_ki * error * dt, 0.3 * self._g)
         return bounded(g.climb_kp * error + self._push[2], 0.6 * self._g)
@@ -146,7 +150,7 @@ class Guidance:
     def _horizontal(self, now: Command, dt: float, p: Array, v: Array, placed: bool) -> tuple[float, float]:
         """The acceleration wanted to the north and east."""
         if not placed or now.do in ("attitude", "track"):
-            self._push[0] = self._push[1] = 0.0
+            self._push[0] = self._push[1] = self._going = 0.0
             self._path = self._place = p[:2].tolist()
             return 0.0, 0.0
         g, going = self._gains, (0.0, 0.0)
@@ -159,11 +163,10 @@ class Guidance:
         else:
             way = [self._place[i] - self._path[i] for i in range(2)]
             left = math.hypot(*way)
-            # It slows down so that it stops there with half of what it may accelerate.
-            speed = min(now.speed_m_s, math.sqrt(ACCELERATION_M_S2 * 0.5 * left))
+            self._going = _sped(self._going, _stopping(left, now.speed_m_s), dt)
             if left > 1e-9:
-                going = (speed * way[0] / left, speed * way[1] / left)
-                share = min(speed * dt / left, 1.0)
+                going = (self._going * way[0] / left, self._going * way[1] / left)
+                share = min(self._going * dt / left, 1.0)
                 self._path = [self._path[i] + share * way[i] for i in range(2)]
         pushed = []
         for i in range(2):
@@ -199,6 +202,16 @@ class Guidance:
         self._touching = 0.0 if sinking or t - self._since < 1.0 else self._touching + dt
         if self._touching > TOUCH_S:
             self.landed, self._since, self._touching = True, t, 0.0
+
+
+def _stopping(left: float, most: float) -> float:
+    """The speed from which it can stop within ``left`` m, at most ``most``."""
+    return min(most, math.sqrt(2.0 * BRAKING_M_S2 * left))
+
+
+def _sped(speed: float, wanted: float, dt: float) -> float:
+    """The speed wanted, reached with a limited acceleration; a smaller one is taken at once."""
+    return min(wanted, speed + BRAKING_M_S2 * dt) if wanted >= 0.0 else max(wanted, speed - BRAKING_M_S2 * dt)
 
 
 def _lean(north: float, east: float, up: float, heading: float, most_deg: float) -> tuple[float, float]:

@@ -33,8 +33,8 @@ class Controller:
     rate_ki: NotNegative = 0.015
     rate_kd: NotNegative = 0.0025
     yaw_angle_kp: NotNegative = 2.5
-    yaw_rate_kp: NotNegative = 0.25
-    yaw_rate_ki: NotNegative = 0.05
+    yaw_rate_kp: NotNegative = 0.6
+    yaw_rate_ki: NotNegative = 0.1
     rate_max_dps: Positive = 220.0
     yaw_rate_max_dps: Positive = 120.0
     tilt_max_deg: Annotated[float, Field(gt=0, le=80)] = 35.0

@@ -125,6 +125,7 @@ class Live:
         self._params = filter_.pack(self.values)
         self._advance = kernel(filter_)
         self._north = declination_rad(self.values)
+        self._turn = (math.cos(0.5 * self._north), math.sin(0.5 * self._north))
         self._gap = max(GAP_MEDIANS / imu_rate, GAP_LEAST_S)
         self._hold = HOLD_PERIODS / mag_rate if mag_rate and filter_.hold_mag else -1.0
         self._field_expected = mag_rate is not None
@@ -196,7 +197,9 @@ class Live:
             self._step(one)
         state = self._state
         assert state is not None
-        self.q = rotation.turn_about_down(state[:4], self._north) if self._north else state[:4].copy()
+        w, x, y, z = state[:4].tolist()
+        c, s = self._turn
+        self.q = np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])
         if self._bias_at is not None:
             self.bias = state[self._bias_at : self._bias_at + 3].copy()
 
@@ -220,10 +223,11 @@ class Live:
     def _cleaned(self, t: float, gyr: Array, acc: Array, mag: Array | None, own: float) -> Sample | None:
         """The sample as :func:`attlog.estimators.engine.samples.prepare` would clean it; None if it is left out."""
         last = self._last
-        if not (math.isfinite(t) and np.isfinite(gyr).all()):
+        x, y, z = gyr.tolist()
+        if not math.isfinite(t + x + y + z):
             self.skipped["nan"] += 1
             return None
-        if np.abs(gyr).max() > GYRO_LIMIT_RAD_S:
+        if max(abs(x), abs(y), abs(z)) > GYRO_LIMIT_RAD_S:
             self.skipped["saturated"] += 1
             return None
         if last is not None and t <= last.t:
@@ -245,7 +249,7 @@ class Live:
         force = self._vector(acc, ACC_LIMIT_M_S2)
         field = np.zeros(3) if mag is None else self._vector(mag, math.inf)
         use = MISSING
-        if field.any():
+        if mag is not None and field.any():
             use, self._field_t = NEW, t
         elif t - self._field_t <= self._hold:
             use = HELD
@@ -255,11 +259,12 @@ class Live:
 
     def _vector(self, x: Array, limit: float) -> Array:
         """The vector, or zeros, which are counted, where it is not finite or not possible."""
-        if not np.isfinite(x).all():
+        a, b, c = x.tolist()
+        if not math.isfinite(a + b + c):
             self.skipped["nan"] += 1
-        elif float(np.abs(x).max()) > limit:
+        elif max(abs(a), abs(b), abs(c)) > limit:
             self.skipped["saturated"] += 1
-        elif not x.any():
+        elif a == b == c == 0.0:
             self.skipped["zero_vector"] += 1
         else:
             return np.array(x, np.float64)

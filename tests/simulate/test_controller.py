@@ -48,15 +48,18 @@ def test_a_small_step_is_the_one_of_the_transfer_function(axis: int, lag: float,
     assert over == pytest.approx(over_expected, abs=0.01)
 
 
-def test_the_papers_gains_are_well_damped_on_the_default_vehicle() -> None:
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_the_default_gains_are_well_damped_on_the_default_vehicle(index: int) -> None:
+    """The paper's for roll and pitch, ours for yaw; also with 4 ms more of delay, as a slow IMU has."""
     vehicle = Vehicle()
-    axis = Axis(float(authority(vehicle)[0]), vehicle.motor_lag_s, HUANG)
-    found = margins(axis)
-    assert found.phase_deg > 60.0
-    assert found.gain > 4.0
-    rise, over = rise_and_overshoot(t := np.linspace(0, 4, 4001), axis.step(t))
-    assert 0.2 < rise < 0.5
-    assert over < 0.05
+    for delay in (0.00125, 0.005):
+        axis = Axis(float(authority(vehicle)[index]), vehicle.motor_lag_s, HUANG, index, delay)
+        found = margins(axis)
+        assert found.phase_deg > 50.0
+        assert found.gain > 4.0
+        rise, over = rise_and_overshoot(t := np.linspace(0, 6, 6001), axis.step(t))
+        assert 0.2 < rise < 0.7
+        assert over < 0.05
 
 
 @pytest.mark.parametrize("zeta", [0.4, 0.7])
