@@ -59,7 +59,8 @@ class GateOutcome:
 
     ``check`` names gate and limit as in the file (``lag_ms@airborne max=5``), the same for every log. ``cause`` of what
     did not pass: the ``row`` is lost, ``no_row`` is meant, the ``limit`` is exceeded, the metric is ``unanswered``.
-    ``excess``: how many times beyond the limit (1 at the limit), for the order. ``sentence`` tells it all.
+    ``excess``: how many times beyond the limit (1 at the limit), for the order. ``sentence`` tells it all. ``excused``:
+    passed though beyond a limit to the baseline, because the evidence does not tell it from that.
     """
 
     row: str
@@ -73,6 +74,7 @@ class GateOutcome:
     allowed: float | None
     excess: float
     sentence: str
+    excused: bool = False
 
 
 def judge(
@@ -137,7 +139,7 @@ def _of_limit(
     return GateOutcome(
         name, _check(gate, limit), gate.metric, window, "passed" if told.passed else "failed",
         None if told.passed else "limit", answer.value, answer.unit, told.allowed, told.excess,
-        gate_words.measured(name, gate.metric, window, answer, limit, other, told),
+        gate_words.measured(name, gate.metric, window, answer, limit, other, told), told.excused,
     )  # fmt: skip
 
 

@@ -1,0 +1,88 @@
+"""Gates over a run of many logs: judged as results come, told together at the end."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+from attlog.compare import baseline, gate_file
+from attlog.compare.baseline import Baseline
+from attlog.compare.gates import Gates, judge
+from attlog.fleet import gate_summary, github, junit
+from attlog.fleet.judged import Judged, judged
+
+
+@dataclass(slots=True)
+class Gating:
+    """Gates with what they look into, and what they said of each log so far, by the name of its report."""
+
+    gates: Gates
+    baselines: Mapping[Path, Baseline] = field(default_factory=dict)
+    logs: dict[str, Judged] = field(default_factory=dict)
+
+    def document(self, log: str, name: str, document: Mapping[str, Any], seconds: float = 0.0) -> Judged:
+        """Judge the result of a log, as a plain document; ``name``: of its report."""
+        self.logs[name] = judged(log, name, judge(self.gates, document, self.baselines), seconds=seconds)
+        return self.logs[name]
+
+    def file(self, log: str, name: str, path: Path, seconds: float = 0.0) -> Judged:
+        """Judge the JSON file of a log's result. A file that cannot be read is an error of the log, never passed."""
+        try:
+            document = json.loads(path.read_bytes())
+        except (OSError, ValueError) as error:
+            return self.broken(log, name, 66, f"{path}: cannot be read ({error})")
+        return self.document(log, name, document, seconds)
+
+    def broken(self, log: str, name: str, code: int, message: str, seconds: float = 0.0) -> Judged:
+        """A log without a result; ``code``: what its analysis ended with."""
+        self.logs[name] = judged(log, name, code=code, message=message, seconds=seconds)
+        return self.logs[name]
+
+    def in_order(self, names: Iterable[str] | None = None) -> list[Judged]:
+        """What was said, in the order of these reports, else as it came."""
+        return list(self.logs.values()) if names is None else [self.logs[n] for n in names if n in self.logs]
+
+
+def gating(path: Path | None, strict: bool | None = None) -> Gating | None:
+    """The gates of a file, read with their baselines; ``strict`` has the last word. None where nothing is asked.
+
+    UsageError tells everything that is wrong in the file, and every baseline that cannot be used.
+    """
+    if path is None:
+        return Gating(Gates((), True)) if strict else None
+    gates = gate_file.read(path)
+    if strict is not None:
+        gates = Gates(gates.gates, strict)
+    return Gating(gates, baseline.read_all(gate.baseline for gate in gates.gates))
+
+
+def tell(
+    logs: list[Judged], junit_file: Path | None = None, summary: Path | bool = False, *,
+    environment: Mapping[str, str] = os.environ, out: TextIO | None = None, err: TextIO | None = None,
+) -> None:  # fmt: skip
+    """What CI systems read: a JUnit file, a Markdown summary, and on GitHub annotations (on standard error).
+
+    ``summary``: a file, or True for ``$GITHUB_STEP_SUMMARY`` where it is set, else standard output. OutputError for a
+    file that cannot be written; the others are written all the same.
+    """
+    wrong: list[Exception] = []
+    if github.on_github(environment):
+        root = environment.get("GITHUB_WORKSPACE")
+        for line in github.commands(logs, Path(root) if root else None):
+            print(line, file=err or sys.stderr)
+    if junit_file is not None:
+        try:
+            junit.write(junit_file, (j.suite for j in logs))
+        except Exception as error:
+            wrong.append(error)
+    if summary is not False:
+        text = gate_summary.write(logs, summary if isinstance(summary, Path) else None, environment)
+        if text:
+            print(text, end="", file=out or sys.stdout)
+    if wrong:
+        raise wrong[0]

@@ -1,0 +1,62 @@
+"""Failures as GitHub's workflow commands: marks beside the files of a pull request.
+
+GitHub shows ten of each kind and step and drops the rest without a word: the worst are told, a notice counts the rest.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from attlog.fleet.judged import Judged, failing
+from attlog.present.numbers import counted
+
+SHOWN = 10
+CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
+
+
+def on_github(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether this runs in a step of a GitHub workflow."""
+    return environment.get("GITHUB_ACTIONS") == "true"
+
+
+def commands(logs: Sequence[Judged], root: Path | None = None) -> Iterator[str]:
+    """One line for each failure, the worst of every log before the second worst of any; ``root``: of the repository."""
+    found = failing(logs)
+    errors = [_command("error", j.log, "not analysed", j.message, root) for j in found if j.broken]
+    rank = sorted((k, -o.excess, n) for n, j in enumerate(found) for k, o in enumerate(j.worst))
+    errors += [
+        _command("error", found[n].log, f"{found[n].worst[k].row}: {found[n].worst[k].check}",
+                 found[n].worst[k].sentence, root)
+        for k, _, n in rank
+    ]  # fmt: skip
+    yield from errors[:SHOWN]
+    total = sum(j.failed + j.broken for j in found)
+    if total > SHOWN:
+        rest = counted(total - SHOWN, "more failure")
+        yield f"::notice title=attlog::{rest} in {counted(len(found), 'log')}: all of them stand in the step summary"
+
+
+def _command(kind: str, log: str, title: str, message: str, root: Path | None) -> str:
+    place = _inside(log, root)
+    file = f"file={_property(place)}," if place else ""
+    return f"::{kind} {file}title={_property(f'attlog, {title}')}::{_message(f'{log}: {message}')}"
+
+
+def _inside(log: str, root: Path | None) -> str:
+    """The log's path in the repository; empty for what is not in it."""
+    try:
+        return Path(log).resolve().relative_to((root or Path.cwd()).resolve()).as_posix() if Path(log).exists() else ""
+    except (OSError, ValueError):
+        return ""
+
+
+def _message(text: str) -> str:
+    escaped = CONTROL.sub("", text).replace("%", "%25")
+    return escaped.replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _message(text).replace(":", "%3A").replace(",", "%2C")
