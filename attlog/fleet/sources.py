@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from attlog.errors import LogUnreadable
+from attlog.errors import AttlogError, LogUnreadable
 from attlog.fleet.copied import hashed, unreadable
 from attlog.fleet.urls import is_url, shown
 from attlog.limits import MAX_FILE_NAME_BYTES
@@ -30,10 +30,14 @@ class Local:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Source:
-    """A log by its place: path or URL, and the member where that is a zip archive. Pickles to a few bytes."""
+    """A log by its place: path or URL, and the member where that is a zip archive. Pickles to a few bytes.
+
+    ``copy``: a file with its bytes, on a machine that cannot reach the place.
+    """
 
     place: str
     member: str = ""
+    copy: str = ""
 
     @property
     def name(self) -> str:
@@ -65,6 +69,8 @@ class Source:
         Size and time of a file, checksum of a member, what the server says of a URL; nothing is
         downloaded. LogUnreadable if the place cannot be asked.
         """
+        if self.copy:
+            return ""
         if self.member:
             from attlog.fleet.archive import member_stamp
 
@@ -86,10 +92,13 @@ class Source:
         A file is used where it lies. A member or a URL is copied whole to a folder of its own in
         ``scratch`` (the system's temporary folder by default), which is removed at the end, also
         after an error. LogUnreadable: missing, refused, cut short, timed out, or no room for it.
-        LogUnusable: an encrypted or damaged member, or more bytes than a log can have.
+        LogUnusable: an encrypted or damaged member, or more bytes than a log can have. What goes wrong
+        with the file inside the context is told under the log's name, not under that of the copy.
         """
-        if not self.member and not is_url(self.place):
-            yield Local(Path(self.place), *hashed(Path(self.place)))
+        if self.copy or not (self.member or is_url(self.place)):
+            path = Path(self.copy or self.place)
+            with self._named(path):
+                yield Local(path, *hashed(path))
             return
         try:
             folder = Path(tempfile.mkdtemp(prefix="attlog-", dir=scratch))
@@ -105,9 +114,19 @@ class Source:
                 from attlog.fleet.remote import download
 
                 told = download(self.place, path)
-            yield Local(path, *told)
+            with self._named(path):
+                yield Local(path, *told)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+    @contextmanager
+    def _named(self, path: Path) -> Iterator[None]:
+        try:
+            yield
+        except AttlogError as error:
+            if str(path) not in str(error) or str(path) == self.name:
+                raise
+            raise type(error)(str(error).replace(str(path), self.name)) from error
 
 
 def _printable(text: str) -> str:

@@ -44,12 +44,17 @@ def settings_key(config: Config, plotly: str = "inline", deterministic: bool = F
 
     That is the resolved configuration and what stands in the files it names: filters, estimates, parameters.
     """
-    files = [item.partition(":")[0] for item in config.estimators] + [config.params or ""]
     contents = {
-        name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files if name and Path(name).is_file()
+        name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files_of(config) if Path(name).is_file()
     }
     told = {"config": config.resolved(), "files": contents, "plotly": plotly, "deterministic": deterministic}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def files_of(config: Config) -> list[str]:
+    """The files that a configuration names: filters, estimates, parameters; names of filters are no files."""
+    named = [item.partition(":")[0] for item in config.estimators] + [config.params or ""]
+    return [name for name in named if Path(name).suffix]
 
 
 def key(content: str, settings: str) -> str:

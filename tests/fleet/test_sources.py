@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+import attlog
 from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.fleet import archive, remote
 from attlog.fleet.find import find, sources
@@ -337,3 +338,17 @@ def test_a_stamp_changes_with_the_content(tmp_path: Path, zipped: Path, web: Web
     with zipfile.ZipFile(zipped, "w") as file:
         file.writestr("flights/a.bin", LOG[:-1])
     assert not set(before) & {s.stamp() for s in places}
+
+
+def test_an_error_about_a_copy_names_the_log(zipped: Path) -> None:
+    source = Source(str(zipped), "flights/notes.txt")
+    with pytest.raises(LogUnusable) as caught, source.local() as local:
+        attlog.read(local.path)
+    assert str(caught.value).startswith(f"{zipped}/flights/notes.txt: not a flight log")
+
+
+def test_a_copy_stands_for_a_place_out_of_reach(tmp_path: Path) -> None:
+    (tmp_path / "copy").write_bytes(LOG)
+    source = Source("/out/of/reach.zip", "a.bin", copy=str(tmp_path / "copy"))
+    assert content(source) == LOG
+    assert source.name == "/out/of/reach.zip/a.bin"
