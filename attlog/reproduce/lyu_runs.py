@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.reproduce import response
-from attlog.reproduce.samples import Found, Samples, gravity_error, rms, run, samples
+from attlog.reproduce.samples import NOBODY, Found, Samples, gravity_error, rms, run, samples
 from attlog.simulate.commands import Motion, Move
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario import Scenario
@@ -91,7 +91,11 @@ def board(seconds: float, motion: Motion, range_dps: float = 500.0) -> Scenario:
     """Lyu's board, moved by hand or at rest on a table, rotors off."""
     gyro = replace(MPU6050.gyro, range_dps=range_dps, step_dps=range_dps / 32768)
     return Scenario(
-        name="lyu", seconds=seconds, motion=motion, sensors=Sensors(imu=(replace(MPU6050, gyro=gyro),), mag=())
+        name="lyu",
+        seconds=seconds,
+        motion=motion,
+        sensors=Sensors(imu=(replace(MPU6050, gyro=gyro),), mag=()),
+        estimator=NOBODY,
     )
 
 

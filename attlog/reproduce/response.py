@@ -40,6 +40,18 @@ def rise_s(t: Array, y: Array, since: float, begin: float, end: float) -> float:
     return crossing_s(t, y, since, begin, end, 0.9) - crossing_s(t, y, since, begin, end, 0.1)
 
 
+def excursions(t: Array, error: Array, within_s: float = 2.0, step_s: float = 0.04) -> tuple[Array, Array]:
+    """What is quick in an error (n, k): its distance from its own running median over ``within_s``, every ``step_s``.
+
+    Times (m,) and distances (m, k); half a window at both ends is left out.
+    """
+    every = max(1, round(step_s * (len(t) - 1) / float(t[-1] - t[0])))
+    t, error = t[::every], error[::every]
+    half = max(1, round(0.5 * within_s / float(np.median(np.diff(t)))))
+    windows = np.lib.stride_tricks.sliding_window_view(error, 2 * half + 1, axis=0)
+    return t[half : len(t) - half], error[half : len(t) - half] - np.median(windows, axis=-1)
+
+
 def spikes(t: Array, error: Array, threshold: float, apart_s: float = 0.5) -> tuple[int, float]:
     """How many times |error| (n,) rises beyond a threshold, and its peak.
 

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from attlog import estimators, rotation
 from attlog.estimators.engine.samples import Sampling
+from attlog.simulate.loop import Estimator
 
 if TYPE_CHECKING:
     from attlog.simulate.flight import Flight
 
 Array = NDArray[np.float64]
 AXES = ("roll", "pitch", "heading")
+NOBODY = Estimator("truth")
+"""On the bench nothing flies on an estimate: filters are run over the samples afterwards."""
 
 
 @dataclass(frozen=True, slots=True)

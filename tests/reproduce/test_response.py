@@ -53,3 +53,13 @@ def test_spikes_are_counted_once_each_whatever_their_sign() -> None:
 def test_spread_knows_nothing_of_a_slope() -> None:
     noise = np.random.default_rng(4).normal(0.0, 2.0, len(T))
     assert response.spread(T, 100.0 * T + noise) == pytest.approx(2.0, rel=0.03)
+
+
+def test_an_excursion_is_what_is_quicker_than_the_median_follows() -> None:
+    slow = 5.0 * np.sin(2 * np.pi * T / 40.0)
+    quick = np.where((T > 4.0) & (T < 4.3), 3.0, 0.0)
+    t, found = response.excursions(T, np.column_stack([slow, slow + quick]))
+    assert np.max(np.abs(found[:, 0])) < 0.15
+    assert np.max(found[:, 1]) == pytest.approx(3.0, abs=0.3)
+    assert 4.0 < t[np.argmax(found[:, 1])] < 4.3
+    assert (t[0], t[-1]) == pytest.approx((1.0, 8.98), abs=0.03)
