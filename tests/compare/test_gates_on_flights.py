@@ -1,0 +1,91 @@
+"""Flights made worse on purpose: each fault is caught by the gate meant for it, and by none of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from pyulog import ULog
+
+import attlog
+from attlog.compare import baseline, gate_file
+from attlog.compare.gates import GateOutcome, failed, judge
+from tests.compare import faulty
+from tests.conftest import SAMPLES
+
+Fault = Callable[[ULog], None]
+
+GATES = """
+[gates]
+lag_ms = { max = 5, filters = ["mekf"], optional = true }
+step_error_pct.0.5s = { max = 2.5, filters = ["mekf"] }
+drift_air_deg_per_min.truth = { max = 10, filters = ["mekf"] }
+total_p95_deg = { max = 30, filters = ["mekf"] }
+"""
+LAG, STEP, DRIFT = "lag_ms max=5", "step_error_pct.0.5s max=2.5", "drift_air_deg_per_min.truth max=10"
+TOTAL = "total_p95_deg max=30"
+FLIGHTS = (
+    "px4_steps",
+    *(pytest.param(f"px4_{name}", marks=pytest.mark.slow) for name in ("yaw", "aggressive", "wind")),
+)
+
+
+def original(flight: str, request: pytest.FixtureRequest) -> Path:
+    """A flight of the samples, else of the corpus."""
+    sample = SAMPLES / f"{flight}.ulg"
+    return sample if sample.exists() else request.getfixturevalue("corpus") / "sitl" / "px4" / f"{flight}.ulg"
+
+
+def found(flight: Path, folder: Path, fault: Fault | None) -> list[GateOutcome]:
+    """The gates that fail on a flight with a fault."""
+    log = faulty.write(flight, folder / "flight.ulg", fault)
+    (folder / "gates.toml").write_text(GATES)
+    read = gate_file.read(folder / "gates.toml")
+    document = attlog.analyze(log, {"estimators": ["mekf"], "reference": "truth"}).to_dict()
+    return failed(judge(read, document, baseline.read_all(gate.baseline for gate in read.gates)))
+
+
+@pytest.mark.parametrize("flight", FLIGHTS)
+@pytest.mark.parametrize(
+    ("fault", "check"),
+    [(None, None), (faulty.delayed, LAG), (faulty.scaled, STEP), (faulty.biased, DRIFT)],
+    ids=["as it was", "delay", "scale", "bias"],
+)
+def test_a_fault_is_caught_by_its_gate_alone(
+    request: pytest.FixtureRequest, tmp_path: Path, flight: str, fault: Fault | None, check: str | None
+) -> None:
+    outcomes = found(original(flight, request), tmp_path, fault)
+    assert {(o.check, o.cause) for o in outcomes} == ({(check, "limit")} if check else set()), outcomes
+
+
+@pytest.mark.parametrize("flight", FLIGHTS)
+def test_a_swapped_axis_is_a_row_that_is_lost_and_no_lag_step_or_drift(
+    request: pytest.FixtureRequest, tmp_path: Path, flight: str
+) -> None:
+    outcomes = found(original(flight, request), tmp_path, faulty.swapped)
+    assert {(o.row, o.cause) for o in outcomes} == {("mekf", "row")}
+    assert "status" in {o.check for o in outcomes}
+    assert all("diverged: heading error above 45 deg" in o.sentence for o in outcomes)
+
+
+def test_a_swapped_gyro_is_wrong_altogether_even_where_nothing_diverges(tmp_path: Path) -> None:
+    outcomes = found(SAMPLES / "px4_steps.ulg", tmp_path, faulty.swapped_gyro)
+    assert outcomes[0].cause == "limit"
+    assert TOTAL in {o.check for o in outcomes}
+
+
+@pytest.mark.parametrize(("gain", "passes"), [(0.501, True), (1.5, False)], ids=["a hair", "three times"])
+def test_a_changed_gain_is_paired_with_the_run_before(tmp_path: Path, gain: float, passes: bool) -> None:
+    def run(kp: float) -> attlog.Result:
+        settings = {"reference": "truth", "estimators": [f"mahony:kp={kp}"]}
+        result = attlog.analyze(SAMPLES / "px4_steps.ulg", settings)
+        result.estimators = [row for row in result.estimators if row.estimator == "mahony"]
+        result.estimators[0].name = "mahony"
+        return result
+
+    run(0.5).to_json(tmp_path / "main.json")
+    (tmp_path / "gates.toml").write_text('[gates]\nbaseline="main.json"\ninclination_rmse_deg={baseline=true}\n')
+    read = gate_file.read(tmp_path / "gates.toml")
+    outcomes = judge(read, run(gain).to_dict(), baseline.read_all(gate.baseline for gate in read.gates))
+    assert [o.status for o in outcomes if o.check != "status"] == ["passed" if passes else "failed"], outcomes
