@@ -21,9 +21,11 @@ from attlog.simulate.sensors.imu import ImuSensor
 from attlog.simulate.sensors.imu_kernel import RAW
 from attlog.simulate.sensors.mag import MagSensor
 from attlog.simulate.sensors.power import battery, rpm
-from attlog.simulate.wind import wind_at
+from attlog.simulate.wind import share_at, wind_at
 
 Array = NDArray[np.float64]
+SETTLING_S = 1.0
+"""Before the start the vehicle leans into the wind on its feet."""
 BLOCK = 2000
 """Periods of a prescribed motion that are computed at once."""
 
@@ -124,6 +126,9 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
     broken = [f for f in scenario.fault if f.part == "rotor"]
     raw = np.zeros((sub, RAW))
     command = np.zeros(4)
+    truth.wind[0] *= share_at(scenario.vehicle.foot_m)
+    for _ in range(round(SETTLING_S / period)):
+        body.advance(command, truth.wind[0], period / sub, raw)
     _note(scenario, home, truth, body, 0)
     for k in range(len(truth.t) - 1):
         if broken:
@@ -131,7 +136,8 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
             for fault in broken:
                 if fault.holds(float(truth.t[k])):
                     body.health[fault.instance] *= 0.0 if fault.kind == "off" else fault.factor
-        body.advance(command, truth.wind[k], period / sub, raw)
+        truth.wind[k + 1] *= share_at(-float(truth.p[k, 2]))
+        body.advance(command, truth.wind[k + 1], period / sub, raw)
         _note(scenario, home, truth, body, k + 1)
         sensors.advance(truth, k, raw)
         command = np.asarray(pilot.step(float(truth.t[k + 1]), sensors.measured(truth, k + 1)), np.float64)

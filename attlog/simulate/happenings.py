@@ -9,6 +9,8 @@ from attlog.simulate.scenario import Scenario
 
 IMPACT_M_S = 2.0
 """A touch-down faster than this is an impact; landing gear is tested for less."""
+BOUNCES_S = 1.5
+"""Feet that touch again within this time are one touch-down."""
 
 
 def events(scenario: Scenario, truth: Truth) -> list[tuple[float, str]]:
@@ -16,11 +18,18 @@ def events(scenario: Scenario, truth: Truth) -> list[tuple[float, str]]:
     found = [(f.t, f"fault: {f.part} {f.instance} {f.kind}") for f in scenario.fault]
     if scenario.motion is None:
         change = np.flatnonzero(truth.ground[1:] != truth.ground[:-1]) + 1
+        last = -np.inf
         for k in change:
             t = float(truth.t[k])
-            if not truth.ground[k]:
-                found.append((t, "lift-off"))
-            else:
+            if truth.ground[k] and t - last > BOUNCES_S:
                 speed = float(np.linalg.norm(truth.v[k - 1]))
                 found.append((t, f"{'impact' if speed > IMPACT_M_S else 'touch-down'} at {speed:.1f} m/s"))
+            elif not truth.ground[k] and not truth.ground[k : k + _samples(truth, BOUNCES_S)].any():
+                found.append((t, "lift-off"))
+            last = t
     return sorted(found)
+
+
+def _samples(truth: Truth, seconds: float) -> int:
+    """How many samples of the truth a time holds."""
+    return int(seconds / (truth.t[1] - truth.t[0]))

@@ -40,8 +40,9 @@ class Gust:
 
 @dataclass(frozen=True, config=STRICT)
 class Wind:
-    """``mean_ned_m_s``: where the air moves to. ``turbulence_m_s``: standard deviation per axis of a Dryden-like
-    disturbance of length ``length_m``, which passes at the mean wind's speed, at least ``speed_m_s``."""
+    """``mean_ned_m_s``: where the air moves to, from 6 m above the ground on; less below. ``turbulence_m_s``:
+    standard deviation per axis of a Dryden-like disturbance of length ``length_m``, which passes at the mean wind's
+    speed, at least ``speed_m_s``."""
 
     mean_ned_m_s: Three = ZERO
     turbulence_m_s: NotNegative = 0.3

@@ -18,6 +18,8 @@ from attlog.simulate.place import Wind
 from attlog.simulate.streams import generator
 
 Array = NDArray[np.float64]
+ROUGHNESS_M, FULL_AT_M = 0.05, 6.0
+"""Short grass, and the height from which on the declared wind blows."""
 
 
 def wind_at(wind: Wind, t: Array, seed: int) -> Array:
@@ -36,6 +38,13 @@ def wind_at(wind: Wind, t: Array, seed: int) -> Array:
         air[:, 1] += math.sin(course) * along + math.cos(course) * across
         air[:, 2] += down
     return air
+
+
+def share_at(height_m: float) -> float:
+    """The share (0 to 1) of the declared wind at a height [m] above the ground: logarithmic profile below 6 m."""
+    if height_m >= FULL_AT_M:
+        return 1.0
+    return math.log(max(height_m, ROUGHNESS_M) / ROUGHNESS_M) / math.log(FULL_AT_M / ROUGHNESS_M)
 
 
 def _dryden(noise: Array, stays: float) -> Array:
