@@ -14,6 +14,7 @@ import typer
 from attlog import __version__
 from attlog.cli import (
     analyze,
+    batch,
     check_estimator,
     compare,
     diff,
@@ -71,6 +72,7 @@ def _root(
 
 
 app.command("analyze", cls=WithJson)(analyze.command)
+app.command("batch")(batch.command)
 app.command("info", cls=WithJson)(info.command)
 app.command("extract")(extract.command)
 app.command("compare", cls=WithJson)(compare.command)

@@ -3,117 +3,59 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from attlog import __version__
-from attlog.cli import completion
+from attlog.cli import options
 from attlog.cli.arguments import command_line
-from attlog.cli.common import Boot, Json, Logs, NoColor, Quiet, System, Verbose, console, number_or, say
-from attlog.cli.progress import Shown, progress
+from attlog.cli.bar import Bar
+from attlog.cli.common import Boot, Json, NoColor, Places, Quiet, System, Verbose, console, say
+from attlog.cli.progress import progress
 from attlog.cli.streams import is_of_a_stream
-from attlog.errors import INTERRUPTED, UsageError, exit_code, message, worst
+from attlog.errors import BUG, INTERRUPTED, exit_code, message, worst
 
 if TYPE_CHECKING:
-    from attlog.cli.layout import Line
     from attlog.config import Config
-    from attlog.fleet.one import Written
-    from attlog.fleet.several import Outcome, Task
+    from attlog.fleet.entry import Entry
+    from attlog.fleet.sources import Source
     from attlog.result import Result
-
-BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared": "shared"}
-"""Where reports have plotly from."""
 
 
 def command(
-    logs: Logs,
+    context: typer.Context,
+    logs: Places,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for reports and JSON.")] = Path(
         "reports"
     ),
     jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Analyse so many logs at a time.")] = 1,
-    estimators: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            autocompletion=completion.rows,
-            help="default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. [default: default]",
-        ),
-    ] = None,
-    imu: Annotated[
-        str | None, typer.Option(metavar="N|all", help="IMU to replay. [default: the one that flew]")
-    ] = None,
-    mag: Annotated[
-        str | None, typer.Option(metavar="N|none", help="Magnetometer to use. [default: the log's choice]")
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            metavar="R",
-            autocompletion=completion.references,
-            help="auto, truth, smoother, onboard, onboard:NAME or none. [default: auto]",
-        ),
-    ] = None,
-    window: Annotated[
-        str | None,
-        typer.Option(
-            metavar="W",
-            autocompletion=completion.windows,
-            help="all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). [default: all]",
-        ),
-    ] = None,
-    score_from: Annotated[
-        float | None, typer.Option(metavar="S", help="Compare from this time on. [default: 15 s]")
-    ] = None,
-    clock: Annotated[
-        str | None, typer.Option(metavar="sample|publication", help="Which time stamps count. [default: sample]")
-    ] = None,
-    declination: Annotated[
-        str | None,
-        typer.Option(metavar="DEG|model|param", help="Magnetic declination. [default: model, else parameter]"),
-    ] = None,
-    trim: Annotated[
-        str | None, typer.Option(metavar="on|off", help="Apply the autopilot's trim to the replay. [default: on]")
-    ] = None,
-    input_delay: Annotated[
-        str | None, typer.Option(metavar="MS|off", help="Known delay of the logged IMU. [default: from the log]")
-    ] = None,
-    gyro_bias: Annotated[
-        str | None,
-        typer.Option(
-            metavar="rest|none|onboard",
-            help="Gyro bias to take off for every filter: its mean at rest before take-off, none, or the onboard "
-            "estimator's. [default: rest]",
-        ),
-    ] = None,
-    params: Annotated[
-        str | None,
-        typer.Option(
-            metavar="F.param",
-            help="What if: parameters for the autopilots' filters, and where the log has none. [default: none]",
-        ),
-    ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="F.toml|F.json",
-            help="Options from a file or from an earlier result; options here win. [default: none]",
-        ),
-    ] = None,
+    estimators: options.Estimators = None,
+    imu: options.ImuOption = None,
+    mag: options.MagOption = None,
+    reference: options.ReferenceOption = None,
+    window: options.Window = None,
+    score_from: options.ScoreFrom = None,
+    clock: options.Clock = None,
+    declination: options.Declination = None,
+    trim: options.Trim = None,
+    input_delay: options.InputDelay = None,
+    gyro_bias: options.GyroBias = None,
+    params: options.Params = None,
+    config: options.ConfigFile = None,
     json: Json = False,
-    plotly: Annotated[
-        str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")
-    ] = "inline",
+    plotly: options.Plotly = "inline",
     table: Annotated[
         list[Path] | None,
         typer.Option("--table", metavar="FILE.csv|tex|md", help="Write the table to a file too; may be repeated."),
     ] = None,
     open_report: Annotated[bool, typer.Option("--open", help="Open the report in a browser.")] = False,
-    deterministic: Annotated[
-        bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")
-    ] = False,
+    deterministic: options.Deterministic = False,
     boot: Boot = None,
     system: System = None,
     no_color: NoColor = False,
@@ -121,105 +63,146 @@ def command(
     verbose: Verbose = 0,
 ) -> None:
     """Re-run attitude filters on each LOG and compare them with the onboard attitude: a report, a JSON, a table."""
-    if plotly not in BUNDLES:
-        raise UsageError(f"--plotly {plotly}: use inline or shared")
+    bundle = options.bundle(plotly)
     if table:
         from attlog.compare.table_file import check_suffix
 
         for file in table:
             check_suffix(file)
-    options = {
-        "estimators": estimators,
-        "imu": _int_or(imu, "all", "--imu"),
-        "mag": _int_or(mag, "none", "--mag"),
-        "reference": reference,
-        "window": window,
-        "score_from": score_from,
-        "clock": clock,
-        "declination": None
-        if declination is None
-        else number_or(declination, ("auto", "model", "param"), "--declination"),
-        "trim": _on_off(trim),
-        "gyro_bias": gyro_bias,
-        "boot": boot,
-        "system": system,
-        "params": params,
-        "input_delay": None if input_delay is None else number_or(input_delay, ("auto", "off"), "--input-delay"),
-    }
-    settings = _settings(config, {k: v for k, v in options.items() if v is not None})
-    if settings.params is not None:
-        from attlog.flight.parameter_file import read_file
+    settings = options.settings(
+        config, estimators=estimators, imu=imu, mag=mag, reference=reference, window=window, score_from=score_from,
+        clock=clock, declination=declination, trim=trim, input_delay=input_delay, gyro_bias=gyro_bias, params=params,
+        boot=boot, system=system,
+    )  # fmt: skip
+    from attlog.fleet.find import sources
 
-        read_file(settings.params)  # what is wrong with it is said once, not for each log
-    from attlog.fleet.find import find
-    from attlog.fleet.several import Task
-
-    found, wrong = find(logs)
+    found, wrong = sources(logs)
     for error in wrong:
         print(message(error, __version__), file=sys.stderr)
-    task = Task(settings, output, command_line(), BUNDLES[plotly], deterministic)
+    results: list[Result] = []
 
-    def tell(outcome: Outcome) -> None:
-        if outcome.written is None:
-            print(outcome.trace * (verbose > 1) + outcome.message, file=sys.stderr)
-            return
+    def show(result: Result, report: Path) -> None:
+        results.append(result)
         if json:
-            print(_json_text(outcome.written.result, deterministic, one_line=max(len(logs), len(found)) > 1))
+            print(_json_text(result, deterministic, one_line=max(len(logs), len(found)) > 1))
         if not quiet:
-            _show(outcome.written, settings, on_stderr=json, verbose=verbose)
+            _show(result, report, settings, on_stderr=json, verbose=verbose)
         if open_report:
-            typer.launch(str(outcome.written.report))
+            typer.launch(str(report))
 
-    with progress(quiet, verbose > 0) as shown:
-        outcomes, interrupted = _outcomes(found, task, jobs, shown, tell)
-    _write_tables(table or [], [o.written.result for o in outcomes if o.written is not None], settings)
-    if len(found) > 1 and not quiet:
-        say(_summary(found, outcomes, output), console(stderr=json))
-    if interrupted:
-        print(_kept(found, outcomes, output), file=sys.stderr)
-        raise typer.Exit(INTERRUPTED)
-    codes = {exit_code(error) for error in wrong} | {outcome.code for outcome in outcomes}
+    task = _Task(settings, output, bundle, deterministic, quiet, verbose, show)
+    if len(found) > 1:
+        codes = _several(found, options.commands(context, [source.name for source in found]), task, jobs, json)
+    else:
+        codes = {_one(source, task) for source in found}
+    if table and results:
+        _write_tables(table, results, settings)
+    codes |= {exit_code(error) for error in wrong}
     if worst(codes):
         raise typer.Exit(worst(codes))
 
 
-def _outcomes(
-    logs: Sequence[Path], task: Task, jobs: int, shown: Shown, tell: Callable[[Outcome], None]
-) -> tuple[list[Outcome], bool]:
-    """What became of each log, told as it comes, and whether the user stopped the run."""
-    from attlog.fleet.one import report_names
-    from attlog.fleet.several import failed, outcomes
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """How every log is treated and shown."""
 
-    done: list[Outcome] = []
+    config: Config
+    folder: Path
+    plotly: Literal["inline", "shared"]
+    deterministic: bool
+    quiet: bool
+    verbose: int
+    show: Callable[[Result, Path], None]
 
-    def next_one() -> None:
-        if len(logs) > 1 and len(done) < len(logs):
-            shown.before = f"[{len(done) + 1}/{len(logs)}] " + (f"{logs[len(done)].name}: " if jobs == 1 else "")
-            if jobs > 1 and shown.stages:
-                shown.show(f"{shown.before}{jobs} at a time ...")
+
+def _one(source: Source, task: _Task) -> int:
+    """Analyse one log here and show it; the exit code."""
+    from attlog.fleet.one import analyze_to_files, report_names
 
     try:
-        next_one()
-        for outcome in outcomes(logs, report_names(logs), task, jobs):
-            shown.clear()
-            try:
-                tell(outcome)
-            except Exception as error:
-                if is_of_a_stream(error):
-                    raise
-                outcome = failed(outcome.log, error)
-                tell(outcome)
-            done.append(outcome)
-            next_one()
+        with progress(task.quiet, task.verbose > 0), source.local() as log:
+            written = analyze_to_files(
+                log.path, task.config, task.folder, report_names([source.file_name])[0],
+                command=command_line(), plotly=task.plotly, deterministic=task.deterministic,
+            )  # fmt: skip
+        task.show(written.result, written.report)
     except KeyboardInterrupt:
-        return done, True
-    return done, False
+        print(_kept([], 1, task.folder), file=sys.stderr)
+        return INTERRUPTED
+    except Exception as error:
+        return _failed(error, source.name, task.verbose)
+    return 0
+
+
+def _failed(error: Exception, log: str, verbose: int) -> int:
+    """Say what went wrong with a log; the exit code. An error of standard output is none of the log."""
+    if is_of_a_stream(error):
+        raise error
+    if verbose > 1 and exit_code(error) == BUG:
+        traceback.print_exception(error)
+    print(message(error, __version__, log), file=sys.stderr)
+    return exit_code(error)
+
+
+def _several(logs: Sequence[Source], commands: Sequence[str], task: _Task, jobs: int, on_stderr: bool) -> set[int]:
+    """Analyse each log in a process of its own and show it as it comes; the exit codes."""
+    from attlog.fleet.batch import entry_of
+    from attlog.fleet.locally import here
+    from attlog.fleet.one import report_names
+    from attlog.fleet.run import tidied
+    from attlog.fleet.work import Work, settings_key
+    from attlog.result import Result
+
+    key = settings_key(task.config, task.plotly, task.deterministic)
+    names = report_names([source.file_name for source in logs])
+    works = [
+        Work(
+            source, name, task.folder, task.config, key, command, task.plotly, task.deterministic, keep=False
+        )
+        for source, name, command in zip(logs, names, commands, strict=True)
+    ]  # fmt: skip
+    found: dict[str, Entry] = {}
+    codes: set[int] = set()
+    started = time.monotonic()
+    with tidied(task.folder), Bar(task.quiet, task.verbose > 0) as bar:
+        coming = here(jobs, bar.heard)(works)
+        try:
+            bar.planned(works)
+            for record in coming:
+                found[record.name] = entry_of(record)
+                codes |= {record.code}
+                bar.advance(record)
+                with bar.aside():
+                    if not record.done:
+                        print(record.trace * (task.verbose > 1) + record.message, file=sys.stderr)
+                        continue
+                    try:
+                        task.show(Result.load(task.folder / f"{record.name}.json"), task.folder / f"{record.name}.html")
+                    except Exception as error:
+                        codes |= {_failed(error, record.log, task.verbose)}
+        except KeyboardInterrupt:
+            codes |= {INTERRUPTED}
+        finally:
+            coming.close()
+    if not task.quiet:
+        entries = [found[name] for name in names if name in found]
+        _say_summary(entries, len(logs), time.monotonic() - started, task.folder, on_stderr)
+    if INTERRUPTED in codes:
+        print(_kept([e.name for e in found.values() if e.row is not None], len(logs), task.folder), file=sys.stderr)
+    return codes
+
+
+def _say_summary(entries: Sequence[Entry], total: int, seconds: float, folder: Path, on_stderr: bool) -> None:
+    from attlog.cli.layout import Line
+    from attlog.fleet.summary import summary
+
+    out = console(stderr=on_stderr)
+    first, *others = summary(entries, total, seconds, folder, width=out.width)
+    say([Line(""), Line(first, "bold"), *map(Line, others)], out)
 
 
 def _write_tables(files: Sequence[Path], results: Sequence[Result], settings: Config) -> None:
     """The table of all logs as files for papers."""
-    if not files or not results:
-        return
     from attlog.compare.analysis_table import head_and_rows
     from attlog.compare.table_file import write_table
 
@@ -228,31 +211,12 @@ def _write_tables(files: Sequence[Path], results: Sequence[Result], settings: Co
         write_table(file, *content)
 
 
-def _summary(logs: Sequence[Path], outcomes: Sequence[Outcome], folder: Path) -> Iterator[Line]:
-    """How many reports there are, and which logs have none."""
-    from attlog.cli.layout import Line
-    from attlog.present.numbers import counted
-
-    without = [outcome for outcome in outcomes if outcome.written is None]
-    yield Line("")
-    written = counted(len(outcomes) - len(without), "report")
-    yield Line(f"{counted(len(logs), 'log')}: {written} in {folder}", "bold")
-    for outcome in without:
-        yield Line(f"  no report: {outcome.log} (exit code {outcome.code})")
-
-
-def _kept(logs: Sequence[Path], outcomes: Sequence[Outcome], folder: Path) -> str:
+def _kept(reports: Sequence[str], total: int, folder: Path) -> str:
     """What stands in the folder after an interrupt."""
-    kept = [outcome.written.report.name for outcome in outcomes if outcome.written is not None]
-    if not kept:
+    if not reports:
         return f"attlog: interrupted; nothing was written, reports of earlier runs in {folder} are untouched"
-    return f"attlog: interrupted; kept {len(kept)} of {len(logs)} reports in {folder}: {', '.join(kept)}"
-
-
-def _settings(path: Path | None, options: dict[str, Any]) -> Config:
-    from attlog.config import Config
-
-    return Config.build(options) if path is None else Config.load(path, **options)
+    names = ", ".join(f"{name}.html" for name in reports)
+    return f"attlog: interrupted; kept {len(reports)} of {total} reports in {folder}: {names}"
 
 
 def _json_text(result: Result, deterministic: bool, one_line: bool) -> str:
@@ -270,28 +234,14 @@ def _json_text(result: Result, deterministic: bool, one_line: bool) -> str:
     return json.dumps(json.loads(text), ensure_ascii=plain, **layout)
 
 
-def _int_or(text: str | None, word: str, option: str) -> int | str | None:
-    if text is None or text == word:
-        return text
-    if not text.isdecimal():
-        raise UsageError(f"{option} {text!r}: use a number from 0 or {word}")
-    return int(text)
-
-
-def _on_off(text: str | None) -> bool | None:
-    if text in (None, "on", "off"):
-        return None if text is None else text == "on"
-    raise UsageError(f"--trim {text!r}: use on or off")
-
-
-def _show(done: Written, settings: Config, on_stderr: bool, verbose: int) -> None:
+def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbose: int) -> None:
     from attlog.cli.layout import Line
     from attlog.cli.terminal import printed
     from attlog.report import bundle_notice
 
     out = console(stderr=on_stderr)
-    say(printed(done.result, settings.window or "all", out.width, out.encoding, bool(verbose)), out)
-    say([Line(f"report: {done.report}")], out)
+    say(printed(result, settings.window or "all", out.width, out.encoding, bool(verbose)), out)
+    say([Line(f"report: {report}")], out)
     notice = bundle_notice()
     if notice:
         print(f"attlog: {notice}", file=sys.stderr)

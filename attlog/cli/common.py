@@ -33,6 +33,15 @@ Logs = Annotated[
         help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns.",
     ),
 ]
+Places = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="LOG|DIR|GLOB|URL...",
+        show_default=False,
+        help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns, "
+        "zip archives and members, URLs.",
+    ),
+]
 Log = Annotated[
     Path,
     typer.Argument(

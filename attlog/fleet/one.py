@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,18 +49,26 @@ def analyze_to_files(
     return written
 
 
-def report_names(logs: Iterable[Path]) -> list[str]:
+RESERVED = ("index",)
+"""Names that the pages of a batch have."""
+LONGEST_NAME = 200
+"""Bytes; file systems allow 255, with suffixes and what temporary files need."""
+
+
+def report_names(file_names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     """The name of each log's report: its file name with suffix; a second of the same name gets a number.
 
-    Names that differ in case alone count as the same: some file systems do not tell them apart.
+    Names that differ in case alone count as the same: some file systems do not tell them apart. ``taken`` are
+    names of other reports in the folder.
     """
-    used: set[str] = set()
+    used = {name.casefold() for name in (*RESERVED, *taken)}
     names = []
-    for log in logs:
-        name, k = log.name, 1
+    for full in file_names:
+        own = os.fsdecode(os.fsencode(full)[:LONGEST_NAME])
+        name, k = own, 1
         while name.casefold() in used:
             k += 1
-            name = f"{log.name}-{k}"
+            name = f"{own}-{k}"
         used.add(name.casefold())
         names.append(name)
     return names

@@ -6,7 +6,8 @@ import secrets
 import shutil
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from attlog import __version__
 from attlog.errors import BUG, LogUnreadable, OutputError, message
 from attlog.fleet.memory import resident_mb
 from attlog.fleet.nursery import Nursery, shared
-from attlog.fleet.record import INSIDE, Record, write_record
+from attlog.fleet.record import INSIDE, Record, read_record, write_record
 from attlog.fleet.unchanged import CHANGED, state
 from attlog.fleet.work import Work, done_before
 from attlog.output import is_full
@@ -45,6 +46,7 @@ def run_one(work: Work, nursery: Nursery | None = None, tell: Callable[[dict[str
         if record.done:
             _publish(room / "out", work.folder)
         if work.keep:
+            _remove_outdated(work, record)
             write_record(work.folder, record)
     except (OSError, OutputError) as error:
         told: Exception = error
@@ -57,6 +59,17 @@ def run_one(work: Work, nursery: Nursery | None = None, tell: Callable[[dict[str
     finally:
         shutil.rmtree(room, ignore_errors=True)
     return record
+
+
+@contextmanager
+def tidied(folder: Path) -> Iterator[None]:
+    """A block whose work keeps no records: afterwards nothing but reports is left in the folder."""
+    try:
+        yield
+    finally:
+        for place in (folder / INSIDE / "rooms", folder / INSIDE):
+            if place.is_dir() and not any(place.iterdir()):
+                place.rmdir()
 
 
 def _nobody(_: dict[str, Any]) -> None:
@@ -134,6 +147,13 @@ def _said(room: Path) -> str:
         return (room / "said.txt").read_text(encoding="utf-8", errors="replace")[-4000:]
     except OSError:
         return ""
+
+
+def _remove_outdated(work: Work, record: Record) -> None:
+    """Remove the files of an earlier run that the log has no longer: it failed; its old report is of another key."""
+    before = read_record(work.folder, work.name)
+    for name in set(before.files if before else ()) - set(record.files):
+        (work.folder / name).unlink(missing_ok=True)
 
 
 def _publish(out: Path, folder: Path) -> None:

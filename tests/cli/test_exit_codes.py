@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import pytest
 
@@ -128,7 +129,7 @@ def test_a_bug_is_70_with_one_line(attlog, samples, monkeypatch):
 
 
 def breaks(monkeypatch, name, error):
-    """The analysis of the log of this name fails as nobody foresaw."""
+    """The analysis of the log of this name fails as nobody foresaw, where it runs in this process."""
     from attlog import analysis
 
     analyze = analysis.analyze
@@ -141,27 +142,45 @@ def breaks(monkeypatch, name, error):
     monkeypatch.setattr(analysis, "analyze", broken)
 
 
-def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path, monkeypatch):
-    breaks(monkeypatch, LOGS[0], ZeroDivisionError("inside"))
+def broken_filter(folder, name, what):
+    """A filter file that does ``what`` to the process of the log of this name, just before its report is drawn."""
+    file = folder / "filters" / "broken.py"
+    file.parent.mkdir()
+    file.write_text(
+        f"import os, signal, time\nimport attlog.report.page as page\nrender = page.render\n"
+        f"def broken(result, *a, **k):\n    if result.log['name'] == {name!r}:\n        {what}\n"
+        "    return render(result, *a, **k)\n"
+        "page.render = broken\nfrom attlog.estimators.filters.gyro import *\n"
+    )
+    return file
+
+
+def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path):
+    filter_file = broken_filter(tmp_path, LOGS[0], "raise ZeroDivisionError('inside')")
     logs = [samples / LOGS[0], tmp_path / "none.ulg", samples / LOGS[1]]
-    done = attlog("analyze", *logs, "-o", tmp_path, "--estimators", "gyro", "--json", "-")
+    done = attlog("analyze", *logs, "-o", tmp_path / "out", "--estimators", filter_file, "--json", "-")
     expect(done, 70, f"{LOGS[0]}: a bug in attlog", "ZeroDivisionError: inside", "none.ulg: no such file")
-    assert sorted(p.name for p in tmp_path.iterdir()) == [f"{LOGS[1]}.html", f"{LOGS[1]}.json"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"{LOGS[1]}.html", f"{LOGS[1]}.json"]
     assert [json.loads(line)["log"]["name"] for line in done.out.strip().splitlines()] == [LOGS[1]]
 
 
-def test_a_bug_in_one_of_several_logs_shows_its_traceback_with_vv(attlog, samples, tmp_path, monkeypatch):
-    breaks(monkeypatch, LOGS[0], ZeroDivisionError("inside"))
-    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro", "-vv")
+def test_a_bug_in_one_of_several_logs_shows_its_traceback_with_vv(attlog, samples, tmp_path):
+    filter_file = broken_filter(tmp_path, LOGS[0], "raise ZeroDivisionError('inside')")
+    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", filter_file, "-vv")
     assert (done.code, "Traceback" in done.err) == (70, True)
     assert (tmp_path / f"{LOGS[1]}.json").exists()
 
 
-def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, monkeypatch):
-    breaks(monkeypatch, LOGS[1], KeyboardInterrupt())
-    logs = [samples / LOGS[0], samples / LOGS[1], samples / LOGS[0]]
-    assert attlog("analyze", *logs, "-o", tmp_path, "--estimators", "gyro").code == 130
-    assert sorted(p.name for p in tmp_path.iterdir()) == [f"{LOGS[0]}.html", f"{LOGS[0]}.json"]
+def interrupting_filter(folder, name):
+    """A filter file that stops the whole run, as Ctrl-C does, when the report of that log is due."""
+    return broken_filter(folder, name, f"os.kill({os.getpid()}, signal.SIGINT); time.sleep(60)")
+
+
+def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path):
+    logs = [samples / LOGS[0], samples / LOGS[1], samples / LOGS[2]]
+    filter_file = interrupting_filter(tmp_path, LOGS[1])
+    assert attlog("analyze", *logs, "-o", tmp_path / "out", "--estimators", filter_file).code == 130
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"{LOGS[0]}.html", f"{LOGS[0]}.json"]
 
 
 def test_a_bug_while_a_log_is_told_loses_no_other(attlog, samples, tmp_path, monkeypatch):
@@ -195,9 +214,10 @@ def test_no_command_prints_help(attlog):
 
 
 def test_an_interrupt_says_what_was_kept(attlog, samples, tmp_path, monkeypatch):
+    out, filter_file = tmp_path / "out", interrupting_filter(tmp_path, LOGS[1])
+    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", out, "--estimators", filter_file)
+    expect(done, 130, f"kept 1 of 2 reports in {out}: {LOGS[0]}.html")
     breaks(monkeypatch, LOGS[1], KeyboardInterrupt())
-    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro")
-    expect(done, 130, f"kept 1 of 2 reports in {tmp_path}: {LOGS[0]}.html")
     done = attlog("analyze", samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro")
     expect(done, 130, "nothing was written")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -42,8 +43,15 @@ def test_nothing_is_written_of_a_log_that_fails(tmp_path: Path) -> None:
 
 
 def test_reports_of_equal_names_do_not_overwrite_each_other() -> None:
-    logs = [Path("a/x.ulg"), Path("b/x.ulg"), Path("x.bin"), Path("c/x.ulg"), Path("x.ulg-2"), Path("d/X.BIN")]
+    logs = ["x.ulg", "x.ulg", "x.bin", "x.ulg", "x.ulg-2", "X.BIN"]
     assert report_names(logs) == ["x.ulg", "x.ulg-2", "x.bin", "x.ulg-3", "x.ulg-2-2", "X.BIN-2"]
+    assert report_names(["x.ulg", "y.ulg", "index"], taken=["X.ulg"]) == ["x.ulg-2", "y.ulg", "index-2"]
+
+
+def test_a_report_has_a_name_that_fits_a_folder() -> None:
+    first, second = report_names(["é" * 120 + ".ulg", "é" * 120 + ".bin"])
+    assert len(os.fsencode(first)) <= 200
+    assert second == first + "-2"
 
 
 def test_of_several_codes_the_gravest_counts() -> None:

@@ -1,0 +1,164 @@
+"""``attlog batch``: many logs into one folder with an index; interrupted at any point it goes on where it was."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from attlog import __version__
+from attlog.cli import options
+from attlog.cli.bar import Bar
+from attlog.cli.common import Boot, NoColor, Places, Quiet, System, Verbose, console, say
+from attlog.errors import UsageError, exit_code, message, worst
+
+if TYPE_CHECKING:
+    from attlog.fleet.batch import Outcome
+    from attlog.fleet.entry import Entry
+    from attlog.fleet.record import Record
+    from attlog.fleet.work import Work
+
+TIMEOUT_S = 3600.0
+"""A log may take this long: no log in hand takes a hundredth of it, and one that hangs costs one worker an hour."""
+
+
+def command(
+    context: typer.Context,
+    logs: Places,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", show_default=False, help="Folder of the batch.")
+    ],
+    workers: Annotated[
+        int | None,
+        typer.Option("-j", "--workers", metavar="N", min=1, help="Logs at a time. [default: one for each core]"),
+    ] = None,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="S", min=0.0, help="Give up on a log after so long; 0: never.")
+    ] = TIMEOUT_S,
+    memory: Annotated[
+        float | None,
+        typer.Option(
+            "--memory", metavar="MB", min=1.0, help="Give up on a log that needs more memory. [default: no limit]"
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the batch in DIR: what is done and unchanged stays.")
+    ] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Remove the reports of the batch in DIR and begin again.")
+    ] = False,
+    estimators: options.Estimators = None,
+    imu: options.ImuOption = None,
+    mag: options.MagOption = None,
+    reference: options.ReferenceOption = None,
+    window: options.Window = None,
+    score_from: options.ScoreFrom = None,
+    clock: options.Clock = None,
+    declination: options.Declination = None,
+    trim: options.Trim = None,
+    input_delay: options.InputDelay = None,
+    gyro_bias: options.GyroBias = None,
+    params: options.Params = None,
+    config: options.ConfigFile = None,
+    plotly: options.Plotly = "inline",
+    deterministic: options.Deterministic = False,
+    boot: Boot = None,
+    system: System = None,
+    no_color: NoColor = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Analyse many logs into the folder DIR: a report each, an index, a table of every number."""
+    if resume and fresh:
+        raise UsageError("--resume and --fresh: one or the other")
+    settings = options.settings(
+        config, estimators=estimators, imu=imu, mag=mag, reference=reference, window=window, score_from=score_from,
+        clock=clock, declination=declination, trim=trim, input_delay=input_delay, gyro_bias=gyro_bias, params=params,
+        boot=boot, system=system,
+    )  # fmt: skip
+    from attlog.fleet.batch import Job, run_batch
+    from attlog.fleet.find import sources
+    from attlog.fleet.locally import here
+
+    found, wrong = sources(logs)
+    for error in wrong:
+        print(message(error, __version__), file=sys.stderr)
+    codes = {exit_code(error) for error in wrong}
+    if found:
+        job = Job(
+            found, output, settings, options.commands(context, [source.name for source in found]),
+            options.bundle(plotly), deterministic, timeout or None, memory, resume, fresh,
+        )  # fmt: skip
+        with ended_by_signals(), Bar(quiet, verbose > 0) as bar:
+            outcome = run_batch(job, here(workers, bar.heard), _Told(bar, quiet, verbose))
+        codes |= outcome.codes
+        _say(outcome, output, quiet)
+    if worst(codes):
+        raise typer.Exit(worst(codes))
+
+
+class _Told:
+    """Says how a batch goes: a bar, and a line for each log that fails (with -v for each log)."""
+
+    def __init__(self, bar: Bar, quiet: bool, verbose: int) -> None:
+        self._bar, self._quiet, self._verbose = bar, quiet, verbose
+
+    def planned(self, works: Sequence[Work]) -> None:
+        """Nothing is done yet."""
+        self._bar.planned(works)
+
+    def finished(self, record: Record, entry: Entry) -> None:
+        """One more."""
+        self._bar.advance(record)
+        lines = [f"attlog: {record.log}: gate: {sentence}" for sentence in entry.gates]
+        if not record.done:
+            lines.append(record.trace * (self._verbose > 1) + record.message)
+        elif self._verbose:
+            how = "done before" if record.again else f"{record.wall_s:.1f} s, {record.peak_mb:.0f} MB"
+            lines.append(f"{record.log}: {how}")
+        if lines:
+            with self._bar.aside():
+                print("\n".join(lines), file=sys.stderr, flush=True)
+
+
+def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
+    """The summary, and why not all logs were reached."""
+    from attlog.cli.layout import Line
+    from attlog.fleet.summary import summary
+
+    if not quiet:
+        out = console()
+        first, *others = summary(
+            outcome.entries, outcome.total, outcome.seconds, folder, outcome.again, width=out.width
+        )
+        say([Line(first, "bold"), *map(Line, others)], out)
+        if outcome.entries and not outcome.stopped:
+            say([Line(f"index: {folder / 'index.html'}")], out)
+    if outcome.stopped:
+        print(f"attlog: stopped: {outcome.stopped}; --resume goes on when there is room", file=sys.stderr)
+    if outcome.interrupted:
+        reports = sum(entry.row is not None for entry in outcome.entries)
+        print(
+            f"attlog: interrupted; {reports} of {outcome.total} reports are in {folder}; --resume goes on",
+            file=sys.stderr,
+        )
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """A block that SIGTERM and SIGHUP (a terminal that is closed) interrupt as Ctrl-C does."""
+    import signal
+
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = {name: signal.signal(name, stop) for name in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)

@@ -1,0 +1,159 @@
+"""The options that say how a log is analysed: the same for ``analyze`` and ``batch``, and the Config they make."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from attlog.cli import completion
+from attlog.cli.common import number_or
+from attlog.errors import UsageError
+
+if TYPE_CHECKING:
+    from attlog.config import Config
+
+Estimators = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST",
+        autocompletion=completion.rows,
+        help="default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. [default: default]",
+    ),
+]
+ImuOption = Annotated[str | None, typer.Option(metavar="N|all", help="IMU to replay. [default: the one that flew]")]
+MagOption = Annotated[
+    str | None, typer.Option(metavar="N|none", help="Magnetometer to use. [default: the log's choice]")
+]
+ReferenceOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="R",
+        autocompletion=completion.references,
+        help="auto, truth, smoother, onboard, onboard:NAME or none. [default: auto]",
+    ),
+]
+Window = Annotated[
+    str | None,
+    typer.Option(
+        metavar="W",
+        autocompletion=completion.windows,
+        help="all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). [default: all]",
+    ),
+]
+ScoreFrom = Annotated[float | None, typer.Option(metavar="S", help="Compare from this time on. [default: 15 s]")]
+Clock = Annotated[
+    str | None, typer.Option(metavar="sample|publication", help="Which time stamps count. [default: sample]")
+]
+Declination = Annotated[
+    str | None,
+    typer.Option(metavar="DEG|model|param", help="Magnetic declination. [default: model, else parameter]"),
+]
+Trim = Annotated[
+    str | None, typer.Option(metavar="on|off", help="Apply the autopilot's trim to the replay. [default: on]")
+]
+InputDelay = Annotated[
+    str | None, typer.Option(metavar="MS|off", help="Known delay of the logged IMU. [default: from the log]")
+]
+GyroBias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="rest|none|onboard",
+        help="Gyro bias to take off for every filter: its mean at rest before take-off, none, or the onboard "
+        "estimator's. [default: rest]",
+    ),
+]
+Params = Annotated[
+    str | None,
+    typer.Option(
+        metavar="F.param",
+        help="What if: parameters for the autopilots' filters, and where the log has none. [default: none]",
+    ),
+]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="F.toml|F.json",
+        help="Options from a file or from an earlier result; options here win. [default: none]",
+    ),
+]
+Plotly = Annotated[str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")]
+Deterministic = Annotated[
+    bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")
+]
+BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared": "shared"}
+"""Where reports have plotly from."""
+OF_A_LOG = frozenset((
+    "estimators", "imu", "mag", "reference", "window", "score_from", "clock", "declination", "trim", "input_delay",
+    "gyro_bias", "params", "config", "boot", "system", "plotly", "deterministic",
+))  # fmt: skip
+"""Options that decide what is written of a log; others decide where, how many at a time and what is printed."""
+
+
+def bundle(word: str) -> Literal["inline", "shared"]:
+    """The value of ``--plotly``."""
+    if word not in BUNDLES:
+        raise UsageError(f"--plotly {word}: use inline or shared")
+    return BUNDLES[word]
+
+
+def settings(file: Path | None, **options: Any) -> Config:
+    """The configuration of a file and of options as they were typed (None: not given). UsageError for what is wrong.
+
+    A parameter file is read here too: what is wrong with it is said once, not for each log.
+    """
+    from attlog.config import Config
+
+    read = {"imu": _imu, "mag": _mag, "declination": _declination, "trim": _trim, "input_delay": _input_delay}
+    given = {k: read[k](v) if k in read else v for k, v in options.items() if v is not None}
+    config = Config.build(given) if file is None else Config.load(file, **given)
+    if config.params is not None:
+        from attlog.flight.parameter_file import read_file
+
+        read_file(config.params)
+    return config
+
+
+def commands(context: typer.Context, logs: Sequence[str]) -> list[str]:
+    """For each log the command that makes its report alone, with the options of this one that matter to it."""
+    given = []
+    for option in context.command.params:
+        name = str(option.name)
+        source = context.get_parameter_source(name)
+        if name in OF_A_LOG and source is not None and source.name == "COMMANDLINE":
+            value = context.params[name]
+            given += [option.opts[-1], *([] if value is True else [str(value)])]
+    return [shlex.join(["attlog", "analyze", log, *given]) for log in logs]
+
+
+def _imu(text: str) -> int | str:
+    return _int_or(text, "all", "--imu")
+
+
+def _mag(text: str) -> int | str:
+    return _int_or(text, "none", "--mag")
+
+
+def _declination(text: str) -> float | str:
+    return number_or(text, ("auto", "model", "param"), "--declination")
+
+
+def _input_delay(text: str) -> float | str:
+    return number_or(text, ("auto", "off"), "--input-delay")
+
+
+def _int_or(text: str, word: str, option: str) -> int | str:
+    if text == word:
+        return text
+    if not text.isdecimal():
+        raise UsageError(f"{option} {text!r}: use a number from 0 or {word}")
+    return int(text)
+
+
+def _trim(text: str) -> bool:
+    if text in ("on", "off"):
+        return text == "on"
+    raise UsageError(f"--trim {text!r}: use on or off")
