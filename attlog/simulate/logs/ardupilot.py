@@ -1,0 +1,296 @@
+"""A flight as ArduPilot logs one: records, parameters and texts of a DataFlash log.
+
+A unit that measures instants becomes IMU, above 500 Hz GYR and ACC with IMU at the rate of the loop, as with
+LOG_BITMASK's bit 19. One that measures means over intervals becomes IMT (increments), and IMU at the middle of each
+interval, to whose instant its mean belongs. XKF1, XKQ and XKF4 hold the estimator in the loop: attitude and gyro
+bias; what only ArduPilot's EKF knows is NaN or 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.flight.ardupilot.state import ARMED, DISARMED, LANDED, NOT_LANDED
+from attlog.flight.utc import GPS_EPOCH_S, LEAP_SECONDS
+from attlog.formats import ParamChange, Recording, Text
+from attlog.formats.recording import Columns, Key
+from attlog.rotation import rotate_inverse, to_euler
+from attlog.simulate.environment import geodetic
+from attlog.simulate.flight import Flight, GnssStream, ImuStream
+from attlog.simulate.logs.ardupilot_records import LAYOUTS, record
+from attlog.simulate.logs.records import (
+    START_US,
+    every,
+    held,
+    last_before,
+    measured_rates,
+    micros,
+    numbered,
+    place_while_lost,
+    texts,
+    vibration,
+)
+
+Array = NDArray[np.float64]
+MODES = {"STABILIZE": 0, "ACRO": 1, "ALTCTL": 2, "ALT_HOLD": 2, "AUTO": 3, "MISSION": 3, "GUIDED": 4, "OFFBOARD": 4,
+         "POSCTL": 5, "LOITER": 5, "RTL": 6, "LAND": 9, "HOLD": 17, "TAKEOFF": 4}  # fmt: skip
+"""Copter's mode numbers; MODE and the heartbeat have the same."""
+BANNER = "ArduCopter V4.6.0-simulated"
+MILLIGAUSS = 1e-7
+RAW_HZ = 500.0
+"""A unit that samples faster is logged in GYR and ACC."""
+PWM_MIN, PWM_MAX = 1000, 2000
+SLOW_HZ, VIBE_HZ, EKF_HZ = 10.0, 5.0, 10.0
+_NAN = float("nan")
+
+
+def recording(flight: Flight) -> Recording:
+    """The flight as the records of a DataFlash log."""
+    messages: dict[Key, Columns] = {}
+    for part in (_inertial, _sensors, _states, _onboard, _truth):
+        messages |= dict(part(flight))
+    messages = {key: columns for key, columns in messages.items() if len(columns["TimeUS"])}
+    said = [Text(BANNER, 6, START_US), Text("Frame: QUAD/X", 6, START_US), *texts(flight, START_US)]
+    names = {name for name, _ in messages}
+    return Recording(messages, parameters(flight), said, {}, START_US, {n: x for n, x in LAYOUTS.items() if n in names})
+
+
+def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
+    """Samples of every unit, and how much it shakes."""
+    for imu in flight.imus:
+        k, i = every(imu.t_sample, flight.scenario.logging.imu_hz), imu.instance
+        instants = imu.t_sample
+        if imu.sampling == "interval":
+            yield ("IMT", i), _increments(imu, k)
+            instants = imu.t_sample - 0.5 * imu.dt
+        elif imu.rate_hz > RAW_HZ:
+            for name, x in (("GYR", imu.gyro[k]), ("ACC", imu.acc[k])):
+                axes = dict(zip((f"{name.title()}{axis}" for axis in "XYZ"), x.T, strict=True))
+                yield (name, i), record(name, micros(imu.t[k]), I=i, SampleUS=micros(imu.t_sample[k]), **axes)
+            k = every(imu.t_sample, flight.scenario.logging.imu_hz or flight.scenario.loop.rate_hz)
+        (gx, gy, gz), (ax, ay, az), rate = imu.gyro[k].T, imu.acc[k].T, round(imu.rate_hz)
+        yield (
+            ("IMU", i),
+            record("IMU", micros(instants[k]), I=i, GyrX=gx, GyrY=gy, GyrZ=gz, AccX=ax, AccY=ay, AccZ=az,
+                   T=imu.temperature[k], GH=1, AH=1, GHz=rate, AHz=rate),
+        )  # fmt: skip
+        k = every(imu.t, VIBE_HZ)
+        x, y, z = vibration(imu)[k].T
+        clips = np.cumsum(imu.clipped[:, 1])[k]
+        yield ("VIBE", i), record("VIBE", micros(imu.t[k]), IMU=i, VibeX=x, VibeY=y, VibeZ=z, Clip=clips)
+
+
+def _increments(imu: ImuStream, k: NDArray[np.int64]) -> Columns:
+    """IMT; the increments are those of the interval as it is stored, so that the rates come back as they were."""
+    dt = imu.dt[k].astype(np.float32).astype(np.float64)
+    (ax, ay, az), (vx, vy, vz) = (imu.gyro[k] * dt[:, None]).T, (imu.acc[k] * dt[:, None]).T
+    return record("IMT", micros(imu.t_sample[k]), I=imu.instance, DelT=dt, DelvT=dt, DelaT=dt, DelAX=ax, DelAY=ay,
+                  DelAZ=az, DelVX=vx, DelVY=vy, DelVZ=vz)  # fmt: skip
+
+
+def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
+    """Compasses, barometers, receivers, battery and rotor speeds."""
+    for mag in flight.mags:
+        x, y, z = (mag.field / MILLIGAUSS).T
+        sampled = micros(mag.t_sample) & np.uint64(0xFFFFFFFF)
+        yield (
+            ("MAG", mag.instance),
+            record("MAG", micros(mag.t), I=mag.instance, MagX=x, MagY=y, MagZ=z, Health=1, S=sampled),
+        )
+    for baro in flight.baro:
+        ground = float(np.median(baro.height[:10])) if len(baro.height) else 0.0
+        yield (
+            ("BARO", baro.instance),
+            record("BARO", micros(baro.t), I=baro.instance, Alt=baro.height - ground, AltAMSL=baro.height,
+                   Press=baro.pressure, Temp=baro.temperature, SMS=micros(baro.t_sample) // np.uint64(1000),
+                   GndTemp=baro.temperature[0] if len(baro.t) else 0.0, Health=1),
+        )  # fmt: skip
+    for gnss in flight.gnss:
+        yield from _receiver(gnss)
+    if flight.battery is not None:
+        b, whole = flight.battery, flight.scenario.sensors.battery
+        energy = np.cumsum(b.voltage * b.current * np.diff(b.t, prepend=b.t[:1])) / 3600.0
+        left = np.clip(100.0 * (1.0 - b.used / whole.capacity_ah), 0.0, 100.0)
+        yield (
+            ("BAT", 0),
+            record("BAT", micros(b.t), Volt=b.voltage, VoltR=b.voltage + b.current * whole.resistance_ohm,
+                   Curr=b.current, CurrTot=b.used * 1e3, EnrgTot=energy, Res=whole.resistance_ohm, RemPct=left, H=1),
+        )  # fmt: skip
+    if flight.rpm is not None:
+        for k, rpm in enumerate(flight.rpm.rpm.T):
+            yield ("ESC", k), record("ESC", micros(flight.rpm.t), Instance=k, RPM=rpm, RawRPM=rpm)
+
+
+def _receiver(gnss: GnssStream) -> Iterator[tuple[Key, Columns]]:
+    """GPS and GPA of one receiver."""
+    t, has = micros(gnss.t), gnss.fix > 0
+    lat, lon, alt, vel = place_while_lost(gnss)
+    week, milliseconds = gps_time(gnss.utc)
+    course = np.degrees(np.arctan2(vel[:, 1], vel[:, 0])) % 360.0
+    yield (
+        ("GPS", gnss.instance),
+        record("GPS", t, I=gnss.instance, Status=np.where(has, gnss.fix, 1), GMS=np.where(has, milliseconds, 0),
+               GWk=np.where(has, week, 0), NSats=gnss.satellites, HDop=np.where(has, 0.9, 99.99), Lat=lat, Lng=lon,
+               Alt=alt, Spd=np.hypot(vel[:, 0], vel[:, 1]), GCrs=course, VZ=vel[:, 2], U=gnss.instance == 0),
+    )  # fmt: skip
+    yield (
+        ("GPA", gnss.instance),
+        record("GPA", t, I=gnss.instance, VDop=np.where(has, 1.2, 99.99), HAcc=gnss.h_acc, VAcc=gnss.v_acc,
+               SAcc=gnss.s_acc, VV=has, SMS=micros(gnss.t_sample) // np.uint64(1000),
+               Delta=np.minimum(np.diff(gnss.t, prepend=gnss.t[:1]) * 1e3, 65535)),
+    )  # fmt: skip
+
+
+def gps_time(unix: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """GPS week and milliseconds of the week at Unix times [s]."""
+    leap = np.zeros(len(unix))
+    for start, seconds in LEAP_SECONDS:
+        leap = np.where(unix >= start, seconds, leap)
+    whole = np.rint((unix - GPS_EPOCH_S + leap) * 1e3).astype(np.int64)
+    return whole // 604_800_000, whole % 604_800_000
+
+
+def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
+    """Modes, arming and events, when they change; the version once."""
+    board = flight.onboard
+    times, names = _unzipped(board.mode)
+    numbers = np.array(numbered(names, MODES, "ArduCopter"))
+    yield ("MODE", 0), record("MODE", times, Mode=numbers, ModeNum=numbers, Rsn=1)
+    times, armed = _unzipped(board.armed)
+    states = np.array(armed, bool)
+    yield ("ARM", 0), record("ARM", times, ArmState=states)
+    events = [(t, ARMED if value else DISARMED) for t, value in board.armed[1:]]
+    events += [(t, LANDED if value else NOT_LANDED) for t, value in board.landed[1:]]
+    times, ids = _unzipped(sorted(events))
+    yield ("EV", 0), record("EV", times, Id=np.array(ids))
+    start = micros(np.zeros(1))
+    yield ("VER", 0), record("VER", start, BT=3, Maj=4, Min=6, FWS=BANNER.encode(), BU=2, FV=2)
+
+
+def _unzipped(line: list[tuple[float, Any]]) -> tuple[NDArray[np.uint64], list[Any]]:
+    return micros(np.array([t for t, _ in line], np.float64)), [value for _, value in line]
+
+
+def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
+    """What the estimator in the loop thought and the controller wanted."""
+    board, logging = flight.onboard, flight.scenario.logging
+    if len(board.t) == 0:
+        return
+    k = every(board.t, logging.attitude_hz)
+    t = micros(board.t[k])
+    roll, pitch, yaw = _degrees(board.q[k])
+    wanted = _degrees(board.q_setpoint[k]) if len(board.q_setpoint) else (_NAN, _NAN, _NAN)
+    yield (
+        ("ATT", 0),
+        record("ATT", t, DesRoll=wanted[0], Roll=roll, DesPitch=wanted[1], Pitch=pitch, DesYaw=wanted[2], Yaw=yaw,
+               AEKF=3),
+    )  # fmt: skip
+    q = board.q[k].T
+    yield ("XKQ", 0), record("XKQ", t, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3])
+    k = every(board.t, EKF_HZ)
+    t = micros(board.t[k])
+    roll, pitch, yaw = _degrees(board.q[k])
+    bias = np.degrees(board.bias[k]).T if len(board.bias) else np.zeros((3, len(k)))
+    unknown = {name: _NAN for name in ("VN", "VE", "VD", "dPD", "PN", "PE", "PD")}
+    yield (
+        ("XKF1", 0),
+        record("XKF1", t, Roll=_cut(roll), Pitch=_cut(pitch), Yaw=yaw, GX=_cut(bias[0]), GY=_cut(bias[1]),
+               GZ=_cut(bias[2]), **unknown),
+    )  # fmt: skip
+    yield ("XKF4", 0), record("XKF4", t, errRP=_NAN, OFN=_NAN, OFE=_NAN)
+    if len(board.rate_setpoint):
+        yield ("RATE", 0), _rate(flight)
+    if len(board.thrust_setpoint):
+        k = every(board.t, SLOW_HZ)
+        up = -flight.truth.p[last_before(flight.truth.t, board.t[k]), 2]
+        thrust = board.thrust_setpoint[k]
+        hover = flight.scenario.vehicle.hover_command(flight.gravity)
+        yield (
+            ("CTUN", 0),
+            record("CTUN", micros(board.t[k]), ThI=thrust, ThO=thrust, ThH=hover, DAlt=_NAN, Alt=_NAN, DSAlt=_NAN,
+                   BAlt=_baro_height(flight, board.t[k], up)),
+        )  # fmt: skip
+    if len(board.motors):
+        k = every(board.t, logging.motors_hz)
+        pwm = PWM_MIN + (PWM_MAX - PWM_MIN) * np.clip(board.motors[k], 0.0, 1.0)
+        yield ("RCOU", 0), record("RCOU", micros(board.t[k]), C1=pwm[:, 0], C2=pwm[:, 1], C3=pwm[:, 2], C4=pwm[:, 3])
+
+
+def _rate(flight: Flight) -> Columns:
+    """Wanted and measured body rates [deg/s] and what the controller gave out."""
+    board = flight.onboard
+    k = every(board.t, flight.scenario.logging.setpoint_hz)
+    wanted, measured = np.degrees(board.rate_setpoint[k]).T, np.degrees(measured_rates(flight, board.t[k])).T
+    out = board.torque_setpoint[k].T if len(board.torque_setpoint) else np.zeros((3, len(k)))
+    thrust = board.thrust_setpoint[k] if len(board.thrust_setpoint) else 0.0
+    return record("RATE", micros(board.t[k]), RDes=wanted[0], R=measured[0], ROut=out[0], PDes=wanted[1],
+                  P=measured[1], POut=out[1], YDes=wanted[2], Y=measured[2], YOut=out[2], AOut=thrust)  # fmt: skip
+
+
+def _baro_height(flight: Flight, at: Array, otherwise: Array) -> Array:
+    if not flight.baro or not len(flight.baro[0].t):
+        return otherwise
+    baro = flight.baro[0]
+    return baro.height[last_before(baro.t, at)] - float(np.median(baro.height[:10]))
+
+
+def _degrees(q: Array) -> tuple[Array, Array, Array]:
+    """Roll, pitch and heading (0 to 360) in degrees."""
+    roll, pitch, yaw = np.degrees(to_euler(q)).T
+    return roll, pitch, yaw % 360.0
+
+
+def _cut(degrees: Array) -> Array:
+    """What two bytes of hundredths hold."""
+    return np.clip(degrees, -327.68, 327.67)
+
+
+def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
+    """What happened: SIM, SIM2."""
+    truth = flight.truth
+    k = every(truth.t, flight.scenario.logging.truth_hz)
+    t, q = micros(truth.t[k]), truth.q[k].T
+    roll, pitch, yaw = _degrees(truth.q[k])
+    lat, lon, alt = geodetic(flight.scenario, truth.p[k])
+    yield (
+        ("SIM", 0),
+        record("SIM", t, Roll=roll, Pitch=pitch, Yaw=yaw, Alt=alt, Lat=lat, Lng=lon, Q1=q[0], Q2=q[1], Q3=q[2],
+               Q4=q[3]),
+    )  # fmt: skip
+    (pn, pe, pd), (vn, ve, vd) = truth.p[k].T, truth.v[k].T
+    through_air = rotate_inverse(truth.q[k], truth.v[k] - truth.wind[k])
+    speed = np.sqrt(np.sum(through_air**2, axis=1))
+    yield ("SIM2", 0), record("SIM2", t, PN=pn, PE=pe, PD=pd, VN=vn, VE=ve, VD=vd, As=speed)
+
+
+def parameters(flight: Flight) -> list[ParamChange]:
+    """Copter's parameters as far as the scenario and those who read the log need them."""
+    control, loop = flight.scenario.controller, flight.scenario.loop
+    imu = flight.imus[0]
+    raw = imu.sampling == "instant" and imu.rate_hz > RAW_HZ
+    gyro_cut, acc_cut = imu.lowpass_hz
+    values: dict[str, float] = {
+        "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SCHED_LOOP_RATE": round(loop.rate_hz), "AHRS_ORIENTATION": 0,
+        "AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS_TRIM_Z": 0.0, "AHRS_EKF_TYPE": 3, "EK3_ENABLE": 1,
+        "EK3_IMU_MASK": 1, "COMPASS_ENABLE": int(bool(flight.mags)), "COMPASS_DEC": np.radians(flight.declination_deg),
+        "COMPASS_AUTODEC": 1, "INS_GYRO_FILTER": gyro_cut, "INS_ACCEL_FILTER": acc_cut,
+        "INS_RAW_LOG_OPT": (1 | 4 * (gyro_cut > 0)) if raw else 0,
+        "LOG_BITMASK": 176126 | 1 << 0 | 1 << 7 | (1 << 19) * raw, "LOG_DISARMED": 1, "MOT_PWM_MIN": PWM_MIN,
+        "MOT_PWM_MAX": PWM_MAX, "ATC_ANG_RLL_P": control.angle_kp, "ATC_ANG_PIT_P": control.angle_kp,
+        "ATC_ANG_YAW_P": control.yaw_angle_kp, "ATC_RAT_RLL_P": control.rate_kp, "ATC_RAT_RLL_I": control.rate_ki,
+        "ATC_RAT_RLL_D": control.rate_kd, "ATC_RAT_PIT_P": control.rate_kp, "ATC_RAT_PIT_I": control.rate_ki,
+        "ATC_RAT_PIT_D": control.rate_kd, "ATC_RAT_YAW_P": control.yaw_rate_kp, "ATC_RAT_YAW_I": control.yaw_rate_ki,
+        "SIM_RATE_HZ": round(loop.rate_hz * loop.substeps),
+    }  # fmt: skip
+    values |= {f"COMPASS_USE{n or ''}": int(k < len(flight.mags)) for k, n in enumerate((0, 2, 3))}
+    values |= {f"SERVO{k + 1}_FUNCTION": 33 + k for k in range(4)}
+    return [ParamChange(name, float(value)) for name, value in sorted(values.items())]
+
+
+def held_numbers(line: list[tuple[float, str]], at: Array) -> NDArray[np.int64]:
+    """Copter's numbers of the modes that hold at each time."""
+    return np.array(numbered(held(line, at), MODES, "ArduCopter"), np.int64)

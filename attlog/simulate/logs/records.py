@@ -1,0 +1,107 @@
+"""What the logs of all firmwares need of a flight: its clock, its rates, its states as records, its words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import __version__
+from attlog.errors import UsageError
+from attlog.formats import Text
+from attlog.simulate.flight import Flight, GnssStream, ImuStream
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+T = TypeVar("T")
+
+START_US = 5_000_000
+"""The boot clock when the simulation begins; 0 would mean unset in every format."""
+VIBRATION_FLOOR_HZ, VIBRATION_HZ = 5.0, 2.0
+"""Low-passes of the vibration level: what counts as motion, and how fast the level follows (ArduPilot)."""
+
+
+def micros(t: Array) -> NDArray[np.uint64]:
+    """Boot clock [us] at times [s] of a flight."""
+    return (START_US + np.rint(np.asarray(t, np.float64) * 1e6)).astype(np.uint64)
+
+
+def every(t: Array, hz: float) -> Index:
+    """Which of the values at ``t`` (n,) s are logged at ``hz``: the first in each period; all where ``hz`` is 0."""
+    if hz <= 0 or len(t) == 0:
+        return np.arange(len(t))
+    period = np.floor(t * hz + 1e-6)
+    return np.flatnonzero(np.diff(period, prepend=period[0] - 1.0) > 0)
+
+
+def last_before(t: Array, at: Array) -> Index:
+    """For each time ``at`` the index of the newest value of a series at ``t`` (n,), the first before it begins."""
+    return np.maximum(np.searchsorted(t, at + 1e-9, side="right") - 1, 0)
+
+
+def state_times(flight: Flight, lines: Sequence[list[tuple[float, Any]]], hz: float) -> Array:
+    """When states are told: ``hz`` times a second and at each change."""
+    regular = np.arange(0.0, flight.seconds + 1e-9, 1.0 / hz)
+    changes = [t for line in lines for t, _ in line if 0.0 <= t <= flight.seconds]
+    return np.unique(np.round(np.concatenate([regular, changes]), 6))
+
+
+def held(line: list[tuple[float, T]], at: Array) -> list[T]:
+    """The value of a time line that holds at each time."""
+    times = np.array([t for t, _ in line])
+    return [line[k][1] for k in last_before(times, at)]
+
+
+def numbered(modes: Sequence[str], numbers: dict[str, int], firmware: str) -> list[int]:
+    """Modes by the firmware's numbers; UsageError for a mode that it does not have."""
+    for mode in modes:
+        if mode not in numbers:
+            raise UsageError(f"the flight mode {mode} has no number in {firmware}")
+    return [numbers[mode] for mode in modes]
+
+
+def texts(flight: Flight, at_us: int) -> list[Text]:
+    """What the log says of itself: that it is simulated, by which scenario, who flew; then what happened."""
+    pilot = flight.onboard.estimator
+    found = [
+        Text(f"attlog {__version__} simulated this flight, seed {flight.seed}", 6, at_us),
+        Text(f"scenario: {flight.scenario.name or 'unnamed'}", 6, at_us),
+        Text(f"attitude on board: {pilot}, no firmware's" if pilot else "no attitude on board", 6, at_us),
+    ]
+    return found + [Text(f"simulated {what}", 6, int(micros(np.array(t)))) for t, what in flight.events]
+
+
+def place_while_lost(gnss: GnssStream) -> tuple[Array, Array, Array, Array]:
+    """Latitude, longitude, height and velocity as receivers send them: the last ones, at first 0, without a fix."""
+    k = np.maximum.accumulate(np.where(gnss.fix > 0, np.arange(len(gnss.t)), -1))
+    lat, lon, alt, vel = (np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
+                          for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel))  # fmt: skip
+    return lat, lon, alt, np.where((gnss.fix > 0)[:, None], vel, 0.0)
+
+
+def vibration(imu: ImuStream) -> Array:
+    """Vibration level (n, 3) m/s^2 of an accelerometer: what is faster than motion, rectified and smoothed."""
+    floor = _low_passed(imu.acc, imu.rate_hz, VIBRATION_FLOOR_HZ)
+    return np.sqrt(_low_passed((imu.acc - floor) ** 2, imu.rate_hz, VIBRATION_HZ, 0.0))
+
+
+def _low_passed(x: Array, rate_hz: float, cut_hz: float, start: float | None = None) -> Array:
+    """First-order low-pass of ``x`` (n, 3), from ``start``, else from the first value on; its kernel to 1e-6."""
+    if len(x) == 0:
+        return x
+    step = 1.0 / rate_hz
+    stays = 1.0 - step / (step + 1.0 / (2.0 * np.pi * cut_hz))
+    kernel = (1.0 - stays) * stays ** np.arange(int(np.ceil(np.log(1e-6) / np.log(stays))))
+    first = x[:1] if start is None else np.full((1, x.shape[1]), start)
+    smooth = np.column_stack([np.convolve(axis, kernel)[: len(x)] for axis in (x - first).T])
+    return np.asarray(smooth + first, np.float64)
+
+
+def measured_rates(flight: Flight, at: Array) -> Array:
+    """Body rates (n, 3) rad/s that the controller had: the first gyro without the bias that was estimated."""
+    imu, onboard = flight.imus[0], flight.onboard
+    rates = imu.gyro[last_before(imu.t_sample, at)]
+    bias = onboard.bias[last_before(onboard.t, at)] if len(onboard.bias) else np.zeros(3)
+    return rates - bias
