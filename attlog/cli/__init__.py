@@ -24,6 +24,7 @@ from attlog.cli import (
     new,
     reproduce,
     schema,
+    simulate,
     streams,
     sweep,
     tune,
@@ -83,6 +84,7 @@ app.command("estimators")(estimators.command)
 app.command("new")(new.command)
 app.command("check-estimator")(check_estimator.command)
 app.command("reproduce", cls=WithJson)(reproduce.command)
+app.command("simulate")(simulate.command)
 app.command("schema")(schema.command)
 
 

@@ -31,6 +31,13 @@ def filters(incomplete: str) -> list[str]:
     return [name for name in names() if name.startswith(incomplete)]
 
 
+def scenarios(incomplete: str) -> list[str]:
+    """Names of the scenarios that can be simulated."""
+    from attlog.simulate.scenario import names
+
+    return [name for name in names() if name.startswith(incomplete)]
+
+
 def windows(incomplete: str) -> list[str]:
     """Names of windows."""
     from attlog.segments.model import WINDOWS

@@ -65,11 +65,23 @@ def load(name_or_path: str | Path) -> Scenario:
     LogUnreadable where the file cannot be opened, UsageError for a name that is not
     known and for everything wrong in a file.
     """
+    return build(values_of(name_or_path), origin=place_of(name_or_path).name)
+
+
+def place_of(name_or_path: str | Path) -> Path:
+    """The TOML file of a scenario. UsageError for a name that is not known."""
     path = Path(name_or_path)
-    if path.suffix.lower() != ".toml" and not path.is_file():
-        path = LIBRARY / f"{name_or_path}.toml"
-        if not path.is_file():
-            raise UsageError(f"no scenario {name_or_path}{suggestion(str(name_or_path), names())}")
+    if path.suffix.lower() == ".toml" or path.is_file():
+        return path
+    inside = LIBRARY / f"{name_or_path}.toml"
+    if not inside.is_file():
+        raise UsageError(f"no scenario {name_or_path}{suggestion(str(name_or_path), names())}")
+    return inside
+
+
+def values_of(name_or_path: str | Path) -> dict[str, Any]:
+    """The plain values of a scenario's file, with the file's name where it has none; errors as of :func:`load`."""
+    path = place_of(name_or_path)
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -78,7 +90,7 @@ def load(name_or_path: str | Path) -> Scenario:
         raise UsageError(f"{path}: no UTF-8 text at byte {error.start}") from error
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"{path}: not valid TOML: {error}") from error
-    return build({"name": path.stem} | values, origin=path.name)
+    return {"name": path.stem} | values
 
 
 def build(values: Mapping[str, Any], origin: str = "scenario") -> Scenario:

@@ -127,6 +127,8 @@ def vehicle_imu(builder: LogBuilder) -> list[Candidate]:
                 usable=not decimated(t, dt[good]),
             )
         )  # fmt: skip
+        if not found[-1].usable:
+            found[-1].problems.append(thinned(f"vehicle_imu:{i}", t, dt[good]))
         found[-1].usable &= found[-1].rate >= FAST_HZ
         found[-1].temperature = status_temperature(builder, i, t)
     return found
@@ -150,18 +152,14 @@ def sensor_combined(builder: LogBuilder, selected: int) -> list[Candidate]:
     acc = columns(table, "accelerometer_m_s2")
     if "accelerometer_timestamp_relative" in table:  # 0x7fffffff: no accelerometer sample yet
         acc[table["accelerometer_timestamp_relative"] == 0x7FFFFFFF] = np.nan
-    thinned = decimated(t, dt)
+    lossy = decimated(t, dt)
     found = Candidate(
         selected, 2, t, columns(table, "gyro_rad"), acc, "sensor_combined", "interval", filtered="none",
-        usable=not thinned, temperature=status_temperature(builder, selected, t),
+        usable=not lossy, temperature=status_temperature(builder, selected, t),
         note="holds the unit that the autopilot's voter chose",
     )  # fmt: skip
-    if thinned:
-        text = (
-            f"sensor_combined: the logger kept one sample per {np.median(np.diff(t)) / 1000:.0f} ms although each "
-            f"covers {np.median(dt) * 1000:.1f} ms; the rotation between them is lost."
-        )
-        found.problems.append(Problem("imu_decimated", "warning", text))
+    if lossy:
+        found.problems.append(thinned("sensor_combined", t, dt))
     return [found]
 
 
@@ -180,6 +178,15 @@ def decimated(t: Stamps, dt: Array) -> bool:
     if len(t) < 3 or len(covered) == 0:
         return False
     return float(np.median(np.diff(t))) * 1e-6 > DECIMATED * float(np.median(covered))
+
+
+def thinned(source: str, t: Stamps, dt: Array) -> Problem:
+    """What is wrong with a :func:`decimated` source."""
+    text = (
+        f"{source}: the logger kept one sample per {np.median(np.diff(t)) / 1000:.0f} ms although each "
+        f"covers {np.median(dt) * 1000:.1f} ms; the rotation between them is lost."
+    )
+    return Problem("imu_decimated", "warning", text)
 
 
 def filtered(builder: LogBuilder, values: dict[str, float], selected: int) -> list[Candidate]:

@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from attlog import formats
-from attlog.formats import Recording
+from attlog.formats import ParamChange, Recording
 from attlog.simulate.flight import Flight
 
 
-def recording(flight: Flight, name: str) -> Recording:
-    """The flight as the messages of a format (``ulog``, ``dataflash``, ``tlog``). KeyError for another one."""
+def recording(flight: Flight, name: str, params: Mapping[str, float | int] | None = None) -> Recording:
+    """The flight as the messages of a format (``ulog``, ``dataflash``, ``tlog``). KeyError for another one.
+
+    ``params`` are parameters that the log tells instead of, or beside, those that the flight had.
+    """
     from attlog.simulate.logs import ardupilot, mavlink, px4
 
     made = {"ulog": px4.recording, "dataflash": ardupilot.recording, "tlog": mavlink.recording}
-    return made[name](flight)
+    found = made[name](flight)
+    if not params:
+        return found
+    own = {p.name: p for p in found.params if not p.is_default}
+    whole = {name for name, p in own.items() if isinstance(p.value, int)}
+    for known, value in params.items():
+        own[known] = ParamChange(known, value if known in whole or known not in own else float(value))
+    return replace(found, params=[*own.values(), *(p for p in found.params if p.is_default)])
 
 
-def write(path: Path | str, flight: Flight) -> None:
-    """Write the flight in the format of the path's suffix. UsageError for another suffix, OutputError if it cannot."""
+def write(path: Path | str, flight: Flight, params: Mapping[str, float | int] | None = None) -> None:
+    """Write the flight in the format of the path's suffix; ``params`` as in :func:`recording`.
+
+    UsageError for another suffix, OutputError where the file cannot be written.
+    """
     entry = formats.format_for(path)
-    entry.write(Path(path), recording(flight, entry.name))
+    entry.write(Path(path), recording(flight, entry.name, params))

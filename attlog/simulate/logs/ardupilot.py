@@ -31,6 +31,7 @@ from attlog.simulate.logs.records import (
     micros,
     numbered,
     place_while_lost,
+    since_start,
     texts,
     vibration,
 )
@@ -50,6 +51,7 @@ _NAN = float("nan")
 
 def recording(flight: Flight) -> Recording:
     """The flight as the records of a DataFlash log."""
+    flight = since_start(flight)
     messages: dict[Key, Columns] = {}
     for part in (_inertial, _sensors, _states, _onboard, _truth):
         messages |= dict(part(flight))

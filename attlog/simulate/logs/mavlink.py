@@ -27,6 +27,7 @@ from attlog.simulate.logs.records import (
     measured_rates,
     micros,
     place_while_lost,
+    since_start,
     state_times,
     texts,
     vibration,
@@ -42,6 +43,7 @@ ON_GROUND, IN_AIR = 1, 2
 
 def recording(flight: Flight) -> Recording:
     """The flight as the packets of a telemetry log; the receiver's clock is Unix time."""
+    flight = since_start(flight)
     ahead_us = round(flight.scenario.place.unix_time * 1e6) - START_US
     messages: dict[Key, Columns] = {}
     for part in (_inertial, _onboard, _receivers, _slow, _states, _truth):

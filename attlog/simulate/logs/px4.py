@@ -28,6 +28,7 @@ from attlog.simulate.logs.records import (
     micros,
     numbered,
     place_while_lost,
+    since_start,
     state_times,
     texts,
     vibration,
@@ -50,6 +51,7 @@ STATES_HZ, STATUS_HZ = 2.0, 1.0
 
 def recording(flight: Flight) -> Recording:
     """The flight as the topics of a ULog."""
+    flight = since_start(flight)
     messages: dict[Key, Columns] = {}
     for imu in flight.imus:
         messages |= dict(_inertial(flight, imu))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -97,6 +98,17 @@ def _low_passed(x: Array, rate_hz: float, cut_hz: float, start: float | None = N
     first = x[:1] if start is None else np.full((1, x.shape[1]), start)
     smooth = np.column_stack([np.convolve(axis, kernel)[: len(x)] for axis in (x - first).T])
     return np.asarray(smooth + first, np.float64)
+
+
+def since_start(flight: Flight) -> Flight:
+    """The flight with what was on board from the estimator's start on: before, nobody publishes an attitude."""
+    board = flight.onboard
+    known = np.all(np.isfinite(board.q), axis=1)
+    if known.all():
+        return flight
+    rows = ("t", "q", "bias", "q_setpoint", "rate_setpoint", "thrust_setpoint", "torque_setpoint", "motors")
+    kept = {name: x[known] for name in rows if len(x := getattr(board, name)) == len(known)}
+    return replace(flight, onboard=replace(board, **kept))
 
 
 def measured_rates(flight: Flight, at: Array) -> Array:

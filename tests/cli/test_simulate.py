@@ -1,0 +1,146 @@
+"""``attlog simulate``: names, files, seeds and values on the command line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from attlog import flight as flights
+from attlog.errors import UsageError
+from attlog.simulate.overrides import overridden, seeds
+from attlog.simulate.scenario import build, names
+
+SHORT = ("--set", "seconds=3")
+
+
+def test_without_a_name_the_scenarios_are_listed(attlog):
+    for done in (attlog("simulate"), attlog("simulate", "--list")):
+        assert done.code == 0
+        assert [line.split()[0] for line in done.out.splitlines() if line.strip()][: len(names())] == names()
+
+
+def test_one_flight_becomes_several_logs(attlog, tmp_path):
+    paths = [tmp_path / f"x{suffix}" for suffix in (".ulg", ".bin", ".tlog")]
+    done = attlog("simulate", "static", *SHORT, *(word for path in paths for word in ("-o", path)))
+    assert (done.code, done.err) == (0, "")
+    assert [line.split(":")[0] for line in done.out.splitlines()] == [str(path) for path in paths]
+    for path in paths:
+        assert flights.read(path).simulated
+
+
+def test_a_folder_gets_a_log_of_each_seed_in_each_format(attlog, tmp_path):
+    done = attlog("simulate", "static", *SHORT, "--seeds", "9..10,3", "-o", tmp_path / "all", "--format", "ulg",
+                  "--format", "bin", "-q")  # fmt: skip
+    assert (done.code, done.out) == (0, "")
+    made = {path.name for path in (tmp_path / "all").iterdir()}
+    assert made == {f"static-{n}{suffix}" for n in ("03", "09", "10") for suffix in (".ulg", ".bin")}
+    alone = tmp_path / "alone.ulg"
+    assert attlog("simulate", "static", *SHORT, "--seed", "9", "-o", alone).code == 0
+    assert alone.read_bytes() == (tmp_path / "all" / "static-09.ulg").read_bytes()
+
+
+def test_a_scenario_of_ones_own_begins_with_one_that_is_printed(attlog, tmp_path):
+    own = tmp_path / "mine.toml"
+    printed = attlog("simulate", "static", "--print")
+    own.write_text(printed.out)
+    assert attlog("simulate", own, *SHORT, "-o", tmp_path).code == 0
+    assert attlog("simulate", "static", *SHORT, "-o", tmp_path / "theirs.ulg").code == 0
+    log, theirs = (flights.read(tmp_path / name) for name in ("mine.ulg", "theirs.ulg"))
+    assert (log.imus[0].gyro.x == theirs.imus[0].gyro.x).all()
+    assert "scenario: mine" in {text for _, _, text in log.texts}
+
+
+def test_values_and_parameters_are_taken_from_the_command_line(attlog, tmp_path):
+    path = tmp_path / "x.bin"
+    done = attlog("simulate", "static", *SHORT, "--set", "sensors.imu.rate_hz=200", "--param", "COMPASS_DEC=0.5",
+                  "--estimator", "madgwick@marg", "-o", path)  # fmt: skip
+    assert done.code == 0, done.err
+    log = flights.read(path)
+    assert log.imus[0].gyro.rate == pytest.approx(200.0, rel=1e-3)
+    assert log.param("COMPASS_DEC") == 0.5
+    assert any("madgwick@marg" in text for _, _, text in log.texts)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("hovr", "-o", "x.ulg"), 2, "did you mean hover?"),
+        (("static",), 2, "-o static.ulg"),
+        (("-o", "x.ulg"), 2, "name a scenario"),
+        (("static", "-o", "x.csv"), 2, "x.csv: the suffix tells the format"),
+        (("static", "-o", "x.ulg", "--format", "bin"), 2, "--format is for a folder"),
+        (("static", "-o", "folder", "--format", "csv"), 2, "use ulg, bin or tlog"),
+        (("static", "-o", "x.ulg", "--seeds", "1..3"), 2, "-o must be a folder"),
+        (("static", "-o", "folder", "--seeds", "3..1"), 2, "no range"),
+        (("static", "-o", "folder", "--seeds", "a"), 2, "whole numbers"),
+        (("static", "-o", "folder", "--seeds", "1..3", "--seed", "1"), 2, "--seed or --seeds"),
+        (("static", "-o", "x.ulg", "--set", "seconds"), 2, "write KEY=VALUE"),
+        (("static", "-o", "x.ulg", "--set", "secnods=3"), 2, "did you mean seconds?"),
+        (("static", "-o", "x.ulg", "--set", "seconds=-3"), 2, "greater than 0"),
+        (("static", "-o", "x.ulg", "--set", "sensors.imu.2.rate_hz=3"), 2, "there are 1 of imu"),
+        (("static", "-o", "x.ulg", "--set", "seconds.x=3"), 2, "has nothing below it"),
+        (("static", "-o", "x.ulg", "--param", "A=b"), 2, "NAME=VALUE with a number"),
+        (("static", "-o", "x.ulg", "--estimator", "smoother"), 2, "cannot fly"),
+        (("none.toml", "-o", "x.ulg"), 66, "none.toml: cannot be read"),
+        (("static", *SHORT, "-o", "/proc/none/x.ulg"), 73, "cannot be written"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(attlog, tmp_path, monkeypatch, words, code, says):
+    monkeypatch.chdir(tmp_path)
+    done = attlog("simulate", *words)
+    assert done.code == code
+    assert says in done.err
+    assert len(done.err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from attlog.cli import main; sys.argv = ['attlog', 'simulate', '--help']\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        "print([m for m in ('numpy', 'numba', 'pymavlink', 'attlog.simulate') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | {"COLUMNS": "100"}, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_an_interrupted_run_keeps_whole_files_only(tmp_path: Path):
+    command = [sys.executable, "-m", "attlog", "simulate", "static", "--seeds", "1..400", *SHORT, "-o", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        run.stdout.readline()
+        run.send_signal(2)
+        assert run.wait(60) == 130
+    made = sorted(path.name for path in tmp_path.iterdir())
+    assert made
+    assert all(name.endswith(".ulg") for name in made)
+
+
+def test_values_are_set_in_tables_lists_and_lists_of_tables():
+    values = {"seconds": 5, "fault": [{"t": 1.0, "part": "mag", "kind": "zero"}]}
+    found = overridden(values, ["seconds=7", "fault.1.t=2", "fault[1].part=gyro", "fault.1.kind=stuck", "fault.t=3",
+                                "sensors.imu.1.rate_hz=200", "sensors.mag.hard_iron_ut=[1, 2, 3]",
+                                "estimator.name=mahony:kp=1", "place.date=2024-01-01T00:00:00Z"])  # fmt: skip
+    assert values["seconds"] == 5
+    scenario = build(found)
+    assert (scenario.seconds, scenario.estimator.name) == (7.0, "mahony:kp=1")
+    assert [(f.t, f.part, f.kind) for f in scenario.fault] == [(3.0, "mag", "zero"), (3.0, "gyro", "stuck")]
+    assert [imu.rate_hz for imu in scenario.sensors.imu] == [400.0, 200.0]
+    assert scenario.sensors.mag[0].hard_iron_ut == (1.0, 2.0, 3.0)
+    assert scenario.place.date.year == 2024
+    with pytest.raises(UsageError, match=r"no fault yet; write fault\.0\.t"):
+        overridden({}, ["fault.t=3"])
+
+
+def test_seeds_are_ranges_and_lists():
+    assert seeds("7") == [7]
+    assert seeds("1..3, 2,9") == [1, 2, 3, 9]
+    for text in ("", "-1", "1..", "2..1", "0..10000", "1-3"):
+        with pytest.raises(UsageError):
+            seeds(text)
