@@ -50,6 +50,12 @@ class PluginError(AttlogError):
     exit_code = 2
 
 
+class ClusterError(AttlogError):
+    """A cluster does not answer, or not any more; later it may."""
+
+    exit_code = 75
+
+
 INTERRUPTED = 130
 BUG = 70
 EXIT_ORDER = (INTERRUPTED, BUG, 73, 2, 66, 65, 75, 1, 0)

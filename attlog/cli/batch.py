@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,9 +19,12 @@ from attlog.errors import UsageError, exit_code, message, worst
 if TYPE_CHECKING:
     from attlog.fleet.batch import Outcome
     from attlog.fleet.entry import Entry
+    from attlog.fleet.locally import Runner, Tell
     from attlog.fleet.record import Record
     from attlog.fleet.work import Work
 
+SETTLE_S = 10.0
+"""Copies over a network rest for some seconds now and then, never this long."""
 TIMEOUT_S = 3600.0
 """A log may take this long: no log in hand takes a hundredth of it, and one that hangs costs one worker an hour."""
 
@@ -51,6 +54,21 @@ def command(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Remove the reports of the batch in DIR and begin again.")
     ] = False,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="tcp://HOST:PORT",
+            help="Work on the Dask cluster of this scheduler; --workers: tasks at a time. [default: on this machine]",
+        ),
+    ] = None,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Do not end: analyse logs as they arrive in folders and patterns; resumes.")
+    ] = False,
+    settle: Annotated[
+        float,
+        typer.Option("--settle", metavar="S", min=0.0, help="--watch: a file is whole if it stays the same so long."),
+    ] = SETTLE_S,
     estimators: options.Estimators = None,
     imu: options.ImuOption = None,
     mag: options.MagOption = None,
@@ -82,7 +100,15 @@ def command(
     )  # fmt: skip
     from attlog.fleet.batch import Job, run_batch
     from attlog.fleet.find import sources
-    from attlog.fleet.locally import here
+
+    if watch:
+        from attlog.cli.watching import watching
+
+        job = Job([], output, settings, (), options.bundle(plotly), deterministic, timeout or None, memory, True, fresh)
+        told = _Told(Bar(quiet=True), quiet, verbose or not quiet)
+        run = runner(scheduler, workers, told.say)
+        watching(logs, job, run, told, settle, lambda named: options.commands(context, named), quiet)
+        return
 
     found, wrong = sources(logs)
     for error in wrong:
@@ -94,11 +120,23 @@ def command(
             options.bundle(plotly), deterministic, timeout or None, memory, resume, fresh,
         )  # fmt: skip
         with ended_by_signals(), Bar(quiet, verbose > 0) as bar:
-            outcome = run_batch(job, here(workers, bar.heard), _Told(bar, quiet, verbose))
+            told = _Told(bar, quiet, verbose)
+            outcome = run_batch(job, runner(scheduler, workers, told.say, bar.heard), told)
         codes |= outcome.codes
         _say(outcome, output, quiet)
     if worst(codes):
         raise typer.Exit(worst(codes))
+
+
+def runner(scheduler: str | None, workers: int | None, say: Callable[[str], None], heard: Tell | None = None) -> Runner:
+    """Where the work is done."""
+    if scheduler is None:
+        from attlog.fleet.locally import here
+
+        return here(workers, heard)
+    from attlog.fleet.cluster import there
+
+    return there(scheduler, workers, say)
 
 
 class _Told:
@@ -121,8 +159,12 @@ class _Told:
             how = "done before" if record.again else f"{record.wall_s:.1f} s, {record.peak_mb:.0f} MB"
             lines.append(f"{record.log}: {how}")
         if lines:
-            with self._bar.aside():
-                print("\n".join(lines), file=sys.stderr, flush=True)
+            self.say("\n".join(lines))
+
+    def say(self, text: str) -> None:
+        """A message beside the bar."""
+        with self._bar.aside():
+            print(text, file=sys.stderr, flush=True)
 
 
 def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
@@ -138,6 +180,8 @@ def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
         say([Line(first, "bold"), *map(Line, others)], out)
         if outcome.entries and not outcome.stopped:
             say([Line(f"index: {folder / 'index.html'}")], out)
+    if outcome.lost:
+        print(f"attlog: {outcome.lost}", file=sys.stderr)
     if outcome.stopped:
         print(f"attlog: stopped: {outcome.stopped}; --resume goes on when there is room", file=sys.stderr)
     if outcome.interrupted:

@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 
 from attlog import __version__
 from attlog.config import Config
-from attlog.errors import INTERRUPTED, OutputError, UsageError
+from attlog.errors import INTERRUPTED, ClusterError, OutputError, UsageError
 from attlog.fleet.entry import Entry
 from attlog.fleet.index_page import INDEX, write_index
 from attlog.fleet.locally import Runner
@@ -76,7 +76,9 @@ class Outcome:
     seconds: float = 0.0
     interrupted: bool = False
     stopped: str = ""
-    """Why the batch gave up before all logs were reached."""
+    """Why the batch gave up before all logs were reached: the folder is full."""
+    lost: str = ""
+    """What became of the cluster, where that was the reason."""
     codes: set[int] = field(default_factory=set)
 
 
@@ -99,7 +101,7 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
     found: dict[int, Entry] = {}
     outcome = Outcome(total=len(works))
     started = time.monotonic()
-    index = _Index(job.folder)
+    index = Index(job.folder)
     try:
         watcher.planned(works)
         with closing(run(works)) as coming:
@@ -109,13 +111,16 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
                 outcome.again += record.again
                 outcome.codes |= {record.code} | ({1} if entry.gates else set())
                 watcher.finished(record, entry)
-                index.write_if_due(found)
+                index.write_if_due(lambda: _ordered(found))
                 if record.folder_full:
                     outcome.stopped = record.message.removeprefix("attlog: ")
                     break
     except KeyboardInterrupt:
         outcome.interrupted = True
         outcome.codes |= {INTERRUPTED}
+    except ClusterError as error:
+        outcome.lost = str(error)
+        outcome.codes |= {error.exit_code}
     outcome.entries = _ordered(found)
     outcome.seconds = time.monotonic() - started
     if outcome.entries and not outcome.stopped:
@@ -195,7 +200,7 @@ def _ordered(found: dict[int, Entry]) -> list[Entry]:
     return [found[k] for k in sorted(found)]
 
 
-class _Index:
+class Index:
     """The page and the table of a batch, written anew now and then."""
 
     def __init__(self, folder: Path) -> None:
@@ -203,10 +208,10 @@ class _Index:
         self._due = time.monotonic() + INDEX_EVERY_S
         self._results = ""
 
-    def write_if_due(self, found: dict[int, Entry]) -> None:
+    def write_if_due(self, entries: Callable[[], Sequence[Entry]]) -> None:
         """The index of what is done by now, where the last one is old enough."""
         if time.monotonic() >= self._due:
-            self.write(_ordered(found))
+            self.write(entries())
 
     def write(self, entries: Sequence[Entry]) -> None:
         """The index of these logs."""

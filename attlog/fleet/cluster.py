@@ -21,14 +21,14 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from attlog import __version__
-from attlog.errors import BUG, AttlogError, OutputError, UsageError, message
+from attlog.errors import BUG, AttlogError, ClusterError, OutputError, UsageError, message
 from attlog.fleet.record import Record, write_record
 from attlog.fleet.task import OtherVersion, Returned, Unseen, sign
 from attlog.fleet.work import Work, done_before
 from attlog.output import is_full, write_atomic
 
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
-CONNECT_S = 10.0
+CONNECT_S = 5.0
 """A scheduler that is there answers in milliseconds."""
 WORKERS_S = 300.0
 """Clusters that grow on demand start their first worker within minutes of the first task."""
@@ -40,12 +40,6 @@ AHEAD = 2
 """Tasks in the cluster for each that can run: none waits for the client, and no more results wait for it either."""
 ATTEMPTS = 3
 """At a log whose bytes were sent to a worker that went away."""
-
-
-class ClusterError(AttlogError):
-    """The cluster does not answer, or not any more."""
-
-    exit_code = 75
 
 
 def there(

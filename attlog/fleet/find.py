@@ -70,7 +70,7 @@ def _meant(path: Path, archives: bool) -> list[Source]:
     if not matches:
         raise LogUnreadable(f"{path}: no file matches this pattern")
     files = [m for m in matches if not m.is_dir()]
-    logs = [log for file in files for log in _logs_of(file, archives)]
+    logs = [log for file in files for log in logs_of(file, archives)]
     if not files:
         logs = [log for folder in matches for log in _in_folder(folder, archives)]
     if not logs:
@@ -83,14 +83,14 @@ def _in_folder(folder: Path, archives: bool) -> Iterator[Source]:
     for path in sorted(folder.rglob("*")):
         hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
         if not hidden and path.is_file():
-            for log in _logs_of(path, archives):
+            for log in logs_of(path, archives):
                 found = True
                 yield log
     if not found:
         raise LogUnreadable(f"{folder}: is a folder without a flight log")
 
 
-def _logs_of(file: Path, archives: bool) -> list[Source]:
+def logs_of(file: Path, archives: bool = True) -> list[Source]:
     """What a file that was not named itself stands for. A broken archive is one source, which tells so when read."""
     if archives and is_archive(file):
         try:

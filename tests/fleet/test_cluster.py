@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from attlog import Config
-from attlog.errors import UsageError
+from attlog.errors import ClusterError, UsageError
 from attlog.fleet import cluster
-from attlog.fleet.cluster import ClusterError, records_of
+from attlog.fleet.cluster import records_of
 from attlog.fleet.find import sources
 from attlog.fleet.one import report_names
 from attlog.fleet.record import MEASURED, Record, read_record

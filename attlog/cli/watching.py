@@ -1,0 +1,87 @@
+"""``attlog batch --watch``: a service that ends when it is asked to, and says what it does a line at a time."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from attlog.errors import INTERRUPTED
+
+if TYPE_CHECKING:
+    from attlog.fleet.batch import Job, Judge, Watcher
+    from attlog.fleet.entry import Entry
+    from attlog.fleet.locally import Runner
+    from attlog.fleet.record import Record
+    from attlog.fleet.sources import Source
+    from attlog.fleet.work import Work
+
+
+def watching(
+    places: Sequence[str],
+    job: Job,
+    run: Runner,
+    told: Watcher,
+    settle: float,
+    commands: Callable[[list[str]], Sequence[str]],
+    quiet: bool = False,
+    judge: Judge | None = None,
+) -> None:
+    """Watch until a signal comes. Exit code 0 after SIGTERM, which is how services end, 130 after Ctrl-C."""
+    from attlog.fleet.arrivals import Arrivals
+    from attlog.fleet.watch import watch
+
+    arrivals = Arrivals(places, settle, job.folder)
+    lines = _Lines(told, quiet)
+    lines.say(f"watching {', '.join(places)}; reports and index in {job.folder}")
+    with ended_by_signals() as received:
+        outcome = watch(job, arrivals, run, lines, judge, lambda sources: commands([source.name for source in sources]))
+    reports = sum(entry.row is not None for entry in outcome.entries)
+    lines.say(f"ended; {reports} reports of {outcome.total} logs in {job.folder}; the next start goes on from here")
+    if received != [signal.SIGTERM]:
+        raise typer.Exit(INTERRUPTED)
+
+
+class _Lines:
+    """A line on standard error for each log that is done, has failed or was known."""
+
+    def __init__(self, told: Watcher, quiet: bool) -> None:
+        self._told, self._quiet = told, quiet
+
+    def planned(self, works: Sequence[Work]) -> None:
+        """Logs have arrived."""
+        self.say(f"{len(works)} arrived: {', '.join(work.name for work in works[:5])}{' ...' * (len(works) > 5)}")
+
+    def finished(self, record: Record, entry: Entry) -> None:
+        """One is done or has failed."""
+        self._told.finished(record, entry)
+
+    def same(self, source: Source, as_log: str) -> None:
+        """One has the content of another."""
+        self.say(f"{source.name}: is {as_log} under another name; not analysed again")
+
+    def say(self, text: str) -> None:
+        """A line, unless only errors are wanted."""
+        if not self._quiet:
+            print(f"attlog: {text}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[list[int]]:
+    """A block that SIGTERM, SIGHUP and SIGINT interrupt (KeyboardInterrupt); it is given those that came."""
+    received: list[int] = []
+
+    def stop(number: int, _: Any) -> None:
+        received.append(number)
+        raise KeyboardInterrupt
+
+    before = {name: signal.signal(name, stop) for name in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)}
+    try:
+        yield received
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
