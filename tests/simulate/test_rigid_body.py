@@ -111,6 +111,14 @@ def test_spinning_rotors_turn_a_body_like_a_gyroscope() -> None:
     assert np.abs(states[:, W + 1] - 0.5 * np.sin(rate * t)).max() < 1e-6
 
 
+def test_rotors_that_speed_up_turn_the_body_the_other_way() -> None:
+    """Without drag torque the momentum of body and rotors about the yaw axis stays zero."""
+    vehicle = dataclasses.replace(FREE, rotor_inertia_kg_m2=1e-4, torque_m=0.0)
+    states, _ = run(body(vehicle, gravity=0.0), 0.3, (0.5, 0.5, 0.0, 0.0))
+    gained = states[:, ROTOR : ROTOR + 2].sum(axis=1) * 1e-4
+    assert np.abs(states[:, W + 2] - gained / 0.025).max() < 1e-6
+
+
 def test_a_projectile_without_air_falls_on_a_parabola() -> None:
     states, raw = run(body(v=(5.0, -3.0, -20.0)), 4.0)
     t = H * np.arange(1, len(states) + 1)[:, None]
@@ -245,6 +253,7 @@ def test_friction_slows_a_sliding_body_by_its_coefficient() -> None:
     assert slope == pytest.approx(-0.4 * 9.81, rel=0.02)
     assert states[-1, P] == pytest.approx(9.0 / (2 * 0.4 * 9.81), rel=0.03)
     assert abs(states[-1, V]) < 1e-6
+    assert states[:, P].max() - states[-1, P] < 0.0018  # friction's spring gives way, it does not throw back
 
 
 def test_a_rotor_that_strikes_the_ground_breaks_and_stays_broken() -> None:

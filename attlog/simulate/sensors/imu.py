@@ -74,7 +74,7 @@ class ImuSensor:
         noise = self._drawn(len(raw))
         before = self.next
         self.next = self.run(
-            step * self.period, self.h, raw, noise, self.bias[step : step + periods], self.substeps, self.matrices,
+            step * self.substeps, self.h, raw, noise, self.bias[step : step + periods], self.substeps, self.matrices,
             self.numbers, self.harmonics, self.shake, self.phase, self.state, self.instants, before, self.out,
         )  # fmt: skip
         if self.faults and self.next > before:
@@ -104,7 +104,7 @@ class ImuSensor:
         s, keep = self.settings, self.kept & (np.arange(len(self.kept)) < self.next)
         t, out = self.instants[keep], self.out[keep]
         told = t + s.hidden_delay_s
-        row = np.minimum((t / self.period).astype(int), len(self.bias) - 1)
+        row = np.clip(np.ceil(t / self.period - 1e-6).astype(int) - 1, 0, len(self.bias) - 1)
         return ImuStream(
             instance=self.number, sampling=s.sampling, rate_hz=s.rate_hz,
             lowpass_hz=(s.gyro.lowpass_hz, s.acc.lowpass_hz),

@@ -20,13 +20,13 @@ OUT = 9
 STATE = 50
 """y (6) 0, filter memories (6 x 2) 6, angle (3) 18, velocity (3) 21, last instant 24, clipped (2) 25, primed 27."""
 SIGNATURE = (
-    "i8(f8, f8, f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, :, ::1], f8[::1], f8[::1], f8[:, :, ::1], "
+    "i8(i8, f8, f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, :, ::1], f8[::1], f8[::1], f8[:, :, ::1], "
     "f8[:, :, ::1], f8[::1], f8[::1], i8, f8[:, ::1])"
 )
 
 
 def imu_samples(
-    t: float,
+    first: int,
     h: float,
     raw: Any,
     noise: Any,
@@ -42,7 +42,7 @@ def imu_samples(
     k: int,
     out: Any,
 ) -> int:
-    """Run through raw rows at ``t + h``, ``t + 2 h`` ...; fill ``out`` from row ``k`` on; the next row's number.
+    """Run through the raw rows from number ``first`` on, which end at ``(first + 1) h`` ...; fill ``out`` from row ``k`` on; the next row's number.
 
     ``bias`` has a row for every ``substeps`` raw rows. ``numbers``: lever arm (3), limits (2), steps (2), noise (2),
     low-pass on (2) and coefficients (2 x 5), interval (1 or 0), hover speed.
@@ -101,7 +101,7 @@ def imu_samples(
             state[i] = y
         if fresh:
             p0, p1, p2, p3, p4, p5 = state[0], state[1], state[2], state[3], state[4], state[5]
-        begin = t + j * h
+        begin = (first + j) * h
         done = 0.0
         while k < len(instants) and instants[k] <= begin + h * 1.000001:
             u = (instants[k] - begin) / h

@@ -1,0 +1,156 @@
+"""Flights as a whole: same seed same bytes, noise of their own for all sensors, sensors that agree with the truth."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import signal
+from scipy.spatial.transform import Rotation
+
+from attlog.errors import UsageError
+from attlog.simulate.environment import environment
+from attlog.simulate.flight import Flight
+from attlog.simulate.fly import fly
+from attlog.simulate.place import Gust, Wind
+from attlog.simulate.scenario import Scenario, build, load
+from attlog.simulate.streams import generator
+from attlog.simulate.wind import share_at, wind_at
+from tests.simulate.still import PERFECT, flown, scenario
+
+
+def hop(**values: Any) -> Scenario:
+    """A short flight: rest, up to 3 m, a lean, down."""
+    commands = [
+        {"t": 3, "do": "arm"}, {"t": 4, "do": "takeoff", "up_m": 3}, {"t": 9, "do": "attitude", "roll_deg": 15},
+        {"t": 10, "do": "attitude", "pitch_deg": -10}, {"t": 11, "do": "hold", "heading_deg": 60},
+    ]  # fmt: skip
+    return build({"seconds": 14.0, "command": commands, "estimator": {"name": "truth"}} | values)
+
+
+def everything(flight: Flight) -> dict[str, bytes]:
+    """All numbers of a flight by name."""
+    found: dict[str, bytes] = {}
+
+    def walk(name: str, thing: Any) -> None:
+        if isinstance(thing, np.ndarray):
+            found[name] = thing.tobytes()
+        elif isinstance(thing, list):
+            for k, one in enumerate(thing):
+                walk(f"{name}.{k}", one)
+        elif dataclasses.is_dataclass(thing) and not isinstance(thing, Scenario):
+            for field in dataclasses.fields(thing):
+                walk(f"{name}.{field.name}", getattr(thing, field.name))
+
+    walk("flight", flight)
+    return found
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not() -> None:
+    one, again, other = fly(hop(), 7), fly(hop(), 7), fly(hop(), 8)
+    assert everything(one) == everything(again)
+    assert len(everything(one)) > 40
+    for name in ("flight.imus.0.gyro", "flight.mags.0.field", "flight.gnss.0.lat", "flight.baro.0.pressure"):
+        assert everything(one)[name] != everything(other)[name]
+
+
+def test_another_sensor_changes_nothing_in_the_noise_of_the_others() -> None:
+    alone = everything(flown(scenario(3.0), 4))
+    more = {"imu": [{}, {"rate_hz": 200, "sampling": "instant"}], "mag": [{}, {}], "gnss": [{}, {}], "baro": [{}, {}]}
+    many = everything(flown(scenario(3.0, sensors=more), 4))
+    assert {name: value for name, value in many.items() if name in alone} == alone
+    assert many["flight.mags.1.field"] != many["flight.mags.0.field"]
+    assert many["flight.gnss.1.lat"] != many["flight.gnss.0.lat"]
+
+
+def test_streams_of_different_things_are_uncorrelated() -> None:
+    keys = [
+        ("imu", 0, "noise"),
+        ("imu", 1, "noise"),
+        ("imu", 0, "walk"),
+        ("mag", 0, "noise"),
+        ("wind", 0, "turbulence"),
+    ]
+    drawn = np.array([generator(3, *key).standard_normal(20_000) for key in keys])
+    drawn = np.vstack([drawn, generator(4, *keys[0]).standard_normal(20_000)])
+    off = np.corrcoef(drawn) - np.eye(len(drawn))
+    assert np.abs(off).max() < 0.035
+
+
+def test_in_a_flight_gyro_and_accelerometer_agree_with_the_truth() -> None:
+    flight = fly(hop(sensors={"imu": [PERFECT | {"vibration": {"harmonics": [], "acc_m_s2": [], "gyro_dps": []}}]}), 2)
+    imu, truth = flight.imus[0], flight.truth
+    q = Rotation.from_quat(np.roll(truth.q, -1, axis=1))
+    turned = Rotation.identity()
+    for k in range(len(imu.t)):
+        turned = turned * Rotation.from_rotvec(imu.gyro[k] * imu.dt[k])
+    assert np.degrees((turned.inv() * q[0].inv() * q[-1]).magnitude()) < 1e-3
+    felt = q.inv().apply(truth.a - [0, 0, flight.gravity])
+    assert np.abs(imu.acc - 0.5 * (felt[1:] + felt[:-1])).max(axis=1)[truth.t[1:] < 4].max() < 3e-3
+    # Velocity from the accelerometer, turned by the true attitude, is the true velocity.
+    middle = q[:-1] * Rotation.from_rotvec(0.5 * imu.gyro * imu.dt[:, None])
+    down = np.array([0, 0, flight.gravity])
+    v = np.cumsum((middle.apply(imu.acc) + down) * imu.dt[:, None], axis=0)
+    assert np.abs(v - (truth.v[1:] - truth.v[0])).max() < 2e-3
+    p = truth.p[0] + np.cumsum(0.5 * (truth.v[1:] + truth.v[:-1]) / 400, axis=0)
+    assert np.abs(p - truth.p[1:]).max() < 1e-3
+
+
+def test_events_tell_lift_off_faults_and_impact() -> None:
+    fault = [{"t": 8.0, "part": "rotor", "kind": "off", "instance": 2}]
+    flight = fly(hop(fault=fault), 2)
+    told = [what for _, what in flight.events]
+    assert told[0] == "lift-off"
+    assert told[1] == "fault: rotor 2 off"
+    assert told[2].startswith("impact at ")
+    speed = float(told[2].split()[2])
+    at = np.argmin(np.abs(flight.truth.t - flight.events[2][0]))
+    assert np.linalg.norm(flight.truth.v[at - 1]) == pytest.approx(speed, abs=0.06)
+
+
+def test_wind_has_its_mean_its_turbulence_and_drydens_spectrum() -> None:
+    t = np.arange(400_000) / 50.0
+    wind = Wind(mean_ned_m_s=(3.0, 0.0, 0.0), turbulence_m_s=1.2, length_m=15.0)
+    air = wind_at(wind, t, 1)
+    assert air.mean(axis=0) == pytest.approx([3.0, 0.0, 0.0], abs=0.15)
+    assert air.std(axis=0) == pytest.approx(1.2, rel=0.05)
+    f, density = signal.welch(air - air.mean(axis=0), fs=50.0, nperseg=8192, axis=0)
+    x = (2 * np.pi * f * 15.0 / 4.0) ** 2  # it passes at 4 m/s at least
+    along = 1.2**2 * 2 * 15.0 / 4.0 * 2 / (1 + x)
+    across = 1.2**2 * 15.0 / 4.0 * 2 * (1 + 3 * x) / (1 + x) ** 2
+    band = (f > 0.02) & (f < 2.0)
+    for column, want in ((0, along), (1, across), (2, across)):
+        assert np.median(density[band, column] / want[band]) == pytest.approx(1.0, abs=0.07)
+        assert np.polyfit(np.log(want[band]), np.log(density[band, column]), 1)[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_gust_comes_and_goes_once() -> None:
+    t = np.arange(1000) / 100.0
+    air = wind_at(Wind(turbulence_m_s=0.0, gust=(Gust(t=2.0, seconds=4.0, ned_m_s=(0.0, 6.0, -1.0)),)), t, 0)
+    assert air[400] == pytest.approx([0.0, 6.0, -1.0])
+    assert air[300] == pytest.approx([0.0, 3.0, -0.5])
+    assert not air[t <= 2].any()
+    assert np.abs(air[t >= 6]).max() < 1e-12
+
+
+def test_wind_falls_off_towards_the_ground() -> None:
+    assert share_at(50.0) == share_at(6.0) == 1.0
+    assert share_at(1.0) == pytest.approx(np.log(1 / 0.05) / np.log(6 / 0.05))
+    assert share_at(0.0) == 0.0
+
+
+def test_a_date_without_a_magnetic_model_is_refused() -> None:
+    with pytest.raises(UsageError, match="no magnetic model covers 2001-01-01"):
+        environment(build({"place": {"date": "2001-01-01T00:00:00Z"}}))
+
+
+@pytest.mark.slow
+def test_two_minutes_fly_in_seconds() -> None:
+    import time
+
+    fly(load("hover").changed(seconds=2.0), 0)
+    start = time.process_time()
+    fly(load("waypoints").changed(seconds=120.0), 0)
+    assert time.process_time() - start < 15.0  # 3 s on a quiet core
