@@ -13,6 +13,7 @@ import typer
 
 from attlog import __version__
 from attlog.cli import (
+    across_logs,
     analyze,
     batch,
     check_estimator,
@@ -80,6 +81,7 @@ app.command("compare", cls=WithJson)(compare.command)
 app.command("diff")(diff.command)
 app.command("sweep", cls=WithJson)(sweep.command)
 app.command("tune", cls=WithJson)(tune.command)
+app.command("table")(across_logs.command)
 app.command("estimators")(estimators.command)
 app.command("new")(new.command)
 app.command("check-estimator")(check_estimator.command)

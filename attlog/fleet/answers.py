@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,12 +52,14 @@ def _packed(answer: Answer, missing: dict[tuple[str, str], int]) -> Any:
     return [answer.value, low, high, answer.n, answer.seconds]
 
 
-def numbers(answers: dict[str, Any]) -> Iterator[Number]:
-    """What :func:`packed` made, one by one."""
+def numbers(answers: dict[str, Any], wanted: Container[str] | None = None) -> Iterator[Number]:
+    """What :func:`packed` made, one by one; of the ``wanted`` metrics alone where they are given."""
     units, missing = answers["units"], answers["missing"]
     for row, windows in answers["values"].items():
         for window, metrics in windows.items():
             for metric, found in metrics.items():
+                if wanted is not None and metric not in wanted:
+                    continue
                 if isinstance(found, int):
                     code, reason = missing[found]
                     yield Number(row, window, metric, units[metric], None, None, None, None, None, code, reason)

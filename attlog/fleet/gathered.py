@@ -1,0 +1,83 @@
+"""The logs of batch folders and of single results, as entries: for what is told across logs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
+from attlog.fleet.entry import Entry, entry_of
+from attlog.fleet.record import INSIDE, records
+from attlog.fleet.row import FORM, index_row
+from attlog.result import SCHEMA_NAME, Result
+
+HEAD = 200
+"""A result says so within its first bytes."""
+
+
+@dataclass(slots=True)
+class Gathered:
+    """Goes through the entries of files and folders, one after the other.
+
+    ``wrong``: what could not be used, complete when all entries were taken; ``failed``: how many logs of the
+    batches have no result.
+    """
+
+    given: list[Path]
+    wrong: list[AttlogError] = field(default_factory=list)
+    failed: int = 0
+
+    def __iter__(self) -> Iterator[tuple[str, Entry]]:
+        """(what was given, entry) of every log with a result, in the order of names."""
+        for path in self.given:
+            try:
+                for entry in self._of_folder(path) if path.is_dir() else [of_result(path)]:
+                    yield str(path), entry
+            except AttlogError as error:
+                self.wrong.append(error)
+
+    def _of_folder(self, folder: Path) -> Iterator[Entry]:
+        """A batch folder by its records, results without one by themselves; any other folder by its results."""
+        seen: set[str] = set()
+        for record in records(folder):
+            seen.add(f"{record.name}.json")
+            entry = entry_of(record)
+            if entry.row is None:
+                self.failed += 1
+            elif entry.row.get("form") == FORM:
+                yield entry
+            else:
+                yield from self._read([folder / f"{record.name}.json"])
+        meant = [p for p in sorted(folder.rglob("*.json")) if INSIDE not in p.parts and p.name not in seen]
+        results = [p for p in meant if is_result(p)]
+        if not results and not seen:
+            raise LogUnreadable(f"{folder}: is a folder without a batch or a result of attlog (*.json)")
+        yield from self._read(results)
+
+    def _read(self, paths: Iterable[Path]) -> Iterator[Entry]:
+        for path in paths:
+            try:
+                yield of_result(path)
+            except AttlogError as error:
+                self.wrong.append(error)
+
+
+def of_result(path: Path) -> Entry:
+    """The entry of one result of ``attlog analyze``, also of an older schema. LogUnreadable, LogUnusable if none."""
+    try:
+        result = Result.load(path)
+    except UsageError as error:
+        raise LogUnusable(str(error)) from None
+    row: dict[str, Any] = index_row(result)
+    return Entry(str(row["flight"]["name"] or path.name), path.name.removesuffix(".json"), row=row)
+
+
+def is_result(path: Path) -> bool:
+    """Whether a JSON file says that it is a result, or cannot be read, which reading it tells."""
+    try:
+        with path.open("rb") as file:
+            return SCHEMA_NAME.encode() in file.read(HEAD)
+    except OSError:
+        return True
