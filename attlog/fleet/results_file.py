@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from attlog.fleet.answers import Number, numbers
 from attlog.fleet.entry import Entry
 from attlog.output import writing
 
@@ -49,7 +48,7 @@ ABOUT = {
 }
 UNIT_OF = {"value": "see unit", "low": "see unit", "high": "see unit", "seconds": "s", "n": "1"}
 """The unit of a column; values have that of their metric, which stands in ``unit`` and in the file's metadata."""
-GROUP = 200_000
+GROUP = 100_000
 """Lines that are held in memory at a time."""
 
 
@@ -68,14 +67,43 @@ def write_results(folder: Path, entries: Iterable[Entry]) -> Path:
     return path
 
 
-def lines(entry: Entry) -> Iterator[tuple[Any, ...]]:
-    """The lines of one log, in the order of COLUMNS."""
+def columns(entry: Entry) -> list[list[Any]]:
+    """The lines of one log as columns, in the order of COLUMNS; each without lines for a log that failed."""
     if entry.row is None:
-        return
+        return [[] for _ in COLUMNS]
+    answers = entry.row["answers"]
+    places: list[list[Any]] = [[], [], [], []]
+    found: list[Any] = []
+    for row, windows in answers["values"].items():
+        for window, metrics in windows.items():
+            count = len(metrics)
+            units = map(answers["units"].__getitem__, metrics)
+            for column, values in zip(places, ([row] * count, [window] * count, metrics, units), strict=True):
+                column += values
+            found += metrics.values()
+    missing = [(None, None, None, None, None, code, reason) for code, reason in answers["missing"]]
+    cells = [missing[f] if isinstance(f, int) else (*f, None, None) for f in found]
     flight = entry.row["flight"]
-    about = tuple(map(_text, (entry.log, entry.name, *(flight.get(key) for key in TEXTS[2:]))))
-    for number in numbers(entry.row["answers"]):
-        yield (*about, *_cells(number))
+    about = [_text(t) for t in (entry.log, entry.name, *(flight.get(key) for key in TEXTS[2:]))]
+    row_, window_, metric, unit = places
+    value, low, high, n, seconds, code, reason = (
+        map(list, zip(*cells, strict=True)) if cells else ([] for _ in range(7))
+    )
+    return [[t] * len(found) for t in about] + [
+        row_, window_, metric, value, low, high, n, seconds, unit, code, reason,
+    ]  # fmt: skip
+
+
+def _batches(entries: Iterable[Entry]) -> Iterator[list[list[Any]]]:
+    """Columns of several logs together, of about GROUP lines."""
+    held: list[list[Any]] = [[] for _ in COLUMNS]
+    for entry in entries:
+        for column, more in zip(held, columns(entry), strict=True):
+            column += more
+        if len(held[0]) >= GROUP:
+            yield held
+            held = [[] for _ in COLUMNS]
+    yield held
 
 
 def _text(value: Any) -> str | None:
@@ -83,22 +111,7 @@ def _text(value: Any) -> str | None:
     return None if value is None else str(value).encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def _cells(n: Number) -> tuple[Any, ...]:
-    return n.row, n.window, n.metric, n.value, n.low, n.high, n.n, n.seconds, n.unit, n.code, n.reason
-
-
-def _batches(entries: Iterable[Entry]) -> Iterator[list[tuple[Any, ...]]]:
-    """Lines of several logs together, at most about GROUP of them."""
-    held: list[tuple[Any, ...]] = []
-    for entry in entries:
-        held += lines(entry)
-        if len(held) >= GROUP:
-            yield held
-            held = []
-    yield held
-
-
-def _parquet(file: BinaryIO, batches: Iterator[list[tuple[Any, ...]]]) -> None:
+def _parquet(file: BinaryIO, batches: Iterator[list[list[Any]]]) -> None:
     import pyarrow
     from pyarrow import parquet
 
@@ -112,18 +125,17 @@ def _parquet(file: BinaryIO, batches: Iterator[list[tuple[Any, ...]]]) -> None:
     metric, unit = (list(COLUMNS).index(name) for name in ("metric", "unit"))
     with parquet.ParquetWriter(file, schema, compression="zstd") as out:
         for held in batches:
-            units |= {line[metric]: line[unit] for line in held}
-            columns = zip(*held, strict=True) if held else ([] for _ in COLUMNS)
-            arrays = [pyarrow.array(c, f.type, from_pandas=False) for c, f in zip(columns, schema, strict=True)]
+            units |= dict(zip(held[metric], held[unit], strict=True))
+            arrays = [pyarrow.array(c, f.type, from_pandas=False) for c, f in zip(held, schema, strict=True)]
             out.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
         out.add_key_value_metadata({"attlog.units": json.dumps(units, ensure_ascii=False, sort_keys=True)})
 
 
-def _csv(file: BinaryIO, batches: Iterator[list[tuple[Any, ...]]]) -> None:
+def _csv(file: BinaryIO, batches: Iterator[list[list[Any]]]) -> None:
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     out = csv.writer(text, lineterminator="\n")
     out.writerow(COLUMNS)
     for held in batches:
-        out.writerows(held)
+        out.writerows(zip(*held, strict=True))
     text.flush()
     text.detach()
