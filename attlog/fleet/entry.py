@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
-
-from attlog.fleet.record import Record
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +21,3 @@ class Entry:
     message: str = ""
     row: dict[str, Any] | None = None
     gates: tuple[str, ...] = ()
-
-
-def entry_of(record: Record, gates: Iterable[str] = ()) -> Entry:
-    """What a record tells, with the sentences of the gates that its log failed."""
-    return Entry(record.log, record.name, record.code, record.message, record.row or None, tuple(gates))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
-from attlog.fleet.entry import Entry, entry_of
+from attlog.fleet.entry import Entry
 from attlog.fleet.record import INSIDE, records
 from attlog.fleet.row import FORM, index_row
 from attlog.result import SCHEMA_NAME, Result
@@ -43,11 +43,10 @@ class Gathered:
         seen: set[str] = set()
         for record in records(folder):
             seen.add(f"{record.name}.json")
-            entry = entry_of(record)
-            if entry.row is None:
+            if not record.done:
                 self.failed += 1
-            elif entry.row.get("form") == FORM:
-                yield entry
+            elif record.row.get("form") == FORM:
+                yield Entry(record.log, record.name, row=record.row)
             else:
                 yield from self._read([folder / f"{record.name}.json"])
         meant = [p for p in sorted(folder.rglob("*.json")) if INSIDE not in p.parts and p.name not in seen]

@@ -14,11 +14,8 @@ from urllib.parse import unquote_to_bytes
 import pytest
 
 from attlog.errors import OutputError
-from attlog.fleet.entry import Entry, entry_of
 from attlog.fleet.index_data import ordered, page_data
 from attlog.fleet.index_page import INDEX, render, write_index
-from attlog.fleet.overview import write_overview
-from attlog.fleet.record import Record
 from tests.fleet.made import failed, flown, many, reason
 
 EVIL = "</script><script>document.title='ran'</script><img src=x onerror=alert(1)>'\"\x00\u202e{{7*7}}"
@@ -136,14 +133,6 @@ def test_without_javascript_the_worst_are_listed_with_links_and_reasons() -> Non
     assert "fine.ulg" not in without
 
 
-def test_a_record_is_an_entry_of_the_index() -> None:
-    row = flown("a.ulg").row
-    assert row is not None
-    done = entry_of(Record("a.ulg", "a.ulg", row=row), ["too far"])
-    assert (done.row, done.gates) == (row, ("too far",))
-    assert entry_of(Record("b.ulg", "b.ulg", code=75, message="timed out")) == Entry("b.ulg", "b.ulg", 75, "timed out")
-
-
 def test_an_old_page_survives_a_failure(tmp_path: Path) -> None:
     path = write_index(tmp_path, [flown("a.ulg")])
     assert path == tmp_path / INDEX
@@ -151,16 +140,3 @@ def test_an_old_page_survives_a_failure(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(OutputError):
         write_index(tmp_path / "file", [])
-
-
-def test_index_and_results_are_made_in_one_pass(tmp_path: Path) -> None:
-    from attlog.fleet.row import index_row
-    from tests.report.conftest import make_result
-
-    entries = iter([Entry("x/a.ulg", "a.ulg", row=index_row(make_result())), failed("b.ulg")])
-    index, results = write_overview(tmp_path, entries)
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([index.name, results.name])
-    html = index.read_text(encoding="utf-8")
-    assert inside(html)[0]["name"] == ["b.ulg", "a.ulg"]
-    assert f'href="{results.name}"' in html
-    assert results.stat().st_size > 1000
