@@ -83,7 +83,7 @@ def _place(figure: Figure, names: list[str], store: Store) -> Place:
     low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     data: dict[str, Any] = {
         "panels": panels, "units": [_sign(p) for p in figure.panels], "x": _titled(figure.x_title),
-        "at": _sign(figure.x_title), "range": [low, high], "ticks": list(figure.ticks),
+        "at": _sign(figure.x_title), "range": [low, high], "ticks": list(figure.ticks), "log": figure.x_log,
     }  # fmt: skip
     if figure.kind == "curves":
         data["series"] = [

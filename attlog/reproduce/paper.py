@@ -76,7 +76,8 @@ class Figure:
     """A figure redrawn from our own run. ``kind``: ``curves`` (dense lines) or ``points`` (with intervals).
 
     ``x_title`` and each of ``panels`` (titles of the y axes, stacked, sharing x) end with their unit after a comma
-    (``time, s``). ``ticks``: names of x = 0, 1, 2 ... in place of numbers. ``where``: the paper's figure.
+    (``time, s``). ``ticks``: names of x = 0, 1, 2 ... in place of numbers; ``x_log``: equal factors are equally far
+    apart (points only). ``where``: the paper's figure.
     """
 
     id: str
@@ -89,6 +90,7 @@ class Figure:
     kind: Literal["curves", "points"] = "curves"
     ticks: tuple[str, ...] = ()
     height: int = 380
+    x_log: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from attlog.errors import UsageError
 from attlog.estimators.base import suggestion
 from attlog.reproduce.paper import Options, Paper
 
-PAPERS = ("lyu", "fan", "huang")
+PAPERS = ("lyu", "fan", "huang", "xu")
 WITH_LOGS = {"xu"}
 """Those that look at real flights as well."""
 
