@@ -17,8 +17,9 @@ from attlog.cli.common import Boot, NoColor, Places, Quiet, System, Verbose, con
 from attlog.errors import UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
-    from attlog.fleet.batch import Outcome
+    from attlog.fleet.batch import Judge, Outcome
     from attlog.fleet.entry import Entry
+    from attlog.fleet.gating import Gating
     from attlog.fleet.locally import Runner, Tell
     from attlog.fleet.record import Record
     from attlog.fleet.work import Work
@@ -86,6 +87,10 @@ def command(
     deterministic: options.Deterministic = False,
     boot: Boot = None,
     system: System = None,
+    gates: options.Gates = None,
+    strict: options.Strict = None,
+    junit: options.Junit = None,
+    summary: options.Summary = False,
     no_color: NoColor = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -100,7 +105,10 @@ def command(
     )  # fmt: skip
     from attlog.fleet.batch import Job, run_batch
     from attlog.fleet.find import sources
+    from attlog.fleet.gating import gating, tell
 
+    judging = gating(gates, strict if strict is not None or gates or not (junit or summary) else True)
+    judge = None if judging is None else _judge(judging, output)
     if watch:
         from attlog.cli.watching import watching
 
@@ -121,9 +129,11 @@ def command(
         )  # fmt: skip
         with ended_by_signals(), Bar(quiet, verbose > 0) as bar:
             told = _Told(bar, quiet, verbose)
-            outcome = run_batch(job, runner(scheduler, workers, told.say, bar.heard), told)
+            outcome = run_batch(job, runner(scheduler, workers, told.say, bar.heard), told, judge)
         codes |= outcome.codes
         _say(outcome, output, quiet)
+        if judging is not None and not outcome.interrupted:
+            tell(judging.in_order([entry.name for entry in outcome.entries]), junit, summary)
     if worst(codes):
         raise typer.Exit(worst(codes))
 
@@ -137,6 +147,18 @@ def runner(scheduler: str | None, workers: int | None, say: Callable[[str], None
     from attlog.fleet.cluster import there
 
     return there(scheduler, workers, say)
+
+
+def _judge(gating: Gating, folder: Path) -> Judge:
+    """Gates over the result of a log, whenever that was made; a sentence for each that failed."""
+
+    def judge(record: Record) -> tuple[str, ...]:
+        if not record.done:
+            reason = record.message.removeprefix("attlog: ")
+            return gating.broken(record.log, record.name, record.code, reason, record.wall_s).sentences
+        return gating.file(record.log, record.name, folder / f"{record.name}.json", record.wall_s).sentences
+
+    return judge
 
 
 class _Told:

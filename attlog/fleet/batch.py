@@ -62,7 +62,7 @@ class Watcher(Protocol):
 
 
 Judge = Callable[[Record], tuple[str, ...]]
-"""Which gates a log failed, a sentence for each."""
+"""Which gates a log failed, a sentence for each; it is also shown logs that have no report, which fail none."""
 
 
 @dataclass(slots=True)
@@ -109,7 +109,7 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
                 entry = entry_of(record, judge)
                 found[place[record.name]] = entry
                 outcome.again += record.again
-                outcome.codes |= {record.code} | ({1} if entry.gates else set())
+                outcome.codes |= {record.code, 1} if entry.gates else {record.code}
                 watcher.finished(record, entry)
                 index.write_if_due(lambda: _ordered(found))
                 if record.folder_full:
@@ -191,7 +191,7 @@ def _forget(folder: Path, names: Iterable[str]) -> None:
 
 def entry_of(record: Record, judge: Judge | None = None) -> Entry:
     """What index and summary keep of a record in memory."""
-    gates = judge(record) if judge is not None and record.done else ()
+    gates = judge(record) if judge is not None else ()
     row = light(record.row) if record.done else None
     return Entry(record.log, record.name, record.code, record.message.removeprefix("attlog: "), row, gates)
 
