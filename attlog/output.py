@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,9 @@ from typing import BinaryIO
 
 from attlog.errors import OutputError
 
+KEPT = 40
+"""Characters of a file's name that stand in the name of its temporary file."""
+UNFINISHED = re.compile(r"\.(.*)\.[0-9a-f]{12}")
 NO_ROOM = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO))
 
 
@@ -49,10 +53,19 @@ def writing(path: Path) -> Iterator[BinaryIO]:
         ) from error
 
 
+def remove_unfinished(folder: Path, *names: str) -> None:
+    """Remove what processes that were killed left of files of these names (of any without): whoever calls this must
+    know that nobody is writing them now."""
+    for path in folder.glob(".*"):
+        found = UNFINISHED.fullmatch(path.name)
+        if found and path.is_file() and (not names or found[1] in {name[:KEPT] for name in names}):
+            path.unlink(missing_ok=True)
+
+
 def _new_file_beside(path: Path) -> tuple[BinaryIO, Path]:
     """A file that did not exist before; the system itself applies umask and inherited rights, unlike ``mkstemp``."""
     while True:
-        place = path.with_name(f".{path.name[:40]}.{secrets.token_hex(6)}")
+        place = path.with_name(f".{path.name[:KEPT]}.{secrets.token_hex(6)}")
         try:
             return place.open("xb"), place
         except FileExistsError:

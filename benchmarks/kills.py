@@ -2,9 +2,9 @@
 
     python benchmarks/kills.py LOG... [--kills 10] [--workers 2] [--seed 0] [--folder DIR] [--estimators gyro]
 
-Each round resumes the batch and kills it (its process alone, as an out-of-memory killer does, or its whole session)
-at a moment drawn so that the kills fall into start, work and end; at last it is resumed to its end. Compared is every
-file but the lock, records without measured times.
+Each round resumes the batch and kills it (its process alone, as an out-of-memory killer does, or its whole session) up
+to 2 s after a random number of further logs is done; at last it is resumed to its end. Compared is every file but the
+lock, records without measured times.
 """
 
 from __future__ import annotations
@@ -40,16 +40,24 @@ def content(folder: Path) -> dict[str, object]:
     return found
 
 
-def killed(command: list[str], after: float, session: bool) -> bool:
-    """Start a batch and kill it; whether it was still running."""
+def killed(command: list[str], folder: Path, logs: int, seconds: float, session: bool) -> bool:
+    """Start a batch and kill it so many seconds after so many new logs were done; whether it was still running."""
+    wanted = len(records(folder)) + logs
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    while len(records(folder)) < wanted and run.poll() is None:
+        time.sleep(0.01)
     try:
-        run.wait(after)
+        run.wait(seconds)
         return False
     except subprocess.TimeoutExpired:
         (os.killpg if session else os.kill)(run.pid, signal.SIGKILL)
         run.wait()
         return True
+
+
+def records(folder: Path) -> list[Path]:
+    """The records that stand in a batch folder."""
+    return list((folder / ".attlog/records").glob("*.json"))
 
 
 def main() -> int:
@@ -66,29 +74,24 @@ def main() -> int:
     shutil.rmtree(options.folder, ignore_errors=True)
 
     started = time.monotonic()
-    run = subprocess.Popen(command(options.logs, quiet, options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while run.poll() is None and not list((quiet / ".attlog/records").glob("*.json")):
-        time.sleep(0.02)
-    first = time.monotonic() - started
-    code = run.wait()
+    code = subprocess.run(command(options.logs, quiet, options), capture_output=True).returncode
     seconds = time.monotonic() - started
-    print(f"undisturbed: exit code {code}, {seconds:.1f} s, {len(list((quiet / '.attlog/records').iterdir()))} records")
+    print(f"undisturbed: exit code {code}, {seconds:.1f} s, {len(records(quiet))} records", flush=True)
 
-    done_before = kills = 0
-    while kills < options.kills:
-        after = first / 2 + draw.uniform(0.0, 2.0) * (seconds - first / 2) / options.kills
-        session = draw.random() < 0.5
-        if not killed(command(options.logs, disturbed, options, "--resume"), after, session):
-            print(f"finished before kill {kills + 1}: begun again with --fresh")
-            killed(command(options.logs, disturbed, options, "--fresh"), after, session)
-        kills += 1
-        records = len(list((disturbed / ".attlog/records").glob("*.json")))
-        print(f"kill {kills} after {after:.2f} s ({'session' if session else 'process'}): {records} records")
-        done_before = records
+    each = max(len(options.logs) * 2 // (3 * options.kills), 1)
+    for kill in range(1, options.kills + 1):
+        logs, after, session = draw.randint(0, each), draw.uniform(0.0, 2.0), draw.random() < 0.5
+        if not killed(command(options.logs, disturbed, options, "--resume"), disturbed, logs, after, session):
+            print("it had ended before")
+        print(
+            f"kill {kill}, {after:.2f} s after {logs} more logs ({'session' if session else 'process'}): "
+            f"{len(records(disturbed))} records", flush=True,
+        )  # fmt: skip
+    before = {path.name: path.stat().st_mtime_ns for path in records(disturbed)}
 
     last = subprocess.run(command(options.logs, disturbed, options, "--resume"), capture_output=True, text=True)
-    again = last.stderr.count("done before")
-    print(f"resumed: exit code {last.returncode}, {again} of {done_before} done before, not done again")
+    kept = sum(path.stat().st_mtime_ns == before.get(path.name) for path in records(disturbed))
+    print(f"resumed: exit code {last.returncode}, {kept} of {len(before)} records as they were")
     one, other = content(quiet), content(disturbed)
     differing = sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
     print(f"{len(one)} files compared, {len(differing)} differ: {differing[:5]}")

@@ -200,12 +200,16 @@ def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
             outcome.entries, outcome.total, outcome.seconds, folder, outcome.again, width=out.width
         )
         say([Line(first, "bold"), *map(Line, others)], out)
-        if outcome.entries and not outcome.stopped:
+        if outcome.entries:
             say([Line(f"index: {folder / 'index.html'}")], out)
     if outcome.lost:
         print(f"attlog: {outcome.lost}", file=sys.stderr)
     if outcome.stopped:
-        print(f"attlog: stopped: {outcome.stopped}; --resume goes on when there is room", file=sys.stderr)
+        left = outcome.total - len(outcome.entries)
+        print(
+            f"attlog: stopped: {outcome.stopped}, {left} of {outcome.total} logs were not reached; "
+            "--resume goes on when there is room", file=sys.stderr,
+        )  # fmt: skip
     if outcome.interrupted:
         reports = sum(entry.row is not None for entry in outcome.entries)
         print(

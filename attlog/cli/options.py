@@ -121,7 +121,7 @@ def bundle(word: str) -> Literal["inline", "shared"]:
 def settings(file: Path | None, **options: Any) -> Config:
     """The configuration of a file and of options as they were typed (None: not given). UsageError for what is wrong.
 
-    A parameter file is read here too: what is wrong with it is said once, not for each log.
+    Parameter files and names of filters are looked at here too: what is wrong is said once, not for each log.
     """
     from attlog.config import Config
 
@@ -132,7 +132,18 @@ def settings(file: Path | None, **options: Any) -> Config:
         from attlog.flight.parameter_file import read_file
 
         read_file(config.params)
+    for item in config.estimators:
+        _check_filter(item)
     return config
+
+
+def _check_filter(item: str) -> None:
+    """UsageError for a filter, preset or parameter that is not there; a file's own code runs with the logs only."""
+    from attlog import estimators
+
+    name = item.partition(":")[0].partition("@")[0]
+    if not (name.endswith((".py", ".csv")) and Path(name).is_file()):
+        estimators.select(item)
 
 
 def commands(context: typer.Context, logs: Sequence[str]) -> list[str]:

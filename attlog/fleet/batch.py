@@ -24,7 +24,7 @@ from attlog.fleet.results_file import CSV, PARQUET, write_results
 from attlog.fleet.row import light
 from attlog.fleet.sources import Source
 from attlog.fleet.work import Work, settings_key
-from attlog.output import write_atomic
+from attlog.output import remove_unfinished, write_atomic
 
 SCHEMA = "attlog-batch/1"
 INDEX_EVERY_S = 10.0
@@ -95,7 +95,7 @@ def run_batch(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = Non
 
 def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = None) -> Outcome:
     """The same for a caller that holds the lock of the folder."""
-    shutil.rmtree(job.folder / INSIDE / "rooms", ignore_errors=True)  # of processes that were killed
+    _tidy(job.folder)
     works = planned(job)
     place = {work.name: k for k, work in enumerate(works)}
     found: dict[int, Entry] = {}
@@ -113,7 +113,7 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
                 watcher.finished(record, entry)
                 index.write_if_due(lambda: _ordered(found))
                 if record.folder_full:
-                    outcome.stopped = record.message.removeprefix("attlog: ")
+                    outcome.stopped = f"{job.folder} takes no more files"
                     break
     except KeyboardInterrupt:
         outcome.interrupted = True
@@ -123,9 +123,21 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
         outcome.codes |= {error.exit_code}
     outcome.entries = _ordered(found)
     outcome.seconds = time.monotonic() - started
-    if outcome.entries and not outcome.stopped:
-        index.write_all(outcome.entries)
+    if outcome.entries:
+        try:
+            index.write_all(outcome.entries)
+        except OutputError:
+            if not outcome.stopped:
+                raise
     return outcome
+
+
+def _tidy(folder: Path) -> None:
+    """Remove what a run that was killed left behind: rooms of its processes, files that were being written."""
+    shutil.rmtree(folder / INSIDE / "rooms", ignore_errors=True)
+    remove_unfinished(folder / INSIDE)
+    remove_unfinished(folder / INSIDE / "records")
+    remove_unfinished(folder, INDEX, PARQUET, CSV)
 
 
 def planned(job: Job) -> list[Work]:

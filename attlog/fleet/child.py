@@ -59,7 +59,7 @@ def analyse(work: Work, room: Path, tell: Tell) -> None:
         tell({
             "key": key(content, work.settings) if content and not isinstance(error, LogUnreadable) else "",
             "code": code,
-            "message": message(error, __version__, work.source.name),
+            "message": message(error, __version__, work.source.name).replace(str(room / "out"), str(work.folder)),
             "trace": "".join(traceback.format_exception(error)) if code == BUG else "",
             "folder_full": isinstance(error, OutputError) and is_full(error.__cause__),
         })  # fmt: skip
