@@ -115,7 +115,7 @@ def command(
         job = Job([], output, settings, (), options.bundle(plotly), deterministic, timeout or None, memory, True, fresh)
         told = _Told(Bar(quiet=True), quiet, verbose or not quiet)
         run = runner(scheduler, workers, told.say)
-        watching(logs, job, run, told, settle, lambda named: options.commands(context, named), quiet)
+        watching(logs, job, run, told, settle, lambda named: options.commands(context, named), quiet, judge)
         return
 
     found, wrong = sources(logs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -89,13 +90,15 @@ def run_batch(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = Non
     the job neither resumes nor begins afresh. An interrupt (KeyboardInterrupt) ends what runs; index and results are
     those of the logs that were done, and the outcome says so.
     """
-    with locked(job.folder):
+    with locked(job.folder) as warning:
+        if warning:
+            logging.getLogger("attlog.fleet").warning(warning)
         return analyse_all(job, run, watcher, judge)
 
 
 def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = None) -> Outcome:
     """The same for a caller that holds the lock of the folder."""
-    _tidy(job.folder)
+    tidy(job.folder)
     works = planned(job)
     place = {work.name: k for k, work in enumerate(works)}
     found: dict[int, Entry] = {}
@@ -132,7 +135,7 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
     return outcome
 
 
-def _tidy(folder: Path) -> None:
+def tidy(folder: Path) -> None:
     """Remove what a run that was killed left behind: rooms of its processes, files that were being written."""
     shutil.rmtree(folder / INSIDE / "rooms", ignore_errors=True)
     remove_unfinished(folder / INSIDE)

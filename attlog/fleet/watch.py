@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
@@ -13,7 +12,7 @@ from typing import Protocol
 
 from attlog.errors import INTERRUPTED, AttlogError, LogUnreadable, OutputError
 from attlog.fleet.arrivals import Arrivals, State, state_of
-from attlog.fleet.batch import Index, Job, Judge, Outcome, Watcher, entry_of, planned
+from attlog.fleet.batch import Index, Job, Judge, Outcome, Watcher, entry_of, planned, tidy
 from attlog.fleet.entry import Entry
 from attlog.fleet.find import logs_of
 from attlog.fleet.locally import Runner
@@ -56,7 +55,7 @@ def watch(
     :class:`attlog.fleet.batch.Job`. OutputError if the folder cannot be written or another batch is at work there.
     """
     with locked(job.folder):
-        shutil.rmtree(job.folder / INSIDE / "rooms", ignore_errors=True)  # of processes that were killed
+        tidy(job.folder)
         planned(replace(job, sources=[], commands=(), resume=not job.fresh))
         watched = _Watched(replace(job, resume=True, fresh=False), arrivals, run, listener, judge)
         started = time.monotonic()
