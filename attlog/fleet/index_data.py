@@ -9,23 +9,25 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from statistics import median
 from typing import Any
 from urllib.parse import quote
 
 from attlog.fleet.entry import Entry
 from attlog.fleet.row import light
 from attlog.fleet.thumbnail import POINTS
-from attlog.fleet.trouble import trouble, with_gates
+from attlog.fleet.trouble import UNJUDGED, trouble, with_gates
 from attlog.present.numbers import unit_sign
 from attlog.present.text import clean, typeset
 
-LEVELS = ("serious", "failed", "look", "none")
+LEVELS = ("serious", "look", "failed", "none")
 """What somebody should open first. A log that failed may hide anything, but there is nothing to open."""
 KINDS = ("gate", "attitude", "crash", "reset", "filter", "sensor", "log")
 MOST_ROWS, MOST_COLUMNS = 16, 10
 """Rows and columns of numbers that the page offers, the most common ones; all stand in the results file."""
-LEAST_SHARE = 0.2
+LEAST_SHARE = 0.5
 """The attitude that flew is shown first where so many logs have numbers for it."""
+NEARLY_ALL = 0.9
 NO_VALUE, FULL_BYTE, FULL_DEG = 255, 254, 180.0
 AUTO = "onboard"
 
@@ -98,7 +100,7 @@ def page_data(lines: list[Line]) -> tuple[dict[str, Any], bytes]:
         "levels": LEVELS,
         "rows": names,
         "columns": columns,
-        "first": first_row(names, columns, len(lines)),
+        "first": first_row(names, columns, sum(x.row is not None for x in lines)),
     }
     return data, bytes(thumbnails)
 
@@ -107,7 +109,7 @@ def numbers(lines: list[Line]) -> tuple[dict[str, str], list[dict[str, Any]]]:
     """The most common rows with their names, and the columns: title, unit, and row -> a value or None for each log."""
     rows: Counter[str] = Counter()
     titles: Counter[str] = Counter()
-    names: dict[str, str] = {}
+    names = {AUTO: AUTO.capitalize()}  # whichever message it comes from
     for x in lines:
         for column in x.row["columns"] if x.row else []:
             held = [name for name, value in column["values"].items() if not isinstance(value, str)]
@@ -136,14 +138,20 @@ def numbers(lines: list[Line]) -> tuple[dict[str, str], list[dict[str, Any]]]:
     return {name: clean(names.get(name, name)) for name in sorted(kept, key=_place)}, found
 
 
-def first_row(names: dict[str, str], columns: list[dict[str, Any]], count: int) -> str:
-    """The row whose numbers are shown at first: the attitude that flew, else the one with most values."""
+def first_row(names: Iterable[str], columns: list[dict[str, Any]], count: int) -> str:
+    """The row whose numbers are shown at first: the attitude that flew, where most logs have an error of it.
+
+    Else, of the rows with nearly the most values, the one that has the smallest middle in the first column.
+    """
     known = {row: sum(v is not None for c in columns for v in c["values"].get(row, ())) for row in names}
-    if columns and any(
-        sum(v is not None for v in c["values"].get(AUTO, ())) >= LEAST_SHARE * count for c in columns[:2]
-    ):
+    errors = columns[0]["values"] if columns else {}
+    if sum(v is not None for v in errors.get(AUTO, ())) >= LEAST_SHARE * max(count, 1):
         return AUTO
-    return max(known, key=lambda row: known[row], default="")
+    filters = {row: n for row, n in known.items() if row not in UNJUDGED and not row.startswith(AUTO)} or known
+    most = max(filters.values(), default=0)
+    common = [row for row, n in filters.items() if n >= NEARLY_ALL * most]
+    middle = {row: [abs(v) for v in errors.get(row, ()) if v is not None] for row in common}
+    return min(common, key=lambda row: median(middle[row]) if middle[row] else math.inf, default="")
 
 
 def _order(lines: list[Line]) -> list[str]:

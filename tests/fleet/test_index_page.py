@@ -14,7 +14,7 @@ from urllib.parse import unquote_to_bytes
 import pytest
 
 from attlog.errors import OutputError
-from attlog.fleet.index_data import ordered, page_data
+from attlog.fleet.index_data import first_row, ordered, page_data
 from attlog.fleet.index_page import INDEX, render, write_index
 from tests.fleet.made import failed, flown, many, reason
 
@@ -30,7 +30,7 @@ def inside(html: str) -> tuple[dict[str, Any], bytes]:
     return json.loads(raw[4 : 4 + size]), raw[4 + size :]
 
 
-def test_the_worst_come_first_and_failed_ones_before_those_to_look_at() -> None:
+def test_the_worst_come_first_and_failed_ones_before_sound_ones() -> None:
     entries = [
         flown("fine.ulg"),
         flown("look.ulg", reason("sensor", "warning")),
@@ -39,7 +39,7 @@ def test_the_worst_come_first_and_failed_ones_before_those_to_look_at() -> None:
         flown("gate.ulg", gates=("mekf: tilt 3.1 deg; at most 2",)),
         flown("both.ulg", reason("attitude"), reason("crash")),
     ]
-    worst_first = ["both.ulg", "gate.ulg", "crash.ulg", "failed.bin", "look.ulg", "fine.ulg"]
+    worst_first = ["both.ulg", "gate.ulg", "crash.ulg", "look.ulg", "failed.bin", "fine.ulg"]
     assert [x.name for x in ordered(entries)] == worst_first
     assert [x.name for x in ordered(entries[::-1])] == worst_first
 
@@ -95,7 +95,7 @@ def test_only_common_rows_are_offered() -> None:
 def test_a_page_is_made_of_nothing_at_all() -> None:
     data, _ = inside(render([]))
     assert (data["name"], data["columns"], data["first"]) == ([], [], "")
-    assert inside(render([failed("a.bin")]))[0]["level"] == [1]
+    assert inside(render([failed("a.bin")]))[0]["level"] == [2]
 
 
 def test_no_text_becomes_markup() -> None:
@@ -140,3 +140,16 @@ def test_an_old_page_survives_a_failure(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(OutputError):
         write_index(tmp_path / "file", [])
+
+
+def test_numbers_of_the_attitude_that_flew_are_shown_first_where_most_logs_have_its_error() -> None:
+    def column(**values: list[float | None]) -> dict[str, Any]:
+        return {"values": values}
+
+    rows = ("onboard", "gyro", "mahony", "vqf", "rare", "onboard:AHR2")
+    few = column(onboard=[1.0, None, None], gyro=[0.1] * 3, mahony=[2.0] * 3, vqf=[1.0, 1.5, 9.0],
+                 rare=[0.2, None, None], **{"onboard:AHR2": [0.1] * 3})  # fmt: skip
+    assert first_row(rows, [few], 3) == "vqf"
+    assert first_row(rows, [few | {"values": few["values"] | {"onboard": [1.0, 1.0, None]}}], 3) == "onboard"
+    assert first_row(["gyro"], [column(gyro=[1.0])], 3) == "gyro"
+    assert first_row([], [], 0) == ""

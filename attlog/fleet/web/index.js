@@ -1,8 +1,8 @@
 // The page: filters, sorts, shows rows as far as they are asked for, keeps its state in the address.
 const PAGE = 25, STEP = 200;
 const SAID = { serious: 'Serious', failed: 'Failed', look: 'Look', none: 'Fine' };
-const TILES = [['', 'logs'], ['serious', 'in serious trouble'], ['gates', 'with a failed gate'], ['failed', 'not analysed'], ['look', 'to look at'], ['none', 'without trouble']];
-const KIND = { gate: 'Gate failed', attitude: 'Attitude wrong', crash: 'Crash', reset: 'Attitude jumped', filter: 'Filters lost', sensor: 'Sensor', log: 'Recording' };
+const TILES = [['', 'logs'], ['serious', 'in serious trouble'], ['gates', 'with a failed gate'], ['look', 'to look at'], ['failed', 'not analysed'], ['none', 'without trouble']];
+const KIND = { gate: 'Gate failed', attitude: 'Attitude', crash: 'Crash', reset: 'Attitude jumped', filter: 'Filters lost', sensor: 'Sensor', log: 'Recording' };
 const NUMBERS = 5;
 const QUESTIONS = ['Closest', 'Quiet', 'Late', 'Drifting'];
 const state = { q: '', level: '', kind: '', firmware: '', vehicle: '', row: '', metric: '', by: 'firmware', sort: '', down: '' };
@@ -49,7 +49,7 @@ function apply() {
   shownRows = PAGE;
   tiles();
   rows();
-  later(() => { charts(filtered); root.dataset.drawn = String(list.length); });
+  later(() => { charts(filtered.filter((i) => D.href[i])); root.dataset.drawn = String(list.length); });
   keep();
 }
 
