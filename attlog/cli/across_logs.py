@@ -71,8 +71,9 @@ def command(
     kind = _format(form, output)
     if by is not None and by not in BY:
         raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
-    gathered = Gathered(given)
-    found = across(gathered, _listed(metric) or [DEFAULT], _listed(row), window, by)
+    asked = _listed(metric) or [DEFAULT]
+    gathered = Gathered(given, [m.partition("@")[0] for m in asked])
+    found = across(gathered, asked, _listed(row), window, by)
     for error in gathered.wrong:
         print(message(error, __version__), file=sys.stderr)
     if not found.logs and not gathered.wrong:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
+from attlog.fleet import from_results
 from attlog.fleet.entry import Entry
 from attlog.fleet.record import INSIDE, records
 from attlog.fleet.row import FORM, index_row
@@ -21,11 +22,13 @@ HEAD = 200
 class Gathered:
     """Goes through the entries of files and folders, one after the other.
 
-    ``wrong``: what could not be used, complete when all entries were taken; ``failed``: how many logs of the
-    batches have no result.
+    ``metrics``: what is asked for; of a batch whose results file is up to date only these are read from there.
+    Without any, or without that file, entries hold everything. ``wrong``: what could not be used, complete when all
+    entries were taken; ``failed``: how many logs of the batches have no result.
     """
 
     given: list[Path]
+    metrics: Sequence[str] = ()
     wrong: list[AttlogError] = field(default_factory=list)
     failed: int = 0
 
@@ -41,7 +44,12 @@ class Gathered:
     def _of_folder(self, folder: Path) -> Iterator[Entry]:
         """A batch folder by its records, results without one by themselves; any other folder by its results."""
         seen: set[str] = set()
-        for record in records(folder):
+        found = from_results.found(folder, self.metrics) if self.metrics else None
+        if found is not None:
+            seen = {p.name for p in (folder / INSIDE / "records").glob("*.json")}
+            self.failed += len(seen) - len(found)
+            yield from found
+        for record in records(folder) if found is None else ():
             seen.add(f"{record.name}.json")
             if not record.done:
                 self.failed += 1

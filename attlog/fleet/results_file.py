@@ -14,7 +14,7 @@ from attlog.fleet.entry import Entry
 from attlog.output import writing
 
 PARQUET, CSV = "results.parquet", "results.csv"
-TEXTS = ("log", "report", "sha256", "date_utc", "vehicle", "firmware", "board", "reference")
+TEXTS = ("log", "report", "sha256", "date_utc", "vehicle", "firmware", "version", "board", "reference", "attlog")
 """Columns that say of which log a line is."""
 COLUMNS: dict[str, str] = {
     **dict.fromkeys(TEXTS, "string"),
@@ -36,6 +36,8 @@ ABOUT = {
     "report": "name of its report and its JSON, without suffix",
     "sha256": "of the log's content",
     "date_utc": "when the log begins, ISO 8601",
+    "version": "of the firmware",
+    "attlog": "version that made the result",
     "reference": "what errors are differences from: truth, smoother, onboard or none",
     "row": "estimator with preset, or an attitude of the log (onboard, onboard:NAME)",
     "window": "which seconds of the log",
@@ -48,6 +50,8 @@ ABOUT = {
 }
 UNIT_OF = {"value": "see unit", "low": "see unit", "high": "see unit", "seconds": "s", "n": "1"}
 """The unit of a column; values have that of their metric, which stands in ``unit`` and in the file's metadata."""
+UNITS = "attlog.units"
+"""Key of the file's metadata: JSON, metric -> unit."""
 GROUP = 100_000
 """Lines that are held in memory at a time."""
 
@@ -128,7 +132,7 @@ def _parquet(file: BinaryIO, batches: Iterator[list[list[Any]]]) -> None:
             units |= dict(zip(held[metric], held[unit], strict=True))
             arrays = [pyarrow.array(c, f.type, from_pandas=False) for c, f in zip(held, schema, strict=True)]
             out.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
-        out.add_key_value_metadata({"attlog.units": json.dumps(units, ensure_ascii=False, sort_keys=True)})
+        out.add_key_value_metadata({UNITS: json.dumps(units, ensure_ascii=False, sort_keys=True)})
 
 
 def _csv(file: BinaryIO, batches: Iterator[list[list[Any]]]) -> None:

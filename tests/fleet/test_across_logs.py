@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from attlog.fleet.across_table import values, words
 from attlog.fleet.entry import Entry
 from attlog.fleet.gathered import Gathered
 from attlog.fleet.record import Record, write_record
+from attlog.fleet.results_file import PARQUET, write_results
 from attlog.fleet.row import index_row
 from attlog.present.names import CODES
 from attlog.result import EstimatorRow, Result
@@ -199,3 +201,44 @@ def test_folders_and_files_without_a_result_are_told_and_lose_no_other(tmp_path:
     gathered = Gathered([tmp_path / "empty", tmp_path / "none.json", tmp_path / "c.json"])
     assert len(list(gathered)) == 1
     assert [type(e) for e in gathered.wrong] == [LogUnreadable, LogUnreadable]
+
+
+def kept(folder: Path) -> None:
+    """A batch of four logs, of which one failed and one has no tilt error, as a batch leaves it."""
+    row_a, row_b = flight("a.ulg", 1.0)[1].row, flight("b.ulg", None, vqf=3.0)[1].row
+    row_d = index_row(result([row("mekf", lag(1.0))], name="d.ulg", sha256="d"))
+    rows = {"a.ulg": row_a, "b.ulg": row_b, "d.ulg": row_d}
+    records = [Record(f"x/{name}", name, row=found or {}) for name, found in rows.items()]
+    for record in [*records, Record("x/c.ulg", "c.ulg", code=65, message="no")]:
+        write_record(folder, record)
+    write_results(folder, [Entry(r.log, r.name, row=r.row) for r in records])
+
+
+def test_the_results_file_tells_the_same_as_the_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pyarrow")
+    kept(tmp_path)
+    slow, quick = Gathered([tmp_path]), Gathered([tmp_path], [TILT])
+    expected = across(slow, [TILT])
+    monkeypatch.setattr("attlog.fleet.gathered.records", lambda _: pytest.fail("the records were read"))
+    found = across(quick, [TILT])
+    assert (values(found, None), found.columns) == (values(expected, None), expected.columns)
+    assert words(found, "firmware", found.columns) == words(expected, "firmware", expected.columns)
+    assert (quick.failed, slow.failed) == (1, 1)
+    with pytest.raises(UsageError, match="they have inclination_rmse_deg"):
+        across(Gathered([tmp_path], ["lag_mss"]), ["lag_mss"])
+
+
+@pytest.mark.parametrize("spoil", ["newer", "broken", "other"])
+def test_a_results_file_that_is_out_of_date_or_broken_is_not_believed(tmp_path: Path, spoil: str) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    kept(tmp_path)
+    path = tmp_path / PARQUET
+    if spoil == "newer":
+        write_record(tmp_path, Record("x/e.ulg", "e.ulg", row=flight("e.ulg", 9.0)[1].row or {}))
+        os.utime(path, ns=(1, 1))
+    elif spoil == "broken":
+        path.write_bytes(path.read_bytes()[:-100])
+    else:
+        parquet.write_table(parquet.read_table(path).drop_columns(["code"]), path)
+    found = across(Gathered([tmp_path], [TILT]), [TILT])
+    assert len(found.logs) == (4 if spoil == "newer" else 3)
