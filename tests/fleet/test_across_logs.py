@@ -224,7 +224,7 @@ def test_the_results_file_tells_the_same_as_the_records(tmp_path: Path, monkeypa
     assert (values(found, None), found.columns) == (values(expected, None), expected.columns)
     assert words(found, "firmware", found.columns) == words(expected, "firmware", expected.columns)
     assert (quick.failed, slow.failed) == (1, 1)
-    with pytest.raises(UsageError, match="they have inclination_rmse_deg"):
+    with pytest.raises(UsageError, match="did you mean lag_ms"):
         across(Gathered([tmp_path], ["lag_mss"]), ["lag_mss"])
 
 
