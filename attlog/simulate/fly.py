@@ -80,7 +80,7 @@ class _Sensors:
         baro = self.baro[0].arrived(now) if self.baro else None
         gnss = self.gnss[0].arrived(now) if self.gnss else None
         return Measured(
-            imu=self.imus[0].arrived(),
+            imu=self.imus[0].arrived(now),
             mag=None if mag is None else self.mags[0].field[mag],
             height=None if baro is None else self.baro[0].height(baro),
             fix=None if gnss is None else self.gnss[0].fix(gnss),

@@ -67,6 +67,7 @@ class ImuSensor:
         self.state = np.zeros(STATE)
         self.run = kernel(imu_samples, SIGNATURE, "the simulated inertial unit")
         self.next, self.told = 0, 0
+        self.late = s.hidden_delay_s + (s.delay_s if s.delay_s > self.period else 0.0)
 
     def advance(self, step: int, raw: Array) -> None:
         """Take the raw rows (m * substeps, RAW) of the m periods that begin with number ``step``."""
@@ -86,10 +87,16 @@ class ImuSensor:
                     faults, t, self.out[before : self.next, columns], last, self.seed
                 )
 
-    def arrived(self) -> Array:
-        """Rows (k, 8) that the loop has not seen yet: t_sample, dt, gyro, acc."""
-        rows = slice(self.told, self.next)
-        self.told = self.next
+    def arrived(self, now: float) -> Array:
+        """Rows (k, 8) that arrived since it was last asked: t_sample, dt, gyro, acc.
+
+        The unit triggers the loop, so a publication within one period is not late; a hidden delay is.
+        """
+        end = self.next
+        if self.late > 0.0:
+            end = min(end, int(np.searchsorted(self.instants, now - self.late + 1e-9, side="right")))
+        rows = slice(self.told, max(end, self.told))
+        self.told = rows.stop
         if rows.stop - rows.start == 1 and self.kept[rows.start]:
             row = np.empty((1, 8))
             row[0, 0] = self.instants[rows.start] + self.settings.hidden_delay_s

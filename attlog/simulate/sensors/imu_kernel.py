@@ -18,7 +18,8 @@ angles (4)."""
 OUT = 9
 """Columns of a sample: dt, gyro (3), acc (3), clipped raw samples of gyro and accelerometer."""
 STATE = 50
-"""y (6) 0, filter memories (6 x 2) 6, angle (3) 18, velocity (3) 21, last instant 24, clipped (2) 25, primed 27."""
+"""y (6) 0, filter memories (6 x 2) 6, angle (3) 18, velocity (3) 21, last instant 24, clipped (2) 25, primed 27,
+true rate and force of the raw row before 28, y of the raw row before 34."""
 SIGNATURE = (
     "i8(i8, f8, f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, :, ::1], f8[::1], f8[::1], f8[:, :, ::1], "
     "f8[:, :, ::1], f8[::1], f8[::1], i8, f8[:, ::1])"
@@ -42,10 +43,11 @@ def imu_samples(
     k: int,
     out: Any,
 ) -> int:
-    """Run through the raw rows from number ``first`` on, which end at ``(first + 1) h`` ...; fill ``out`` from row ``k`` on; the next row's number.
+    """Run through the raw rows from number ``first`` on, which end at ``(first + 1) h`` ...; fill ``out`` from row
+    ``k`` on; the next row's number.
 
-    ``bias`` has a row for every ``substeps`` raw rows. ``numbers``: lever arm (3), limits (2), steps (2), noise (2),
-    low-pass on (2) and coefficients (2 x 5), interval (1 or 0), hover speed.
+    ``bias`` has a row for every ``substeps`` raw rows. ``numbers``: lever arm (3), limits (2), steps (2), noise
+    (2), low-pass on (2) and coefficients (2 x 5), interval (1 or 0), hover speed.
     """
     mean = numbers[21] > 0.5
     for j in range(len(raw)):
@@ -72,8 +74,19 @@ def imu_samples(
         b = j // substeps
         fresh = state[27] < 0.5
         state[27] = 1.0
-        # The values before and after the raw step; the integral runs between them.
-        p0, p1, p2, p3, p4, p5 = state[0], state[1], state[2], state[3], state[4], state[5]
+        if mean:
+            # What a converter that integrates sees: the mean over the raw step, for the rate its rotation vector.
+            t0, t1, t2, t3, t4, t5 = x0, x1, x2, f0, f1, f2
+            if not fresh:
+                p0, p1, p2 = state[28], state[29], state[30]
+                c = h / 12.0
+                x0 = 0.5 * (p0 + t0) + c * (p1 * t2 - p2 * t1)
+                x1 = 0.5 * (p1 + t1) + c * (p2 * t0 - p0 * t2)
+                x2 = 0.5 * (p2 + t2) + c * (p0 * t1 - p1 * t0)
+                f0, f1, f2 = 0.5 * (state[31] + t3), 0.5 * (state[32] + t4), 0.5 * (state[33] + t5)
+            state[28], state[29], state[30], state[31], state[32], state[33] = t0, t1, t2, t3, t4, t5
+        for i in range(6):
+            state[34 + i] = state[i]
         for i in range(6):
             g = 0 if i < 3 else 1
             c = i - 3 * g
@@ -100,7 +113,8 @@ def imu_samples(
                 y = filtered
             state[i] = y
         if fresh:
-            p0, p1, p2, p3, p4, p5 = state[0], state[1], state[2], state[3], state[4], state[5]
+            for i in range(6):
+                state[34 + i] = state[i]
         begin = (first + j) * h
         done = 0.0
         while k < len(instants) and instants[k] <= begin + h * 1.000001:
@@ -108,19 +122,15 @@ def imu_samples(
             if u > 1.0:
                 u = 1.0
             if mean:
-                _integrate(state, p0, p1, p2, p3, p4, p5, done, u, h)
+                _integrate(state, (u - done) * h)
                 dt = instants[k] - state[24]
                 for i in range(6):
                     out[k, 1 + i] = state[18 + i] / dt
                     state[18 + i] = 0.0
             else:
                 dt = instants[k] - state[24]
-                out[k, 1] = p0 + u * (state[0] - p0)
-                out[k, 2] = p1 + u * (state[1] - p1)
-                out[k, 3] = p2 + u * (state[2] - p2)
-                out[k, 4] = p3 + u * (state[3] - p3)
-                out[k, 5] = p4 + u * (state[4] - p4)
-                out[k, 6] = p5 + u * (state[5] - p5)
+                for i in range(6):
+                    out[k, 1 + i] = state[34 + i] + u * (state[i] - state[34 + i])
             out[k, 0] = dt
             out[k, 7] = state[25]
             out[k, 8] = state[26]
@@ -130,26 +140,16 @@ def imu_samples(
             done = u
             k += 1
         if mean and done < 1.0:
-            _integrate(state, p0, p1, p2, p3, p4, p5, done, 1.0, h)
+            _integrate(state, (1.0 - done) * h)
     return k
 
 
-def _integrate(
-    state: Any, p0: float, p1: float, p2: float, p3: float, p4: float, p5: float, u: float, v: float, h: float
-) -> None:
-    """Add the part from ``u`` to ``v`` (shares of the raw step ``h``) of signals that run straight from p to y."""
-    step = (v - u) * h
-    b0, b1, b2 = p0 + u * (state[0] - p0), p1 + u * (state[1] - p1), p2 + u * (state[2] - p2)
-    e0, e1, e2 = p0 + v * (state[0] - p0), p1 + v * (state[1] - p1), p2 + v * (state[2] - p2)
-    c = step * step / 12.0
-    d0 = 0.5 * step * (b0 + e0) + c * (b1 * e2 - b2 * e1)
-    d1 = 0.5 * step * (b1 + e1) + c * (b2 * e0 - b0 * e2)
-    d2 = 0.5 * step * (b2 + e2) + c * (b0 * e1 - b1 * e0)
+def _integrate(state: Any, seconds: float) -> None:
+    """Add ``seconds`` of the present values: the turn composed to second order, the velocity as a sum."""
+    d0, d1, d2 = state[0] * seconds, state[1] * seconds, state[2] * seconds
     a0, a1, a2 = state[18], state[19], state[20]
     state[18] = a0 + d0 + 0.5 * (a1 * d2 - a2 * d1)
     state[19] = a1 + d1 + 0.5 * (a2 * d0 - a0 * d2)
     state[20] = a2 + d2 + 0.5 * (a0 * d1 - a1 * d0)
-    middle = 0.5 * (u + v)
-    state[21] += step * (p3 + middle * (state[3] - p3))
-    state[22] += step * (p4 + middle * (state[4] - p4))
-    state[23] += step * (p5 + middle * (state[5] - p5))
+    for i in range(3):
+        state[21 + i] += seconds * state[3 + i]
