@@ -22,7 +22,7 @@ Tell = Callable[[dict[str, Any]], None]
 TOLD = {"attlog.stages": "stage", "attlog.compiling": "compiling"}
 
 
-class _Telling(logging.Handler):
+class Telling(logging.Handler):
     """Passes on what is being done."""
 
     def __init__(self, tell: Tell) -> None:
@@ -37,7 +37,7 @@ def analyse(work: Work, room: Path, tell: Tell) -> None:
     """Analyse one log to files in ``room``, and tell the fields of its record; an error is told too, never raised."""
     for name in TOLD:
         logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [_Telling(tell)], False
+        logger.handlers, logger.propagate = [Telling(tell)], False
         logger.setLevel(logging.INFO)
     content = ""
     try:

@@ -1,8 +1,9 @@
 """The program that has everything imported and forks one child for each log.
 
-A fresh interpreter takes longer to import numpy, numba and the analysis than many logs take to be analysed. This
-program imports once and then only forks and waits; it analyses nothing itself, so whatever a log does to its process
-(crash, leak, endless loop) ends with that process. :class:`attlog.fleet.nursery.Nursery` starts it.
+A fresh interpreter takes 1 s of processor time to import numpy, numba and the analysis and to load compiled filters, a
+third of what a small log takes. This program does that once, and then only forks and waits; it analyses nothing
+itself, so whatever a log does to its process (crash, leak, endless loop) ends with that process.
+:class:`attlog.fleet.nursery.Nursery` starts it.
 
 One socket stands for one log. Over the control socket comes its far end, with the work pickled; back go lines of
 JSON: ``{"pid": ...}``, what the child tells, and at last ``{"exit": status, "cpu_s": ..., "peak_mb": ...}``. A byte on
@@ -16,6 +17,7 @@ import faulthandler
 import gc
 import importlib
 import json
+import logging
 import os
 import pickle
 import selectors
@@ -27,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 HEADER = struct.Struct("!Q")
-PRELOADED = ("attlog.fleet.child", "attlog.report.page", "jinja2", "numba", "vqf")
+PRELOADED = ("attlog.analysis", "attlog.fleet.child", "attlog.report.page", "jinja2", "numba", "vqf")
 """What nearly every log needs; what is left out is imported by the child that needs it."""
 
 
@@ -51,6 +53,7 @@ def _serve(control: socket.socket, wake: socket.socket, waker: socket.socket) ->
     events.register(control, selectors.EVENT_READ)
     events.register(wake, selectors.EVENT_READ)
     jobs: dict[int, socket.socket] = {}
+    warm = False
     while True:
         for ready in [key.fileobj for key, _ in events.select()]:
             if ready is control:
@@ -61,6 +64,9 @@ def _serve(control: socket.socket, wake: socket.socket, waker: socket.socket) ->
                     for pid in jobs:
                         os.waitpid(pid, 0)
                     return
+                if not warm:
+                    _warm(payload, job)
+                    warm = True
                 pid = _forked(payload, job, [control, wake, waker, *jobs.values()])
                 jobs[pid] = job
                 _tell(job, {"pid": pid})
@@ -83,6 +89,19 @@ def _serve(control: socket.socket, wake: socket.socket, waker: socket.socket) ->
                 for pid, job in jobs.items():
                     if job is ready:
                         _kill(pid)
+
+
+def _warm(payload: bytes, job: socket.socket) -> None:
+    """Load the filters of the first log here, once for all; where they have to be compiled that log tells so."""
+    from attlog.analysis import warm
+    from attlog.fleet.child import Telling
+
+    logger, telling = logging.getLogger("attlog.compiling"), Telling(lambda told: _tell(job, told))
+    logger.addHandler(telling)
+    logger.setLevel(logging.INFO)
+    warm(pickle.loads(payload)[0].config.estimators)
+    logger.removeHandler(telling)
+    gc.freeze()
 
 
 def _registered(events: selectors.BaseSelector) -> list[Any]:

@@ -18,14 +18,14 @@ Runner = Callable[[Sequence[Work]], Records]
 Tell = Callable[[Work, dict[str, Any]], None]
 
 
-def here(workers: int | None = None, tell: Tell | None = None) -> Runner:
+def here(workers: int | None = None, tell: Tell | None = None, nursery: Nursery | None = None) -> Runner:
     """A runner on this machine; as many ``workers`` as it has cores by default. ``tell`` hears the stages of each log.
 
-    ``tell`` is called from threads.
+    ``tell`` is called from threads. ``nursery``: one that is used again, and closed by whoever made it.
     """
 
     def run(works: Sequence[Work]) -> Records:
-        return _run(works, min(workers or cores(), max(len(works), 1)), tell)
+        return _run(works, min(workers or cores(), max(len(works), 1)), tell, nursery)
 
     return run
 
@@ -35,8 +35,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _run(works: Sequence[Work], workers: int, tell: Tell | None) -> Records:
-    nursery = Nursery()
+def _run(works: Sequence[Work], workers: int, tell: Tell | None, kept: Nursery | None) -> Records:
+    nursery = kept or Nursery()
 
     def one(work: Work) -> Record:
         return run_one(work, nursery, None if tell is None else lambda told: tell(work, told))
@@ -49,5 +49,6 @@ def _run(works: Sequence[Work], workers: int, tell: Tell | None) -> Records:
         for future in as_completed(pool.submit(one, work) for work in works):
             yield future.result()
     finally:
-        nursery.close()  # first: a thread waits for its child
+        if kept is None:
+            nursery.close()  # first: a thread waits for its child
         pool.shutdown(wait=True, cancel_futures=True)

@@ -23,6 +23,10 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Processes are as many as cores already; and sums over several threads may differ in the last bit."""
 
 
+BUSY_S = 2.0
+"""So long the forking program is given to end its children and itself."""
+
+
 class Closed(Exception):
     """The nursery was closed while a child worked: the run is being interrupted."""
 
@@ -81,7 +85,11 @@ class Nursery:
         if self._control is not None:
             self._control.close()
         if self._process is not None:
-            self._process.wait()
+            try:
+                self._process.wait(BUSY_S)
+            except subprocess.TimeoutExpired:  # it compiles a filter, which comes before the first child
+                self._process.kill()
+                self._process.wait()
         self._control = self._process = None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import json
 import os
 import shutil
@@ -19,6 +21,7 @@ from attlog.fleet.batch import Job, Outcome, run_batch
 from attlog.fleet.entry import Entry
 from attlog.fleet.locally import here
 from attlog.fleet.lock import locked
+from attlog.fleet.nursery import Nursery
 from attlog.fleet.record import Record, records
 from attlog.fleet.sources import Source
 from attlog.fleet.work import Work
@@ -46,9 +49,17 @@ def job(folder: Path, *logs: Path, **more: object) -> Job:
     return replace(Job(sources, folder, Config(estimators=["gyro"]), deterministic=True), **more)
 
 
+@functools.cache
+def nursery() -> Nursery:
+    """One for all tests of this file: it takes a second to start."""
+    kept = Nursery()
+    atexit.register(kept.close)
+    return kept
+
+
 def run(job: Job, workers: int = 1) -> tuple[Outcome, list[Record]]:
     watching = Watching()
-    return run_batch(job, here(workers), watching), watching.records
+    return run_batch(job, here(workers, nursery=nursery()), watching), watching.records
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -173,7 +184,7 @@ def test_a_batch_stops_where_the_disk_is_full(tmp_path: Path) -> None:
             if work.name == "2.bin":
                 yield Record(work.source.name, work.name, code=73, message="attlog: no space", folder_full=True)
             else:
-                yield next(iter(here(1)([work])))
+                yield next(iter(here(1, nursery=nursery())([work])))
 
     watching = Watching()
     outcome = run_batch(job(tmp_path / "out", *logs, resume=True), no_room, watching)

@@ -105,7 +105,7 @@ def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
     ("x = bytearray(10**9)\nwhile True: pass", 75, "more than 600 MB"),
 ])  # fmt: skip
 def test_a_process_that_fails_is_one_record(tmp_path: Path, nursery: Nursery, body: str, code: int, words: str) -> None:
-    limits = {"memory": 600.0, "timeout": 60.0} if "600 MB" in words else {"timeout": 1.5}
+    limits = {"timeout": 1.5 if code == 75 and "MB" not in words else 300.0, "memory": 600.0}
     record = run_one(work(tmp_path, specs=plugin(tmp_path, body), **limits), nursery)
     assert record.code == code
     assert words in record.message
