@@ -111,7 +111,8 @@ class Pilot:
             self._mag = measured.mag
         for row in measured.imu:
             at, dt = float(row[0]), float(row[1])
-            self._gyro = row[2:5].copy()
+            if math.isfinite(float(row[2:5].sum())):
+                self._gyro = row[2:5].copy()
             live.sample(at, row[2:5], row[5:8], self._mag, dt)
             self._mag = None
             if live.q is not None:

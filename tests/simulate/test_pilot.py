@@ -149,6 +149,33 @@ def test_a_scenario_on_an_estimator_that_cannot_fly_is_refused(name: str) -> Non
         fly(scenario(5.0, estimator=name))
 
 
+class Known:
+    """An estimator that knows attitude and bias from the first sample on."""
+
+    q, bias = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.1, -0.2, 0.3])
+
+    def sample(self, *_: object) -> None:
+        pass
+
+    resting = gnss = baro = sample
+
+
+def test_the_bias_that_the_filter_knows_is_taken_off_the_rate() -> None:
+    made = pilot.make(scenario(5.0, estimator="mahony"), 9.81, 0.0)
+    made._live = Known()  # type: ignore[assignment]
+    row = np.array([[0.0, 0.0025, *Known.bias, 0.0, 0.0, -9.81]])
+    for k in range(1200):
+        row[0, 0] = k * 0.0025
+        seen = autopilot.Measured(row, None, None, None, (Known.q, *np.zeros((3, 3))))
+        made.step(k * 0.0025, seen)
+    made._live = None
+    board = made.onboard()
+    late = board.t > 2.5
+    np.testing.assert_allclose(board.torque_setpoint[late], 0.0, atol=1e-9)
+    np.testing.assert_allclose(board.rate_setpoint[late], 0.0, atol=1e-9)
+    assert board.thrust_setpoint[late].min() > 0.1
+
+
 def test_parameters_of_the_estimator_are_flown() -> None:
     own = scenario(3.0).changed(estimator=Estimator(name="mahony@xu-2", params={"ki": 0.02}))
     assert fly(own).onboard.estimator == "mahony@xu-2:ki=0.02"
