@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.reproduce import lyu_flight
 from attlog.reproduce import lyu_runs as runs
 from attlog.reproduce.lyu_runs import READINGS, fixed, stopped, variable
 from attlog.reproduce.paper import TRUTH, Figure, Line
@@ -18,8 +19,8 @@ DRAWN = [row for row in runs.ROWS if row not in (stopped("second"), stopped("sam
 
 
 def figures(seed: int = 0) -> tuple[Figure, ...]:
-    """At rest, lifted and dropped, from a wrong start."""
-    return _at_rest(seed), _dropped(seed), _wrong_start(seed)
+    """At rest, lifted and dropped, from a wrong start, in flight."""
+    return _at_rest(seed), _dropped(seed), _wrong_start(seed), _flown(seed)
 
 
 def _at_rest(seed: int) -> Figure:
@@ -65,4 +66,22 @@ def _wrong_start(seed: int) -> Figure:
         "start", "fig. 5", "An error of 60 deg",
         "The board rests, the filter starts 60 deg off in roll: nowhere else do the filters differ so much.",
         "time, s", ("error of roll, deg",), tuple(lines), height=300,
+    )  # fmt: skip
+
+
+def _flown(seed: int) -> Figure:
+    lines: list[Line] = []
+    for row in (fixed("second"), variable("second")):
+        flight = lyu_flight.flight(row, seed)
+        on, truth = flight.onboard, flight.truth
+        shown = on.t >= lyu_flight.TRACK_S - 4.0
+        t, found = on.t[shown], angles(on.q)[shown, 0]
+        true = np.interp(t, truth.t, angles(truth.q)[:, 0])
+        if not lines:
+            lines += [Line(TRUTH, t, true), Line("set-point", t, angles(on.q_setpoint)[shown, 0])]
+        lines += [Line(NAMES[row], t, found), Line(NAMES[row], t, found - true, 1)]
+    return Figure(
+        "flight", "fig. 3", "In flight, roll on a sine",
+        "Each filter flies its own flight; the truth is that of the first.",
+        "time, s", ("roll, deg", "error of roll, deg"), tuple(lines),
     )  # fmt: skip
