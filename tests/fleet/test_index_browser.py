@@ -233,7 +233,7 @@ def test_ten_thousand_logs_open_and_filter_in_two_seconds(visit: Any, tmp_path: 
 def test_a_picture_tells_in_words_what_it_draws(visit: Any, tmp_path: Path) -> None:
     entry = flown("a.ulg")
     assert entry.row is not None
-    curves = {"tilt": [0.0, 41.8, None], "tilt_diff": [None, 2.9, 0.1], "heading_diff": [0.0, 178.0, 3.0]}
+    curves = {"tilt": [0.0, 41.8, None], "tilt_diff": [None, 2.9, 0.1], "heading_diff": [0.0, 45.0, 3.0]}
     entry.row["thumbnail"] |= {k: v + [None] * 45 for k, v in curves.items()} | {
         "of": "onboard",
         "marks": [[1.0, "reset"]],
@@ -241,7 +241,7 @@ def test_a_picture_tells_in_words_what_it_draws(visit: Any, tmp_path: Path) -> N
     page = visit(write_index(tmp_path, [entry, flown("b.ulg")])).page
     picture = page.locator("tr[data-log]", has_text="a.ulg").locator("svg")
     said = picture.get_attribute("aria-label")
-    assert said == "Leaned by up to 42°; onboard off by up to 3° in tilt, 178° in heading"
+    assert said == "Leaned by up to 42°; onboard off by up to 3° in tilt, 45° in heading"
     assert picture.locator(".mark").count() == 1
     heights = [float(y) for y in re.findall(r"[ML][\d.]+ ([\d.]+)", picture.locator(".diff").get_attribute("d") or "")]
     assert heights == pytest.approx([32 - 31 * (d / 90) ** 0.5 for d in (2.9, 0.1)], abs=0.15)
