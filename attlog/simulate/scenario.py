@@ -35,7 +35,7 @@ class Scenario:
 
     name: str = ""
     title: str = ""
-    seconds: Annotated[float, Field(gt=0, le=7200)] = 60.0
+    seconds: Annotated[float, Field(ge=1, le=7200)] = 60.0
     place: Place = Place()
     wind: Wind = Wind()
     anomaly: tuple[Anomaly, ...] = ()
@@ -160,6 +160,9 @@ def _contradictions(scenario: Scenario) -> list[str]:
         found.append("sensors.imu: at least one is needed")
     if scenario.motion is not None and scenario.command:
         found.append("motion, command: give one of them; a prescribed motion flies no commands")
+    lift, weight = 4.0 * scenario.vehicle.thrust_max_n, scenario.vehicle.mass_kg * 9.81
+    if scenario.command and lift < 1.2 * weight:
+        found.append(f"vehicle: four rotors lift {lift:.1f} N, too little to fly a weight of {weight:.1f} N")
     if [c.t for c in scenario.command] != sorted(c.t for c in scenario.command):
         found.append("command: the times must ascend")
     counts = {"gyro": len(scenario.sensors.imu), "acc": len(scenario.sensors.imu), "mag": len(scenario.sensors.mag)}

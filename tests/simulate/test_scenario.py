@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from attlog.errors import LogUnreadable, UsageError
 from attlog.simulate.scenario import Scenario, build, load, names
+from tests.conftest import ROOT
 
 
 @pytest.mark.parametrize("name", names())
@@ -47,6 +50,7 @@ def test_all_problems_of_a_file_are_told_at_once(tmp_path: Path) -> None:
         ({"sensors": {"imu": [{"rate_hz": 4000}]}}, "more than the raw rate"),
         ({"sensors": {"imu": [{"vibration": {"harmonics": [1]}}]}}, "equally long"),
         ({"motion": {}, "command": [{"t": 0, "do": "arm"}]}, "give one of them"),
+        ({"vehicle": {"mass_kg": 6}, "command": [{"t": 0, "do": "arm"}]}, "too little to fly"),
         ({"command": [{"t": 5, "do": "arm"}, {"t": 4, "do": "takeoff"}]}, "ascend"),
         ({"fault": [{"t": 5, "part": "mag", "kind": "stuck", "instance": 2}]}, "there is no mag 2"),
     ],
@@ -72,3 +76,13 @@ def test_a_scenario_cannot_be_changed_but_copied() -> None:
         scenario.seconds = 6  # type: ignore[misc]
     assert scenario.changed(seconds=7).seconds == 7
     assert scenario.seconds == 5
+
+
+def test_the_docs_list_every_scenario_and_their_example_is_one() -> None:
+    page = (ROOT / "docs" / "simulate.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `([\w-]+)` \| ", page, re.M)
+    assert sorted(set(listed)) == names()
+    example = tomllib.loads(re.findall(r"```toml\n(.*?)```", page, re.S)[0])
+    scenario = build(example)
+    assert len(scenario.sensors.imu) == 2
+    assert scenario.fault[0].part == "mag"
