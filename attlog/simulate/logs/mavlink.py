@@ -1,6 +1,7 @@
 """A flight as a ground station records ArduPilot's telemetry: the packets of a tlog, at the rates of a fast link.
 
-RAW_IMU and SCALED_IMU2, 3 have the resolution of MAVLink (1 mrad/s, 1 mg, 1 mGa). GLOBAL_POSITION_INT is the receiver's
+RAW_IMU and SCALED_IMU2, 3 have the resolution of MAVLink (1 mrad/s, 1 mg, 1 mGa); a unit that measures means is
+sent as means over the link's period, at their middle. GLOBAL_POSITION_INT is the receiver's
 position: nobody on board estimates another one.
 """
 
@@ -17,7 +18,7 @@ from attlog.formats.mavlink.dialect import STAMP
 from attlog.formats.recording import Columns, Key
 from attlog.rotation import rotate_inverse, to_euler
 from attlog.simulate.environment import geodetic
-from attlog.simulate.flight import Flight
+from attlog.simulate.flight import Flight, ImuStream
 from attlog.simulate.logs.ardupilot import BANNER, held_numbers, parameters
 from attlog.simulate.logs.records import (
     START_US,
@@ -66,16 +67,16 @@ def _ms(t_us: NDArray[np.uint64]) -> NDArray[np.uint64]:
 def _inertial(flight: Flight) -> Packets:
     """Inertial units with the compass of the same number."""
     for imu, name in zip(flight.imus, ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3"), strict=False):
-        k = every(imu.t_sample, flight.scenario.logging.imu_hz or IMU_HZ)
-        t_us = micros(imu.t_sample[k])
+        t, gyro, acc, temperature = _sent(imu, flight.scenario.logging.imu_hz or IMU_HZ)
+        t_us = micros(t)
         columns: dict[str, Any] = {"time_usec": t_us} if name == "RAW_IMU" else {"time_boot_ms": _ms(t_us)}
-        columns |= dict(zip(("xacc", "yacc", "zacc"), _int16(imu.acc[k] / MILLI_G), strict=True))
-        columns |= dict(zip(("xgyro", "ygyro", "zgyro"), _int16(imu.gyro[k] * 1e3), strict=True))
+        columns |= dict(zip(("xacc", "yacc", "zacc"), _int16(acc / MILLI_G), strict=True))
+        columns |= dict(zip(("xgyro", "ygyro", "zgyro"), _int16(gyro * 1e3), strict=True))
         mags = [m for m in flight.mags if m.instance == imu.instance and len(m.t)]
         if mags:
-            field = mags[0].field[last_before(mags[0].t, imu.t_sample[k])]
+            field = mags[0].field[last_before(mags[0].t, t)]
             columns |= dict(zip(("xmag", "ymag", "zmag"), _int16(field / MILLIGAUSS), strict=True))
-        columns["temperature"] = imu.temperature[k] * 100.0
+        columns["temperature"] = temperature * 100.0
         yield name, t_us, columns
     if flight.imus:
         first = flight.imus[0]
@@ -87,6 +88,22 @@ def _inertial(flight: Flight) -> Packets:
             {"time_usec": t_us, "vibration_x": x, "vibration_y": y, "vibration_z": z,
              "clipping_0": np.cumsum(first.clipped[:, 1])[k]},
         )  # fmt: skip
+
+
+def _sent(imu: ImuStream, hz: float) -> tuple[Array, Array, Array, Array]:
+    """Times, rates, forces and temperatures of a unit at the link's rate.
+
+    Means over intervals are joined to means over the link's period and belong to its middle; of instants one
+    in each period is sent.
+    """
+    k = every(imu.t_sample, hz)
+    if imu.sampling == "instant" or len(k) == 0:
+        return imu.t_sample[k], imu.gyro[k], imu.acc[k], imu.temperature[k]
+    seconds = np.add.reduceat(imu.dt, k)
+    gyro, acc = (np.add.reduceat(x * imu.dt[:, None], k, axis=0) / seconds[:, None] for x in (imu.gyro, imu.acc))
+    last = np.append(k[1:], len(imu.t)) - 1
+    middle = 0.5 * (imu.t_sample[k] - imu.dt[k] + imu.t_sample[last])
+    return middle, gyro, acc, imu.temperature[k]
 
 
 def _int16(x: Array) -> Array:
