@@ -57,3 +57,12 @@ def declination(log: FlightLog, names: Mapping[str, float]) -> tuple[float | Non
         if value is not None and NOT_SET_DEG < abs(value * to_deg) <= 180.0:
             return float(value) * to_deg, name
     return None, ""
+
+
+LOOKED_UP = {"EKF2_DECL_TYPE": 1, "ATT_MAG_DECL_A": 1, "COMPASS_AUTODEC": 1}
+"""Parameters whose lowest bit lets the autopilot look the declination up by its position."""
+
+
+def looks_up_declination(log: FlightLog) -> bool:
+    """Whether the autopilot takes the declination from its own map once it has a position, whatever it was told."""
+    return any((value := log.param(name)) is not None and int(value) & bit for name, bit in LOOKED_UP.items())

@@ -9,7 +9,9 @@ from attlog.health import (
     against_smoother,
     attitude,
     crash,
+    declination_told,
     delay,
+    gnss,
     gyro,
     interference,
     jumps,
@@ -49,6 +51,8 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         *jumps.checks(log, phases),
         *sources.checks(log, phases),
         *magnetometer.checks(log),
+        *declination_told.checks(log),
         *interference.checks(log, phases),
+        *gnss.checks(log, phases),
         *(crash.checks(phases) if log.imus else []),
     ]

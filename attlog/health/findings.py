@@ -111,6 +111,14 @@ ABOUT: dict[str, About] = {
         cause="A compass that does not point forward, or a heading that was not aligned with true north.",
         means="Headings of filters and of the onboard attitude differ by a constant.",
     ),
+    "declination told": About(
+        fault="declination", cause="A value set by hand, or kept from another place.",
+        means="The onboard heading is off by the difference; filters that take the parameter are as well.",
+    ),
+    "GNSS": About(
+        warn="note", cause="Bad view of the sky, interference, or a receiver that failed.",
+        means="Filters and references that use GNSS run on without it there.",
+    ),
     "gaps": About(
         warn="note", cause="The logger lost records, or stops while the vehicle is disarmed.",
         means="Filters start anew after each gap longer than half a second.", codes=("logger_dropouts",),

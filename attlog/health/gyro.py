@@ -11,8 +11,12 @@ from attlog.segments.model import Segments
 BIAS_DPS = (1.0, 3.0)
 HOPELESS_DPS = 10.0
 """From here on no filter can be judged: it shows how it copes with a broken gyro."""
-FULL_SCALE_DPS = 1999.0
-"""The usual largest range of an autopilot's gyro is 2000 deg/s."""
+RANGES_DPS = (125.0, 250.0, 500.0, 1000.0, 2000.0)
+"""Ranges of an autopilot's gyros; 2000 deg/s is the usual one."""
+AT_LIMIT = 0.0005
+"""Part of the range within which a sample lies at its end."""
+FLAT = 3
+"""So many samples in a row at the end of a smaller range are no chance."""
 
 
 def checks(log: FlightLog, segments: Segments) -> list[Check]:
@@ -24,12 +28,25 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if found:
         return found
     peak = float(np.degrees(np.abs(imu.gyro.x).max()))
-    limit = "warn from 1999 deg/s, the range of the sensor"
-    clipped = int((np.degrees(np.abs(imu.gyro.x)).max(axis=1) >= FULL_SCALE_DPS).sum())
+    limit = "warn from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
+    clipped = at_limit(np.degrees(np.abs(imu.gyro.x)).max(axis=1))
     text = f"Largest rate {peak:.0f} deg/s" + (f"; {clipped} samples at the sensor's limit." if clipped else ".")
     found = [Check("gyro range", "warn" if clipped else "good", text, round(peak, 1), "deg/s", limit)]
     found.append(bias(imu, segments))
     return found
+
+
+def at_limit(rate: np.ndarray) -> int:
+    """How many of the rates (n,) deg/s lie at the end of the sensor's range: flat at a known range, or beyond all."""
+    peak = float(rate.max(initial=0.0))
+    if peak >= RANGES_DPS[-1] * (1.0 - AT_LIMIT):
+        return int((rate >= RANGES_DPS[-1] * (1.0 - AT_LIMIT)).sum())
+    for full in RANGES_DPS[:-1]:
+        if abs(peak / full - 1.0) <= AT_LIMIT:
+            there = rate >= full * (1.0 - AT_LIMIT)
+            in_a_row = np.convolve(there, np.ones(FLAT, int), "valid").max(initial=0) >= FLAT
+            return int(there.sum()) if in_a_row else 0
+    return 0
 
 
 def bias(imu: Imu, segments: Segments) -> Check:

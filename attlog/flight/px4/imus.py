@@ -127,6 +127,7 @@ def vehicle_imu(builder: LogBuilder) -> list[Candidate]:
                 usable=not decimated(t, dt[good]),
             )
         )  # fmt: skip
+        found[-1].problems += clipped(f"vehicle_imu:{i}", table.rows(good), "delta_angle_clipping")
         if not found[-1].usable:
             found[-1].problems.append(thinned(f"vehicle_imu:{i}", t, dt[good]))
         found[-1].usable &= found[-1].rate >= FAST_HZ
@@ -158,6 +159,7 @@ def sensor_combined(builder: LogBuilder, selected: int) -> list[Candidate]:
         usable=not lossy, temperature=status_temperature(builder, selected, t),
         note="holds the unit that the autopilot's voter chose",
     )  # fmt: skip
+    found.problems += clipped("sensor_combined", table, "gyro_clipping")
     if lossy:
         found.problems.append(thinned("sensor_combined", t, dt))
     return [found]
@@ -178,6 +180,16 @@ def decimated(t: Stamps, dt: Array) -> bool:
     if len(t) < 3 or len(covered) == 0:
         return False
     return float(np.median(np.diff(t))) * 1e-6 > DECIMATED * float(np.median(covered))
+
+
+def clipped(source: str, table: Table, column: str) -> list[Problem]:
+    """What the driver says of its gyro at the end of its range (bits by axis) as a problem, or none."""
+    count = int(np.count_nonzero(table[column])) if column in table else 0
+    if not count:
+        return []
+    text = f"{source}: the gyro was at the end of its range in {count} samples ({column})."
+    cause, means = "A blow, vibration, or a range that is set too small.", "Rotation is lost there."
+    return [Problem("gyro_clipped", "warning", text, count=count, cause=cause, means=means)]
 
 
 def thinned(source: str, t: Stamps, dt: Array) -> Problem:

@@ -279,7 +279,7 @@ def parameters(flight: Flight) -> list[ParamChange]:
         "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SCHED_LOOP_RATE": round(loop.rate_hz), "AHRS_ORIENTATION": 0,
         "AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS_TRIM_Z": 0.0, "AHRS_EKF_TYPE": 3, "EK3_ENABLE": 1,
         "EK3_IMU_MASK": 1, "COMPASS_ENABLE": int(bool(flight.mags)), "COMPASS_DEC": np.radians(flight.declination_deg),
-        "COMPASS_AUTODEC": 1, "INS_GYRO_FILTER": gyro_cut, "INS_ACCEL_FILTER": acc_cut,
+        "COMPASS_AUTODEC": 0, "INS_GYRO_FILTER": gyro_cut, "INS_ACCEL_FILTER": acc_cut,
         "INS_RAW_LOG_OPT": (1 | 4 * (gyro_cut > 0)) if raw else 0,
         "LOG_BITMASK": 176126 | 1 << 0 | 1 << 7 | (1 << 19) * raw, "LOG_DISARMED": 1, "MOT_PWM_MIN": PWM_MIN,
         "MOT_PWM_MAX": PWM_MAX, "ATC_ANG_RLL_P": control.angle_kp, "ATC_ANG_PIT_P": control.angle_kp,

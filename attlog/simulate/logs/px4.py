@@ -336,7 +336,7 @@ def _parameters(flight: Flight) -> list[ParamChange]:
         ("SDLOG_PROFILE", 1 << 0 | 1 << 4, 1), ("SDLOG_MODE", 2, 0),
         ("IMU_INTEG_RATE", round(flight.imus[0].rate_hz) if flight.imus else 200, 200),
         ("IMU_GYRO_RATEMAX", round(loop.rate_hz), 400),
-        ("EKF2_MAG_DECL", float(flight.declination_deg), 0.0),
+        ("EKF2_MAG_DECL", float(flight.declination_deg), 0.0), ("EKF2_DECL_TYPE", 0, 3),
         ("SENS_BOARD_ROT", 0, 0), ("SENS_BOARD_X_OFF", 0.0, 0.0), ("SENS_BOARD_Y_OFF", 0.0, 0.0),
         ("SENS_BOARD_Z_OFF", 0.0, 0.0),
         ("MC_ROLL_P", control.angle_kp, 6.5), ("MC_PITCH_P", control.angle_kp, 6.5),

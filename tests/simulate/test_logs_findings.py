@@ -1,0 +1,113 @@
+"""What ``attlog info`` says of simulated logs: nothing of sound ones, and each planted fault by its name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from attlog.inspection import inspect
+from attlog.simulate.fly import fly
+from attlog.simulate.logs import write
+from attlog.simulate.overrides import overridden
+from attlog.simulate.scenario import build, names, values_of
+
+SUFFIXES = (".ulg", ".bin", ".tlog")
+OF_TELEMETRY = {"rate", "truth_packet_times"}
+"""What is always said of 50 Hz, and of a truth without a clock."""
+OPEN = {"not_checked", "unanswered"}
+OWN = {
+    "crash": {"crash"}, "mag-anomaly": {"field_against_motors"}, "gnss-loss": {"GNSS"}, "vibration": {"vibration"},
+}  # fmt: skip
+"""What a scenario plants."""
+UNSEEN = {("vibration", ".tlog"): {"vibration"}}
+"""Means over 20 ms do not show what rotors shake."""
+TRUTH = "estimator.name=truth"
+
+
+def found(path: Path) -> set[str]:
+    return {p["code"] for p in inspect(path)["problems"]} - OPEN - (OF_TELEMETRY if path.suffix == ".tlog" else set())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", names())
+def test_a_named_scenario_has_the_findings_that_it_plants_and_no_other(name: str, tmp_path: Path) -> None:
+    flight = fly(build(values_of(name)), 1)
+    for suffix in SUFFIXES:
+        path = tmp_path / f"{name}{suffix}"
+        write(path, flight)
+        assert found(path) == OWN.get(name, set()) - UNSEEN.get((name, suffix), set()), suffix
+
+
+def fault(**values: object) -> list[str]:
+    return [f"fault.0.{key}={value}" for key, value in values.items()]
+
+
+FAULTS: dict[str, tuple[str, list[str], dict[str, float], set[str]]] = {
+    "swapped axes": ("steps", [TRUTH, "sensors.imu.0.rotation_deg=[0,0,90]"], {}, {"gyro_against_attitude"}),
+    "flipped axes": ("steps", [TRUTH, *fault(t=0, part="gyro", kind="flipped")], {}, {"gyro_against_attitude"}),
+    "gyro scale": ("steps", [TRUTH, "sensors.imu.0.gyro.scale_pct=[15,15,15]"], {}, {"gyro_against_attitude"}),
+    "gyro bias": ("hover", ["sensors.imu.0.gyro.bias_dps=[4,0,0]"], {}, {"gyro_bias"}),
+    "accelerometer scale": ("hover", ["sensors.imu.0.acc.scale_pct=[8,8,8]"], {}, {"gravity"}),
+    "tilted sensor": ("hover", [TRUTH, "sensors.imu.0.rotation_deg=[8,0,0]"], {}, {"gravity_direction"}),
+    "saturation": ("aggressive", [TRUTH, "sensors.imu.0.gyro.range_dps=125"], {}, {"gyro_range"}),
+    "gaps": ("waypoints", [TRUTH, "sensors.imu.0.gaps=[[40,40.6],[50,50.3]]"], {}, {"gaps"}),
+    "vibration": ("hover", [TRUTH, "sensors.imu.0.vibration.acc_m_s2=[20,10]"], {}, {"vibration"}),
+    "hidden delay": ("steps", [TRUTH, "sensors.imu.0.hidden_delay_s=0.02"], {}, {"delay"}),
+    "hard iron": ("waypoints", [TRUTH, "sensors.mag.0.hard_iron_ut=[30,0,20]"], {}, {"field"}),
+    "current": ("hover", [TRUTH, "sensors.mag.0.current_ut_a=[0.6,0,0.6]"], {}, {"field_against_motors"}),
+    "iron at a place": (
+        "waypoints",
+        [TRUTH, "anomaly.0.ned_m=[20,0,-4]", "anomaly.0.field_ned_ut=[0,60,0]", "anomaly.0.radius_m=8"],
+        {},
+        {"field_against_attitude"},
+    ),
+    "stuck compass": ("yaw", [TRUTH, *fault(t=0.1, part="mag", kind="stuck")], {}, {"mag_dead"}),
+    "dead compass": ("hover", [TRUTH, *fault(t=0, part="mag", kind="zero")], {}, {"mag_dead"}),
+    "compass spikes": (
+        "hover", [TRUTH, *fault(t=5, part="mag", kind="spikes", size=0.001, share_pct=2)], {}, {"mag_spikes"},
+    ),
+    "wrong declination": ("hover", [TRUTH], {"EKF2_MAG_DECL": 25, "COMPASS_DEC": 0.45}, {"declination_told"}),
+    "GNSS outage": ("hover", [TRUTH, "sensors.gnss.0.outages=[[50,80]]"], {}, {"GNSS"}),
+    "rotor": ("hover", [TRUTH, *fault(t=40, part="rotor", kind="off")], {}, {"crash"}),
+}  # fmt: skip
+"""Scenario, settings, parameters, and what must be found."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_planted_fault_is_found(name: str, tmp_path: Path) -> None:
+    scenario, settings, params, wanted = FAULTS[name]
+    flight = fly(build(overridden(values_of(scenario), settings)), 2)
+    for suffix in (".ulg", ".bin"):
+        path = tmp_path / f"x{suffix}"
+        write(path, flight, params)
+        assert wanted <= found(path), suffix
+
+
+def test_the_drivers_word_on_a_gyro_at_its_range_is_passed_on(tmp_path: Path) -> None:
+    settings = ["seconds=12", "motion.move=[{seconds=2},{seconds=0.3,roll_deg=40},{seconds=1}]",
+                "sensors.imu.0.gyro.range_dps=90"]  # fmt: skip
+    flight = fly(build(overridden(values_of("static"), settings)), 0)
+    assert flight.imus[0].clipped[:, 0].any()
+    write(tmp_path / "x.ulg", flight)
+    assert "gyro_clipped" in found(tmp_path / "x.ulg")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".ulg", ".bin"])
+def test_filters_on_a_simulated_log_are_as_good_as_their_kind(suffix: str, tmp_path: Path) -> None:
+    """Hover within a degree of tilt, steps worse where forces mislead; nothing is late, sampled as each format has it."""
+    import attlog
+
+    tilt = {}
+    for name in ("hover", "steps"):
+        write(tmp_path / f"{name}{suffix}", fly(build(values_of(name)), 0))
+        chosen = {"estimators": ["mahony", "gyro"], "reference": "truth"}
+        rows = {row.name: row for row in attlog.analyze(tmp_path / f"{name}{suffix}", chosen).estimators}
+        tilt[name] = rows["mahony"].metrics["airborne"]["inclination_rmse_deg"].value
+    assert tilt["hover"] < 1.0
+    assert tilt["hover"] < tilt["steps"] < 5.0
+    for row in ("gyro", "mahony", "onboard"):
+        for axis in ("roll", "pitch"):
+            assert abs(rows[row].metrics["all"][f"lag_{axis}_ms"].value) < 0.2, (row, axis)
