@@ -97,7 +97,7 @@ def test_the_drivers_word_on_a_gyro_at_its_range_is_passed_on(tmp_path: Path) ->
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".ulg", ".bin"])
 def test_filters_on_a_simulated_log_are_as_good_as_their_kind(suffix: str, tmp_path: Path) -> None:
-    """Hover within a degree of tilt, steps worse where forces mislead; nothing is late, sampled as each format has it."""
+    """Hover within a degree of tilt, steps worse where forces mislead; nothing is late, in either sampling."""
     import attlog
 
     tilt = {}
