@@ -33,7 +33,7 @@ class Bar:
         self._compiling = (self._shown or verbose) and not quiet
         self._progress: Any = None
         self._told: set[str] = set()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._weights: dict[str, float] = {}
         self._all = self._done = self._failed = self._mine = 0
         self._weight = 0.0
@@ -102,11 +102,12 @@ class Bar:
         if self._progress is None:
             yield
             return
-        self._progress.stop()
-        try:
-            yield
-        finally:
-            self._progress.start()
+        with self._lock:
+            self._progress.stop()
+            try:
+                yield
+            finally:
+                self._progress.start()
 
 
 def speed(per_second: float) -> str:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +13,7 @@ from attlog import __version__
 from attlog.cli import options
 from attlog.cli.bar import Bar
 from attlog.cli.common import Boot, NoColor, Places, Quiet, System, Verbose, console, say
+from attlog.cli.signals import ended_by_signals
 from attlog.errors import UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
@@ -103,9 +103,10 @@ def command(
         clock=clock, declination=declination, trim=trim, input_delay=input_delay, gyro_bias=gyro_bias, params=params,
         boot=boot, system=system,
     )  # fmt: skip
-    from attlog.fleet.batch import Job, run_batch
+    from attlog.fleet.batch import run_batch
     from attlog.fleet.find import sources
     from attlog.fleet.gating import gating, tell
+    from attlog.fleet.plan import Job
 
     judging = gating(gates, strict if strict is not None or gates or not (junit or summary) else True)
     judge = None if judging is None else _judge(judging, output)
@@ -216,19 +217,3 @@ def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
             f"attlog: interrupted; {reports} of {outcome.total} reports are in {folder}; --resume goes on",
             file=sys.stderr,
         )
-
-
-@contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """A block that SIGTERM and SIGHUP (a terminal that is closed) interrupt as Ctrl-C does."""
-    import signal
-
-    def stop(*_: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = {name: signal.signal(name, stop) for name in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(name, handler)

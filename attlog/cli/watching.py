@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import typer
 
+from attlog.cli.signals import ended_by_signals
 from attlog.errors import INTERRUPTED
 
 if TYPE_CHECKING:
-    from attlog.fleet.batch import Job, Judge, Watcher
+    from attlog.fleet.batch import Judge, Watcher
     from attlog.fleet.entry import Entry
     from attlog.fleet.locally import Runner
+    from attlog.fleet.plan import Job
     from attlog.fleet.record import Record
     from attlog.fleet.sources import Source
     from attlog.fleet.work import Work
@@ -68,20 +69,3 @@ class _Lines:
         """A line, unless only errors are wanted."""
         if not self._quiet:
             print(f"attlog: {text}", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def ended_by_signals() -> Iterator[list[int]]:
-    """A block that SIGTERM, SIGHUP and SIGINT interrupt (KeyboardInterrupt); it is given those that came."""
-    received: list[int] = []
-
-    def stop(number: int, _: Any) -> None:
-        received.append(number)
-        raise KeyboardInterrupt
-
-    before = {name: signal.signal(name, stop) for name in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)}
-    try:
-        yield received
-    finally:
-        for name, handler in before.items():
-            signal.signal(name, handler)

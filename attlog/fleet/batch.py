@@ -2,54 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
-from attlog import __version__
-from attlog.config import Config
-from attlog.errors import INTERRUPTED, ClusterError, OutputError, UsageError
+from attlog.errors import INTERRUPTED, ClusterError, OutputError
 from attlog.fleet.entry import Entry
 from attlog.fleet.index_page import INDEX, write_index
 from attlog.fleet.locally import Runner
 from attlog.fleet.lock import locked
-from attlog.fleet.one import report_names
-from attlog.fleet.record import INSIDE, Record, read_record, record_path, records
+from attlog.fleet.plan import Job, planned
+from attlog.fleet.record import INSIDE, Record, read_record
 from attlog.fleet.results_file import CSV, PARQUET, write_results
 from attlog.fleet.row import light
-from attlog.fleet.sources import Source
-from attlog.fleet.work import Work, settings_key
-from attlog.output import remove_unfinished, write_atomic
+from attlog.fleet.work import Work
+from attlog.output import remove_unfinished
 
-SCHEMA = "attlog-batch/1"
 INDEX_EVERY_S = 10.0
 """The index is written anew this often at most, and never for more than a twentieth of the time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """A batch: which logs, into which folder, and how each is treated (see :class:`attlog.fleet.work.Work`).
-
-    ``commands``: for each log the command that makes its report alone. ``resume``: what is done in the folder stays;
-    ``fresh``: what an earlier batch left there is removed first. Neither: a folder with a batch is refused.
-    """
-
-    sources: Sequence[Source]
-    folder: Path
-    config: Config
-    commands: Sequence[str] = ()
-    plotly: Literal["inline", "shared"] = "inline"
-    deterministic: bool = False
-    timeout: float | None = None
-    memory: float | None = None
-    resume: bool = False
-    fresh: bool = False
 
 
 class Watcher(Protocol):
@@ -118,6 +93,9 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
                 if record.folder_full:
                     outcome.stopped = f"{job.folder} takes no more files"
                     break
+    except OutputError as error:  # of the index
+        outcome.stopped = str(error)
+        outcome.codes |= {error.exit_code}
     except KeyboardInterrupt:
         outcome.interrupted = True
         outcome.codes |= {INTERRUPTED}
@@ -141,67 +119,6 @@ def tidy(folder: Path) -> None:
     remove_unfinished(folder / INSIDE)
     remove_unfinished(folder / INSIDE / "records")
     remove_unfinished(folder, INDEX, PARQUET, CSV)
-
-
-def planned(job: Job) -> list[Work]:
-    """The work for each log, under names that stay the same for the life of the folder."""
-    earlier = _earlier(job)
-    settings = settings_key(job.config, job.plotly, job.deterministic)
-    logs = [source.name for source in job.sources]
-    new = [source for source in job.sources if source.name not in earlier]
-    names = earlier | dict(zip(
-        (source.name for source in new), report_names((s.file_name for s in new), earlier.values()), strict=True,
-    ))  # fmt: skip
-    plan = {"schema": SCHEMA, "version": __version__, "settings": settings, "names": names}
-    write_atomic(_plan(job.folder), json.dumps(plan, indent=1) + "\n")
-    commands = job.commands or [""] * len(logs)
-    return [
-        Work(
-            source, names[log], job.folder, job.config, settings, command, job.plotly, job.deterministic,
-            job.timeout, job.memory, job.resume,
-        )
-        for source, log, command in zip(job.sources, logs, commands, strict=True)
-    ]  # fmt: skip
-
-
-def _plan(folder: Path) -> Path:
-    return folder / INSIDE / "batch.json"
-
-
-def _earlier(job: Job) -> dict[str, str]:
-    """Names of reports that logs have in the folder already, by log."""
-    try:
-        plan = json.loads(_plan(job.folder).read_bytes())
-        names: dict[str, str] = dict(plan["names"])
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError, KeyError, TypeError):
-        names = {record.log: record.name for record in records(job.folder)}
-    if job.fresh:
-        _forget(job.folder, names.values())
-        return {}
-    if not job.resume:
-        done = sum(record_path(job.folder, name).exists() for name in names.values())
-        raise UsageError(
-            f"{job.folder} holds a batch ({done} of {len(names)} logs were reached): --resume goes on with it "
-            "(what is done and unchanged is not done again), --fresh removes its reports and begins again, "
-            "-o chooses another folder"
-        )
-    return names
-
-
-def _forget(folder: Path, names: Iterable[str]) -> None:
-    """Remove what an earlier batch wrote: nothing but files that it is known to have made."""
-    try:
-        for name in names:
-            record = read_record(folder, name)
-            for file in record.files if record else ():
-                (folder / file).unlink(missing_ok=True)
-            record_path(folder, name).unlink(missing_ok=True)
-        for page in (_plan(folder), folder / INDEX, folder / PARQUET, folder / CSV):
-            page.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror}); choose another place with -o") from error
 
 
 def entry_of(record: Record, judge: Judge | None = None) -> Entry:

@@ -12,11 +12,12 @@ from typing import Protocol
 
 from attlog.errors import INTERRUPTED, AttlogError, LogUnreadable, OutputError
 from attlog.fleet.arrivals import Arrivals, State, state_of
-from attlog.fleet.batch import Index, Job, Judge, Outcome, Watcher, entry_of, planned, tidy
+from attlog.fleet.batch import Index, Judge, Outcome, Watcher, entry_of, tidy
 from attlog.fleet.entry import Entry
 from attlog.fleet.find import logs_of
 from attlog.fleet.locally import Runner
 from attlog.fleet.lock import locked
+from attlog.fleet.plan import Job, planned
 from attlog.fleet.record import INSIDE, Record, records, write_record
 from attlog.fleet.sources import Source
 from attlog.fleet.work import key, settings_key

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from attlog import __version__
 from attlog.config import Config
 from attlog.errors import AttlogError
-from attlog.fleet.record import Record, intact, read_record
+from attlog.fleet.record import Record, intact, read_record, write_record
 from attlog.fleet.sources import Source
 from attlog.fleet.urls import is_url
 
@@ -53,7 +53,7 @@ def settings_key(config: Config, plotly: str = "inline", deterministic: bool = F
 
 def files_of(config: Config) -> list[str]:
     """The files that a configuration names: filters, estimates, parameters; names of filters are no files."""
-    named = [item.partition(":")[0] for item in config.estimators] + [config.params or ""]
+    named = [item.partition(":")[0].partition("@")[0] for item in config.estimators] + [config.params or ""]
     return [name for name in named if Path(name).suffix]
 
 
@@ -63,20 +63,31 @@ def key(content: str, settings: str) -> str:
 
 
 def done_before(work: Work) -> Record | None:
-    """The record of an earlier run where the log needs no new one: same key, every file as it was written."""
+    """The record of an earlier run where the log needs no new one: same key, every file as it was written.
+
+    A log that was named otherwise then (another path to the same bytes) has its record under its new name.
+    """
     record = read_record(work.folder, work.name)
-    if record is None or not record.for_good or record.log != work.source.name:
+    if record is None or not record.for_good:
         return None
     content = record.key.partition(":")[0]
     if record.key != key(content, work.settings) or not intact(work.folder, record):
         return None
     try:
         if record.stamp and record.stamp == stamp(work.source):
-            return record
+            return _renamed(work, record)
         with work.source.local(work.folder) as log:
-            return record if log.sha256 == content else None
+            return _renamed(work, record) if log.sha256 == content else None
     except AttlogError:
         return None
+
+
+def _renamed(work: Work, record: Record) -> Record:
+    """The record of the log as it is named now."""
+    if record.log != work.source.name:
+        record = replace(record, log=work.source.name)
+        write_record(work.folder, record)
+    return record
 
 
 def stamp(source: Source) -> str:

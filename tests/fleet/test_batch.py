@@ -17,11 +17,12 @@ import pytest
 
 from attlog import Config
 from attlog.errors import OutputError, UsageError
-from attlog.fleet.batch import Job, Outcome, run_batch
+from attlog.fleet.batch import Outcome, run_batch
 from attlog.fleet.entry import Entry
 from attlog.fleet.locally import here
 from attlog.fleet.lock import locked
 from attlog.fleet.nursery import Nursery
+from attlog.fleet.plan import Job
 from attlog.fleet.record import Record, records
 from attlog.fleet.sources import Source
 from attlog.fleet.work import Work
@@ -203,6 +204,17 @@ def test_a_report_keeps_its_name_for_the_life_of_its_folder(tmp_path: Path) -> N
     shutil.rmtree(tmp_path / "out" / ".attlog" / "records")
     _, told = run(job(tmp_path / "out", second, first, resume=True))
     assert {r.log: r.name for r in told} == {str(first): "x.bin", str(second): "x.bin-2"}
+
+
+def test_a_log_that_lies_elsewhere_now_is_known_by_its_content(tmp_path: Path) -> None:
+    first, second = cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin", 310_000)
+    run(job(tmp_path / "out", first, second))
+    (tmp_path / "a").rename(tmp_path / "moved")
+    moved, other = tmp_path / "moved" / "x.bin", cut(tmp_path / "c", "x.bin", 320_000)
+    _, told = run(job(tmp_path / "out", other, moved, resume=True))
+    assert {(r.log, r.name, r.again) for r in told} == {(str(moved), "x.bin", True), (str(other), "x.bin-3", False)}
+    assert (tmp_path / "out" / "x.bin-2.html").exists()
+    assert {r.log for r in records(tmp_path / "out")} == {str(moved), str(second), str(other)}
 
 
 def test_a_log_called_index_leaves_the_index_alone(tmp_path: Path) -> None:

@@ -14,10 +14,11 @@ import pytest
 from attlog import Config
 from attlog.errors import INTERRUPTED, OutputError
 from attlog.fleet.arrivals import Arrivals
-from attlog.fleet.batch import Job, Outcome
+from attlog.fleet.batch import Outcome
 from attlog.fleet.entry import Entry
 from attlog.fleet.locally import Records
 from attlog.fleet.lock import locked
+from attlog.fleet.plan import Job
 from attlog.fleet.record import MEASURED, Record, read_record
 from attlog.fleet.run import run_one
 from attlog.fleet.sources import Source
