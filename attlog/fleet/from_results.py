@@ -10,7 +10,7 @@ from typing import Any
 
 from attlog.fleet.entry import Entry
 from attlog.fleet.record import INSIDE
-from attlog.fleet.results_file import COLUMNS, PARQUET, TEXTS, UNITS
+from attlog.fleet.results_file import COLUMNS, FAILED, PARQUET, TEXTS, UNITS
 from attlog.fleet.row import FORM
 
 ANSWER = ("row", "window", "metric", "value", "low", "high", "n", "seconds", "code")
@@ -29,18 +29,25 @@ def up_to_date(folder: Path) -> Path | None:
     return path if 0 < newest <= written else None
 
 
-def found(folder: Path, metrics: Collection[str]) -> list[Entry] | None:
-    """The logs of a batch folder with their answers to ``metrics``, the reasons of missing ones left out.
+def found(folder: Path, metrics: Collection[str]) -> tuple[list[Entry], int] | None:
+    """The logs of a batch folder with their answers to ``metrics``, without reasons; and how many failed.
 
-    A log of which no row has one of them has an entry without answers. None where the records have to be read.
+    Those are the logs that the last call of the batch named, as in its index. A log of which no row has one of the
+    metrics has an entry without answers. None where the records have to be read.
     """
     path = up_to_date(folder)
     if path is None:
         return None
     try:
-        return list(_entries(path, metrics))
+        return list(_entries(path, metrics)), _failed(path)
     except (OSError, ValueError, KeyError):  # another version wrote it, or something spoiled it: the records know
         return None
+
+
+def _failed(path: Path) -> int:
+    from pyarrow import parquet
+
+    return int(parquet.read_metadata(path).metadata[FAILED.encode()])
 
 
 def _entries(path: Path, metrics: Collection[str]) -> Iterator[Entry]:

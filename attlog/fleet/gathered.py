@@ -47,8 +47,9 @@ class Gathered:
         found = from_results.found(folder, self.metrics) if self.metrics else None
         if found is not None:
             seen = {p.name for p in (folder / INSIDE / "records").glob("*.json")}
-            self.failed += len(seen) - len(found)
-            yield from found
+            entries, failed = found
+            self.failed += failed
+            yield from entries
         for record in records(folder) if found is None else ():
             seen.add(f"{record.name}.json")
             if not record.done:

@@ -6,7 +6,7 @@ import csv
 import importlib.util
 import io
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -50,8 +50,8 @@ ABOUT = {
 }
 UNIT_OF = {"value": "see unit", "low": "see unit", "high": "see unit", "seconds": "s", "n": "1"}
 """The unit of a column; values have that of their metric, which stands in ``unit`` and in the file's metadata."""
-UNITS = "attlog.units"
-"""Key of the file's metadata: JSON, metric -> unit."""
+UNITS, FAILED = "attlog.units", "attlog.failed"
+"""Keys of the file's metadata: JSON, metric -> unit; how many logs of the batch have no line because they failed."""
 GROUP = 100_000
 """Lines that are held in memory at a time."""
 
@@ -65,8 +65,19 @@ def write_results(folder: Path, entries: Iterable[Entry]) -> Path:
     """
     has_arrow = importlib.util.find_spec("pyarrow") is not None
     path, other = folder / (PARQUET if has_arrow else CSV), folder / (CSV if has_arrow else PARQUET)
+    failed = 0
+
+    def counted() -> Iterator[Entry]:
+        nonlocal failed
+        for entry in entries:
+            failed += entry.row is None
+            yield entry
+
     with writing(path) as file:
-        (_parquet if has_arrow else _csv)(file, _batches(entries))
+        if has_arrow:
+            _parquet(file, _batches(counted()), lambda: failed)
+        else:
+            _csv(file, _batches(entries))
     other.unlink(missing_ok=True)
     return path
 
@@ -115,7 +126,7 @@ def _text(value: Any) -> str | None:
     return None if value is None else str(value).encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def _parquet(file: BinaryIO, batches: Iterator[list[list[Any]]]) -> None:
+def _parquet(file: BinaryIO, batches: Iterator[list[list[Any]]], failed: Callable[[], int]) -> None:
     import pyarrow
     from pyarrow import parquet
 
@@ -132,7 +143,8 @@ def _parquet(file: BinaryIO, batches: Iterator[list[list[Any]]]) -> None:
             units |= dict(zip(held[metric], held[unit], strict=True))
             arrays = [pyarrow.array(c, f.type, from_pandas=False) for c, f in zip(held, schema, strict=True)]
             out.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
-        out.add_key_value_metadata({UNITS: json.dumps(units, ensure_ascii=False, sort_keys=True)})
+        words = json.dumps(units, ensure_ascii=False, sort_keys=True)
+        out.add_key_value_metadata({UNITS: words, FAILED: str(failed())})
 
 
 def _csv(file: BinaryIO, batches: Iterator[list[list[Any]]]) -> None:

@@ -211,7 +211,7 @@ def kept(folder: Path) -> None:
     records = [Record(f"x/{name}", name, row=found or {}) for name, found in rows.items()]
     for record in [*records, Record("x/c.ulg", "c.ulg", code=65, message="no")]:
         write_record(folder, record)
-    write_results(folder, [Entry(r.log, r.name, row=r.row) for r in records])
+    write_results(folder, [*(Entry(r.log, r.name, row=r.row) for r in records), Entry("x/c.ulg", "c.ulg", 65)])
 
 
 def test_the_results_file_tells_the_same_as_the_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -242,3 +242,12 @@ def test_a_results_file_that_is_out_of_date_or_broken_is_not_believed(tmp_path: 
         parquet.write_table(parquet.read_table(path).drop_columns(["code"]), path)
     found = across(Gathered([tmp_path], [TILT]), [TILT])
     assert len(found.logs) == (4 if spoil == "newer" else 3)
+
+
+def test_a_table_shows_the_logs_of_the_last_call_as_the_index_does(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    kept(tmp_path)
+    write_results(tmp_path, [Entry("x/a.ulg", "a.ulg", row=flight("a.ulg", 1.0)[1].row)])
+    gathered = Gathered([tmp_path], [TILT])
+    assert [log.name for log in across(gathered, [TILT]).logs] == ["a.ulg"]
+    assert gathered.failed == 0
