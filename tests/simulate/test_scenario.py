@@ -6,6 +6,7 @@ import dataclasses
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -86,3 +87,14 @@ def test_the_docs_list_every_scenario_and_their_example_is_one() -> None:
     scenario = build(example)
     assert len(scenario.sensors.imu) == 2
     assert scenario.fault[0].part == "mag"
+
+
+def test_the_python_of_the_docs_runs() -> None:
+    page = (ROOT / "docs" / "simulate.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    exec(re.findall(r"```python\n(.*?)```", page, re.S)[0], names)
+    flight = names["flight"]
+    assert len(flight.truth.t) == 30 * 400 + 1
+    assert flight.truth.q.shape == (len(flight.truth.t), 4)
+    assert flight.onboard.q.shape[1] == 4
+    assert flight.imus[0].gyro.shape == flight.imus[0].gyro_bias.shape
