@@ -11,6 +11,7 @@ from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.fleet import from_results
 from attlog.fleet.entry import Entry
 from attlog.fleet.record import INSIDE, records
+from attlog.fleet.results_file import CSV, PARQUET
 from attlog.fleet.row import FORM, index_row
 from attlog.result import SCHEMA_NAME, Result
 
@@ -34,7 +35,8 @@ class Gathered:
 
     def __iter__(self) -> Iterator[tuple[str, Entry]]:
         """(what was given, entry) of every log with a result, in the order of names."""
-        for path in self.given:
+        for given in self.given:
+            path = given.parent if given.name in (PARQUET, CSV) and given.is_file() else given
             try:
                 for entry in self._of_folder(path) if path.is_dir() else [of_result(path)]:
                     yield str(path), entry

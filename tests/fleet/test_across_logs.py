@@ -250,4 +250,5 @@ def test_a_table_shows_the_logs_of_the_last_call_as_the_index_does(tmp_path: Pat
     write_results(tmp_path, [Entry("x/a.ulg", "a.ulg", row=flight("a.ulg", 1.0)[1].row)])
     gathered = Gathered([tmp_path], [TILT])
     assert [log.name for log in across(gathered, [TILT]).logs] == ["a.ulg"]
+    assert len(across(Gathered([tmp_path / PARQUET], [TILT]), [TILT]).logs) == 1  # the file stands for its folder
     assert gathered.failed == 0
