@@ -8,6 +8,7 @@ import pytest
 
 from attlog.fleet.trouble import reasons, trouble, with_gates
 from attlog.flight.model import Problem, Severity
+from attlog.result import Check
 from tests.present.made import result, row
 
 
@@ -116,3 +117,15 @@ def test_how_often_it_happened_is_told_once() -> None:
         said([Problem("ekf_fault", "warning", "It failed 3 times.", count=3)]),
     ]
     assert [t["reasons"][0]["text"] for t in texts] == ["What ekf_fault says. (3 times)", "It failed 3 times."]
+
+
+def test_a_bad_check_weighs_more_than_one_to_look_at() -> None:
+    made = result([row("onboard", {})])
+    made.problems = [problem("field_against_attitude"), problem("gaps")]
+    checks = [Check("field against attitude", "bad", "x"), Check("gaps", "bad", "x"), Check("vibration", "bad", "x")]
+    points = {}
+    for verdict in ("warn", "bad"):
+        made.audit = [Check(c.name, verdict, c.text) for c in checks]
+        points[verdict] = {r.code: r.points for r in reasons(made)}
+    assert points["warn"] == {"field_against_attitude": 10.0, "gaps": 3.0}
+    assert points["bad"] == {"field_against_attitude": 20.0, "gaps": 3.0}
