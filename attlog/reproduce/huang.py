@@ -8,19 +8,14 @@ import numpy as np
 
 from attlog.present.numbers import quantity
 from attlog.reproduce import huang_runs as runs
-from attlog.reproduce import response
 from attlog.reproduce.huang_figures import figures
 from attlog.reproduce.huang_runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, WITHIN_DEG, Returned, Seed
+from attlog.reproduce.huang_tables import PRINTED_EKF_S, PRINTED_MAHONY_S, UPDATES, by_filter, linear, times
 from attlog.reproduce.judge import above, below, mean, ratio, share, together
-from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting, Table
+from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting
 from attlog.reproduce.seeds import each_seed
-from attlog.simulate.linear import margins, rise_and_overshoot
 from attlog.simulate.onboard import TRUTH
 
-PRINTED_MAHONY_S = (0.9995, 0.9880, 1.0023, 1.0029, 0.9851, 1.1822, 1.3897, 1.1918, 1.0115)
-PRINTED_EKF_S = (1.8698, 1.8520, 1.8568, 2.2022, 2.0360, 1.9098, 2.1788, 2.4898, 1.8645)
-"""Table 1: seconds for 4,000 updates, nine runs."""
-UPDATES = 4000
 TILT_DEG, HEADING_DEG = 2.0, 5.0
 """An attitude that is this close is one that can be flown on."""
 NO_WORSE = 1.1
@@ -28,7 +23,6 @@ HALF_POWER = math.sqrt(0.5)
 """Gain of -3 dB: up to there a loop is said to follow."""
 AXES = ("roll", "pitch", "heading")
 PHASES = ("hover", "moving")
-NAMED = {TRUTH: "the true attitude", DCM: "Huang's filter", EKF: "Fan's EKF", NEW_EKF: "mekf"}
 
 
 def paper(options: Options) -> Paper:
@@ -42,7 +36,7 @@ def paper(options: Options) -> Paper:
         _settings(),
         (_follows(found), _like_an_ekf(found), _cost(spent, slow), _level(found), _hover(found), _tracks(found)),
         figures(spent, PRINTED_MAHONY_S, PRINTED_EKF_S),
-        (_times(spent), _by_filter(found), _linear(found)),
+        (times(spent), by_filter(found), linear(found)),
         (
             "Fig. 7 shows the paper's hardware: there is nothing to run again.",
             "Of figures 3 to 9 the paper's curves are not in hand as numbers, and which of figures 5, 6, 8 and 9 shows "
@@ -235,11 +229,11 @@ def _tracks(found: list[Seed]) -> Claim:
         numbers += [delay, gain, straight]
         verdicts.append(above(gain, HALF_POWER))
         w = 2.0 * math.pi / period
-        linear = runs.axis_of(0 if axis == "roll" else 1).response(w)
+        told = runs.axis_of(0 if axis == "roll" else 1).response(w)
         said.append(
             f"{quantity(delay.value, 'ms', False)} at {period:g} s (on the true attitude "
             f"{quantity(straight.value, 'ms', False)}, by the transfer function "
-            f"{quantity(-float(np.angle(linear)) / w * 1e3, 'ms', False)})"
+            f"{quantity(-float(np.angle(told)) / w * 1e3, 'ms', False)})"
         )
     return Claim(
         "tracks",
@@ -252,73 +246,6 @@ def _tracks(found: list[Seed]) -> Claim:
         f"The delay is {' and '.join(said)}: it is the loop's own, about 1 over the outer gain of 4.5/s, "
         "because nothing in the controller looks ahead.",
     )
-
-
-def _times(spent: dict[str, list[float]]) -> Table:
-    rows = [
-        (str(k + 1), f"{a:.4f} s", f"{b:.4f} s", f"{b / a:.2f}", quantity(c, "us"), quantity(d, "us"), f"{d / c:.2f}")
-        for k, (a, b, c, d) in enumerate(zip(PRINTED_MAHONY_S, PRINTED_EKF_S, spent[DCM], spent[EKF], strict=True))
-    ]
-    total = [float(np.mean(x)) for x in (PRINTED_MAHONY_S, PRINTED_EKF_S, spent[DCM], spent[EKF])]
-    a, b, c, d = total
-    rows.append(
-        ("mean", f"{a:.4f} s", f"{b:.4f} s", f"{b / a:.2f}", quantity(c, "us"), quantity(d, "us"), f"{d / c:.2f}")
-    )
-    head = ("run", "paper: Mahony", "EKF", "ratio", "here: Mahony", "EKF", "ratio")
-    return Table(f"{UPDATES:,} updates (table 1)", head, tuple(rows), "Here: a field at every update.")
-
-
-def _by_filter(found: list[Seed]) -> Table:
-    """What the same flight is on each filter."""
-    rows = []
-    for row in runs.FLOWN_ON:
-        one = [s.flown[row] for s in found]
-        rows.append((
-            NAMED[row],
-            f"{sum(f.crashed for f in one)} of {len(one)}",
-            *(quantity(mean("", v, u).value, u) for v, u in (
-                ([max(f.most_deg) for f in one], "deg"),
-                ([math.hypot(*f.errors.hover[:2]) for f in one], "deg"),
-                ([math.hypot(*f.errors.moving[:2]) for f in one], "deg"),
-                ([abs(f.returned[-1].left_deg) for f in one], "deg"),
-                ([f.tracked[0].delay_ms for f in one], "ms"),
-            )),
-        ))  # fmt: skip
-    head = ("flown on", "crashed", "largest angle in hover", "tilt error, hover", "moves",
-            f"left of {LEVELS[-1][0]:g} deg", "delay")  # fmt: skip
-    return Table("The same flight on other filters", head, tuple(rows), "Means over seeds.")
-
-
-def _linear(found: list[Seed]) -> Table:
-    """What the transfer function says beside what the vehicle did on the true attitude."""
-    axis = runs.axis_of(0)
-    limits = margins(axis)
-    t = np.linspace(0.0, 4.0, 4001)
-    _, over = rise_and_overshoot(t, axis.step(t))
-    back = axis.step(t + runs.TILTED_S) - axis.step(t)
-    fall = 1e3 * response.rise_s(t, back, 0.0, float(back[0]), 0.0)
-    truth = [s.flown[TRUTH] for s in found]
-    rows = [
-        ("phase margin", f"{limits.phase_deg:.0f} deg at {limits.phase_at:.0f} rad/s", ""),
-        ("gain margin", f"{limits.gain:.1f}", ""),
-        ("delay that it stands", f"{1e3 * limits.delay_s:.0f} ms", ""),
-        ("90 to 10 % of 20 deg", quantity(fall, "ms"), _mean([1e3 * f.returned[0].fall_s for f in truth], "ms")),
-        ("overshoot of a step", f"{100 * over:.1f} %", ""),
-    ]
-    for k, (size, period, name) in enumerate(TRACKS):
-        told = axis.response(2.0 * math.pi / period)
-        late = -float(np.angle(told)) * period / (2.0 * math.pi) * 1e3
-        sine = f"{name}, {size:g} deg at {period:g} s"
-        rows.append((f"delay, {sine}", quantity(late, "ms"), _mean([f.tracked[k].delay_ms for f in truth], "ms")))
-        rows.append((f"gain, {sine}", f"{abs(told):.2f}", _mean([f.tracked[k].gain for f in truth], "1")))
-    return Table(
-        "The loop: transfer function and flight on the true attitude", ("", "linear", "flown"), tuple(rows),
-        "Rotor lag, inertia, gains and the time that sampling and holding take; means over seeds.",
-    )  # fmt: skip
-
-
-def _mean(values: list[float], unit: str) -> str:
-    return quantity(mean("", values, unit).value, unit)
 
 
 def _axis(what: str) -> str:
