@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 SETTLE_S = 10.0
 """Copies over a network rest for some seconds now and then, never this long."""
+AT_A_TIME, FOR_A_CLUSTER = 32, 1000
+"""Files that a service takes before it looks at the folder again: many at once do not hide the next for hours."""
 TIMEOUT_S = 3600.0
 """A log may take this long: no log in hand takes a hundredth of it, and one that hangs costs one worker an hour."""
 
@@ -116,7 +119,8 @@ def command(
         job = Job([], output, settings, (), options.bundle(plotly), deterministic, timeout or None, memory, True, fresh)
         told = _Told(Bar(quiet=True), quiet, verbose or not quiet)
         run = runner(scheduler, workers, told.say)
-        watching(logs, job, run, told, settle, lambda named: options.commands(context, named), quiet, judge)
+        at_a_time = AT_A_TIME if scheduler is None else FOR_A_CLUSTER
+        watching(logs, job, run, told, settle, partial(options.commands, context), at_a_time, quiet, judge)
         return
 
     found, wrong = sources(logs)

@@ -29,10 +29,14 @@ def watching(
     told: Watcher,
     settle: float,
     commands: Callable[[list[str]], Sequence[str]],
+    at_a_time: int,
     quiet: bool = False,
     judge: Judge | None = None,
 ) -> None:
-    """Watch until a signal comes. Exit code 0 after SIGTERM, which is how services end, 130 after Ctrl-C."""
+    """Watch until a signal comes. Exit code 0 after SIGTERM, which is how services end, 130 after Ctrl-C.
+
+    ``at_a_time``: see :func:`attlog.fleet.watch.watch`.
+    """
     from attlog.fleet.arrivals import Arrivals
     from attlog.fleet.watch import watch
 
@@ -40,7 +44,9 @@ def watching(
     lines = _Lines(told, quiet)
     lines.say(f"watching {', '.join(places)}; reports and index in {job.folder}")
     with ended_by_signals() as received:
-        outcome = watch(job, arrivals, run, lines, judge, lambda sources: commands([source.name for source in sources]))
+        outcome = watch(
+            job, arrivals, run, lines, at_a_time, judge, lambda sources: commands([source.name for source in sources])
+        )
     reports = sum(entry.row is not None for entry in outcome.entries)
     lines.say(f"ended; {reports} reports of {outcome.total} logs in {job.folder}; the next start goes on from here")
     if received != [signal.SIGTERM]:

@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import chain
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -59,17 +60,14 @@ def records_of(
     a record in the end. ClusterError: nobody answers, no worker comes, or the scheduler goes away; UsageError:
     packages or versions do not fit. Tasks are cancelled with the caller's loop, also where that is interrupted.
     """
-    waiting: list[Work] = []
-    for work in works:
-        before = done_before(work) if work.resume else None
-        if before is None:
-            waiting.append(work)
-        else:
-            yield replace(before, again=True)
-    if not waiting:
-        return
-    with _client(address) as client:
-        yield from _Run(client, address, at_once, say or _nobody).records(waiting)
+    todo = iter(works)
+    for work in todo:
+        before = _before(work)
+        if before is None:  # from here on a cluster is needed
+            with _client(address) as client:
+                yield from _Run(client, address, at_once, say or _nobody).records(chain([work], todo))
+            return
+        yield before
 
 
 class _Run:
@@ -86,17 +84,17 @@ class _Run:
         self._at_work: dict[str, tuple[Any, Work, int]] = {}
         self._ended: SimpleQueue[str] = SimpleQueue()
 
-    def records(self, works: Sequence[Work]) -> Iterator[Record]:
+    def records(self, todo: Iterator[Work]) -> Iterator[Record]:
         self._fits()
-        todo = iter(works)
         try:
-            self._more(todo)
-            while self._at_work:
-                future, work, attempt = self._at_work.pop(self._next())
-                record = self._became(future, work, attempt)
+            while True:
+                record = self._more(todo)
+                if record is None and not self._at_work:
+                    return
+                if record is None:
+                    record = self._became(*self._at_work.pop(self._next()))
                 if record is not None:
                     yield record
-                self._more(todo)
         except OSError as error:  # of a connection: what goes wrong with files is in records
             raise self._gone() from error
         finally:
@@ -119,14 +117,15 @@ class _Run:
             elif time.monotonic() - silent_since > WORKERS_S:
                 raise ClusterError(f"{self._address}: no worker for {WORKERS_S:.0f} s; start some: {START}")
 
-    def _more(self, todo: Iterator[Work]) -> None:
-        """Hand out work until the cluster has enough."""
+    def _more(self, todo: Iterator[Work]) -> Record | None:
+        """Hand out work until the cluster has enough, or a log comes that was done before: its record."""
         enough = self._at_once or AHEAD * max(sum(self._client.nthreads().values()), 1)
-        while len(self._at_work) < enough:
-            work = next(todo, None)
-            if work is None:
-                return
+        while len(self._at_work) < enough and (work := next(todo, None)) is not None:
+            before = _before(work)
+            if before is not None:
+                return before
             self._submit(work, 1)
+        return None
 
     def _submit(self, work: Work, attempt: int) -> None:
         signed, content = sign(work.source), None
@@ -195,6 +194,12 @@ class _Run:
                 raise UsageError(f"worker {worker} has no attlog; install attlog {__version__} there")
             if version != __version__:
                 raise UsageError(f"worker {worker} has attlog {version} and this side {__version__}; use one version")
+
+
+def _before(work: Work) -> Record | None:
+    """The record of an earlier run, where the work asks for it and it still holds."""
+    before = done_before(work) if work.resume else None
+    return None if before is None else replace(before, again=True)
 
 
 def _doing() -> Callable[..., Returned]:

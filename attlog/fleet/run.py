@@ -32,7 +32,8 @@ def run_one(work: Work, nursery: Nursery | None = None, tell: Callable[[dict[str
 
     Never raises for what a log, its process or the folder does: that is told by the record. A child only ever
     writes to a room of its own inside the folder; files are moved from there whole, so an orphan writes to
-    nobody's report. ``tell`` hears the child's stages. :class:`attlog.fleet.nursery.Closed` if the nursery is closed.
+    nobody's report. ``tell`` hears the child's stages, and in silence an empty message now and
+    then; what it raises ends the child. :class:`attlog.fleet.nursery.Closed` if the nursery is closed.
     """
     if work.resume:
         before = done_before(work)
@@ -91,7 +92,7 @@ def _analysed(work: Work, room: Path, nursery: Nursery, tell: Callable[[dict[str
                 ended = said
             elif "key" in said:
                 told = said
-            elif said:
+            else:
                 tell(said)
             if pid and not limit and not ended:
                 limit = _beyond(work, time.monotonic() - started, pid)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import socket
 import tempfile
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
@@ -71,6 +72,10 @@ def do(version: str, order: bytes, signed: str, have: Collection[str] = (), cont
             source = replace(source, copy=str(path))
         out = Path(room) / "out"
         record = run_one(replace(work, source=source, folder=out, resume=False, keep=False), tell=_unless_cancelled())
+        if record.folder_full:  # this machine's trouble, not that of the folder where reports are kept
+            log = work.source.name
+            why = f"no room in {tempfile.gettempdir()} of the worker {socket.gethostname()}"
+            return Returned(replace(record, folder_full=False, message=f"attlog: {log}: {why}"))
         written = [path for path in out.iterdir() if path.is_file() and path.name not in have]
         return Returned(record, {path.name: path.read_bytes() for path in written})
 

@@ -46,14 +46,16 @@ class _Arrived:
 
 
 def watch(
-    job: Job, arrivals: Arrivals, run: Runner, listener: Listener, judge: Judge | None = None,
-    commands: Callable[[Sequence[Source]], Sequence[str]] | None = None, pause: Callable[[float], None] = time.sleep,
+    job: Job, arrivals: Arrivals, run: Runner, listener: Listener, at_a_time: int, judge: Judge | None = None,
+    commands: Callable[[Sequence[Source]], Sequence[str]] | None = None,
+    pause: Callable[[float], None] = time.sleep,
 ) -> Outcome:  # fmt: skip
     """Analyse what arrives until an interrupt (KeyboardInterrupt) comes; ``job.sources`` is not looked at.
 
     What a folder's records know is not done again, whatever it is called by now; a changed file is. A log that
     vanishes or changes while it is read is left for later; records of logs that are gone stay. ``commands``: see
-    :class:`attlog.fleet.batch.Job`. OutputError if the folder cannot be written or another batch is at work there.
+    :class:`attlog.fleet.batch.Job`; ``at_a_time``: files between two looks.
+    OutputError if the folder cannot be written or another batch is at work there.
     """
     with locked(job.folder):
         tidy(job.folder)
@@ -64,8 +66,11 @@ def watch(
         try:
             while True:
                 looked = time.monotonic()
-                watched.take(arrivals.settled(looked), commands)
-                pause(max(LOOK_S, SHARE * (time.monotonic() - looked) if watched.idle else 0.0))
+                watched.arrived(arrivals.settled(looked))
+                seconds = time.monotonic() - looked
+                watched.take(at_a_time, commands)
+                if not watched.waiting:
+                    pause(max(LOOK_S, SHARE * seconds))
         except KeyboardInterrupt:
             interrupted = True
         finally:
@@ -91,15 +96,22 @@ class _Watched:
         self._files = self._read()
         self._index = Index(job.folder)
         self._stale = bool(self._entries)
-        self.idle = True
+        self.waiting: list[tuple[Path, State]] = []
         self.keep()
 
-    def take(
-        self, files: Sequence[tuple[Path, State]], commands: Callable[[Sequence[Source]], Sequence[str]] | None
-    ) -> None:
-        """Analyse the logs in these files but those that are known."""
-        new = [(file, state) for file, state in files if self._files.get(str(file)) != state[:2]]
-        self.idle = not new
+    def arrived(self, files: Sequence[tuple[Path, State]]) -> None:
+        """These have settled; those that are known are known."""
+        self.waiting += [(file, state) for file, state in files if self._files.get(str(file)) != state[:2]]
+
+    def take(self, most: int, commands: Callable[[Sequence[Source]], Sequence[str]] | None) -> None:
+        """Analyse the logs in so many of the files that wait."""
+        new = []
+        for file, state in self.waiting[:most]:
+            if state_of(file) == state:
+                new.append((file, state))
+            else:
+                self._arrivals.again(file)
+        del self.waiting[:most]
         if not new:
             return
         arrived = {log.source.name: log for log in self._logs(new)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 import time
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ import pytest
 
 from attlog import Config
 from attlog.errors import ClusterError, UsageError
-from attlog.fleet import cluster
+from attlog.fleet import cluster, task
 from attlog.fleet.cluster import records_of
 from attlog.fleet.find import sources
 from attlog.fleet.one import report_names
@@ -68,6 +69,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_what_this_machine_gives_also_when_a_worker_is_killed(own: Cluster, tmp_path: Path) -> None:
     """Five logs on two workers, one killed by signal 9 after the first: same files, same records."""
     own.start()
@@ -88,6 +90,7 @@ def test_a_cluster_gives_what_this_machine_gives_also_when_a_worker_is_killed(ow
     assert [same(read_record(tmp_path / "there", r.name)) for r in here] == [same(r) for r in here]
 
 
+@pytest.mark.slow
 def test_a_log_that_takes_its_workers_along_is_a_row_and_the_others_are_done(own: Cluster, tmp_path: Path) -> None:
     own.start(DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0")
     own.worker()
@@ -112,6 +115,7 @@ def test_what_fails_in_a_task_fails_as_here(dask: Cluster, tmp_path: Path) -> No
     assert there == here
 
 
+@pytest.mark.slow
 def test_a_log_that_workers_do_not_see_is_sent_along(
     dask: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,6 +129,7 @@ def test_a_log_that_workers_do_not_see_is_sent_along(
     assert {r.log for r in found} == {w.source.name for w in todo}
 
 
+@pytest.mark.slow
 def test_a_bundle_beside_the_reports_comes_once(dask: Cluster, tmp_path: Path) -> None:
     todo = [replace(work, plotly="shared") for work in works(tmp_path / "there", 3)]
     first, *_ = records_of(dask.address, todo, at_once=1)
@@ -150,11 +155,17 @@ def test_who_stops_reading_cancels_the_rest(dask: Cluster, tmp_path: Path) -> No
     from distributed import Client
 
     sleeper = tmp_path / "sleeper.py"
-    sleeper.write_text(PLUGIN.format("time.sleep(60)"))
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    sleeper.write_text(PLUGIN.format(f"open(f'{marks}/{{os.getpid()}}', 'w').close()\ntime.sleep(60)"))
     todo = works(tmp_path / "out", 8)
     todo[1:] = [replace(work, config=Config(estimators=[str(sleeper)])) for work in todo[1:]]
     reading = records_of(dask.address, todo)
     assert next(reading).code == 0
+    until = time.monotonic() + 60
+    while not list(marks.iterdir()):
+        assert time.monotonic() < until
+        time.sleep(0.1)
     reading.close()
     assert not list((tmp_path / "out").glob("px4*"))
     with Client(dask.address, set_as_default=False) as client:
@@ -162,6 +173,19 @@ def test_who_stops_reading_cancels_the_rest(dask: Cluster, tmp_path: Path) -> No
         while client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)):
             assert time.monotonic() < until
             time.sleep(0.1)
+    while any(Path(f"/proc/{mark.name}").exists() for mark in marks.iterdir()):
+        assert time.monotonic() < until
+        time.sleep(0.1)
+
+
+def test_a_worker_whose_disk_is_full_stops_no_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (work,) = works(tmp_path, 1)
+    full = Record(work.source.name, work.name, code=73, message="attlog: no space", folder_full=True)
+    monkeypatch.setattr(task, "run_one", lambda *_, **__: full)
+    record = task.do(task.__version__, pickle.dumps(work), "").record
+    assert record is not None
+    assert (record.code, record.folder_full) == (73, False)
+    assert "of the worker" in record.message
 
 
 def test_nobody_at_the_address_is_told_in_seconds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,7 +58,7 @@ class Share:
 
         config = Config(estimators=["gyro"])
         made = replace(Job([], self.out, config, deterministic=True), **job)
-        return watch(made, Arrivals([str(self.folder)], 0.0, self.out), self.run, self, pause=pause)
+        return watch(made, Arrivals([str(self.folder)], 0.0, self.out), self.run, self, 2, pause=pause)
 
     def run(self, works: Sequence[Work]) -> Records:
         self.before(works)
@@ -96,6 +96,16 @@ def test_logs_are_analysed_as_they_arrive_and_the_index_tells_of_all(share: Shar
     assert (outcome.total, outcome.interrupted, outcome.codes) == (2, True, {INTERRUPTED})
     assert all((share.out / f"{name}.html").is_file() for name in share.analysed)
     assert list(share.out.glob("results.*"))
+
+
+def test_many_that_come_at_once_do_not_hide_the_next(share: Share) -> None:
+    for k in range(5):
+        (share.folder / f"{k}.ulg").write_bytes(b"no log %d" % k)
+    share.before = lambda works: share.put(ONE, "0.bin") if works[0].name == "0.ulg" else None
+    share.watch()
+    assert sorted(share.analysed) == ["0.bin", *(f"{k}.ulg" for k in range(5))]
+    assert share.analysed.index("0.ulg") < share.analysed.index("0.bin")
+    assert len(share.analysed) == 6
 
 
 def test_a_restart_repeats_nothing_and_reads_no_known_file(share: Share, monkeypatch: pytest.MonkeyPatch) -> None:
