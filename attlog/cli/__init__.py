@@ -30,7 +30,7 @@ from attlog.cli import (
     sweep,
     tune,
 )
-from attlog.cli.arguments import Group, WithJson
+from attlog.cli.arguments import Group, WithGates, WithJson
 from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
 
 
@@ -73,8 +73,8 @@ def _root(
     """Options of every command stand with the command."""
 
 
-app.command("analyze", cls=WithJson)(analyze.command)
-app.command("batch")(batch.command)
+app.command("analyze", cls=WithGates)(analyze.command)
+app.command("batch", cls=WithGates)(batch.command)
 app.command("info", cls=WithJson)(info.command)
 app.command("extract")(extract.command)
 app.command("compare", cls=WithJson)(compare.command)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from attlog import __version__
+from attlog.cli import gates as gated
 from attlog.cli import options
 from attlog.cli.arguments import command_line
 from attlog.cli.bar import Bar
@@ -56,6 +57,10 @@ def command(
     ] = None,
     open_report: Annotated[bool, typer.Option("--open", help="Open the report in a browser.")] = False,
     deterministic: options.Deterministic = False,
+    gates: gated.GatesFile = None,
+    strict: gated.Strict = None,
+    junit: gated.Junit = None,
+    summary: gated.Summary = None,
     boot: Boot = None,
     system: System = None,
     no_color: NoColor = False,
@@ -74,30 +79,33 @@ def command(
         clock=clock, declination=declination, trim=trim, input_delay=input_delay, gyro_bias=gyro_bias, params=params,
         boot=boot, system=system,
     )  # fmt: skip
+    held = gated.Gated(gates, strict, junit, summary)
     from attlog.fleet.find import sources
+    from attlog.fleet.one import report_names
 
     found, wrong = sources(logs)
     for error in wrong:
         print(message(error, __version__), file=sys.stderr)
     results: list[Result] = []
 
-    def show(result: Result, report: Path) -> None:
+    def show(log: str, result: Result, report: Path) -> None:
         results.append(result)
         if json:
             print(_json_text(result, deterministic, one_line=max(len(logs), len(found)) > 1))
         if not quiet:
             _show(result, report, settings, on_stderr=json, verbose=verbose)
+        held.shown(log, report, quiet, console(stderr=json))
         if open_report:
             typer.launch(str(report))
 
-    task = _Task(settings, output, bundle, deterministic, quiet, verbose, show)
+    task = _Task(settings, output, bundle, deterministic, quiet, verbose, show, held.broken)
     if len(found) > 1:
         codes = _several(found, options.commands(context, [source.name for source in found]), task, jobs, json)
     else:
         codes = {_one(source, task) for source in found}
     if table and results:
         _write_tables(table, results, settings)
-    codes |= {exit_code(error) for error in wrong}
+    codes |= {exit_code(error) for error in wrong} | held.finish(report_names([s.file_name for s in found]), wrong)
     if worst(codes):
         raise typer.Exit(worst(codes))
 
@@ -112,7 +120,9 @@ class _Task:
     deterministic: bool
     quiet: bool
     verbose: int
-    show: Callable[[Result, Path], None]
+    show: Callable[[str, Result, Path], None]
+    broken: Callable[[str, str, int, str], None]
+    """Hears of each log without a result: what it is, the name of its report, exit code, message."""
 
 
 def _one(source: Source, task: _Task) -> int:
@@ -125,12 +135,14 @@ def _one(source: Source, task: _Task) -> int:
                 log.path, task.config, task.folder, report_names([source.file_name])[0],
                 command=command_line(), plotly=task.plotly, deterministic=task.deterministic,
             )  # fmt: skip
-        task.show(written.result, written.report)
+        task.show(source.name, written.result, written.report)
     except KeyboardInterrupt:
         print(_kept([], 1, task.folder), file=sys.stderr)
         return INTERRUPTED
     except Exception as error:
-        return _failed(error, source.name, task.verbose)
+        code = _failed(error, source.name, task.verbose)
+        task.broken(source.name, report_names([source.file_name])[0], code, message(error, __version__, source.name))
+        return code
     return 0
 
 
@@ -174,10 +186,14 @@ def _several(logs: Sequence[Source], commands: Sequence[str], task: _Task, jobs:
                 bar.advance(record)
                 with bar.aside():
                     if not record.done:
+                        task.broken(record.log, record.name, record.code, record.message)
                         print(record.trace * (task.verbose > 1) + record.message, file=sys.stderr)
                         continue
                     try:
-                        task.show(Result.load(task.folder / f"{record.name}.json"), task.folder / f"{record.name}.html")
+                        task.show(
+                            record.log, Result.load(task.folder / f"{record.name}.json"),
+                            task.folder / f"{record.name}.html",
+                        )  # fmt: skip
                     except Exception as error:
                         codes |= {_failed(error, record.log, task.verbose)}
         except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""What may be left out on the command line: the word ``analyze``, and the ``-`` after ``--json``."""
+"""What may be left out on the command line: ``analyze``, the ``-`` after ``--json``, the file after ``--summary``."""
 
 from __future__ import annotations
 
@@ -52,6 +52,15 @@ class WithJson(TyperCommand):
     def _only_dash(value: str) -> None:
         if value != "-":
             raise UsageError(f"--json {value}: only - (standard output); analyze writes files to the folder of -o")
+
+
+class WithGates(WithJson):
+    """A command whose ``--summary`` may be followed by a Markdown file."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        named = [k > 0 and args[k - 1] == "--summary" and arg.endswith(".md") for k, arg in enumerate([*args, ""])]
+        bare = [arg == "--summary" and not named[k + 1] for k, arg in enumerate(args)]
+        return super().parse_args(ctx, ["--summary=-" if alone else arg for arg, alone in zip(args, bare, strict=True)])
 
 
 def command_line() -> str:

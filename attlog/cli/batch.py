@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog import __version__
+from attlog.cli import gates as gated
 from attlog.cli import options
 from attlog.cli.bar import Bar
 from attlog.cli.common import Boot, NoColor, Places, Quiet, System, Verbose, console, say
 from attlog.cli.signals import ended_by_signals
-from attlog.errors import UsageError, exit_code, message, worst
+from attlog.errors import INTERRUPTED, UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
-    from attlog.fleet.batch import Judge, Outcome
+    from attlog.fleet.batch import Outcome
     from attlog.fleet.entry import Entry
-    from attlog.fleet.gating import Gating
     from attlog.fleet.locally import Runner, Tell
     from attlog.fleet.record import Record
     from attlog.fleet.work import Work
@@ -90,10 +90,10 @@ def command(
     deterministic: options.Deterministic = False,
     boot: Boot = None,
     system: System = None,
-    gates: options.Gates = None,
-    strict: options.Strict = None,
-    junit: options.Junit = None,
-    summary: options.Summary = False,
+    gates: gated.GatesFile = None,
+    strict: gated.Strict = None,
+    junit: gated.Junit = None,
+    summary: gated.Summary = None,
     no_color: NoColor = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -101,6 +101,9 @@ def command(
     """Analyse many logs into the folder DIR: a report each, an index, a table of every number."""
     if resume and fresh:
         raise UsageError("--resume and --fresh: one or the other")
+    if watch and (junit is not None or summary is not None):
+        raise UsageError("--watch does not end by itself: --junit and --summary need a batch that does")
+    held = gated.Gated(gates, strict, junit, summary, output)
     settings = options.settings(
         config, estimators=estimators, imu=imu, mag=mag, reference=reference, window=window, score_from=score_from,
         clock=clock, declination=declination, trim=trim, input_delay=input_delay, gyro_bias=gyro_bias, params=params,
@@ -108,11 +111,9 @@ def command(
     )  # fmt: skip
     from attlog.fleet.batch import run_batch
     from attlog.fleet.find import sources
-    from attlog.fleet.gating import gating, tell
     from attlog.fleet.plan import Job
 
-    judging = gating(gates, strict if strict is not None or gates or not (junit or summary) else True)
-    judge = None if judging is None else _judge(judging, output)
+    judge = held.judge(output, deterministic)
     if watch:
         from attlog.cli.watching import watching
 
@@ -126,7 +127,7 @@ def command(
     found, wrong = sources(logs)
     for error in wrong:
         print(message(error, __version__), file=sys.stderr)
-    codes = {exit_code(error) for error in wrong}
+    codes, names = {exit_code(error) for error in wrong}, list[str]()
     if found:
         job = Job(
             found, output, settings, options.commands(context, [source.name for source in found]),
@@ -137,8 +138,8 @@ def command(
             outcome = run_batch(job, runner(scheduler, workers, told.say, bar.heard), told, judge)
         codes |= outcome.codes
         _say(outcome, output, quiet)
-        if judging is not None and not outcome.interrupted:
-            tell(judging.in_order([entry.name for entry in outcome.entries]), junit, summary)
+        names = [entry.name for entry in outcome.entries]
+    codes |= held.finish(names, wrong, interrupted=INTERRUPTED in codes)
     if worst(codes):
         raise typer.Exit(worst(codes))
 
@@ -152,18 +153,6 @@ def runner(scheduler: str | None, workers: int | None, say: Callable[[str], None
     from attlog.fleet.cluster import there
 
     return there(scheduler, workers, say)
-
-
-def _judge(gating: Gating, folder: Path) -> Judge:
-    """Gates over the result of a log, whenever that was made; a sentence for each that failed."""
-
-    def judge(record: Record) -> tuple[str, ...]:
-        if not record.done:
-            reason = record.message.removeprefix("attlog: ")
-            return gating.broken(record.log, record.name, record.code, reason, record.wall_s).sentences
-        return gating.file(record.log, record.name, folder / f"{record.name}.json", record.wall_s).sentences
-
-    return judge
 
 
 class _Told:

@@ -84,24 +84,6 @@ Plotly = Annotated[str, typer.Option(metavar="inline|shared", help="shared: one 
 Deterministic = Annotated[
     bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")
 ]
-Gates = Annotated[
-    Path | None,
-    typer.Option("--gates", metavar="F.toml", help="Limits for results; exit code 1 where one fails. [default: none]"),
-]
-Strict = Annotated[
-    bool | None,
-    typer.Option(
-        "--strict/--no-strict",
-        help="A filter that failed or diverged fails the run (exit code 1). [default: as the gates say; off without]",
-    ),
-]
-Junit = Annotated[
-    Path | None, typer.Option("--junit", metavar="F.xml", help="Write what gates said as JUnit XML. [default: no]")
-]
-Summary = Annotated[
-    bool,
-    typer.Option("--summary", help="What gates said as Markdown: to $GITHUB_STEP_SUMMARY if set, else printed."),
-]
 BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared": "shared"}
 """Where reports have plotly from."""
 OF_A_LOG = frozenset((

@@ -52,14 +52,26 @@ def of_onboard(rows: Sequence[Mapping[str, Any]], metric: str, window: str) -> F
     return _with_value(row, metric, window, "onboard")
 
 
-def of_baseline(document: Mapping[str, Any] | str, name: str, row: str, metric: str, window: str) -> Found:
-    """The answer of the same row in the baseline called ``name``; ``document`` may be the reason why there is none."""
+def of_baseline(
+    document: Mapping[str, Any] | str, name: str, row: Mapping[str, Any], metric: str, window: str
+) -> Found:
+    """The answer of the same row in the baseline called ``name``; ``document`` may be the reason why there is none.
+
+    The same row bears the same name; else it is the only one of the same filter, whose settings may be others.
+    """
     if isinstance(document, str):
         return None, document
-    same = next((r for r in rows_of(document) if r.get("name") == row), None)
-    if same is None:
-        return None, f"the baseline {name} has no row {row}"
-    return _with_value(same, metric, window, f"the baseline {name}")
+    rows = rows_of(document)
+    same = [r for r in rows if r.get("name") == row.get("name")] or [r for r in rows if _filter(r) == _filter(row)]
+    if len(same) != 1:
+        return None, f"the baseline {name} has {'several rows like' if same else 'no row'} {row.get('name')}"
+    return _with_value(same[0], metric, window, f"the baseline {name}")
+
+
+def _filter(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What a row is but for its settings: kind, filter, and the IMU that it runs on."""
+    own = row.get("estimator") or row.get("name")
+    return row.get("kind"), own, str(row.get("name")).partition("/imu")[2]
 
 
 def _with_value(row: Mapping[str, Any], metric: str, window: str, whose: str) -> Found:

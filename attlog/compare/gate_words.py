@@ -7,7 +7,7 @@ from typing import Any
 
 from attlog.compare.gate_limits import Limit, Told
 from attlog.metrics.answer import Answer
-from attlog.present.numbers import quantity
+from attlog.present.numbers import quantity, unit_sign
 from attlog.segments.model import WINDOWS
 
 
@@ -61,4 +61,5 @@ def _ratio(size: float, other: float | None) -> str:
 
 
 def _with(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
+    sign = unit_sign(unit)
+    return sign if not sign or sign.startswith("°") else f" {sign}"

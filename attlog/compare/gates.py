@@ -124,13 +124,13 @@ def _of_limit(
     if answer is None or why:
         return _without_value(gate, limit, name, "unanswered", why, window)
     known = gate_answers.definition(gate.metric)
-    other, why = _other(limit, gate, gate.metric, name, rows, beside, window)
+    other, why = _other(limit, gate, gate.metric, row, rows, beside, window)
     if why:
         return _without_value(gate, limit, name, "unanswered", f"{name}: {why}", window)
     decided = None
     if limit.against == "baseline" and known.decided_by:
         mine = gate_answers.answer(row, known.decided_by, (window,))[1]
-        theirs, _ = _other(limit, gate, known.decided_by, name, rows, beside, window)
+        theirs, _ = _other(limit, gate, known.decided_by, row, rows, beside, window)
         decided = None if mine is None or theirs is None else (theirs, mine)
     alike = limit.against != "baseline" or (isinstance(beside, Beside) and beside.same_log)
     told = gate_limits.judged(
@@ -144,7 +144,13 @@ def _of_limit(
 
 
 def _other(
-    limit: Limit, gate: Gate, metric: str, name: str, rows: list[Mapping[str, Any]], beside: Beside | str, window: str
+    limit: Limit,
+    gate: Gate,
+    metric: str,
+    row: Mapping[str, Any],
+    rows: list[Mapping[str, Any]],
+    beside: Beside | str,
+    window: str,
 ) -> tuple[Answer | None, str]:
     """What a relative limit compares with; (None, "") for an absolute one."""
     if limit.against == "onboard":
@@ -152,7 +158,7 @@ def _other(
     if limit.against == "baseline":
         place = gate.baseline.name if gate.baseline is not None else ""
         document = beside if isinstance(beside, str) else beside.document
-        return gate_answers.of_baseline(document, place, name, metric, window)
+        return gate_answers.of_baseline(document, place, row, metric, window)
     return None, ""
 
 

@@ -6,15 +6,18 @@ import json
 import os
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TextIO
 
 from attlog.compare import baseline, gate_file
 from attlog.compare.baseline import Baseline
 from attlog.compare.gates import Gates, judge
+from attlog.errors import LogUnreadable
 from attlog.fleet import gate_summary, github, junit
 from attlog.fleet.judged import Judged, judged
+from attlog.fleet.record import Record, write_record, written
+from attlog.report import gates
 
 
 @dataclass(slots=True)
@@ -25,18 +28,39 @@ class Gating:
     baselines: Mapping[Path, Baseline] = field(default_factory=dict)
     logs: dict[str, Judged] = field(default_factory=dict)
 
-    def document(self, log: str, name: str, document: Mapping[str, Any], seconds: float = 0.0) -> Judged:
-        """Judge the result of a log, as a plain document; ``name``: of its report."""
-        self.logs[name] = judged(log, name, judge(self.gates, document, self.baselines), seconds=seconds)
+    def document(
+        self, log: str, name: str, document: Mapping[str, Any], seconds: float = 0.0, report: Path | None = None
+    ) -> Judged:
+        """Judge the result of a log, as a plain document; ``name``: of its report. Shown in the file ``report``.
+
+        OutputError if that cannot be written.
+        """
+        outcomes = judge(self.gates, document, self.baselines)
+        self.logs[name] = judged(log, name, outcomes, seconds=seconds)
+        if report is not None and outcomes:
+            gates.show(report, [(o.status, f"{o.row}: {o.check}", o.sentence) for o in outcomes])
         return self.logs[name]
 
-    def file(self, log: str, name: str, path: Path, seconds: float = 0.0) -> Judged:
+    def file(self, log: str, name: str, path: Path, seconds: float = 0.0, report: Path | None = None) -> Judged:
         """Judge the JSON file of a log's result. A file that cannot be read is an error of the log, never passed."""
         try:
             document = json.loads(path.read_bytes())
         except (OSError, ValueError) as error:
-            return self.broken(log, name, 66, f"{path}: cannot be read ({error})")
-        return self.document(log, name, document, seconds)
+            return self.broken(log, name, LogUnreadable.exit_code, f"{path}: cannot be read ({error})")
+        return self.document(log, name, document, seconds, report)
+
+    def record(self, record: Record, folder: Path, timed: bool = True) -> Judged:
+        """Judge the result that a record of a batch in a folder is of, and show it in its report.
+
+        ``timed``: what was measured may be told.
+        """
+        report, seconds = folder / f"{record.name}.html", record.wall_s if timed else 0.0
+        found = self.file(record.log, record.name, folder / f"{record.name}.json", seconds, report)
+        kept = record.files.get(report.name)
+        now = written(report)
+        if kept is not None and now is not None and now != kept:
+            write_record(folder, replace(record, files=record.files | {report.name: now}))
+        return found
 
     def broken(self, log: str, name: str, code: int, message: str, seconds: float = 0.0) -> Judged:
         """A log without a result; ``code``: what its analysis ended with."""
@@ -55,10 +79,10 @@ def gating(path: Path | None, strict: bool | None = None) -> Gating | None:
     """
     if path is None:
         return Gating(Gates((), True)) if strict else None
-    gates = gate_file.read(path)
+    found = gate_file.read(path)
     if strict is not None:
-        gates = Gates(gates.gates, strict)
-    return Gating(gates, baseline.read_all(gate.baseline for gate in gates.gates))
+        found = Gates(found.gates, strict)
+    return Gating(found, baseline.read_all(gate.baseline for gate in found.gates))
 
 
 def tell(

@@ -240,3 +240,23 @@ def test_a_baseline_without_the_log_or_the_row_leaves_a_gate_unanswered() -> Non
 def test_the_excess_of_a_limit_of_zero_is_finite_only_at_zero() -> None:
     assert judged(Limit("max", 0.0), "lag_ms", "zero", Answer(0.0, "ms", AIR)).passed
     assert math.isinf(judged(Limit("max", 0.0), "lag_ms", "zero", Answer(1.0, "ms", AIR)).excess)
+
+
+def test_the_row_of_the_baseline_bears_the_same_name_or_is_the_only_one_of_that_filter() -> None:
+    def against(name: str, *before: EstimatorRow) -> GateOutcome:
+        old = document(*before)
+
+        class One(Baseline):
+            def of(self, log: Any) -> Beside | str:
+                return Beside(old, True)
+
+        gate = Gate("lag_ms", (Limit("max_above_baseline", 0.5),), baseline=Path("x"))
+        now = document(row(name, lag(1.0), estimator="mahony"))
+        return judge(Gates((gate,), False), now, {Path("x"): One("x")})[0]
+
+    default, eager = row("mahony", lag(1.0)), row("mahony:kp=3", lag(9.0), estimator="mahony")
+    assert against("mahony:kp=2", default).status == "passed"
+    assert against("mahony", default, eager).status == "passed"
+    assert "several rows like mahony:kp=2" in against("mahony:kp=2", default, eager).sentence
+    assert "no row mahony" in against("mahony", row("mekf", lag(1.0))).sentence
+    assert against("mahony/imu1", row("mahony/imu0", lag(1.0), estimator="mahony")).cause == "unanswered"
