@@ -79,7 +79,7 @@ def command(
         clock=clock, declination=declination, trim=trim, input_delay=input_delay, gyro_bias=gyro_bias, params=params,
         boot=boot, system=system,
     )  # fmt: skip
-    held = gated.Gated(gates, strict, junit, summary)
+    held = gated.Gated(gates, strict, junit, summary, output)
     from attlog.fleet.find import sources
     from attlog.fleet.one import report_names
 

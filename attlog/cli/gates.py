@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from attlog import __version__
 from attlog.cli.common import say
-from attlog.errors import UsageError
+from attlog.errors import OutputError, UsageError, message
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -56,14 +57,16 @@ ANYWHERE = "-"
 class Gated:
     """The gates of a command: read before any log, told after the last."""
 
-    def __init__(self, file: Path | None, strict: bool | None, junit: Path | None, summary: str | None) -> None:
+    def __init__(
+        self, file: Path | None, strict: bool | None, junit: Path | None, summary: str | None, output: Path
+    ) -> None:
         from attlog.compare.gates import Gates
         from attlog.fleet.gating import Gating, gating
 
         if summary not in (None, ANYWHERE) and not str(summary).endswith(".md"):
             raise UsageError(f"--summary {summary}: the name of a Markdown file ends with .md")
         self._junit, self._summary = junit, summary
-        self.gating: Gating | None = gating(file, strict)
+        self.gating: Gating | None = gating(file, strict, output)
         if self.gating is None and (junit is not None or summary is not None):
             self.gating = Gating(Gates((), strict=False))
 
@@ -106,8 +109,13 @@ class Gated:
             self.broken("command line", name, error.exit_code, str(error))
         logs = self.gating.in_order([*missing, *names])
         summary = False if self._summary is None else self._summary == ANYWHERE or Path(self._summary)
-        tell(logs, self._junit, summary)
-        return {1} if any(judged.failed for judged in logs) else set()
+        codes = {1} if any(judged.failed for judged in logs) else set[int]()
+        try:
+            tell(logs, self._junit, summary)
+        except OutputError as error:
+            print(message(error, __version__), file=sys.stderr)
+            codes |= {error.exit_code}
+        return codes
 
 
 def lines(judged: Judged) -> list[Line]:

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 from attlog.compare import baseline, gate_file
 from attlog.compare.baseline import Baseline
 from attlog.compare.gates import Gates, judge
-from attlog.errors import LogUnreadable
+from attlog.errors import LogUnreadable, UsageError
 from attlog.fleet import gate_summary, github, junit
 from attlog.fleet.judged import Judged, judged
 from attlog.fleet.record import Record, write_record, written
@@ -72,17 +72,32 @@ class Gating:
         return list(self.logs.values()) if names is None else [self.logs[n] for n in names if n in self.logs]
 
 
-def gating(path: Path | None, strict: bool | None = None) -> Gating | None:
+def gating(path: Path | None, strict: bool | None = None, output: Path | None = None) -> Gating | None:
     """The gates of a file, read with their baselines; ``strict`` has the last word. None where nothing is asked.
 
-    UsageError tells everything that is wrong in the file, and every baseline that cannot be used.
+    UsageError tells everything that is wrong in the file, and every baseline that cannot be used: one that the run
+    writes to (``output``, a folder) would be compared with itself.
     """
     if path is None:
         return Gating(Gates((), True)) if strict else None
     found = gate_file.read(path)
     if strict is not None:
         found = Gates(found.gates, strict)
-    return Gating(found, baseline.read_all(gate.baseline for gate in found.gates))
+    places = dict.fromkeys(gate.baseline for gate in found.gates if gate.baseline is not None)
+    own = [p for p in places if output is not None and _overlap(p.resolve(), output.resolve())]
+    if own:
+        raise UsageError(
+            "\n".join(
+                f"baseline {p}: lies where this run writes its results ({output}), so that they would be compared with "
+                "themselves; keep it elsewhere, or choose another folder with -o"
+                for p in own
+            )
+        )
+    return Gating(found, baseline.read_all(places))
+
+
+def _overlap(one: Path, other: Path) -> bool:
+    return one.is_relative_to(other) or other.is_relative_to(one)
 
 
 def tell(

@@ -97,3 +97,13 @@ def test_a_file_that_cannot_be_written_keeps_nobody_else_waiting(tmp_path: Path)
     with pytest.raises(OutputError):
         tell(some(), tmp_path / "file" / "j.xml", tmp_path / "s.md", environment={}, out=out)
     assert (tmp_path / "s.md").exists()
+
+
+@pytest.mark.parametrize(("place", "output"), [("out", "out"), ("out/main.json", "out"), (".", "out"), ("out", ".")])
+def test_a_baseline_that_the_run_writes_to_is_refused(tmp_path: Path, place: str, output: str) -> None:
+    (tmp_path / "out").mkdir()
+    result(row("mekf", lag(1.0))).to_json(tmp_path / "out" / "main.json")
+    file = gate_file(tmp_path, f'[gates]\nbaseline = "{place}"\nlag_ms = {{ max_above_baseline = 2 }}\n')
+    with pytest.raises(UsageError, match="compared with themselves"):
+        gating(file, output=tmp_path / output)
+    assert gating(file, output=tmp_path.parent / "elsewhere") is not None
