@@ -105,7 +105,9 @@ def command(
         codes = {_one(source, task) for source in found}
     if table and results:
         _write_tables(table, results, settings)
-    codes |= {exit_code(error) for error in wrong} | held.finish(report_names([s.file_name for s in found]), wrong)
+    codes |= {exit_code(error) for error in wrong} | held.finish(
+        report_names([s.file_name for s in found]), wrong, interrupted=INTERRUPTED in codes
+    )
     if worst(codes):
         raise typer.Exit(worst(codes))
 

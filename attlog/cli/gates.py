@@ -35,7 +35,8 @@ Strict = Annotated[
     typer.Option(
         "--strict/--no-strict",
         show_default=False,
-        help="End with 1 where a filter failed or diverged. [default: as the file of --gates says, which is strict]",
+        help="End with 1 where a filter failed or diverged. [default: with --gates (unless its file says otherwise), "
+        "--junit and --summary]",
     ),
 ]
 Junit = Annotated[
@@ -68,7 +69,7 @@ class Gated:
         self._junit, self._summary = junit, summary
         self.gating: Gating | None = gating(file, strict, output)
         if self.gating is None and (junit is not None or summary is not None):
-            self.gating = Gating(Gates((), strict=False))
+            self.gating = Gating(Gates((), strict=strict is not False))
 
     def judge(self, folder: Path, deterministic: bool) -> Callable[[Record], tuple[str, ...]] | None:
         """What judges the records of a batch in a folder as they come; None without gates."""
@@ -77,6 +78,11 @@ class Gated:
             return None
 
         def failures(record: Record) -> tuple[str, ...]:
+            if not record.done:
+                self.broken(
+                    record.log, record.name, record.code, record.message, 0.0 if deterministic else record.wall_s
+                )
+                return ()
             return held.record(record, folder, timed=not deterministic).sentences
 
         return failures
@@ -98,9 +104,12 @@ class Gated:
         if self.gating is not None:
             self.gating.broken(log, name, code, message.removeprefix("attlog: "), seconds)
 
-    def finish(self, names: Iterable[str], wrong: Sequence[AttlogError] = ()) -> set[int]:
-        """Write what was asked for, logs in the order of these reports; the exit codes that come of it."""
-        if self.gating is None:
+    def finish(self, names: Iterable[str], wrong: Sequence[AttlogError] = (), *, interrupted: bool = False) -> set[int]:
+        """Write what was asked for, logs in the order of these reports; the exit codes that come of it.
+
+        After an interrupt nothing is written: half a run would look green.
+        """
+        if self.gating is None or interrupted:
             return set()
         from attlog.fleet.gating import tell
 
