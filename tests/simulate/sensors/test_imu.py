@@ -13,6 +13,7 @@ from scipy import signal, stats
 from scipy.spatial.transform import Rotation
 
 from attlog.simulate.sensors.imu import ImuSensor, butterworth
+from attlog.simulate.sensors.imu_kernel import imu_samples
 from tests.simulate.still import G, flown, perfect, rows, scenario, unit
 
 Array = NDArray[np.float64]
@@ -242,6 +243,25 @@ def test_what_is_drawn_at_once_or_step_by_step_is_the_same() -> None:
     for k in range(1200):
         bits.advance(k, raw[5 * k : 5 * k + 5])
     assert whole.out.tobytes() == bits.out.tobytes()
+
+
+@pytest.mark.parametrize("sampling", ["interval", "instant"])
+def test_the_compiled_unit_is_its_plain_twin_to_the_bit(sampling: str) -> None:
+    imu = {
+        "sampling": sampling,
+        "rate_hz": 300,
+        "jitter_s": 1e-4,
+        "gyro": {"lowpass_hz": 60},
+        "position_m": [0.1, 0, 0],
+    }
+    one = scenario(1.0, sensors={"imu": [imu]})
+    raw = np.ascontiguousarray(np.random.default_rng(2).standard_normal((400, 17)) * 5.0)
+    compiled, plain = ImuSensor(one, 0, 5, G), ImuSensor(one, 0, 5, G)
+    plain.run = imu_samples
+    for sensor in (compiled, plain):
+        sensor.advance(0, raw)
+    assert compiled.next == plain.next > 50
+    assert compiled.out.tobytes() == plain.out.tobytes()
 
 
 @pytest.mark.parametrize(
