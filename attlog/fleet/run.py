@@ -23,6 +23,7 @@ from attlog.output import is_full
 
 LIMIT_REACHED = 75
 """Exit code of a log that took more time or memory than it was given."""
+A_DAY_S = 86_400.0
 PAUSE_S = 0.05
 """How often a process is looked at: memory fills with some GB/s at most, so a limit is overrun by 0.1 GB or so."""
 
@@ -64,7 +65,14 @@ def run_one(work: Work, nursery: Nursery | None = None, tell: Callable[[dict[str
 
 @contextmanager
 def tidied(folder: Path) -> Iterator[None]:
-    """A block whose work keeps no records: afterwards nothing but reports is left in the folder."""
+    """A block whose work keeps no records: afterwards nothing but reports is left in the folder.
+
+    Others may be at work there, so of runs that were killed only what is a day old is removed.
+    """
+    for room in (folder / INSIDE / "rooms").glob("*"):
+        before = state(room)
+        if before is not None and time.time() - before[1] / 1e9 > A_DAY_S:
+            shutil.rmtree(room, ignore_errors=True)
     try:
         yield
     finally:
