@@ -6,11 +6,13 @@ import functools
 import json
 import os
 import pickle
+import signal
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +50,14 @@ class Nursery:
             if self.closed:
                 ours.close()
                 raise Closed
-            control = self._started()
-            socket.send_fds(control, [HEADER.pack(len(payload))], [theirs.fileno()])
-            control.sendall(payload)
-        return Child(ours, self)
+            for _ in range(2):  # the program may die just now; if the new one does too, that is told like any death
+                control = self._started()
+                with suppress(OSError):
+                    socket.send_fds(control, [HEADER.pack(len(payload))], [theirs.fileno()])
+                    control.sendall(payload)
+                    break
+            owner = self._process
+        return Child(ours, self, owner)
 
     @property
     def alive(self) -> bool:
@@ -102,13 +108,15 @@ def shared() -> Nursery:
 class Child:
     """A process at work on one log."""
 
-    def __init__(self, ours: socket.socket, nursery: Nursery) -> None:
-        self._socket, self._nursery = ours, nursery
+    def __init__(self, ours: socket.socket, nursery: Nursery, owner: subprocess.Popen[bytes] | None) -> None:
+        self._socket, self._nursery, self._owner = ours, nursery, owner
+        self._pid = 0
 
     def messages(self, pause: float) -> Iterator[dict[str, Any]]:
         """What is told, with an empty message after each ``pause`` seconds of silence; ``exit`` is the last.
 
-        A nursery that dies (its children with it) is an end without ``exit``. Closed if it was closed.
+        Where the forking program was killed, its orphan is ended too, and there is no ``exit``. Closed if the nursery
+        was closed.
         """
         self._socket.settimeout(pause)
         rest = b""
@@ -116,9 +124,10 @@ class Child:
             try:
                 block = self._socket.recv(1 << 16)
             except TimeoutError:
-                if self._nursery.alive:
+                if self._owner is not None and self._owner.poll() is None:
                     yield {}
                     continue
+                self._end_orphan()
                 block = b""
             except ConnectionResetError:
                 block = b""
@@ -129,6 +138,7 @@ class Child:
             *lines, rest = (rest + block).split(b"\n")
             for line in lines:
                 message = _message(line)
+                self._pid = message.get("pid", self._pid)
                 if message:
                     yield message
                 if "exit" in message:
@@ -136,9 +146,16 @@ class Child:
                         raise Closed
                     return
 
+    def _end_orphan(self) -> None:
+        """End a child whose parent is gone, and what it started."""
+        if self._pid:
+            with suppress(OSError):
+                os.killpg(self._pid, signal.SIGKILL)
+
     def kill(self) -> None:
         """End the process now; its ``exit`` is told as ever."""
-        self._socket.sendall(b"k")
+        with suppress(OSError):  # it has ended meanwhile
+            self._socket.sendall(b"k")
 
     def __enter__(self) -> Child:
         return self
