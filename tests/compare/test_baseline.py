@@ -82,3 +82,10 @@ def test_a_result_that_was_damaged_later_is_a_reason_and_no_crash(tmp_path: Path
     newer = Baseline("x", by_name={"one.ulg": found.by_name["one.ulg"]})
     file.write_text(document("one.ulg", "a", 1.0).replace("attlog-result/3", "attlog-result/99"))
     assert "no result that this attlog reads" in str(newer.of({"name": "one.ulg"}))
+
+
+def test_a_folder_with_one_result_says_nothing_of_other_logs(tmp_path: Path) -> None:
+    (tmp_path / "one.ulg.json").write_text(document("one.ulg", "a", 1.0))
+    found = read(tmp_path)
+    assert lag_of(found.of({"name": "one.ulg", "sha256": "a" * 64})) == (1.0, True)
+    assert isinstance(found.of({"name": "new.ulg", "sha256": "b" * 64}), str)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from attlog.compare.baseline import Baseline, Beside
-from attlog.compare.gate_limits import Limit, judged
+from attlog.compare.gate_limits import Limit, at_least, judged
 from attlog.compare.gates import Gate, GateOutcome, Gates, failed, judge
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.units import UnitValues, ids_of
@@ -135,6 +135,7 @@ def test_limits_beside_the_onboard_attitude() -> None:
     for rows in ((), (reference,), (row("onboard", {}, kind="onboard"),)):
         (found,) = outcomes(Gate("lag_ms", (above,)), *rows, row("a", lag(0.0)))
         assert (found.status, found.cause) == ("failed", "unanswered")
+        assert ("is the reference itself" in found.sentence) == (rows == (reference,))
 
 
 def test_strict_gates_fail_rows_that_nobody_asks() -> None:
@@ -190,6 +191,20 @@ def test_scatter_from_block_to_block_fails_no_build() -> None:
     for limit in (worse, ratio):
         noisy = [beside(blocks(1.1, 1.5, 12, k), blocks(1.0, 1.5, 12, 100 + k), limit) for k in range(20)]
         assert noisy.count("failed") <= 2
+
+
+def test_beyond_a_limit_it_is_enough_that_the_change_is_told_from_none() -> None:
+    before, scatter = blocks(1.0), np.exp(0.5 * np.random.default_rng(1).normal(size=24))
+    assert before.units is not None
+    squares = before.units.values * scatter
+    squares *= 1.3**2 / np.mean(squares)
+    units = UnitValues("mean_square", before.units.ids, squares)
+    now = Answer(1.3, "deg", AIR, 24, 120.0, (0.8, 2.1), units=units)
+    least = at_least(now, before, "low", same_log=True)
+    assert least is not None
+    assert 1.05 < least < 1.25
+    assert beside(now, before, Limit("max_ratio_to_baseline", 1.25)) == "failed"
+    assert beside(now, before, Limit("max_above_baseline", 0.25)) == "failed"
 
 
 def test_limits_beside_a_baseline() -> None:

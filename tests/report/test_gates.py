@@ -59,3 +59,16 @@ def test_every_check_stands_in_the_table_in_the_order_given() -> None:
 def test_what_was_only_skipped_is_not_green() -> None:
     assert "chk good" not in block(GOOD[1:])
     assert "Gates: 0 checks passed, 1 skipped" in block(GOOD[1:])
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_page_with_gates_has_no_accessibility_violation(visit, page: Path, tmp_path: Path, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    file = tmp_path / "x.html"
+    file.write_text(page.read_text(encoding="utf-8"), encoding="utf-8")
+    assert show(file, BAD)
+    shown = visit(file, color_scheme=scheme).page
+    shown.locator(".gates summary").click()
+    assert shown.locator(".gates tbody tr").count() == 3
+    found = axe.Axe().run(shown)
+    assert [(v["id"], v["nodes"][0]["html"][:120]) for v in found.response["violations"]] == []
