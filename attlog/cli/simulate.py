@@ -87,8 +87,9 @@ def command(
             help="A parameter that the log tells instead, such as EKF2_MAG_DECL=20. May be repeated.",
         ),
     ] = None,
+    jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Fly so many seeds at a time.")] = 1,
     listed: Annotated[bool, typer.Option("--list", help="List the scenarios.")] = False,
-    printed: Annotated[bool, typer.Option("--print", help="Print the scenario's TOML, to start from.")] = False,
+    printed: Annotated[bool, typer.Option("--print", help="Print the scenario with every value as TOML.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:
@@ -98,28 +99,27 @@ def command(
             raise UsageError("name a scenario; attlog simulate --list shows those that come with attlog")
         _list()
         return
-    from attlog.simulate import scenario as library
-
-    if printed:
-        typer.echo(library.place_of(scenario).read_text(encoding="utf-8"), nl=False)
-        return
     flown = _scenario(scenario, settings or [], estimator)
+    if printed:
+        from attlog.simulate.scenario_text import as_toml
+
+        typer.echo(as_toml(flown), nl=False)
+        return
     work = _files(flown.name, output or [], seeds, seed, kinds)
     told = _parameters(params or [])
-    from attlog.simulate.fly import fly
-    from attlog.simulate.logs import write
+    from attlog.simulate.written import flights
 
     with progress(quiet, verbose > 0) as shown:
-        for number, (one, paths) in enumerate(work.items(), start=1):
-            if shown.stages:
-                shown.show(f"[{number}/{len(work)}] {flown.name}, seed {one} ...")
-            flight = fly(flown, one)
-            for path in paths:
-                write(path, flight, told)
-                shown.clear()
-                if not quiet:
-                    size = path.stat().st_size / 1e6
-                    typer.echo(f"{path}: {flight.seconds:g} s, seed {one}, {size:.1f} MB")
+        if shown.stages:
+            shown.show(f"{flown.name}, {len(work)} to fly ...")
+        for number, (one, result) in enumerate(flights(flown, work, told, jobs), start=1):
+            shown.clear()
+            if isinstance(result, Exception):
+                raise result
+            for path, size in result if not quiet else ():
+                typer.echo(f"{path}: {flown.seconds:g} s, seed {one}, {size / 1e6:.1f} MB")
+            if shown.stages and number < len(work):
+                shown.show(f"[{number}/{len(work)}] {flown.name} ...")
 
 
 def _list() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ import pytest
 from attlog import flight as flights
 from attlog.errors import UsageError
 from attlog.simulate.overrides import overridden, seeds
-from attlog.simulate.scenario import build, names
+from attlog.simulate.scenario import build, load, names
+from attlog.simulate.scenario_text import as_toml
 
 SHORT = ("--set", "seconds=3")
 
@@ -46,12 +48,38 @@ def test_a_folder_gets_a_log_of_each_seed_in_each_format(attlog, tmp_path):
 def test_a_scenario_of_ones_own_begins_with_one_that_is_printed(attlog, tmp_path):
     own = tmp_path / "mine.toml"
     printed = attlog("simulate", "static", "--print")
-    own.write_text(printed.out)
+    own.write_text(printed.out.replace('name = "static"', 'name = "mine"'))
     assert attlog("simulate", own, *SHORT, "-o", tmp_path).code == 0
     assert attlog("simulate", "static", *SHORT, "-o", tmp_path / "theirs.ulg").code == 0
     log, theirs = (flights.read(tmp_path / name) for name in ("mine.ulg", "theirs.ulg"))
     assert (log.imus[0].gyro.x == theirs.imus[0].gyro.x).all()
     assert "scenario: mine" in {text for _, _, text in log.texts}
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_printed_scenario_is_the_scenario(name):
+    assert build(tomllib.loads(as_toml(load(name)))) == load(name)
+
+
+def test_what_is_set_is_printed_and_every_value_is(attlog):
+    done = attlog("simulate", "hover", "--print", "--set", "sensors.imu.1.gyro.bias_dps=[1,2,3]",
+                  "--estimator", "mahony")  # fmt: skip
+    values = tomllib.loads(done.out)
+    assert values["sensors"]["imu"][1]["gyro"]["bias_dps"] == [1.0, 2.0, 3.0]
+    assert values["sensors"]["baro"][0]["rate_hz"] == 25.0
+    assert values["estimator"]["name"] == "mahony"
+    assert attlog("simulate", "hover", "--print", "--set", "sensors.mag=[]").out.count("mag = []") == 1
+
+
+def test_several_processes_write_the_same(attlog, tmp_path):
+    for jobs in (1, 2):
+        done = attlog("simulate", "static", *SHORT, "--seeds", "1..3", "-j", jobs, "-o", tmp_path / str(jobs))
+        assert done.code == 0, done.err
+        assert len(done.out.splitlines()) == 3
+    for path in (tmp_path / "1").iterdir():
+        assert path.read_bytes() == (tmp_path / "2" / path.name).read_bytes()
+    bad = attlog("simulate", "static", *SHORT, "--seeds", "1..3", "-j", 2, "-o", "/proc/none")
+    assert bad.code == 73
 
 
 def test_values_and_parameters_are_taken_from_the_command_line(attlog, tmp_path):
@@ -80,7 +108,7 @@ def test_values_and_parameters_are_taken_from_the_command_line(attlog, tmp_path)
         (("static", "-o", "folder", "--seeds", "1..3", "--seed", "1"), 2, "--seed or --seeds"),
         (("static", "-o", "x.ulg", "--set", "seconds"), 2, "write KEY=VALUE"),
         (("static", "-o", "x.ulg", "--set", "secnods=3"), 2, "did you mean seconds?"),
-        (("static", "-o", "x.ulg", "--set", "seconds=-3"), 2, "greater than 0"),
+        (("static", "-o", "x.ulg", "--set", "seconds=-3"), 2, "seconds: Input should be greater"),
         (("static", "-o", "x.ulg", "--set", "sensors.imu.2.rate_hz=3"), 2, "there are 1 of imu"),
         (("static", "-o", "x.ulg", "--set", "seconds.x=3"), 2, "has nothing below it"),
         (("static", "-o", "x.ulg", "--param", "A=b"), 2, "NAME=VALUE with a number"),
