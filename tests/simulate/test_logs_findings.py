@@ -22,6 +22,8 @@ OWN = {
 """What a scenario plants."""
 UNSEEN = {("vibration", ".tlog"): {"vibration"}}
 """Means over 20 ms do not show what rotors shake."""
+MAY = {("crash", ".tlog"): {"attitude_jumps"}}
+"""Hundreds of degrees per second at 25 Hz look like jumps."""
 TRUTH = "estimator.name=truth"
 
 
@@ -36,7 +38,8 @@ def test_a_named_scenario_has_the_findings_that_it_plants_and_no_other(name: str
     for suffix in SUFFIXES:
         path = tmp_path / f"{name}{suffix}"
         write(path, flight)
-        assert found(path) == OWN.get(name, set()) - UNSEEN.get((name, suffix), set()), suffix
+        planted = OWN.get(name, set()) - UNSEEN.get((name, suffix), set())
+        assert planted <= found(path) <= planted | MAY.get((name, suffix), set()), suffix
 
 
 def fault(**values: object) -> list[str]:
