@@ -10,7 +10,6 @@ from attlog.simulate.fly import fly
 from attlog.simulate.logs import write
 from attlog.simulate.scenario import Scenario
 
-
 Written = list[tuple[Path, int]] | Exception
 """Each path with its bytes, or what went wrong."""
 
