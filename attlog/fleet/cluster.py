@@ -277,7 +277,7 @@ def _client(address: str) -> Iterator[Any]:
     except ValueError as error:
         library.setLevel(before)
         raise UsageError(f"--scheduler {address}: {error}; it looks like tcp://host:8786") from None
-    except (OSError, TimeoutError) as error:
+    except (OSError, TimeoutError, AssertionError) as error:  # the last: no start of its loop on a very busy machine
         library.setLevel(before)
         raise ClusterError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from None
     try:

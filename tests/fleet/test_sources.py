@@ -154,7 +154,7 @@ def test_an_encrypted_member_is_one_failure_with_its_reason(tmp_path: Path) -> N
     path.write_bytes(raw)
     error = failure(sources([path])[0][0])
     assert isinstance(error, LogUnusable)
-    assert "encrypted" in str(error)
+    assert "unpack it with its password first" in str(error)
 
 
 def test_a_damaged_member_is_one_failure_and_the_others_are_read(zipped: Path, temporary: Path) -> None:
