@@ -41,23 +41,40 @@ def measured(
     row: str, metric: str, window: str, answer: Answer, limit: Limit, other: Answer | None, told: Told
 ) -> str:  # fmt: skip
     """A value beside its limit."""
-    unit = answer.unit
-    text = f"{row}: {metric} {quantity(answer.value, unit)} ({window})"
+    unit, sign, shown = answer.unit, _with(answer.unit), quantity(answer.value, answer.unit)
     if limit.kind in ("min", "max"):
-        return f"{text}, at {'least' if limit.kind == 'min' else 'most'} {limit.value:g}{_with(unit)}"
+        word = "least" if limit.kind == "min" else "most"
+        value = apart(float(answer.value or 0.0), limit.value, shown, sign)
+        return f"{row}: {metric} {value} ({window}), at {word} {limit.value:g}{sign}"
     what = "onboard" if limit.against == "onboard" else "the baseline"
-    text += f", {what} {quantity(None if other is None else other.value, unit)}"
+    text = f"{row}: {metric} {shown} ({window}), {what} {quantity(None if other is None else other.value, unit)}"
     if "ratio" in limit.kind:
-        text += f": {_ratio(told.size, told.other)}, at most {limit.value:g} times"
+        text += f": {_ratio(told.size, told.other, limit.value)}, at most {limit.value:g} times"
     elif "above" in limit.kind:
-        text += f": {told.size - (told.other or 0.0):+.3g}{_with(unit)}, at most {limit.value:+g}{_with(unit)}"
+        more = told.size - (told.other or 0.0)
+        text += f": {apart(more, limit.value, f'{more:+.3g}{sign}', sign)}, at most {limit.value:+g}{sign}"
     else:
         text += ": not to be worse" if told.passed else ": worse"
     return text + (" (not told from it by the evidence)" if told.excused else "")
 
 
-def _ratio(size: float, other: float | None) -> str:
-    return f"{size / other:.2f} times" if other else "nothing to divide by"
+def _ratio(size: float, other: float | None, limit: float) -> str:
+    if not other:
+        return "nothing to divide by"
+    return apart(size / other, limit, f"{size / other:.2f}", "") + " times"
+
+
+def apart(value: float, limit: float, text: str, unit: str) -> str:
+    """The text of a value; with as many digits as it takes to see on which side of the limit its size lies."""
+    size = abs(value)
+    if size == limit or abs(size - limit) > 0.1 * limit:
+        return text
+    digits = next((d for d in range(2, 15) if _side(float(f"{size:.{d}g}"), limit) == _side(size, limit)), 15)
+    return f"{value:.{digits}g}{unit}"
+
+
+def _side(value: float, limit: float) -> int:
+    return (value > limit) - (value < limit)
 
 
 def _with(unit: str) -> str:

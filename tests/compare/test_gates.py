@@ -275,3 +275,28 @@ def test_the_row_of_the_baseline_bears_the_same_name_or_is_the_only_one_of_that_
     assert "several rows like mahony:kp=2" in against("mahony:kp=2", default, eager).sentence
     assert "no row mahony" in against("mahony", row("mekf", lag(1.0))).sentence
     assert against("mahony/imu1", row("mahony/imu0", lag(1.0), estimator="mahony")).cause == "unanswered"
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "words"),
+    [
+        (7.84, 4.0, "7.8° (airborne), at most 4°"),
+        (2.04, 2.0, "2.04° (airborne), at most 2°"),
+        (2.0000004, 2.0, "2.0000004° (airborne), at most 2°"),
+        (1.96, 2.0, "1.96° (airborne), at most 2°"),
+        (2.0, 2.0, "2.0° (airborne), at most 2°"),
+    ],
+)
+def test_a_value_is_shown_on_the_side_of_its_limit_that_it_is_on(value: float, limit: float, words: str) -> None:
+    (found,) = outcomes(at_most(limit), row("a", tilt(value)))
+    assert found.sentence == f"a: inclination_rmse_deg {words}"
+
+
+def test_ratios_and_differences_are_shown_apart_from_their_limit_too() -> None:
+    onboard = row("onboard", merged(tilt(1.0), lag(0.0)), kind="onboard")
+    (found,) = outcomes(
+        Gate("inclination_rmse_deg", (Limit("max_ratio_to_onboard", 1.2),)), onboard, row("a", tilt(1.2034))
+    )
+    assert "1.203 times, at most 1.2 times" in found.sentence
+    (found,) = outcomes(Gate("lag_ms", (Limit("max_above_onboard", 3.0),)), onboard, row("a", lag(3.0004)))
+    assert "3.0004 ms, at most +3 ms" in found.sentence
