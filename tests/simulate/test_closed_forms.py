@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ def flight(seed: int, seconds: float = 40.0, bias: float = 0.0) -> Flight:
     return flown(still(seconds, bias=bias), seed)
 
 
-def errors_deg(flight: Flight, name: str, field: bool = True, **params: float) -> Array:
+def errors_deg(flight: Flight, name: str, field: bool = True, **params: Any) -> Array:
     """Roll, pitch, heading error (n, 3) of a filter that starts with the true attitude, deg."""
     imu, mag = flight.imus[0], np.full((len(flight.imus[0].t), 3), np.nan)
     if field:

@@ -31,7 +31,7 @@ def alone(sensor: Any) -> Any:
     n = round(one.seconds * one.loop.rate_hz) + 1
     still = {f.name: np.zeros((n, 3)) for f in dataclasses.fields(Truth)}
     still |= {"t": np.arange(n) / one.loop.rate_hz, "q": np.tile([1.0, 0, 0, 0], (n, 1)), "rotor": np.zeros((n, 4))}
-    sensor.advance(Truth(**still), one.seconds)  # type: ignore[arg-type]
+    sensor.advance(Truth(**still), one.seconds)
     return sensor.stream()
 
 
@@ -212,7 +212,8 @@ def test_a_standing_vehicle_draws_its_idle_current_and_empties_the_battery_so() 
 def test_a_silent_sensor_sends_nothing_and_a_stuck_one_the_same(part: str) -> None:
     def stream(kind: str) -> Any:
         flight = flown(scenario(8.0, motion=LIFT, fault=[{"t": 3.0, "part": part, "kind": kind, "seconds": 3.0}]))
-        return {"mag": flight.mags, "gnss": flight.gnss, "baro": flight.baro}[part][0]
+        streams: dict[str, Any] = {"mag": flight.mags, "gnss": flight.gnss, "baro": flight.baro}
+        return streams[part][0]
 
     quiet = stream("silent")
     assert not ((quiet.t_sample >= 3.0) & (quiet.t_sample < 6.0)).any()
