@@ -26,6 +26,7 @@ class Cluster:
     def start(self, **environment: str) -> Cluster:
         file = self.folder / "scheduler.json"
         self.scheduler = self._process("dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
+                                       "--idle-timeout", "20 minutes",
                                        "--scheduler-file", str(file), **environment)  # fmt: skip
         until = time.monotonic() + 30
         while not self.address:
@@ -36,8 +37,9 @@ class Cluster:
         return self
 
     def worker(self, *options: str) -> subprocess.Popen[bytes]:
-        """A worker for one log at a time, without a nanny that would start it again."""
+        """A worker for one log at a time, without a nanny to start it again; forgotten, it ends itself."""
         process = self._process("dask_worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
+                                "--lifetime", "20 minutes", "--death-timeout", "30",
                                 "--local-directory", str(self.folder), *options)  # fmt: skip
         self.workers.append(process)
         return process
