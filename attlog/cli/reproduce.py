@@ -35,7 +35,7 @@ def command(
         list[Path] | None,
         typer.Option(
             "--logs", metavar="LOG|DIR|GLOB", readable=False,
-            help="Real flights for the paper that has some (xu); may be repeated. [default: simulated flights only]",
+            help="Real flights for the paper that has some (xu); may be repeated. [default: sample_logs of the source]",
         ),
     ] = None,
     jobs: Annotated[

@@ -25,19 +25,21 @@ CALLED = {RAW: "raw", FILTER: "complementary filter"} | {
 def paper(options: Options) -> Paper:
     """Fan's claims, measured."""
     found = each_seed("bench", one_seed, options)
+    judged = [_quieter(found), _but_yaw(found), _spikes(found), _sooner(found)]
     return Paper(
         "fan",
         "Attitude by extended Kalman filter and by complementary filter, compared",
         "Fan Dongsheng, Zhang Xu, Ren Wei, Huang Longliang, Chen Qi, 2021 (in Chinese), "
         "DOI 10.12252/j.issn.2096-6261.2021.12.538",
         _settings(),
-        (_raw(found), _quieter(found), _but_yaw(found), _spikes(found), _sooner(found)),
+        (_raw(found), *(claim for claim, _ in judged)),
         figures(found, CALLED),
         (_table(found),),
         (
             "The paper gives no noise values for its Kalman filter, and they decide how fast it follows accelerometer "
             "and magnetometer: with ours (the defaults of ekf12) 0.14 rad/s. Hence each claim about it is judged three "
             "times, with random walks of gravity and field once, 3 and 10 times ours.",
+            _jointly([verdicts for _, verdicts in judged]),
             "The complementary filter compares the whole field vector, as the paper prints it; the magnetometer's "
             "noise reaches roll and pitch that way.",
         ),
@@ -57,6 +59,20 @@ def _settings() -> tuple[Setting, ...]:
         Setting("sensors", "IMU 200 Hz: 0.006 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), gyro bias 0.1 deg/s (1 sigma); "
                 "magnetometer 50 Hz: 0.05 uT/sqrt(Hz)", "ours"),
     )  # fmt: skip
+
+
+Judged = tuple[Claim, list[Verdict]]
+"""A claim about the Kalman filter, and whether it holds with each of the random walks."""
+
+
+def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
+    """How many of the claims hold with one and the same random walks."""
+    counts = [sum(one[k] == "holds" for one in verdicts) for k in range(len(WIDER))]
+    said = [
+        f"{count} with {CALLED[wider(f)].partition(', ')[2] or 'ours'}" for f, count in zip(WIDER, counts, strict=True)
+    ]
+    most = f"no set gives all {len(verdicts)}" if max(counts) < len(verdicts) else f"one gives all {len(verdicts)}"
+    return f"Of the {len(verdicts)} claims about the Kalman filter, so many hold at once: {listed(said)}; {most}."
 
 
 def _spreads(found: Sequence[Seed], row: str, over: str, axis: int) -> Number:
@@ -103,11 +119,11 @@ def _raw(found: list[Seed]) -> Claim:
     )
 
 
-def _quieter(found: list[Seed]) -> Claim:
+def _quieter(found: list[Seed]) -> Judged:
     numbers = [[_spreads(found, row, FILTER, axis) for axis in (0, 1)] for row in EKFS]
     verdicts = [together([below(n, 1.0) for n in pair]) for pair in numbers]
     ours = numbers[0]
-    return Claim(
+    claim = Claim(
         "quieter",
         "At rest the Kalman filter is smoother than the complementary filter in roll and pitch.",
         "fig. 4",
@@ -119,12 +135,13 @@ def _quieter(found: list[Seed]) -> Claim:
         f"filter in roll and {quantity(ours[1].value, 'ratio')} in pitch with ours, "
         f"{_span([n for p in numbers[1:] for n in p], 'ratio')} with wider ones.",
     )
+    return claim, verdicts
 
 
-def _but_yaw(found: list[Seed]) -> Claim:
+def _but_yaw(found: list[Seed]) -> Judged:
     numbers = [_spreads(found, row, FILTER, 2) for row in EKFS]
     verdicts = [above(n, 1.0) for n in numbers]
-    return Claim(
+    claim = Claim(
         "yaw",
         "Only in heading the Kalman filter scatters more at rest.",
         "fig. 4",
@@ -134,9 +151,10 @@ def _but_yaw(found: list[Seed]) -> Claim:
         f"It holds {_by_walk(verdicts)}: its spread is {quantity(numbers[0].value, 'ratio')} that of the complementary "
         f"filter with ours, {_span(numbers[1:], 'ratio')} with wider ones.",
     )
+    return claim, verdicts
 
 
-def _spikes(found: list[Seed]) -> Claim:
+def _spikes(found: list[Seed]) -> Judged:
     peaks = [
         ratio(
             f"largest quick error in rotation, complementary filter over {CALLED[row]}",
@@ -151,7 +169,7 @@ def _spikes(found: list[Seed]) -> Claim:
     ]
     verdicts = [above(n, 1.0) for n in peaks]
     own = mean("largest quick error, complementary filter", [s.turned[FILTER].peak_deg for s in found], "deg")
-    return Claim(
+    claim = Claim(
         "spikes",
         "In rotation the complementary filter shows spikes that the Kalman filter does not.",
         "fig. 5",
@@ -163,9 +181,10 @@ def _spikes(found: list[Seed]) -> Claim:
         f"{listed([f'{n.value:.1f}' for n in counts[1:]])} of the Kalman filter with walks 1, 3 and 10 times ours. "
         "The hand's acceleration is taken for a tilt by whichever filter follows the accelerometer faster.",
     )
+    return claim, verdicts
 
 
-def _sooner(found: list[Seed]) -> Claim:
+def _sooner(found: list[Seed]) -> Judged:
     delays = [
         difference(
             f"heading half way, {CALLED[row]} after complementary filter",
@@ -180,7 +199,7 @@ def _sooner(found: list[Seed]) -> Claim:
         for row in (FILTER, *EKFS)
     ]
     verdicts = [below(n, 0.0) for n in delays]
-    return Claim(
+    claim = Claim(
         "sooner",
         "The Kalman filter's heading answers a turn sooner.",
         "fig. 5",
@@ -192,6 +211,7 @@ def _sooner(found: list[Seed]) -> Claim:
         f"{_span(delays[1:], 'ms')} with wider ones. Both integrate the same gyro; a filter that follows the "
         "magnetometer faster also follows its errors in the turn.",
     )
+    return claim, verdicts
 
 
 def _table(found: list[Seed]) -> Table:

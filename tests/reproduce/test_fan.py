@@ -73,12 +73,21 @@ def test_raw_is_worst_and_its_verdict_turns_with_the_numbers(found: Paper, seeds
 
 
 def test_a_claim_that_hangs_on_the_noise_values_says_with_which_it_holds(seeds: list[Seed]) -> None:
-    claim = fan._but_yaw(seeds)
+    claim, by_walk = fan._but_yaw(seeds)
+    assert by_walk == ["does not hold", "holds", "holds"]
     assert claim.verdict == "holds in part"
     assert "random walks 3 and 10 times ours" in claim.by
     equal = [replace(s, spread={row: (0.1, 0.1, 0.1 + 0.01 * k) for row in s.spread}) for k, s in enumerate(seeds)]
-    assert fan._but_yaw(equal).verdict == "does not hold"
-    assert "with none" in fan._but_yaw(equal).by
+    claim, _ = fan._but_yaw(equal)
+    assert claim.verdict == "does not hold"
+    assert "with none" in claim.by
+
+
+def test_it_is_counted_how_many_claims_hold_at_once() -> None:
+    held, not_held = "holds", "does not hold"
+    some = fan._jointly([[held, held, not_held], [not_held, held, held]])
+    assert "1 with ours, 2 with walks x 3 and 1 with walks x 10; one gives all 2" in some
+    assert "no set gives all 2" in fan._jointly([[held, not_held, not_held], [not_held, held, held]])
 
 
 def test_spikes_are_seen_in_the_complementary_filter_and_not_in_the_kalman_filter(seeds: list[Seed]) -> None:
