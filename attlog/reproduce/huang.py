@@ -184,7 +184,7 @@ def _level(found: list[Seed]) -> Claim:
         f"for good. Holds if the whole interval of the true angle left is below {runs.LEVEL_WITHIN_DEG:g} deg.",
         tuple(numbers),
         together(verdicts),
-        f"As the filter sees it the vehicle is level in {quantity(min(settled), 'pct')} of the returns or more, after "
+        f"As the filter sees it the vehicle is level in {_at_least(min(settled))} of the returns, after "
         f"{quantity(float(np.nanmin(times)), 's')} to {quantity(float(np.nanmax(times)), 's')} in the mean. Of the "
         f"true angle up to {quantity(largest[0], 'deg')} are left in free flight, {quantity(largest[1], 'deg')} on the "
         "stand: what is left is the error of the filter, not of the controller.",
@@ -246,6 +246,10 @@ def _tracks(found: list[Seed]) -> Claim:
         f"The delay is {' and '.join(said)}: it is the loop's own, about 1 over the outer gain of 4.5/s, "
         "because nothing in the controller looks ahead.",
     )
+
+
+def _at_least(pct: float) -> str:
+    return "all" if pct >= 100.0 else f"at least {quantity(pct, 'pct')}"
 
 
 def _axis(what: str) -> str:
