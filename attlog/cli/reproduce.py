@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -48,6 +47,7 @@ def command(
 ) -> None:  # fmt: skip
     """Run a PAPER's experiments again: each of its claims with a verdict, by how much, over how many flights."""
     from attlog.fleet.find import find
+    from attlog.fleet.locally import cores
     from attlog.output import write_atomic
     from attlog.reproduce import page
     from attlog.reproduce.document import as_json
@@ -64,7 +64,7 @@ def command(
         raise errors[0]
     if found_logs and not WITH_LOGS & set(names):
         raise UsageError(f"--logs: only {', '.join(sorted(WITH_LOGS))} looks at logs, not {', '.join(names)}")
-    options = Options(seeds, jobs or len(os.sched_getaffinity(0)), tuple(found_logs))
+    options = Options(seeds, jobs or cores(), tuple(found_logs))
     for name in names:
         with progress(quiet, verbose > 0) as shown:
             shown.before = f"{name}: "
