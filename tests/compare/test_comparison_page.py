@@ -6,6 +6,7 @@ import csv
 import io
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,7 +16,7 @@ from attlog.compare.comparison import Comparison, LogLine
 from attlog.compare.toml_file import read
 from attlog.errors import LogUnreadable, UsageError
 from tests.compare.flights import CONFIGURATIONS, FIRST, SECOND, comparison
-from tests.report.browser import Visit, chromium
+from tests.report.browser import Visit
 from tests.report.test_safety import EVIL
 
 WHY = "This log holds no gyro."
@@ -67,26 +68,25 @@ def test_the_configurations_of_the_page_are_a_file_that_compare_reads(tmp_path: 
     assert read(path).configurations == CONFIGURATIONS
 
 
-def test_figures_are_drawn_in_a_browser_and_saved_as_numbers(tmp_path: Path) -> None:
+def test_figures_are_drawn_in_a_browser_and_saved_as_numbers(tmp_path: Path, browser: Any) -> None:
     path = tmp_path / "compare.html"
     page.write(made(), path)
-    with chromium() as browser:
-        visit = Visit(browser, path)
-        assert visit.figures() == {"forest0": True, "forest1": True}
-        assert visit.complaints == []
-        assert visit.requests == [path.as_uri()]
-        with visit.page.expect_download() as download:
-            visit.page.click("#fig-forest0 button[data-out=csv]")
-        lines = list(csv.DictReader(io.StringIO(Path(download.value.path()).read_text())))
-        assert [line["log"] for line in lines] == ["flight1.ulg", "flight2.ulg", "flight3.ulg", "all logs"]
-        assert float(lines[0]["value"]) == pytest.approx(1.34986, rel=1e-4)
-        with visit.page.expect_download() as download:
-            visit.page.click("#fig-forest0 button[data-out=svg]")
-        assert "<svg" in Path(download.value.path()).read_text()
-        visit.close()
+    visit = Visit(browser, path)
+    assert visit.figures() == {"forest0": True, "forest1": True}
+    assert visit.complaints == []
+    assert visit.requests == [path.as_uri()]
+    with visit.page.expect_download() as download:
+        visit.page.click("#fig-forest0 button[data-out=csv]")
+    lines = list(csv.DictReader(io.StringIO(Path(download.value.path()).read_text())))
+    assert [line["log"] for line in lines] == ["flight1.ulg", "flight2.ulg", "flight3.ulg", "all logs"]
+    assert float(lines[0]["value"]) == pytest.approx(1.34986, rel=1e-4)
+    with visit.page.expect_download() as download:
+        visit.page.click("#fig-forest0 button[data-out=svg]")
+    assert "<svg" in Path(download.value.path()).read_text()
+    visit.close()
 
 
-def test_hostile_names_are_only_text(tmp_path: Path) -> None:
+def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
     found = made()
     for line in found.logs:
         line.vehicle = line.firmware = line.reference = EVIL
@@ -97,12 +97,11 @@ def test_hostile_names_are_only_text(tmp_path: Path) -> None:
     found.configurations[1].label = found.command = EVIL
     path = tmp_path / "compare.html"
     page.write(found, path)
-    with chromium() as browser:
-        visit = Visit(browser, path)
-        assert visit.page.title() != "ran"
-        assert visit.complaints == []
-        assert visit.requests == [path.as_uri()]
-        visit.close()
+    visit = Visit(browser, path)
+    assert visit.page.title() != "ran"
+    assert visit.complaints == []
+    assert visit.requests == [path.as_uri()]
+    visit.close()
 
 
 def test_tables_for_papers(tmp_path: Path) -> None:

@@ -327,31 +327,6 @@ def result() -> Result:
 
 
 @pytest.fixture(scope="session")
-def browser():
-    """One Chromium for all tests of a worker."""
-    from tests.report.browser import chromium
-
-    with chromium() as running:
-        yield running
-
-
-@pytest.fixture
-def visit(browser):
-    """Opens pages and closes them after the test."""
-    from tests.report.browser import Visit
-
-    opened = []
-
-    def open_page(path, **options):
-        opened.append(Visit(browser, path, **options))
-        return opened[-1]
-
-    yield open_page
-    for page in opened:
-        page.close()
-
-
-@pytest.fixture(scope="session")
 def report(tmp_path_factory):
     """The report of the good flight, written once."""
     from attlog.report import write_report

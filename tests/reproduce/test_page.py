@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,8 @@ import pytest
 from attlog.reproduce import page
 from attlog.reproduce.document import as_json
 from attlog.reproduce.paper import VERDICTS
-from tests.report.browser import Visit, chromium
+from tests.report.browser import Visit
 from tests.reproduce.made import EVIL, paper
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

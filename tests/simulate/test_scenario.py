@@ -81,7 +81,7 @@ def test_a_scenario_cannot_be_changed_but_copied() -> None:
 
 def test_the_docs_list_every_scenario_and_their_example_is_one() -> None:
     page = (ROOT / "docs" / "simulate.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^\| `([\w-]+)` \| ", page, re.M)
+    listed = re.findall(r"^\| `([\w-]+)` \| [^|]+ \|$", page, re.M)
     assert sorted(set(listed)) == names()
     example = tomllib.loads(re.findall(r"```toml\n(.*?)```", page, re.S)[0])
     scenario = build(example)
