@@ -20,7 +20,8 @@ def ended_by_signals() -> Iterator[list[int]]:
         received.append(number)
         raise KeyboardInterrupt
 
-    watched = [s for s in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT) if signal.getsignal(s) != signal.SIG_IGN]
+    known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT") if hasattr(signal, name)]
+    watched = [s for s in known if signal.getsignal(s) != signal.SIG_IGN]
     before = {number: signal.signal(number, stop) for number in watched}
     try:
         yield received

@@ -5,6 +5,9 @@ third of what a small log takes. This program does that once, and then only fork
 itself, so whatever a log does to its process (crash, leak, endless loop) ends with that process.
 :class:`attlog.fleet.nursery.Nursery` starts it.
 
+Not ``multiprocessing``'s forkserver: when the parent is killed it ends no child that holds the interpreter lock; it
+runs inside no daemonic worker (Dask), and (Python 3.11) imports what lies in the current folder, main in each child.
+
 One socket stands for one log. Over the control socket comes its far end, with the work pickled; back go lines of
 JSON: ``{"pid": ...}``, what the child tells, and at last ``{"exit": status, "cpu_s": ..., "peak_mb": ...}``. A byte on
 the socket, or its end, is the order to kill the child; a parent that is gone, for whatever reason, gives that order
@@ -13,7 +16,6 @@ for all of them.
 
 from __future__ import annotations
 
-import faulthandler
 import gc
 import importlib
 import json
@@ -148,14 +150,10 @@ def _forked(payload: bytes, job: socket.socket, others: list[socket.socket]) -> 
 
 
 def _do(payload: bytes, job: socket.socket) -> None:
-    from attlog.fleet.child import analyse
+    from attlog.fleet.child import analyse, quietly
 
     work, room = pickle.loads(payload)
-    said = os.open(Path(room) / "said.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    for standard, instead in ((0, nothing), (1, said), (2, said)):
-        os.dup2(instead, standard)
-    faulthandler.enable(said)
+    quietly(Path(room))
     analyse(work, Path(room), lambda told: _tell(job, told))
 
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import os
 import socket
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 from attlog.errors import OutputError
 from attlog.fleet.record import INSIDE
+
+BEYOND = 1 << 30
+"""Windows lets nobody read a byte that is locked: one that the file does not have."""
 
 
 @contextmanager
@@ -20,8 +25,6 @@ def locked(folder: Path) -> Iterator[str]:
     on a file that is removed and made anew would be no lock. The block is given a warning where the file system
     cannot lock, else an empty text.
     """
-    import fcntl
-
     place = folder / INSIDE / "lock"
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -31,7 +34,7 @@ def locked(folder: Path) -> Iterator[str]:
     with file:
         without = ""
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(file)
         except BlockingIOError:
             file.seek(0)
             raise OutputError(
@@ -49,3 +52,20 @@ def locked(folder: Path) -> Iterator[str]:
                 f"{folder}: cannot be written ({error.strerror}); choose another place with -o"
             ) from error
         yield without
+
+
+def _lock(file: IO[str]) -> None:
+    """Lock the file until it is closed. BlockingIOError if somebody else has; OSError where files cannot be locked."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        file.seek(BEYOND)
+        try:
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError(error.errno, error.strerror) from None
+        file.seek(0)
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

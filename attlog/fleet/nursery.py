@@ -1,4 +1,7 @@
-"""One child process per log, from a program that has everything imported and only forks: the side of the caller."""
+"""One child process per log, from a program that has everything imported and only forks: the side of the caller.
+
+Where there is no fork, each child is a fresh interpreter: :class:`attlog.fleet.fresh.Fresh`.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,14 @@ import socket
 import subprocess
 import sys
 import threading
+import weakref
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from attlog.fleet.forking import HEADER
+from attlog.fleet.fresh import Fresh
 from attlog.fleet.work import Work
 
 START = "import sys; sys.path[:] = {path!r}; from attlog.fleet.forking import main; main({fd})"
@@ -40,10 +45,18 @@ class Nursery:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._control: socket.socket | None = None
+        self._fresh: weakref.WeakSet[Fresh] = weakref.WeakSet()
         self.closed = False
 
-    def child(self, work: Work, room: Path) -> Child:
+    def child(self, work: Work, room: Path) -> Child | Fresh:
         """A child that does the work and writes its files to ``room``. Closed if the nursery is."""
+        if not hasattr(os, "fork"):
+            with self._lock:
+                if self.closed:
+                    raise Closed
+                fresh = Fresh(work, room, _environment())
+                self._fresh.add(fresh)
+            return fresh
         ours, theirs = socket.socketpair()
         payload = pickle.dumps((work, str(room)))
         with self._lock, theirs:
@@ -57,7 +70,7 @@ class Nursery:
                     control.sendall(payload)
                     break
             owner = self._process
-        return Child(ours, self, owner)
+        return Child(ours, owner)
 
     @property
     def alive(self) -> bool:
@@ -68,6 +81,8 @@ class Nursery:
         """End all children and start none any more."""
         with self._lock:
             self.closed = True
+            for fresh in self._fresh:
+                fresh.kill()
             self._end()
 
     def _started(self) -> socket.socket:
@@ -82,7 +97,7 @@ class Nursery:
             self._process = subprocess.Popen(
                 [sys.executable, "-c", start], pass_fds=[theirs.fileno()], start_new_session=True,
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                env=dict.fromkeys(ONE_THREAD, "1") | os.environ,
+                env=_environment(),
             )  # fmt: skip
         self._control = ours
         return ours
@@ -108,15 +123,14 @@ def shared() -> Nursery:
 class Child:
     """A process at work on one log."""
 
-    def __init__(self, ours: socket.socket, nursery: Nursery, owner: subprocess.Popen[bytes] | None) -> None:
-        self._socket, self._nursery, self._owner = ours, nursery, owner
+    def __init__(self, ours: socket.socket, owner: subprocess.Popen[bytes] | None) -> None:
+        self._socket, self._owner = ours, owner
         self._pid = 0
 
     def messages(self, pause: float) -> Iterator[dict[str, Any]]:
         """What is told, with an empty message after each ``pause`` seconds of silence; ``exit`` is the last.
 
-        Where the forking program was killed, its orphan is ended too, and there is no ``exit``. Closed if the nursery
-        was closed.
+        Where the forking program was killed, its orphan is ended too, and there is no ``exit``.
         """
         self._socket.settimeout(pause)
         rest = b""
@@ -132,8 +146,6 @@ class Child:
             except ConnectionResetError:
                 block = b""
             if not block:
-                if self._nursery.closed:
-                    raise Closed
                 return
             *lines, rest = (rest + block).split(b"\n")
             for line in lines:
@@ -142,8 +154,6 @@ class Child:
                 if message:
                     yield message
                 if "exit" in message:
-                    if self._nursery.closed:
-                        raise Closed
                     return
 
     def _end_orphan(self) -> None:
@@ -162,6 +172,10 @@ class Child:
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()  # a child that still runs is killed with that
+
+
+def _environment() -> dict[str, str]:
+    return dict.fromkeys(ONE_THREAD, "1") | os.environ
 
 
 def _message(line: bytes) -> dict[str, Any]:

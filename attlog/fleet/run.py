@@ -15,7 +15,7 @@ from typing import Any
 from attlog import __version__
 from attlog.errors import BUG, LogUnreadable, OutputError, message
 from attlog.fleet.memory import resident_mb
-from attlog.fleet.nursery import Nursery, shared
+from attlog.fleet.nursery import Closed, Nursery, shared
 from attlog.fleet.record import INSIDE, Record, read_record, write_record
 from attlog.fleet.unchanged import CHANGED, state
 from attlog.fleet.work import Work, done_before
@@ -23,6 +23,8 @@ from attlog.output import is_full
 
 LIMIT_REACHED = 75
 """Exit code of a log that took more time or memory than it was given."""
+CRASHES = 0xC0000000
+"""From here on exit statuses of Windows are crashes."""
 A_DAY_S = 86_400.0
 PAUSE_S = 0.05
 """How often a process is looked at: memory fills with some GB/s at most, so a limit is overrun by 0.1 GB or so."""
@@ -106,6 +108,8 @@ def _analysed(work: Work, room: Path, nursery: Nursery, tell: Callable[[dict[str
                 limit = _beyond(work, time.monotonic() - started, pid)
                 if limit:
                     child.kill()
+    if nursery.closed:
+        raise Closed
     measured = {"wall_s": round(time.monotonic() - started, 3), "cpu_s": round(ended.get("cpu_s", 0.0), 3),
                 "peak_mb": round(ended.get("peak_mb", 0.0), 1)}  # fmt: skip
     if limit:
@@ -133,21 +137,27 @@ def _beyond(work: Work, seconds: float, pid: int) -> str:
 
 def _died(status: int | None, changed: bool) -> tuple[int, str]:
     """Exit code and sentence for a process that ended without a result."""
-    if status == -signal.SIGBUS and changed:
+    signalled = _signal(status)
+    if signalled == "SIGBUS" and changed:
         return LogUnreadable.exit_code, CHANGED  # a file that is cut while it is mapped into memory
-    if status == -signal.SIGKILL:
+    if signalled == "SIGKILL":
         return BUG, (
             "its process was killed from outside (signal 9), as systems do when memory runs out; "
             "fewer --workers or a limit by --memory leaves room for the others"
         )
     if status is None:
         return BUG, "its process is gone without a word, and so is the one that started it"
-    if status < 0:
+    if signalled or status >= CRASHES:
         return BUG, (
-            f"its process crashed ({signal.Signals(-status).name}); a filter of yours or a bug in attlog {__version__} "
-            "or its libraries: please report it with the output of -vv"
+            f"its process crashed ({signalled or hex(status)}); a filter of yours or a bug in attlog "
+            f"{__version__} or its libraries: please report it with the output of -vv"
         )
     return BUG, f"its process ended without a word (exit status {status}); -vv shows what it said last"
+
+
+def _signal(status: int | None) -> str:
+    """The name of the signal that ended a process; empty if none did. Not every system knows every signal."""
+    return {-known.value: known.name for known in signal.Signals}.get(status or 0, "")
 
 
 def _said(room: Path) -> str:

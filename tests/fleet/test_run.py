@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -176,6 +178,24 @@ def gone(pid: int) -> bool:
             return True
         time.sleep(0.05)
     return False
+
+
+def test_a_process_that_never_gives_way_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    """It holds the interpreter lock, so that no thread of its own could end it."""
+    pid = tmp_path / "pid"
+    for_ever = "import re; re.match(r'(a+)+$', 'a' * 60 + 'b')"
+    filter_file = plugin(tmp_path, f"import os\nopen({str(pid)!r}, 'w').write(str(os.getpid()))\n{for_ever}")
+    run = subprocess.Popen(
+        [sys.executable, "-m", "attlog", "batch", LOG, "-o", tmp_path / "out", "--estimators", filter_file],
+        cwd=SAMPLES.parent, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    for _ in range(1200):
+        if pid.exists() and pid.read_text():
+            break
+        time.sleep(0.05)
+    run.kill()
+    run.wait()
+    assert gone(int(pid.read_text()))
 
 
 def test_closing_the_nursery_ends_what_runs(tmp_path: Path) -> None:
