@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,7 +32,7 @@ def nursery() -> Iterator[Nursery]:
     kept.close()
 
 
-def work(folder: Path, log: Path = LOG, specs: str = "gyro", **more: object) -> Work:
+def work(folder: Path, log: Path = LOG, specs: str = "gyro", **more: Any) -> Work:
     config = Config(estimators=specs.split(","))
     settings = settings_key(config, deterministic=True)
     return replace(Work(Source(str(log)), log.name, folder, config, settings, deterministic=True), **more)
@@ -106,7 +107,7 @@ def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
     ("x = bytearray(10**9)\nwhile True: pass", 75, "more than 600 MB"),
 ])  # fmt: skip
 def test_a_process_that_fails_is_one_record(tmp_path: Path, nursery: Nursery, body: str, code: int, words: str) -> None:
-    limits = {"timeout": 1.5 if code == 75 and "MB" not in words else 300.0, "memory": 600.0}
+    limits: dict[str, Any] = {"timeout": 1.5 if code == 75 and "MB" not in words else 300.0, "memory": 600.0}
     record = run_one(work(tmp_path, specs=plugin(tmp_path, body), **limits), nursery)
     assert record.code == code
     assert words in record.message
