@@ -128,10 +128,13 @@ main()
 """
 
 
+FOUND = {"PYTHONPATH": str(ROOT)}
+
+
 def command_without(*words: object) -> list[str]:
     """The command line in a program that lacks what Windows lacks."""
     code = WITHOUT.format(**{module.__name__: names for module, names in POSIX_ALONE.items()})
-    return [sys.executable, "-c", code, *map(str, words)]
+    return [sys.executable, "-P", "-c", code, *map(str, words)]
 
 
 def test_several_logs_are_analysed_without_fork_and_no_file_beside_them_is_imported(tmp_path: Path) -> None:
@@ -140,8 +143,7 @@ def test_several_logs_are_analysed_without_fork_and_no_file_beside_them_is_impor
     for log in logs:
         log.write_bytes(LOG.read_bytes())
     command = command_without("analyze", *logs, "-o", tmp_path / "out", "--estimators", "gyro", "-j", 2)
-    environment = os.environ | {"PYTHONSAFEPATH": "1", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, cwd=tmp_path, env=os.environ | FOUND, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert {"a.bin.html", "b.bin.json"} < {path.name for path in (tmp_path / "out").iterdir()}
 
@@ -151,7 +153,7 @@ def test_a_fresh_process_ends_with_a_parent_that_is_killed(tmp_path: Path) -> No
     more = ("--estimators", plugin(tmp_path, body), "--workers", 1)
     run = subprocess.Popen(
         command_without("batch", LOG, "-o", tmp_path / "out", *more),
-        cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        env=os.environ | FOUND, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     pid = told(tmp_path / "pid")
     run.kill()
