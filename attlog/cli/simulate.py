@@ -157,6 +157,7 @@ def _files(
             raise UsageError(f"--format {suffix.removeprefix('.')}: use ulg, bin or tlog")
     if not output:
         raise UsageError(f"say where to write: -o {name}.ulg (or .bin, .tlog), or -o DIR")
+    output = list(dict.fromkeys(output))
     folders = [path for path in output if path.is_dir() or not path.suffix]
     for path in output:
         if path not in folders and path.suffix.lower() not in SUFFIXES:

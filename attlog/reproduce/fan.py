@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from attlog.present.numbers import listed, number, quantity
 from attlog.reproduce.fan_figures import figures
 from attlog.reproduce.fan_runs import ARM_M, FILTER, RAW, REST_S, SETTLED_S, SPIKE_DEG, WIDER, Seed, one_seed, wider
-from attlog.reproduce.judge import above, below, difference, mean, ratio, together
+from attlog.reproduce.judge import above, alternatives, below, difference, mean, ratio, together
 from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting, Table, Verdict
 from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each_seed
@@ -84,11 +84,20 @@ def _spreads(found: Sequence[Seed], row: str, over: str, axis: int) -> Number:
 
 
 def _by_walk(verdicts: Sequence[Verdict]) -> str:
-    """With which random walks a claim holds, in words."""
-    held = [f"{f:g}" for f, v in zip(WIDER, verdicts, strict=True) if v == "holds"]
+    """With which random walks a claim holds and with which that cannot be told, in words."""
+    held, untold = (
+        [f"{f:g}" for f, v in zip(WIDER, verdicts, strict=True) if v == which]
+        for which in ("holds", "cannot be judged")
+    )
+    if len(untold) == len(WIDER):
+        return "with none of the random walks for certain"
     if len(held) in (0, len(WIDER)):
-        return "with every random walk" if held else "with none of the random walks"
-    return "with our random walks alone" if held == ["1"] else f"with random walks {listed(held)} times ours"
+        said = "with every random walk" if held else "with none of the random walks"
+    else:
+        said = "with our random walks alone" if held == ["1"] else f"with random walks {listed(held)} times ours"
+    if not untold:
+        return said
+    return f"{said}, and cannot be told with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
 
 
 def _span(numbers: Sequence[Number], unit: str) -> str:
@@ -130,7 +139,7 @@ def _quieter(found: list[Seed]) -> Judged:
         "Ratio of standard deviations at rest, Kalman over complementary filter; holds if the intervals of both axes "
         "are below 1.",
         tuple(n for pair in numbers for n in pair),
-        together(verdicts),
+        alternatives(verdicts),
         f"It holds {_by_walk(verdicts)}. Its spread is {quantity(ours[0].value, 'ratio')} that of the complementary "
         f"filter in roll and {quantity(ours[1].value, 'ratio')} in pitch with ours, "
         f"{_span([n for p in numbers[1:] for n in p], 'ratio')} with wider ones.",
@@ -147,7 +156,7 @@ def _but_yaw(found: list[Seed]) -> Judged:
         "fig. 4",
         "As before, for heading; holds if the interval is above 1.",
         tuple(numbers),
-        together(verdicts),
+        alternatives(verdicts),
         f"It holds {_by_walk(verdicts)}: its spread is {quantity(numbers[0].value, 'ratio')} that of the complementary "
         f"filter with ours, {_span(numbers[1:], 'ratio')} with wider ones.",
     )
@@ -176,7 +185,7 @@ def _spikes(found: list[Seed]) -> Judged:
         f"The error's distance from its own median of 2 s: how often it leaves {SPIKE_DEG:g} deg (a spike), and its "
         "largest value; holds if the ratio of the largest values is above 1.",
         (*peaks, *counts, own),
-        together(verdicts),
+        alternatives(verdicts),
         f"It holds {_by_walk(verdicts)}: {counts[0].value:.1f} spikes of up to {quantity(own.value, 'deg')} against "
         f"{listed([f'{n.value:.1f}' for n in counts[1:]])} of the Kalman filter with walks 1, 3 and 10 times ours. "
         "The hand's acceleration is taken for a tilt by whichever filter follows the accelerometer faster.",
@@ -206,7 +215,7 @@ def _sooner(found: list[Seed]) -> Judged:
         "When heading has gone half of each of three turns (45 and 90 deg), by straight lines between samples; holds "
         "if the interval of the difference is below 0.",
         (*delays, *rises),
-        together(verdicts),
+        alternatives(verdicts),
         f"It holds {_by_walk(verdicts)}: the difference is {quantity(delays[0].value, 'ms')} with ours, "
         f"{_span(delays[1:], 'ms')} with wider ones. Both integrate the same gyro; a filter that follows the "
         "magnetometer faster also follows its errors in the turn.",

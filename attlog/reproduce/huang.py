@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from attlog.present.numbers import quantity
+from attlog.present.numbers import number, quantity
 from attlog.reproduce import huang_runs as runs
 from attlog.reproduce.huang_figures import figures
 from attlog.reproduce.huang_runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, WITHIN_DEG, Returned, Seed
@@ -231,8 +231,8 @@ def _tracks(found: list[Seed]) -> Claim:
         w = 2.0 * math.pi / period
         told = runs.axis_of(0 if axis == "roll" else 1).response(w)
         said.append(
-            f"{quantity(delay.value, 'ms', False)} at {period:g} s (on the true attitude "
-            f"{quantity(straight.value, 'ms', False)}, by the transfer function "
+            f"{quantity(delay.value, 'ms', False)} at {period:g} s (gain {number(gain.value, '1')}, "
+            f"on the true attitude {quantity(straight.value, 'ms', False)}, by the transfer function "
             f"{quantity(-float(np.angle(told)) / w * 1e3, 'ms', False)})"
         )
     return Claim(
@@ -244,7 +244,7 @@ def _tracks(found: list[Seed]) -> Claim:
         tuple(numbers),
         together(verdicts),
         f"The delay is {' and '.join(said)}: it is the loop's own, about 1 over the outer gain of 4.5/s, "
-        "because nothing in the controller looks ahead.",
+        f"because nothing in the controller looks ahead. A gain below {HALF_POWER:.3f} is no following.",
     )
 
 

@@ -76,6 +76,17 @@ def together(verdicts: Sequence[Verdict]) -> Verdict:
     return "does not hold" if "does not hold" in found else "cannot be judged"
 
 
+def alternatives(verdicts: Sequence[Verdict]) -> Verdict:
+    """The verdict on a claim that is tried under several readings of what the paper does not print.
+
+    In part where it holds under some; false only where it is under each: a reading that cannot be judged may be theirs.
+    """
+    found = set(verdicts)
+    if len(found) == 1:
+        return verdicts[0]
+    return "holds in part" if found & {"holds", "holds in part"} else "cannot be judged"
+
+
 def _pooled(what: str, values: Sequence[float], unit: str) -> Number:
     if not values:
         return Number(what, None, unit, None, 0)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.simulate.autopilot import Autopilot, Maker, Measured
+from attlog.simulate.computable import check_samples, check_truth
 from attlog.simulate.environment import Environment, environment, field_at
 from attlog.simulate.flight import Flight, Truth
 from attlog.simulate.happenings import events
@@ -34,15 +35,19 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
     """The flight of a scenario; same scenario and seed, same numbers to the bit.
 
     ``autopilot`` makes what is on board; None takes the one of the scenario's ``estimator`` and ``controller``.
+    UsageError where the scenario's numbers lead to motion or samples that cannot be computed or written.
     """
     home = environment(scenario)
     truth = _no_truth(scenario)
     sensors = _Sensors(scenario, seed, home)
     pilot = (autopilot or _maker())(scenario, home.gravity, home.declination)
-    if scenario.motion is None:
-        _flown(scenario, home, truth, sensors, pilot, seed)
-    else:
-        _prescribed(scenario, home, truth, sensors, pilot)
+    with np.errstate(all="ignore"):  # what overflows is told below, with the time and what to look at
+        if scenario.motion is None:
+            _flown(scenario, home, truth, sensors, pilot, seed)
+        else:
+            _prescribed(scenario, home, truth, sensors, pilot)
+    check_truth(truth)
+    check_samples([(f"imu[{k}]", s.stream()) for k, s in enumerate(sensors.imus)])
     return Flight(
         scenario=scenario, seed=seed, gravity=home.gravity, declination_deg=math.degrees(home.declination), truth=truth,
         imus=[s.stream() for s in sensors.imus], mags=[s.stream() for s in sensors.mags],

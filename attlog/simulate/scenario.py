@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
@@ -26,6 +26,10 @@ from attlog.simulate.sensors.settings import STRICT, Sensors
 from attlog.simulate.vehicle import Vehicle
 
 LIBRARY = Path(__file__).parent / "scenarios"
+NAME = r"^[^/\\\x00-\x1f]*$"
+"""Names are names of files: no path."""
+MOST_STEPS = 20_000_000
+"""Steps of physics in a flight: what an hour or two at the default rates take, about 1 GB and minutes."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -33,7 +37,7 @@ class Scenario:
     """A flight to simulate. With ``motion`` it is prescribed, else ``command`` tells the autopilot what to do and
     when."""
 
-    name: str = ""
+    name: Annotated[str, Field(pattern=NAME)] = ""
     title: str = ""
     seconds: Annotated[float, Field(ge=1, le=7200)] = 60.0
     place: Place = Place()
@@ -115,6 +119,10 @@ def _explain(error: ValidationError) -> list[str]:
             lines.append(f"unknown key {where}{suggestion(key, _known(item['loc'][:-1]))}")
         elif item["type"] in ("missing", "missing_argument"):
             lines.append(f"{where}: is missing")
+        elif item["type"] in ("dataclass_type", "dict_type"):
+            lines.append(f"{where}: must be a table (got {item['input']!r})")
+        elif item["type"] == "string_pattern_mismatch":
+            lines.append(f"{where}: {item['input']!r} is no name of a file")
         else:
             lines.append(f"{where}: {item['msg'].removeprefix('Value error, ')} (got {item['input']!r})")
     return lines
@@ -144,16 +152,35 @@ def _table(kind: Any) -> Any:
     return next((found for inner in get_args(kind) if (found := _table(inner)) is not None), None)
 
 
+def _each(sensors: Sensors) -> Iterator[tuple[str, Any]]:
+    """Every sensor with its place in the file."""
+    for kind in dataclasses.fields(sensors):
+        value = getattr(sensors, kind.name)
+        for k, one in enumerate(value if isinstance(value, tuple) else ()):
+            yield f"sensors.{kind.name}[{k}]", one
+        if dataclasses.is_dataclass(value):
+            yield f"sensors.{kind.name}", value
+
+
 def _contradictions(scenario: Scenario) -> list[str]:
     """What single values do not show."""
     found = []
     raw = scenario.loop.rate_hz * scenario.loop.substeps
-    for k, imu in enumerate(scenario.sensors.imu):
-        if imu.rate_hz > raw:
+    if scenario.seconds * raw > MOST_STEPS:
+        found.append(
+            f"seconds: {scenario.seconds:g} s at loop.rate_hz x substeps = {raw:g} are too many steps; "
+            f"take up to {MOST_STEPS / raw:g} s"
+        )
+    for where, sensor in _each(scenario.sensors):
+        if sensor.rate_hz > raw:
             found.append(
-                f"sensors.imu[{k}].rate_hz: {imu.rate_hz:g} is more than the raw rate, "
-                f"loop.rate_hz x substeps = {raw:g}"
+                f"{where}.rate_hz: {sensor.rate_hz:g} is more than the raw rate, loop.rate_hz x substeps = {raw:g}"
             )
+        for key in ("gaps", "outages"):
+            for first, last in getattr(sensor, key, ()):
+                if last < first:
+                    found.append(f"{where}.{key}: [{first:g}, {last:g}] ends before it begins")
+    for k, imu in enumerate(scenario.sensors.imu):
         if not len(imu.vibration.harmonics) == len(imu.vibration.acc_m_s2) == len(imu.vibration.gyro_dps):
             found.append(f"sensors.imu[{k}].vibration: harmonics, acc_m_s2 and gyro_dps must be equally long")
     if not scenario.sensors.imu:

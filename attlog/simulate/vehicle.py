@@ -8,7 +8,9 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from attlog.simulate.sensors.settings import STRICT, NotNegative, Positive, Three
+from attlog.simulate.sensors.settings import STRICT, NotNegative, Positive
+
+NotNegativeThree = tuple[NotNegative, NotNegative, NotNegative]
 
 ROTOR_SIGNS = ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))
 """Rotors at (forward, right): front right, back left, front left, back right, the order of both firmwares."""
@@ -35,9 +37,9 @@ class Vehicle:
     torque_m: NotNegative = 0.016
     motor_lag_s: NotNegative = 0.025
     rotor_inertia_kg_m2: NotNegative = 4e-5
-    drag_n_s_m: Three = (0.3, 0.3, 0.15)
-    drag_area_m2: Three = (0.012, 0.012, 0.03)
-    damping_n_m_s: Three = (0.003, 0.003, 0.003)
+    drag_n_s_m: NotNegativeThree = (0.3, 0.3, 0.15)
+    drag_area_m2: NotNegativeThree = (0.012, 0.012, 0.03)
+    damping_n_m_s: NotNegativeThree = (0.003, 0.003, 0.003)
     foot_m: Positive = 0.12
     friction: Annotated[float, Field(ge=0, le=2)] = 0.7
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from attlog.reproduce import judge
-from attlog.reproduce.paper import Number
+from attlog.reproduce.paper import Number, Verdict
 
 VALUES = list(np.random.default_rng(1).normal(3.0, 0.5, 20))
 OTHERS = list(np.random.default_rng(2).normal(4.0, 0.5, 20))
@@ -84,3 +84,17 @@ def test_a_claim_about_a_size_needs_the_whole_interval(ends: tuple[float, float]
 )
 def test_parts_make_a_whole(parts: list[judge.Verdict], whole: str) -> None:
     assert judge.together(parts) == whole
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "said"),
+    [
+        (["holds", "holds"], "holds"),
+        (["holds", "does not hold"], "holds in part"),
+        (["cannot be judged", "holds"], "holds in part"),
+        (["cannot be judged", "does not hold"], "cannot be judged"),
+        (["does not hold", "does not hold"], "does not hold"),
+    ],
+)
+def test_readings_of_what_is_not_printed_refute_a_claim_only_all_together(verdicts: list[Verdict], said: str) -> None:
+    assert judge.alternatives(verdicts) == said
