@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +15,8 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from attlog import estimators
-from attlog.errors import LogUnreadable, UsageError
+from attlog.errors import UsageError
+from attlog.settings_file import text_of, toml_of
 
 
 class Config(BaseModel):
@@ -85,13 +85,8 @@ class Config(BaseModel):
         ``attlog analyze``, of which the configuration it was made with is taken.
         LogUnreadable if the file cannot be opened, UsageError for everything wrong in it.
         """
-        try:
-            text = path.read_text(encoding="utf-8-sig")
-        except OSError as error:
-            raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
-        except UnicodeDecodeError as error:
-            raise UsageError(f"{path}: no UTF-8 text at byte {error.start}") from error
-        values = _from_json(text, path) if text.lstrip().startswith("{") else _from_toml(text, path)
+        text = text_of(path)
+        values = _from_json(text, path) if text.lstrip().startswith("{") else toml_of(text, path)
         return cls.build(values | options, origin=str(path))
 
     def resolved(self) -> dict[str, Any]:
@@ -103,13 +98,6 @@ class Config(BaseModel):
         import tomli_w
 
         return tomli_w.dumps(self.resolved())
-
-
-def _from_toml(text: str, path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"{path}: not valid TOML: {error}") from error
 
 
 def _from_json(text: str, path: Path) -> dict[str, Any]:

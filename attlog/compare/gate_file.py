@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,11 @@ from typing import Any
 from attlog.compare.gate_limits import KINDS, Limit
 from attlog.compare.gate_rows import windows
 from attlog.compare.gates import Gate, Gates
-from attlog.errors import UsageError
+from attlog.errors import LogUnreadable, UsageError
 from attlog.estimators.base import suggestion
 from attlog.metrics import definitions
 from attlog.segments.model import WINDOWS, Segments
+from attlog.settings_file import text_of, toml_of
 
 TABLE = "gates"
 KEYS = (*KINDS, "filters", "window", "optional")
@@ -41,14 +41,10 @@ class _Wrong(Exception):
 def read(path: Path) -> Gates:
     """The gates of a file. UsageError tells everything that is wrong in it."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        values = tomllib.loads(text)
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path}: no UTF-8 text at byte {error.start}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"{path}: not valid TOML: {error}") from error
+        text = text_of(path)
+    except LogUnreadable as error:  # 66 means that the logs cannot be read
+        raise UsageError(str(error)) from error
+    values = toml_of(text, path)
     lines = text.splitlines()
     problems = [
         f"{_at(path, lines, key)}: unknown key {key}{suggestion(key, [TABLE])}; gates stand below [{TABLE}]"

@@ -14,7 +14,6 @@ gyro_offset = [0.1, 0.0, -0.2]
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,8 +22,9 @@ from typing import Any
 from attlog.compare.configuration import Configuration, build
 from attlog.compare.questions import asked
 from attlog.config import Config
-from attlog.errors import AttlogError, LogUnreadable, UsageError
+from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import suggestion
+from attlog.settings_file import text_of, toml_of
 
 TABLE = "configuration"
 
@@ -41,15 +41,8 @@ class Wanted:
 def read(path: Path) -> Wanted:
     """The configurations, metrics and options of a file. LogUnreadable if it cannot be opened; UsageError tells
     everything that is wrong in it."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        values = tomllib.loads(text)
-    except OSError as error:
-        raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path}: no UTF-8 text at byte {error.start}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"{path}: not valid TOML: {error}") from error
+    text = text_of(path)
+    values = toml_of(text, path)
     lines, problems, found = text.splitlines(), [], Wanted()
     tables = values.pop(TABLE, None)
     found.metrics, wrong = _metrics(values.pop("metrics", []))

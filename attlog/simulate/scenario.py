@@ -8,7 +8,6 @@ here and radians inside.
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
@@ -16,8 +15,9 @@ from typing import Annotated, Any, get_args, get_type_hints
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from attlog.errors import LogUnreadable, UsageError
+from attlog.errors import UsageError
 from attlog.estimators.base import suggestion
+from attlog.settings_file import text_of, toml_of
 from attlog.simulate.commands import Command, Motion
 from attlog.simulate.fault import Fault
 from attlog.simulate.loop import Controller, Estimator, Logging, Loop
@@ -86,15 +86,7 @@ def place_of(name_or_path: str | Path) -> Path:
 def values_of(name_or_path: str | Path) -> dict[str, Any]:
     """The plain values of a scenario's file, with the file's name where it has none; errors as of :func:`load`."""
     path = place_of(name_or_path)
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path}: no UTF-8 text at byte {error.start}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"{path}: not valid TOML: {error}") from error
-    return {"name": path.stem} | values
+    return {"name": path.stem} | toml_of(text_of(path), path)
 
 
 def build(values: Mapping[str, Any], origin: str = "scenario") -> Scenario:
