@@ -44,8 +44,7 @@ class Arrivals:
         for place in places:
             if place == "-" or is_url(place):
                 raise UsageError(f"{shown(place)}: --watch looks at folders and patterns of this machine only")
-            path = Path(place)
-            if not path.exists() and not PATTERN & set(place):
+            if not os.path.exists(place) and not PATTERN & set(place):
                 raise LogUnreadable(f"{place}: no such folder; --watch needs one that exists")
         self._places, self._settle = list(places), settle
         self._without = None if without is None else str(without.resolve())

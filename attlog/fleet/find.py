@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import glob
+import os
+import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -26,7 +28,7 @@ def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
     wrong: list[AttlogError] = []
     for path in given:
         try:
-            logs |= dict.fromkeys(Path(source.place) for source in _meant(path, archives=False))
+            logs |= dict.fromkeys(Path(source.place) for source in _meant(path, False, wrong))
         except AttlogError as error:
             wrong.append(error)
     return list(logs), wrong
@@ -50,44 +52,79 @@ def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError
         try:
             if place.lower().startswith("file://"):
                 place = url2pathname(urlsplit(place).path)
-            found = _behind(place) if is_url(place) else _meant(Path(place), archives=True)
+            found = _behind(place) if is_url(place) else _meant(Path(place), True, wrong)
             logs |= dict.fromkeys(found)
         except AttlogError as error:
             wrong.append(error)
     return list(logs), wrong
 
 
-def _meant(path: Path, archives: bool) -> list[Source]:
+def _meant(path: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]:
+    """The logs that a name means; what cannot be read below it goes to ``wrong`` and hides no other log."""
     if str(path) == "-":
         raise UsageError("a log cannot come from standard input: it is memory-mapped; give a file name")
-    if path.is_dir():
-        return list(_in_folder(path, archives))
-    if path.exists() or not PATTERN & set(str(path)):
+    if os.path.isdir(path):
+        return _in_folder(path, archives, wrong)
+    if os.path.exists(path) or not PATTERN & set(str(path)):
         return _of_file(path) if archives else [Source(str(path))]
     if archives and (inside := _in_archive(path)) is not None:
         return inside
     matches = sorted(map(Path, glob.glob(str(path), recursive=True)))
     if not matches:
-        raise LogUnreadable(f"{path}: no file matches this pattern")
-    files = [m for m in matches if not m.is_dir()]
+        raise _unreadable_root(path) or LogUnreadable(f"{path}: no file matches this pattern")
+    files = [m for m in matches if not os.path.isdir(m)]
     logs = [log for file in files for log in logs_of(file, archives)]
     if not files:
-        logs = [log for folder in matches for log in _in_folder(folder, archives)]
-    if not logs:
+        logs = [log for folder in matches for log in _in_folder(folder, archives, wrong)]
+    elif not logs:
         raise LogUnreadable(f"{path}: none of the {len(files)} files that match is a flight log")
     return logs
 
 
-def _in_folder(folder: Path, archives: bool) -> Iterator[Source]:
-    found = False
-    for path in sorted(folder.rglob("*")):
-        hidden = any(name.startswith(".") for name in path.relative_to(folder).parts)
-        if not hidden and path.is_file():
-            for log in logs_of(path, archives):
-                found = True
-                yield log
-    if not found:
+def _in_folder(folder: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]:
+    """The logs in a folder; LogUnreadable if there are none and nothing else is wrong."""
+    refused: list[AttlogError] = []
+    logs = [log for path in sorted(_below(folder, refused)) for log in logs_of(path, archives)]
+    wrong += refused
+    if not logs and not refused:
         raise LogUnreadable(f"{folder}: is a folder without a flight log")
+    return logs
+
+
+def _below(folder: Path, refused: list[AttlogError]) -> Iterator[Path]:
+    """The files in a folder at any depth but hidden ones; folders that cannot be read are ``refused``."""
+
+    def refuse(error: OSError) -> None:
+        if not isinstance(error, FileNotFoundError):  # gone meanwhile
+            refused.append(_cannot_be_read(error))
+
+    for place, folders, files in os.walk(folder, onerror=refuse):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            path = Path(place, name)
+            try:
+                regular = not name.startswith(".") and stat.S_ISREG(path.stat().st_mode)
+            except OSError as error:
+                refuse(error)
+                continue
+            if regular:
+                yield path
+
+
+def _unreadable_root(pattern: Path) -> LogUnreadable | None:
+    """Why nothing can match: the folder in which a pattern begins cannot be read."""
+    root = next(folder for folder in pattern.parents if not PATTERN & set(str(folder)))
+    try:
+        os.scandir(root).close()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        return _cannot_be_read(error)
+    return None
+
+
+def _cannot_be_read(error: OSError) -> LogUnreadable:
+    return LogUnreadable(f"{error.filename}: cannot be read ({error.strerror})")
 
 
 def logs_of(file: Path, archives: bool = True) -> list[Source]:
@@ -103,7 +140,7 @@ def logs_of(file: Path, archives: bool = True) -> list[Source]:
 def _of_file(path: Path) -> list[Source]:
     """What the name of a file stands for."""
     if not is_archive(path):
-        inside = None if path.exists() else _in_archive(path)
+        inside = None if os.path.exists(path) else _in_archive(path)
         return [Source(str(path))] if inside is None else inside
     return _members(str(path))
 
@@ -111,7 +148,7 @@ def _of_file(path: Path) -> list[Source]:
 def _in_archive(path: Path) -> list[Source] | None:
     """The members that ``archive.zip/flights/a.ulg`` means, None where no part of the path is an archive."""
     for archive in path.parents:
-        if archive.is_file():
+        if os.path.isfile(archive):
             return _members(str(archive), path.relative_to(archive).as_posix()) if is_archive(archive) else None
     return None
 

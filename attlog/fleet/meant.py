@@ -15,11 +15,13 @@ SUFFIXES_OF_LOGS = LOG_SUFFIXES | {".bin", ".log", ".mavlink"}
 
 
 def is_meant(path: Path) -> bool:
-    """Whether a file found in a folder is a log, by its content; one that cannot be read or is damaged, by its name."""
+    """Whether a file found in a folder is a log, by its content; one that is damaged or cannot be read, by its name."""
     try:
         formats.recognise(path)
-    except (NotALog, LogUnreadable):
+    except NotALog:
         return named_as_log(path.name)
+    except LogUnreadable:
+        return may_be_log(path.name)  # nobody knows what is in it: rather told than left out
     return True
 
 

@@ -5,6 +5,7 @@ A new format is a folder with reader, writer, clock, recogniser and oracle, and 
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import BinaryIO
 
@@ -106,9 +107,9 @@ def _head(path: Path) -> bytes:
     """The first bytes of the log, behind any compression."""
     from attlog.formats.compression import first_bytes
 
-    if path.is_dir():
+    if os.path.isdir(path):
         raise LogUnreadable(f"{path}: is a folder, not a log; name the files in it")
-    if path.exists() and not path.is_file():
+    if os.path.exists(path) and not os.path.isfile(path):
         raise LogUnreadable(f"{path}: is no regular file; logs are memory-mapped, so save it to a file first")
     try:
         return first_bytes(path, HEAD)

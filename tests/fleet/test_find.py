@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import gzip
+import os
 import shutil
 from pathlib import Path
 
 import pytest
 
 from attlog.errors import LogUnreadable, UsageError
-from attlog.fleet.find import find
+from attlog.fleet.find import find, sources
+from attlog.formats import recognise
 from tests.conftest import SAMPLES
 
 
@@ -62,3 +64,44 @@ def test_what_finds_nothing_is_told_and_loses_no_other(folder: Path) -> None:
     assert [type(e) for e in wrong] == [LogUnreadable, LogUnreadable, LogUnreadable, UsageError]
     words = ("without a flight log", "no file matches", "none of the 1 files", "memory-mapped")
     assert all(word in str(e) for word, e in zip(words, wrong, strict=True))
+
+
+@pytest.fixture
+def closed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in the card that nobody may list; what an administrator runs could, hence not by its mode."""
+    list_, place = os.scandir, folder / "two"
+
+    def refuse(path: str | os.PathLike[str] = ".") -> object:
+        if str(path).rstrip("/") == str(place):
+            raise PermissionError(13, "Permission denied", str(place))
+        return list_(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    return place
+
+
+def test_a_folder_that_cannot_be_read_is_told_and_hides_no_other(folder: Path, closed: Path) -> None:
+    logs, wrong = find([folder])
+    assert names(logs, folder) == ["broken.ulg", "one/a.bin"]
+    assert [str(error) for error in wrong] == [f"{closed}: cannot be read (Permission denied)"]
+    for name in (closed, closed / "*.bin", closed / "**/*.ulg"):
+        logs, (error,) = find([name])
+        assert logs == []
+        assert str(error) == f"{closed}: cannot be read (Permission denied)"
+
+
+def test_a_name_that_no_system_takes_is_left_to_reading(tmp_path: Path) -> None:
+    logs, wrong = sources([tmp_path / ("x" * 300)])
+    assert (len(logs), wrong) == (1, [])
+    with pytest.raises(LogUnreadable, match="File name too long"):
+        recognise(logs[0].place)
+
+
+def test_a_file_that_cannot_be_read_counts_where_logs_have_such_names(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, count: int) -> bytes:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("attlog.formats.compression.first_bytes", refuse)
+    assert names(find([folder])[0], folder) == ["broken.ulg", "firmware.bin", "one/a.bin"]
