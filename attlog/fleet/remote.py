@@ -39,6 +39,8 @@ def meant(url: str, wanted: Any) -> list[str]:
             found = files.find(path, maxdepth=MAX_LISTING_DEPTH)
         else:
             return [url]
+        if web and not found:  # what looks into folders passes over one that no server shows: ask for its error
+            files.ls(path.partition("*")[0].rpartition("/")[0] + "/", detail=False)
     except AttlogError:
         raise
     except Exception as error:  # every file system has its own
@@ -141,14 +143,21 @@ def _is_web(url: str) -> bool:
     return urlsplit(url).scheme.lower() in ("http", "https")
 
 
-def _passing(error: Exception) -> bool:
+def _cause(error: BaseException) -> BaseException:
+    """What happened: of whatever failed fsspec says that there is no file, also where no server answered."""
+    found = error.__cause__ if isinstance(error, FileNotFoundError) else None
+    return error if found is None else _cause(found)
+
+
+def _passing(failure: Exception) -> bool:
     """Whether another attempt may help."""
+    error = _cause(failure)
     return not isinstance(error, FileNotFoundError | PermissionError) and getattr(error, "status", 0) not in _LASTING
 
 
-def _failed(url: str, error: Exception) -> LogUnreadable:
+def _failed(url: str, failure: Exception) -> LogUnreadable:
     """What went wrong behind a URL, in one sentence."""
-    name = shown(url)
+    name, error = shown(url), _cause(failure)
     if isinstance(error, FileNotFoundError):
         return LogUnreadable(f"{name}: no such file")
     if getattr(error, "status", 0):

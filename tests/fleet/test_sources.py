@@ -234,6 +234,12 @@ def test_nobody_answers(web: Web) -> None:
     error = failure(Source("http://127.0.0.1:9/a.ulg"))
     assert error.exit_code == 66
     assert "cannot be downloaded" in str(error)
+    with pytest.raises(LogUnreadable, match="cannot be downloaded"):
+        Source("http://127.0.0.1:9/a.ulg").stamp()
+    for place in ("http://127.0.0.1:9/logs/", "http://127.0.0.1:9/logs/**/*.ulg"):
+        logs, (told,) = sources([place])
+        assert logs == []
+        assert "cannot be downloaded" in str(told)
 
 
 def test_a_download_longer_than_any_log_is_given_up(web: Web, monkeypatch: pytest.MonkeyPatch) -> None:
