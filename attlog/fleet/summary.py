@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from attlog.fleet.entry import Entry
-from attlog.fleet.trouble import with_gates
+from attlog.fleet.trouble import UNJUDGED, with_gates
 from attlog.present.numbers import counted, duration
+from attlog.present.text import typeset
 
 WORST, SHORTEST = 5, 30
 QUESTIONS = ("closest", "quiet", "late", "drifting")
@@ -54,19 +56,27 @@ def summary(
     worst = sorted((pair for pair in said if pair[0]["reasons"]), key=lambda pair: -pair[0]["score"])[:WORST]
     if worst:
         levels = Counter(told["level"] for told, _ in said)
-        yield f"  {counted(levels['serious'], 'log')} with serious trouble, {levels['look']} to look at; the worst:"
+        yield (
+            f"  {counted(levels['serious'], 'log')} with serious trouble, {levels['look']} to look at; the worst:"
+            if levels["serious"] or levels["look"]
+            else "  no log with trouble; what was noticed most:"
+        )
     for told, entry in worst:
-        yield _cut(f"    {entry.name}: {told['reasons'][0]['text']}", width)
+        yield _cut(f"    {entry.name}: {typeset(told['reasons'][0]['text'])}", width)
 
 
 def _answers(entry: Entry, question: str) -> bool:
-    """Whether a question has numbers on this log."""
+    """Whether a filter has a number for a question on this log; the gyro alone is shown and answers nothing."""
     verdicts = entry.row["verdicts"] if entry.row is not None else []
-    return any(v["question"] == question and v["bars"] for v in verdicts)
+    return any(v["question"] == question and any(_judged(bar[0]) for bar in v["bars"]) for v in verdicts)
+
+
+def _judged(row: str) -> bool:
+    return re.split("[@/]", row)[0] not in UNJUDGED and not row.startswith("onboard")
 
 
 def _reason(entry: Entry) -> str:
-    return " ".join(entry.message.split())
+    return typeset(" ".join(entry.message.split()))
 
 
 def _cut(text: str, width: int, behind: str = "") -> str:

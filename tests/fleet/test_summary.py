@@ -51,6 +51,23 @@ def test_a_gate_that_failed_comes_before_all_other_trouble() -> None:
     assert lines[-2:] == ["    b: lag_ms 9 ms, at most 5 ms", "    a: gyro is wrong."]
 
 
+def test_the_gyro_alone_answers_nothing() -> None:
+    flight = row()
+    flight["verdicts"][0]["bars"] = [["gyro/imu0", 1.0, "deg"], ["onboard", 0.9, "deg"]]
+    lines = list(summary([Entry("a", "a", row=flight)], 1, 1.0, OUT))
+    assert lines[1] == "  answered: closest on 0, quiet on 0, late on 0, drifting on 0 of 1 log"
+
+
+def test_without_trouble_it_counts_none_and_units_are_written_as_in_reports() -> None:
+    flight = row(jump=7.0)
+    flight["trouble"]["level"] = "none"
+    flight["trouble"]["reasons"][0]["text"] = "The heading is realigned by 4.7 deg."
+    assert list(summary([Entry("a", "a", row=flight)], 1, 1.0, OUT))[-2:] == [
+        "  no log with trouble; what was noticed most:",
+        "    a: The heading is realigned by 4.7°.",
+    ]
+
+
 def test_lines_fit_the_terminal() -> None:
     entries = [Entry("x" * 70, "x" * 70, row=row(gyro=40.0)), Entry("y", "y", 65, "word " * 100)]
     assert max(map(len, summary(entries, 2, 1.0, OUT, width=72))) <= 72

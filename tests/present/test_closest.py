@@ -132,3 +132,9 @@ def test_filters_that_all_diverge_from_the_smoother_do_not_acquit_it():
     assert "All 2 filters diverged from the smoother (sigma 0.12°): either they or the smoother is wrong." in sentence(
         "closest", against_smoother(rows)
     )
+
+
+def test_where_only_the_gyro_was_run_the_log_is_not_blamed():
+    alone = made([row("gyro", tilt(1.0)), row("onboard", tilt(0.9))])
+    said = "Cannot be judged: of the filters only Gyro was run, which is shown and never ranked."
+    assert {v.sentence for v in verdicts(alone)} == {said}

@@ -16,10 +16,14 @@ ADVICE = {
     "too_few_events": "Fly some more brisk steps in roll, pitch and yaw.",
 }
 """What a pilot can do about a code whose reason does not say it."""
+ONLY_BASELINE = "Cannot be judged: of the filters only Gyro was run, which is shown and never ranked."
 
 
 def cannot(result: Result, without: list[Absent], nothing: str) -> str:
     """The sentence for a question that no row answers: the commonest reason and what a pilot can do."""
+    replays = [row for row in result.estimators if row.kind == "replay"]
+    if replays and all(is_baseline(row) for row in replays):
+        return ONLY_BASELINE
     code, reason = commonest(without)
     flew = ((result.log.get("seconds") or {}).get("airborne") or 0.0) > 0
     advice = f" {ADVICE[code]}" if code in ADVICE and flew else ""
