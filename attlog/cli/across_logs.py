@@ -116,7 +116,7 @@ def _notes(found: Across, failed: int) -> None:
         print(f"attlog: the logs are compared with different things: {said}; --by reference tells them apart",
               file=sys.stderr)  # fmt: skip
     if failed:
-        print(f"attlog: {counted(failed, 'log')} could not be analysed and stand in no line", file=sys.stderr)
+        print(f"attlog: {counted(failed, 'log')} could not be analysed, not in the table", file=sys.stderr)
 
 
 def _write(found: Across, by: str | None, kind: str, output: Path | None) -> None:

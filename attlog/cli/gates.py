@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -66,6 +67,9 @@ class Gated:
 
         if summary not in (None, ANYWHERE) and not str(summary).endswith(".md"):
             raise UsageError(f"--summary {summary}: the name of a Markdown file ends with .md")
+        for option, file_ in (("--junit", junit), ("--summary", summary)):
+            if file_ not in (None, ANYWHERE) and os.path.isdir(str(file_)):
+                raise UsageError(f"{option} {file_}: is a folder; give the name of a file")
         self._junit, self._summary = junit, summary
         self.gating: Gating | None = gating(file, strict, output)
         if self.gating is None and (junit is not None or summary is not None):

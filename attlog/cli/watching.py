@@ -39,6 +39,7 @@ def watching(
     """
     from attlog.fleet.arrivals import Arrivals
     from attlog.fleet.watch import watch
+    from attlog.present.numbers import counted
 
     arrivals = Arrivals(places, settle, job.folder)
     lines = _Lines(told, quiet)
@@ -48,7 +49,9 @@ def watching(
             job, arrivals, run, lines, at_a_time, judge, lambda sources: commands([source.name for source in sources])
         )
     reports = sum(entry.row is not None for entry in outcome.entries)
-    lines.say(f"ended; {reports} reports of {outcome.total} logs in {job.folder}; the next start goes on from here")
+    lines.say(
+        f"ended; {counted(reports, 'report')} of {counted(outcome.total, 'log')} in {job.folder}; the next start goes on from here"
+    )
     if received != [signal.SIGTERM]:
         raise typer.Exit(INTERRUPTED)
 

@@ -16,6 +16,12 @@ def no_row(pattern: str, names: Sequence[str]) -> str:
     return f"no row is called {pattern}; the rows are {', '.join(names) if names else 'none'}"
 
 
+def no_filter(names: Sequence[str]) -> str:
+    """A gate that names no rows, on a log where it means none."""
+    held = f"the rows are {', '.join(names)}; name them under filters if they are meant" if names else "it has no row"
+    return f"the result has no filter to be judged: {held}"
+
+
 def lost(row: Mapping[str, Any]) -> str:
     """A row that failed or diverged."""
     reason = row.get("reason")

@@ -94,7 +94,8 @@ def judge(
             unmatched = ["*"]
         for limit in gate.limits:
             for pattern in unmatched:
-                text = gate_words.no_row(pattern, [str(row.get("name")) for row in rows])
+                names = [str(row.get("name")) for row in rows]
+                text = gate_words.no_filter(names) if gate.filters is None else gate_words.no_row(pattern, names)
                 found.append(_without_value(gate, limit, pattern, "no_row", text))
             found += [_of_limit(gate, limit, row, rows, beside) for row in meant]
     if gates.strict:
@@ -105,11 +106,6 @@ def judge(
 def worst_first(outcomes: Iterable[GateOutcome]) -> list[GateOutcome]:
     """Failed before skipped before passed; lost rows first, then by how far beyond the limit."""
     return sorted(outcomes, key=lambda o: (ORDER.index(o.status), FIRST.index(o.cause), -o.excess))
-
-
-def failed(outcomes: Iterable[GateOutcome]) -> list[GateOutcome]:
-    """Those that make a build fail."""
-    return [o for o in outcomes if o.status == "failed"]
 
 
 def _of_limit(

@@ -128,7 +128,8 @@ def across(
     for metric, own in asked:
         wanted = own or window
         if wanted and wanted not in windows:
-            raise UsageError(f"--window {wanted}: no log has it; {near(wanted, windows)}")
+            asked_by = f"--metric {metric}@{own}" if own else f"--window {window}"
+            raise UsageError(f"{asked_by}: no log has this window; {near(wanted, windows)}")
         where = wanted or usual_window(metric, kept)
         columns += [
             Column(metric, where, row, known[metric])

@@ -34,7 +34,7 @@ def summary(logs: Sequence[Judged], most: int = MOST_BYTES) -> str:
         lines.append(line)
         left -= 1
     if left > 0:
-        lines += ["", f"... and {counted(left, 'more failure')}: they stand in the JUnit file and in the index."]
+        lines += ["", f"... and {counted(left, 'more failure')}: the reports of these logs show them."]
     return "\n".join(lines) + "\n"
 
 
@@ -79,7 +79,7 @@ def _counts(logs: Sequence[Judged]) -> str:
 def _table(found: Sequence[Judged]) -> Iterator[str]:
     for j in found:
         if j.broken:
-            yield _line(j.log, "", "analysis", j.message)
+            yield _line(j.log, "", "analysis", j.message.removeprefix(f"{j.log}: "))
         for o in j.worst:
             yield _line(j.log, o.row, o.check, o.sentence)
 

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 from attlog.compare import baseline, gate_file
 from attlog.compare.baseline import Baseline
 from attlog.compare.gates import Gates, judge
-from attlog.errors import LogUnreadable, UsageError
+from attlog.errors import LogUnreadable, OutputError, UsageError
 from attlog.fleet import gate_summary, github, junit
 from attlog.fleet.judged import Judged, judged
 from attlog.fleet.record import Record, write_record, written
@@ -109,7 +109,7 @@ def tell(
     ``summary``: a file, or True for ``$GITHUB_STEP_SUMMARY`` where it is set, else standard output. OutputError for a
     file that cannot be written; the others are written all the same.
     """
-    wrong: list[Exception] = []
+    wrong: list[str] = []
     if github.on_github(environment):
         root = environment.get("GITHUB_WORKSPACE")
         for line in github.commands(logs, Path(root) if root else None):
@@ -117,11 +117,13 @@ def tell(
     if junit_file is not None:
         try:
             junit.write(junit_file, (j.suite for j in logs))
-        except Exception as error:
-            wrong.append(error)
+        except OutputError as error:
+            wrong.append(str(error))
     if summary is not False:
-        text = gate_summary.write(logs, summary if isinstance(summary, Path) else None, environment)
-        if text:
+        try:
+            text = gate_summary.write(logs, summary if isinstance(summary, Path) else None, environment)
             print(text, end="", file=out or sys.stdout)
+        except OutputError as error:
+            wrong.append(str(error))
     if wrong:
-        raise wrong[0]
+        raise OutputError("\n".join(wrong))

@@ -35,14 +35,15 @@ def commands(logs: Sequence[Judged], root: Path | None = None) -> Iterator[str]:
     yield from errors[:SHOWN]
     total = sum(j.failed + j.broken for j in found)
     if total > SHOWN:
-        rest = counted(total - SHOWN, "more failure")
-        yield f"::notice title=attlog::{rest} in {counted(len(found), 'log')}: all of them stand in the step summary"
+        rest = f"{counted(total, 'failure')} in {counted(len(found), 'log')}"
+        yield f"::notice title=attlog::{rest}, of which the worst {SHOWN} are marked; the reports show all of them"
 
 
 def _command(kind: str, log: str, title: str, message: str, root: Path | None) -> str:
     place = _inside(log, root)
     file = f"file={_property(place)}," if place else ""
-    return f"::{kind} {file}title={_property(f'attlog, {title}')}::{_message(f'{log}: {message}')}"
+    said = f"{log}: {message.removeprefix(f'{log}: ')}"  # a log that cannot be read names itself
+    return f"::{kind} {file}title={_property(f'attlog, {title}')}::{_message(said)}"
 
 
 def _inside(log: str, root: Path | None) -> str:

@@ -119,6 +119,9 @@ class _Watched:
         for file, state in new:
             if str(file) not in left and state_of(file) == state:
                 self._files[str(file)] = state[:2]  # no log, or one that is known
+        if not arrived:
+            self.keep()
+            return
         sources = [log.source for log in arrived.values()]
         works = planned(replace(self._job, sources=sources, commands=commands(sources) if commands else ()))
         self._listener.planned(works)

@@ -72,7 +72,8 @@ def test_groups(attlog, folder: Path) -> None:
         (["--format", "xls"], "use table, csv"),
         (["-o", "x.xlsx"], "use table, csv"),
         (["--format", "parquet"], "needs a file"),
-        (["--window", "hovering"], "no log has it"),
+        (["--window", "hovering"], "--window hovering: no log has this window"),
+        (["--metric", "lag_ms@hovering"], "--metric lag_ms@hovering: no log has this window"),
     ],
 )
 def test_wrong_options_are_refused_with_what_is_meant(attlog, folder: Path, options: list[str], text: str) -> None:

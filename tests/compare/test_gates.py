@@ -12,7 +12,7 @@ import pytest
 
 from attlog.compare.baseline import Baseline, Beside
 from attlog.compare.gate_limits import Limit, at_least, judged
-from attlog.compare.gates import Gate, GateOutcome, Gates, failed, judge
+from attlog.compare.gates import Gate, GateOutcome, Gates, judge
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.units import UnitValues, ids_of
 from attlog.result import EstimatorRow
@@ -29,6 +29,10 @@ def document(*rows: EstimatorRow, **changes: Any) -> dict[str, Any]:
 def outcomes(gate: Gate | list[Gate], *rows: EstimatorRow, strict: bool = False) -> list[GateOutcome]:
     gates = gate if isinstance(gate, list) else [gate]
     return judge(Gates(tuple(gates), strict), document(*rows))
+
+
+def failed(found: list[GateOutcome]) -> list[GateOutcome]:
+    return [o for o in found if o.status == "failed"]
 
 
 def at_most(value: float, metric: str = "inclination_rmse_deg", **more: Any) -> Gate:
@@ -70,6 +74,14 @@ def test_without_filters_every_estimator_is_asked_but_neither_baselines_nor_onbo
     assert named(outcomes(at_most(2.0, filters=("onb*", "accel_mag")), *rows)) == {
         "onboard": "failed", "accel_mag/imu1": "failed",
     }  # fmt: skip
+
+
+def test_a_gate_without_filters_on_a_result_without_one_says_so() -> None:
+    (found,) = outcomes(at_most(2.0), row("gyro", tilt(1.0), estimator="gyro"))
+    assert (found.status, found.cause) == ("failed", "no_row")
+    assert found.sentence == (
+        "the result has no filter to be judged: the rows are gyro; name them under filters if they are meant"
+    )
 
 
 def test_patterns_name_rows_of_every_imu_and_a_pattern_without_a_row_fails_and_says_so() -> None:

@@ -22,7 +22,7 @@ def test_red_or_green_in_the_first_line() -> None:
 
 def test_failures_stand_in_a_table_broken_logs_and_the_worst_first() -> None:
     rows = [line for line in summary(some()).splitlines() if line.startswith("| ")][2:]
-    assert rows[0] == "| gone.ulg |  | analysis | gone.ulg: cannot be read (no such file) |"
+    assert rows[0] == "| gone.ulg |  | analysis | cannot be read (no such file) |"
     assert rows[1].startswith("| bad.ulg | c | lag\\_ms@airborne max=5 | c: lag\\_ms 45 ms")
     assert rows[2].startswith("| bad.ulg | a |")
     assert len(rows) == 4
@@ -42,7 +42,7 @@ def test_a_long_summary_stays_within_the_limit_and_counts_what_is_left() -> None
     text = summary(logs)
     assert 0.9 * MOST_BYTES < len(text.encode()) < MOST_BYTES
     shown = text.count("xxx |")
-    assert f"... and {12_000 - shown:,} more failures: they stand in the JUnit file" in text
+    assert f"... and {12_000 - shown:,} more failures: the reports of these logs show them." in text
     few = summary(logs[:1])
     assert "... and 10 more failures" in few  # of one log so many are kept
 

@@ -99,6 +99,12 @@ def test_a_file_that_cannot_be_written_keeps_nobody_else_waiting(tmp_path: Path)
     assert (tmp_path / "s.md").exists()
 
 
+def test_every_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError, match=r"(?s)j\.xml: cannot be written.*s\.md: cannot be written"):
+        tell(some(), tmp_path / "file" / "j.xml", tmp_path / "file" / "s.md", environment={})
+
+
 @pytest.mark.parametrize(("place", "output"), [("out", "out"), ("out/main.json", "out"), (".", "out"), ("out", ".")])
 def test_a_baseline_that_the_run_writes_to_is_refused(tmp_path: Path, place: str, output: str) -> None:
     (tmp_path / "out").mkdir()

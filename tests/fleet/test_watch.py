@@ -66,7 +66,7 @@ class Share:
         yield from (run_one(work) for work in works)
 
     def planned(self, works: Sequence[Work]) -> None:
-        pass
+        assert works, "nothing arrived"
 
     def finished(self, record: Record, entry: Entry) -> None:
         self.finished_.append(f"{record.name}{' again' if record.again else ''}")
