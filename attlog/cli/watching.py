@@ -49,9 +49,8 @@ def watching(
             job, arrivals, run, lines, at_a_time, judge, lambda sources: commands([source.name for source in sources])
         )
     reports = sum(entry.row is not None for entry in outcome.entries)
-    lines.say(
-        f"ended; {counted(reports, 'report')} of {counted(outcome.total, 'log')} in {job.folder}; the next start goes on from here"
-    )
+    held = f"{counted(reports, 'report')} of {counted(outcome.total, 'log')} in {job.folder}"
+    lines.say(f"ended; {held}; the next start goes on from here")
     if received != [signal.SIGTERM]:
         raise typer.Exit(INTERRUPTED)
 
