@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 import time
 from pathlib import Path
@@ -43,7 +44,7 @@ def test_a_terminal_shows_count_failures_speed_and_time_left(monkeypatch: pytest
     shown = screen(monkeypatch, terminal=True)
     assert "3/4 logs" in shown
     assert "logs/s" in shown
-    assert "0:00:00 left" in shown
+    assert re.search(r"0:00:0\d left", shown)
     assert "4/4 logs, 1 failed" in shown
     assert shown.count("attlog: compiling mahony (once)\n") == 1
 
