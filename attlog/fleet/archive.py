@@ -14,9 +14,10 @@ from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import IO
 
 from attlog import formats
-from attlog.errors import AttlogError, LogUnreadable, LogUnusable
+from attlog.errors import LogUnreadable, LogUnusable
 from attlog.fleet.copied import BLOCK, copy, unreadable
 from attlog.fleet.meant import named_as_log
 from attlog.fleet.urls import is_url, shown
@@ -63,8 +64,14 @@ def extract(place: str, member: str, path: Path) -> tuple[str, int]:
             raise LogUnusable(f"{name}: is encrypted in its archive; unpack it with its password first")
         try:
             return copy(_blocks(archive, entry, name), path)
+        except NotImplementedError as error:
+            raise LogUnusable(
+                f"{name}: cannot be unpacked ({error}); unpack it with the program that made it"
+            ) from error
         except _BROKEN as error:
             raise LogUnusable(f"{name}: is damaged in its archive ({error})") from error
+        except OSError as error:
+            raise unreadable(name, error) from error
 
 
 def member_stamp(place: str, member: str) -> str:
@@ -78,30 +85,31 @@ def member_stamp(place: str, member: str) -> str:
 def _archive(place: str) -> Iterator[zipfile.ZipFile]:
     """An archive opened where it lies; one behind a server that gives no parts of files is downloaded first."""
     if not is_url(place):
-        try:
-            with zipfile.ZipFile(place) as archive:
-                yield archive
-        except AttlogError:
-            raise
-        except OSError as error:
-            raise unreadable(place, error) from error
-        except _BROKEN as error:
-            raise LogUnusable(f"{place}: is a damaged zip archive ({error})") from error
+        with _opened(place, place) as archive:
+            yield archive
         return
     from attlog.fleet.remote import download, random_access
 
     with random_access(place) as file:
         if file is not None:
-            yield zipfile.ZipFile(file)
+            with _opened(file, place) as archive:
+                yield archive
             return
     with TemporaryDirectory(prefix="attlog-") as folder:
         path = Path(folder) / "archive.zip"
         download(place, path)
-        try:
-            with zipfile.ZipFile(path) as archive:
-                yield archive
-        except _BROKEN as error:
-            raise LogUnusable(f"{shown(place)}: is a damaged zip archive ({error})") from error
+        with _opened(path, place) as archive:
+            yield archive
+
+
+def _opened(file: str | Path | IO[bytes], place: str) -> zipfile.ZipFile:
+    """The archive in a file; only opening is judged here, what its members raise is theirs."""
+    try:
+        return zipfile.ZipFile(file)
+    except OSError as error:
+        raise unreadable(shown(place), error) from error
+    except _BROKEN as error:
+        raise LogUnusable(f"{shown(place)}: is a damaged zip archive ({error})") from error
 
 
 def _entry(archive: zipfile.ZipFile, member: str, name: str) -> zipfile.ZipInfo:

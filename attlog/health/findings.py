@@ -75,7 +75,7 @@ ABOUT: dict[str, About] = {
     ),
     "second source": About(
         cause="One of these estimators has failed, or was never aligned.", fault="estimator",
-        means="The one that flew is what filters are compared with; if it is the wrong one, so is the comparison.",
+        means="At least one of them is wrong; where the wrong one is the reference, the comparison is wrong too.",
     ),
     "field against motors": About(
         cause="Currents of motors and battery bend the field at the compass.", fault="interference", means=_HEADING,

@@ -169,6 +169,28 @@ def test_a_damaged_member_is_one_failure_and_the_others_are_read(zipped: Path, t
     assert not list(temporary.iterdir())
 
 
+def test_a_member_packed_in_an_unknown_way_is_not_called_damaged(zipped: Path, temporary: Path) -> None:
+    entry = zipfile.ZipFile(zipped).infolist()[0]
+    raw = bytearray(zipped.read_bytes())
+    method = 97  # WavPack: a real method that Python does not know
+    raw[entry.header_offset + 8 : entry.header_offset + 10] = method.to_bytes(2, "little")
+    raw[(at := raw.index(b"PK\x01\x02")) + 10 : at + 12] = method.to_bytes(2, "little")
+    zipped.write_bytes(raw)
+    with pytest.raises(LogUnusable, match=r"cannot be unpacked .*not supported"):
+        archive.extract(str(zipped), entry.filename, temporary / "x.ulg")
+
+
+def test_what_goes_wrong_while_an_archive_is_open_is_not_blamed_on_it(
+    zipped: Path, temporary: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def bug(*_: object) -> bool:
+        raise ValueError("a bug of ours")
+
+    monkeypatch.setattr(archive, "_is_log", bug)
+    with pytest.raises(ValueError, match="a bug of ours"):
+        archive.members(str(zipped))
+
+
 def test_a_cut_archive_is_told(zipped: Path) -> None:
     zipped.write_bytes(zipped.read_bytes()[:-100])
     (wrong,) = sources([zipped])[1]

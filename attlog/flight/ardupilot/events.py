@@ -19,6 +19,7 @@ from attlog.flight.model import Problem, Severity
 EKF_PRIMARY, FLIGHT_MODE = 24, 10
 DOUBT = "From here on the onboard attitude is in doubt, and agreement with it proves little."
 NO_MATTER = "Filters that are run again do not need it."
+AIDED = "Filters that use it go without there; the others do not need it."
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ class Meaning:
 
 _NO_GNSS = Meaning(
     "GNSS was lost for more than 5 s while it was needed", cause="Bad view of the sky or a disturbed receiver.",
-    remedy="Raise the antenna above power wires and transmitters.", means=NO_MATTER,
+    remedy="Raise the antenna above power wires and transmitters.", means=AIDED,
 )  # fmt: skip
 _BAD_COMPASS = "The compass does not answer: wiring, bus or the compass itself."
 _CHECK_COMPASS = "Check wiring and supply of the compass."
@@ -87,7 +88,7 @@ ERRORS: dict[tuple[int, int], Meaning] = {
     ),
     (18, 1): Meaning("The barometer failed to start"),
     (18, 2): Meaning("The barometer jumped", "note"),
-    (18, 4): Meaning("The barometer was not healthy", means=NO_MATTER),
+    (18, 4): Meaning("The barometer was not healthy", means=AIDED),
     (19, 1): Meaning("The main loop stood still for 2 s and more", "error", cause="The processor was overloaded.",
                      means="Samples may be missing there."),
     (20, 1): Meaning("Another aircraft came near", "note"),
@@ -112,7 +113,7 @@ ERRORS: dict[tuple[int, int], Meaning] = {
         means="Filters that trust the accelerometer are pulled off there.", code="vibration_failsafe",
     ),
     (30, 1): Meaning("An internal error of the firmware", "warning", remedy="Report it with this log."),
-    (31, 1): Meaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost.", means=NO_MATTER),
+    (31, 1): Meaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost.", means=AIDED),
 }  # fmt: skip
 """By subsystem and code."""
 FENCE = {1: "height", 2: "circle", 4: "polygon", 8: "lowest height"}

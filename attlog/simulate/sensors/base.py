@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,11 +31,8 @@ def attitude_at(q: Array, t: Array, period: float) -> Array:
     return rotation.normalize(at(q, t, period))
 
 
-class SlowSensor:
-    """Instance ``number`` of a ``kind``: when it measures, when that arrives, what has been told.
-
-    ``measure(truth, k)`` of the subclass makes the samples of the indices ``k`` (m,).
-    """
+class SlowSensor(ABC):
+    """Instance ``number`` of a ``kind``: when it measures, when that arrives, what has been told."""
 
     def __init__(
         self, kind: str, number: int, scenario: Scenario, seed: int, rate_hz: float, jitter_s: float, delay_s: float,
@@ -57,8 +56,9 @@ class SlowSensor:
             self.measure(truth, np.arange(self.next, end))
             self.next = end
 
+    @abstractmethod
     def measure(self, truth: Truth, k: NDArray[np.int64]) -> None:
-        raise NotImplementedError
+        """Make the samples of the indices ``k`` (m,)."""
 
     def arrived(self, now: float) -> int | None:
         """The newest sample that arrived since it was last asked, None if there is none."""
