@@ -9,7 +9,7 @@ from typing import Any
 from attlog.compare.questions import asked
 
 BASELINES = ("gyro", "accel_mag")
-"""Estimators that are drawn beside the others and are not meant to be good."""
+"""Estimators that are drawn beside the others and are not meant to be good: they diverge on any long flight."""
 WILD = frozenset("*?[")
 
 

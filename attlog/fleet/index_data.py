@@ -13,10 +13,11 @@ from statistics import median
 from typing import Any
 from urllib.parse import quote
 
+from attlog.compare.gate_rows import BASELINES
 from attlog.fleet.entry import Entry
 from attlog.fleet.row import light
 from attlog.fleet.thumbnail import POINTS
-from attlog.fleet.trouble import UNJUDGED, trouble, with_gates
+from attlog.fleet.trouble import trouble, with_gates
 from attlog.present.numbers import unit_sign
 from attlog.present.text import clean, typeset
 
@@ -147,7 +148,7 @@ def first_row(names: Iterable[str], columns: list[dict[str, Any]], count: int) -
     errors = columns[0]["values"] if columns else {}
     if sum(v is not None for v in errors.get(AUTO, ())) >= LEAST_SHARE * max(count, 1):
         return AUTO
-    filters = {row: n for row, n in known.items() if row not in UNJUDGED and not row.startswith(AUTO)} or known
+    filters = {row: n for row, n in known.items() if row not in BASELINES and not row.startswith(AUTO)} or known
     most = max(filters.values(), default=0)
     common = [row for row, n in filters.items() if n >= NEARLY_ALL * most]
     middle = {row: [abs(v) for v in errors.get(row, ()) if v is not None] for row in common}

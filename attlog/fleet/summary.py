@@ -7,8 +7,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from attlog.compare.gate_rows import BASELINES
 from attlog.fleet.entry import Entry
-from attlog.fleet.trouble import UNJUDGED, with_gates
+from attlog.fleet.trouble import with_gates
 from attlog.present.numbers import counted, duration
 from attlog.present.text import typeset
 
@@ -72,7 +73,7 @@ def _answers(entry: Entry, question: str) -> bool:
 
 
 def _judged(row: str) -> bool:
-    return re.split("[@/]", row)[0] not in UNJUDGED and not row.startswith("onboard")
+    return re.split("[@/]", row)[0] not in BASELINES and not row.startswith("onboard")
 
 
 def _reason(entry: Entry) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.fleet.trouble import UNJUDGED
+from attlog.compare.gate_rows import BASELINES
 from attlog.result import Result, Trace
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def _differences(result: Result, edges: Array) -> tuple[str, Array, Array]:
 
 
 def _filters(result: Result) -> list[str]:
-    return [r.name for r in result.estimators if r.kind == "replay" and r.estimator not in UNJUDGED]
+    return [r.name for r in result.estimators if r.kind == "replay" and r.estimator not in BASELINES]
 
 
 def _tilt(trace: Trace) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from attlog.compare.gate_rows import BASELINES
 from attlog.present.names import row_names
 from attlog.present.numbers import listed
 from attlog.result import EstimatorRow, Problem, Result
@@ -22,8 +23,6 @@ SENSORS = frozenset({
     "mag_spikes", "imu_all_zero", "imu_mostly_refused", "gnss_glitch",
 })  # fmt: skip
 """Codes of problems that a sensor has; ``rejected_...`` as well. Others tell what the log lacks."""
-UNJUDGED = frozenset({"gyro", "accel_mag"})
-"""Rows for comparison: they diverge on any flight that is long enough."""
 
 POINTS = {
     ("gate", "error"): 100.0,
@@ -132,4 +131,4 @@ def _of_rows(result: Result) -> list[Reason]:
 
 
 def _judged(row: EstimatorRow) -> bool:
-    return row.kind == "replay" and row.estimator not in UNJUDGED
+    return row.kind == "replay" and row.estimator not in BASELINES

@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 
 from attlog import Config
+from attlog.errors import LogUnreadable
+from attlog.fleet import child
 from attlog.fleet.nursery import Closed, Nursery
 from attlog.fleet.one import analyze_to_files
 from attlog.fleet.record import Record, read_record, record_path, records
@@ -238,3 +240,16 @@ def test_a_record_knows_when_it_is_of_another_version(tmp_path: Path) -> None:
     place = record_path(tmp_path, "a")
     place.write_text(json.dumps(json.loads(place.read_text()) | {"schema": "attlog-record/99"}))
     assert read_record(tmp_path, "a") is None
+
+
+def test_a_server_that_does_not_answer_at_first_is_asked_again_by_the_download(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def silent(_: Source) -> str:
+        raise LogUnreadable("no answer")
+
+    monkeypatch.setattr(child, "stamp", silent)
+    told: list[dict[str, Any]] = []
+    child.analyse(work(tmp_path), tmp_path, told.append)
+    assert told[-1]["files"]
+    assert told[-1]["stamp"] == ""
