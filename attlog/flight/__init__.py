@@ -8,7 +8,7 @@ import numpy as np
 
 from attlog import formats
 from attlog.errors import LogUnusable, UsageError
-from attlog.flight import parameter_file
+from attlog.flight import parameter_file, parameter_limits
 from attlog.flight.model import FlightLog, Problem
 from attlog.formats.base import Messages
 
@@ -53,11 +53,13 @@ def read(
         raise UsageError(f"{messages.path}: there is no boot {boot}; the log holds boots 0 to {boots - 1}")
     part = messages.boot(chosen) if boots > 1 else messages
     given = {} if params is None else parameter_file.read_file(params)
+    refused = parameter_limits.refuse(part)
     filled = parameter_file.add_missing(part, given)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
         log = read_messages(part, imu, mag, system)
     log.boot, log.boots = chosen, boots
+    log.problems += refused
     log.given_params, log.filled_params = given, filled
     if params is not None:
         own = {name: v for name in log.params if name not in filled and (v := log.param(name)) is not None}

@@ -15,17 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.barrier import guarded
+from attlog.flight import physics
 from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
-from attlog.flight.timing import Stamps, plausible
+from attlog.flight.physics import Quantity
+from attlog.flight.timing import LATEST_US, Stamps, plausible
 from attlog.formats.base import Messages, Table
+from attlog.limits import MAX_TIME_JUMP_S
 
 T = TypeVar("T")
 U = TypeVar("U")
 
-QUATERNION_NORM = (0.5, 1.5)
-"""A logged quaternion outside this norm is damage or an unset value."""
-LARGEST = 1e9
-"""No quantity of a flight log exceeds this in SI; larger numbers are damage."""
+OF_VALUES = ("values_out_of_range", "rate_impossible")
 
 
 @dataclass(slots=True)
@@ -52,30 +53,75 @@ class LogBuilder:
     def attempt(self, what: str, build: Callable[[], T], otherwise: U) -> T | U:
         """What ``build`` finds, ``otherwise`` where a damaged definition makes its message unreadable.
 
-        Damage in a log hit format definitions too: fields are then missing, renamed or
-        of another type. One such message must not take the others with it.
+        Damage in a log hits format definitions too: fields are then missing, renamed or
+        of another type. One such message must not take the others with it, nor may
+        anything else that nobody thought of (``attlog/barrier.py``).
         """
-        try:
-            return build()
-        except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
-            reason = str(error.args[0]) if error.args else type(error).__name__
-            self.problem("unreadable_message", "warning", f"{what} cannot be used: {reason.rstrip('.')[:200]}.")
+
+        def tried() -> T | U:
+            try:
+                return build()
+            except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
+                reason = str(error.args[0]) if error.args else type(error).__name__
+                self.problem("unreadable_message", "warning", f"{what} cannot be used: {reason.rstrip('.')[:200]}.")
+                return otherwise
+
+        def missing(text: str) -> U:
+            self.problem("part_failed", "error", text)
             return otherwise
+
+        return guarded(what, tried, missing)
 
     def seconds(self, t_us: Stamps) -> Array:
         """Boot-clock microseconds as seconds on the log's clock (exact difference first)."""
         seconds: Array = (np.asarray(t_us, np.int64) - self.t0_us) * np.float64(1e-6)
         return seconds
 
-    def keep(self, t_us: Stamps, source: str, good: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
-        """Indices of the records with plausible stamps (and ``good`` values); what is left out becomes problems."""
+    def take_values(self, other: LogBuilder) -> None:
+        """What another builder found wrong with values; its times were told by another stream of the same records."""
+        self.problems += [p for p in other.problems if p.code in OF_VALUES]
+
+    def within(self, x: Array, quantity: Quantity, source: str) -> Array:
+        """The values ``x`` (n,) or (n, k), NaN where they are impossible, which is counted and told."""
+        beyond = quantity.outside(x)
+        count = int(np.count_nonzero(beyond))
+        if count == 0:
+            return x
+        text = f"{source}: left out {count:,} of {x.size:,} values of {quantity.name}, outside {quantity.limits}"
+        self.problem("values_out_of_range", "warning", f"{text} ({quantity.why}).", count=count)
+        return np.where(beyond, np.nan, x)
+
+    def near(self, t_us: Stamps) -> NDArray[np.bool_]:
+        """Which stamps (n,) may belong to this flight: events, texts and parameters a day away from it do not."""
+        t = np.asarray(t_us, np.int64)
+        near: NDArray[np.bool_] = (t >= 0) & (t <= LATEST_US) & (np.abs(t - self.t0_us) <= 2e6 * MAX_TIME_JUMP_S)
+        return near
+
+    def is_near(self, t_us: int) -> bool:
+        """:meth:`near` for one stamp."""
+        return 0 <= t_us <= LATEST_US and abs(t_us - self.t0_us) <= 2e6 * MAX_TIME_JUMP_S
+
+    def keep(
+        self,
+        t_us: Stamps,
+        source: str,
+        good: NDArray[np.bool_] | None = None,
+        *,
+        wrong: str = "with values that no sensor can give",
+        fastest_hz: float = physics.FUSED_HZ,
+    ) -> NDArray[np.int64]:
+        """Indices of the records with plausible stamps (and ``good`` values); what is left out becomes problems.
+
+        ``wrong`` says what is the matter with the others. None is left where they follow each
+        other faster than ``fastest_hz``: their stamps are then no microseconds.
+        """
         index = np.arange(len(t_us)) if good is None else np.flatnonzero(good)
         values = len(t_us) - len(index)
         if values:
             self.problem(
                 "values_out_of_range",
                 "warning",
-                f"{source}: left out {values} of {len(t_us)} records, with values that no sensor can give.",
+                f"{source}: left out {values:,} of {len(t_us):,} records, {wrong}.",
                 count=values,
             )
         kept = plausible(np.asarray(t_us, np.int64)[index])
@@ -100,6 +146,12 @@ class LogBuilder:
                 f"{source}: left out {kept.false} of {len(t_us)} records, far from all others in time.",
                 count=kept.false,
             )
+        rate = burst_rate(np.asarray(t_us, np.int64)[index[kept.index]])
+        if rate > fastest_hz:
+            text = f"{source}: its {len(kept.index):,} records follow each other at {rate:,.0f} Hz; more than "
+            text += f"{fastest_hz:,.0f} Hz is not possible. Their stamps are false, and none is used."
+            self.problem("rate_impossible", "warning", text, count=len(kept.index))
+            return np.zeros(0, np.int64)
         return index[kept.index]
 
     def stream(
@@ -110,7 +162,8 @@ class LogBuilder:
         source: str,
         *,
         frame: str = "",
-        limit: float = LARGEST,
+        within: Quantity | None = None,
+        fastest_hz: float = physics.FUSED_HZ,
         sampling: Literal["interval", "instant"] = "instant",
         delay: float = 0.0,
         t_sample_us: Stamps | None = None,
@@ -118,21 +171,32 @@ class LogBuilder:
     ) -> Stream | None:
         """A clean stream of ``x`` (n,) or (n, k), None if no record is left.
 
-        Records with values beyond ``limit`` go; single missing values stay as NaN
-        where ``allow_nan``, a record without any value goes silently.
+        Records with values that are missing or not ``within`` a quantity's limits go. Where
+        ``allow_nan`` such values become NaN instead, and a record without any value goes silently.
         """
         x = np.asarray(x, np.float64).reshape(len(t_us), -1)
-        empty = ~np.isfinite(x).any(axis=1) if allow_nan else np.zeros(len(x), bool)
-        with np.errstate(invalid="ignore"):
-            inside = np.abs(x) <= limit
-        good: NDArray[np.bool_] = np.all(inside | np.isnan(x) if allow_nan else inside, axis=1)
-        chosen = np.flatnonzero(~empty)
-        index = chosen[self.keep(np.asarray(t_us)[chosen], source, good[chosen])]
+        wrong, good = "with missing values", None
+        if allow_nan:
+            x = x if within is None else self.within(x, within, source)
+            chosen = np.flatnonzero(~np.isnan(x).all(axis=1))
+        else:
+            chosen, finite = np.arange(len(x)), np.isfinite(x).all(axis=1)
+            good = np.asarray(finite if within is None else finite & ~within.outside(x).any(axis=1))
+            if within is not None:
+                wrong = f"where {within.name} is missing or outside {within.limits} ({within.why})"
+        index = chosen[self.keep(np.asarray(t_us)[chosen], source, good, wrong=wrong, fastest_hz=fastest_hz)]
         if len(index) == 0:
             return None
         t = self.seconds(np.asarray(t_us)[index])
         sampled = None if t_sample_us is None else self.sample_times(np.asarray(t_us)[index], t_sample_us[index])
         return Stream(t, x[index], unit, frame, source, sampling, delay, sampled)
+
+    def battery(self, t_us: Stamps, x: Array, source: str) -> Stream | None:
+        """Battery from ``x`` (n, 2), voltage in V and current in A, NaN where not measured."""
+        volts, amperes = x[:, :1], x[:, 1:2]
+        clean = [self.within(volts, physics.VOLTAGE, source), self.within(amperes, physics.CURRENT, source)]
+        fastest = physics.AIDING_HZ
+        return self.stream(t_us, np.hstack(clean), "V, A", source, fastest_hz=fastest, allow_nan=True)
 
     def sample_times(self, t_us: Stamps, t_sample_us: Stamps) -> Array | None:
         """Times of measurement in s, None where the log's column is unset or tells nothing new.
@@ -174,9 +238,10 @@ class LogBuilder:
         if unset.all():
             return None
         with np.errstate(invalid="ignore"):
-            good = (norm > QUATERNION_NORM[0]) & (norm < QUATERNION_NORM[1])
+            good = (norm > physics.QUATERNION_NORM.low) & (norm < physics.QUATERNION_NORM.high)
         chosen = np.flatnonzero(~unset)
-        index = chosen[self.keep(np.asarray(t_us)[chosen], source, good[chosen])]
+        wrong = f"with quaternions or angles that are none (norm outside {physics.QUATERNION_NORM.limits})"
+        index = chosen[self.keep(np.asarray(t_us)[chosen], source, good[chosen], wrong=wrong)]
         if len(index) == 0:
             return None
         stamps = np.asarray(t_us, np.int64)[index]
@@ -210,14 +275,14 @@ class LogBuilder:
         found = []
         for text in self.messages.texts:
             t_us = text.t_us if text.t_us is not None else self.t0_us if at is None else at(text.offset)
-            if 0 <= t_us < LATEST_US:
+            if self.is_near(t_us):
                 found.append((float(self.seconds(np.array(t_us))), text.level, text.text))
         return found
 
     def time_line(self, t_us: Stamps, values: list[Any], source: str) -> TimeLine | None:
         """A time line that keeps only changes; None without entries."""
         stamps = np.asarray(t_us, np.int64)
-        sane = (stamps >= 0) & (stamps < LATEST_US)
+        sane = self.near(stamps)
         if len(values) == 0 or not sane.any():
             return None
         order = np.argsort(stamps, kind="stable")
@@ -228,8 +293,12 @@ class LogBuilder:
         return TimeLine(t[changed], [ordered[i] for i in changed], source)
 
 
-LATEST_US = 2**62
-"""Stamps beyond are damage; as seconds they would still be finite, as clock they mean nothing."""
+def burst_rate(t_us: Stamps) -> float:
+    """Records per second while they follow each other within a second, 0 where there are too few to tell."""
+    steps = np.diff(t_us)
+    close = steps[steps <= 1_000_000]
+    span = float(close.sum())
+    return 1e6 * len(close) / span if len(t_us) >= physics.ENOUGH_FOR_A_RATE and span > 0 else 0.0
 
 
 def columns(table: Table, *names: str) -> Array:
@@ -247,7 +316,7 @@ def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:
 
 def on_earth(place: Array) -> NDArray[np.bool_]:
     """Which rows of ``place`` (n, 2 or more) begin with a latitude and a longitude in deg."""
-    return finite_within(place[:, :1], 90.0) & finite_within(place[:, 1:2], 180.0)
+    return finite_within(place[:, :1], physics.LATITUDE.high) & finite_within(place[:, 1:2], physics.LONGITUDE.high)
 
 
 def step_of(angles_deg: Array) -> float:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight import physics
 from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
 from attlog.flight.timing import Stamps, plausible
-from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
 REPLAY_MIN_SAMPLES = 20
 """Fewer samples are no flight."""
@@ -21,7 +22,11 @@ REPLAY_MIN_HZ = 10.0
 """Below this no attitude can be replayed: rotation between samples is lost."""
 MEASURED_SHARE = 0.01
 """A unit with fewer records that are not zero was never read (a simulator or driver that fills it with zeros)."""
-REFUSED = ("values_out_of_range", "time_backward", "false_times")
+REFUSED = ("values_out_of_range", "time_backward", "false_times", "rate_impossible")
+NO_MOTION = (
+    f"where gyro or accelerometer are missing or outside what a sensor can give ({physics.GYRO.limits}, "
+    f"{physics.ACC.limits})"
+)
 REFUSED_SHARE = 0.5
 """A unit of which more records than this are refused shows no motion with the few that are left."""
 LOW_RATE_HZ = 45.0
@@ -54,6 +59,7 @@ class Candidate:
     note: str = ""
     usable: bool = True
     acc_source: str = ""
+    fastest_hz: float = physics.FUSED_HZ
     refused: float = 0.0
     problems: list[Problem] = field(default_factory=list)
 
@@ -79,8 +85,8 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
     if candidate.gyro.shape[1:] != (3,) or candidate.acc.shape[1:] != (3,):
         builder.problem("unreadable_message", "warning", f"{candidate.source} does not hold three axes.")
         return None
-    good = finite_within(candidate.gyro, GYRO_LIMIT_RAD_S) & finite_within(candidate.acc, ACC_LIMIT_M_S2)
-    index = own.keep(candidate.t_us, candidate.source, good)
+    good = finite_within(candidate.gyro, physics.GYRO.high) & finite_within(candidate.acc, physics.ACC.high)
+    index = own.keep(candidate.t_us, candidate.source, good, wrong=NO_MOTION, fastest_hz=candidate.fastest_hz)
     candidate.problems += own.problems
     wrong = sum(p.count for p in own.problems if p.code in REFUSED)
     candidate.refused = wrong / max(len(candidate.t_us), 1)
@@ -93,6 +99,12 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
         return candidate.rows(index)
     builder.problems += own.problems
     return None
+
+
+def validated(builder: LogBuilder, found: list[Candidate]) -> list[Candidate]:
+    """Every candidate that :func:`validate` leaves something of."""
+    clean = [builder.attempt(c.source, partial(validate, builder, c), None) for c in found]
+    return [c for c in clean if c is not None]
 
 
 def best_per_unit(builder: LogBuilder, candidates: list[Candidate]) -> list[Candidate]:
@@ -115,7 +127,7 @@ def choose_unit(
     wants; ``logging`` knows the settings that would log more.
     """
     if not units:
-        unusable = ("no_clock", "values_out_of_range", "false_times", "imu_all_zero")
+        unusable = ("no_clock", "imu_all_zero", *REFUSED)
         refused = any(p.code in unusable for p in builder.problems)
         text = (
             "No record of the gyro and accelerometer in this log can be used."
@@ -206,8 +218,10 @@ def build(builder: LogBuilder, candidate: Candidate) -> Imu:
         candidate.dt,
         candidate.note,
     )
-    if candidate.temperature is not None and np.isfinite(candidate.temperature).any():
-        unit.temperature = Stream(t, candidate.temperature[:, None], "degC", "", candidate.source)
+    if candidate.temperature is not None:
+        celsius = builder.within(candidate.temperature, physics.TEMPERATURE, candidate.source)
+        if np.isfinite(celsius).any():
+            unit.temperature = Stream(t, celsius[:, None], "degC", "", candidate.source)
     return unit
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight import physics
 from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder
 from attlog.flight.inertial import sentence
 from attlog.flight.model import Array, Imu, Mag
 from attlog.flight.timing import Stamps
-from attlog.limits import MAG_LIMIT_T
 
 GAUSS = 1e-4
 """Tesla per gauss."""
@@ -31,16 +31,21 @@ def build(
     calibrated: bool = True,
     device: str | None = None,
     enabled: bool = True,
+    fastest_hz: float = physics.FUSED_HZ,
 ) -> Mag | None:
     """One magnetometer, ``field_t`` (n, 3) in tesla; None if no record is left. Spikes and zeros become NaN rows."""
     if field_t.shape[1:] != (3,):
         raise ValueError(f"{source} does not hold three axes")
     stream = builder.stream(
-        t_us, field_t, "T", source, frame="FRD", limit=np.inf, t_sample_us=t_sample_us, allow_nan=True
+        t_us, field_t, "T", source, frame="FRD", t_sample_us=t_sample_us, fastest_hz=fastest_hz, allow_nan=True
     )
     if stream is None:
         return None
     bad = spikes(stream.x)
+    if bad.all() and stream.x[bad].any():
+        text = f"{source}: all its {len(bad):,} records lie outside {physics.FIELD.limits} ({physics.FIELD.why})."
+        builder.problem("values_out_of_range", "warning", text, count=len(bad))
+        return None
     if bad.any() and not bad.all():
         stream.x[bad] = np.nan
         worst = int(bad.sum())
@@ -58,7 +63,7 @@ def build(
 def spikes(field_t: Array) -> NDArray[np.bool_]:
     """Which records (n,) cannot be a field: not finite, zero, beyond the limit, or far from the local median norm."""
     norm = np.sqrt(np.sum(field_t**2, axis=1))
-    bad: NDArray[np.bool_] = ~np.isfinite(norm) | (norm == 0) | (norm > MAG_LIMIT_T)
+    bad: NDArray[np.bool_] = ~np.isfinite(norm) | (norm == 0) | (norm > physics.FIELD.high)
     good = np.flatnonzero(~bad)
     if len(good) >= 5:
         n = norm[good]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from attlog.flight.builder import LATEST_US, LogBuilder
+from attlog.flight.builder import LogBuilder
 from attlog.flight.model import FlightLog, TimeLine
 from attlog.formats.base import ParamChange
 
@@ -31,14 +31,15 @@ def time_lines(builder: LogBuilder, changes: list[ParamChange], source: str) -> 
 
     Repetitions of the same value (a table written again at each arming) are one entry.
     """
-    begin = min((c.t_us for c in changes if c.t_us is not None and c.t_us >= 0), default=builder.t0_us)
+    told = (c.t_us for c in changes if c.t_us is not None and builder.is_near(c.t_us))
+    begin = min(told, default=builder.t0_us)
     begin = min(begin, builder.t0_us)
     lines: dict[str, tuple[list[int], list[float]]] = {}
     for change in changes:
         if change.is_default or not math.isfinite(change.value):
             continue
         t, v = lines.setdefault(change.name, ([], []))
-        if change.t_us is not None and not 0 <= change.t_us < LATEST_US:
+        if change.t_us is not None and not builder.is_near(change.t_us):
             continue
         if not v or v[-1] != change.value:
             t.append(begin if change.t_us is None else change.t_us)

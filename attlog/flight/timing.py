@@ -12,9 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight import physics
+from attlog.formats.base import Table
 from attlog.limits import MAX_TIME_JUMP_S
 
 Stamps = NDArray[np.int64]
+LATEST_US = int(physics.CLOCK_US.high)
 
 ISOLATED_S = 10.0
 """Fewer than ISOLATED_MIN records this far away from all others are false records."""
@@ -24,6 +27,20 @@ HELD_US = 1_000_000
 GAP_FACTOR = 5.0
 GAP_S = 0.05
 """A gap is longer than max(GAP_FACTOR * median interval, GAP_S) (docs/metrics.md)."""
+
+
+def stamps_of(table: Table, column: str, us: int = 1) -> Stamps:
+    """A column of times in units of ``us`` microseconds as stamps (n,); what is no time is negative.
+
+    ValueError where the log's own definitions make text, or several numbers per record, of it.
+    """
+    told = table[column]
+    if told.ndim != 1 or told.dtype.kind not in "iuf":
+        raise ValueError(f"{table.name}.{column} is no time")
+    stamps: Stamps = told.astype(np.int64)
+    if us != 1:
+        stamps = np.where((stamps >= 0) & (stamps <= LATEST_US // us), stamps * us, -1)
+    return stamps
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +69,9 @@ def plausible(t_us: Stamps) -> Kept:
     if len(t) == 0:
         return Kept(np.zeros(0, np.int64))
     jump = int(MAX_TIME_JUMP_S * 1e6)
-    middle = int(np.median(t[t >= 0])) if (t >= 0).any() else 0
-    index = np.flatnonzero((t >= 0) & (t <= middle + jump) & (t >= middle - jump))
+    on_a_clock = (t >= 0) & (t <= LATEST_US)
+    middle = int(np.median(t[on_a_clock])) if on_a_clock.any() else 0
+    index = np.flatnonzero(on_a_clock & (t <= middle + jump) & (t >= middle - jump))
     false = len(t) - len(index)
     duplicates = backward = 0
     steps = np.diff(t[index])

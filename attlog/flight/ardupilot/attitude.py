@@ -132,7 +132,9 @@ def setpoints(builder: LogBuilder, clock: Clock, flew: str | None) -> Attitude |
         q, step = from_euler_deg(columns(table, *desired))
         good = np.isfinite(q).all(axis=1)
         own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # the stamps were reported with the attitude
-        return own.attitude(clock.of(table)[good], q[good], f"{name}.Des", has_trim=True, step_deg=step)
+        found = own.attitude(clock.of(table)[good], q[good], f"{name}.Des", has_trim=True, step_deg=step)
+        builder.take_values(own)
+        return found
     return None
 
 

@@ -9,18 +9,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.flight.timing import Stamps
+from attlog.flight.timing import Stamps, stamps_of
 from attlog.formats.base import Messages, Table
 
 
 def own_time(table: Table) -> Stamps | None:
-    """The stamps (n,) in us that the records carry themselves, None where they carry none."""
-    if "TimeUS" in table:
-        return table["TimeUS"].astype(np.int64)
-    column = "T" if ("Week" in table or "GWk" in table) and "T" in table else "TimeMS"
+    """The stamps (n,) in us that the records carry themselves, None where they carry none (or text in its place)."""
+    column, us = "TimeUS", 1
+    if column not in table:
+        column, us = "T" if ("Week" in table or "GWk" in table) and "T" in table else "TimeMS", 1000
     if column not in table:
         return None
-    return table[column].astype(np.int64) * 1000
+    try:
+        return stamps_of(table, column, us)
+    except ValueError:
+        return None
 
 
 class Clock:

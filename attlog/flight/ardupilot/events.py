@@ -133,7 +133,9 @@ def report(builder: LogBuilder, clock: Clock) -> None:
         table = builder.messages.first(record)
         if table is None or not all(c in table for c in columns):
             continue
-        t = builder.seconds(clock.of(table))
+        stamps = clock.of(table)
+        near = builder.near(stamps)
+        table, t = table.rows(near), builder.seconds(stamps[near])
         numbers = np.column_stack([table[c].astype(np.int64) for c in columns])
         for key in dict.fromkeys(map(tuple, numbers.tolist())):
             meaning = of_error(*key) if record == "ERR" else EVENTS.get(key[0])

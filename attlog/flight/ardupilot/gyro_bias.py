@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.flight import physics
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import primary_core, unit_of_core, units
 from attlog.flight.builder import LogBuilder, columns
@@ -20,8 +21,6 @@ from attlog.formats.base import Messages, Table
 COLUMNS = ("GX", "GY", "GZ")
 FAMILIES = {None: ("XK", "NK"), 2.0: ("NK",), 3.0: ("XK",)}
 """EKF families that may have flown, by AHRS_EKF_TYPE; with any other number no EKF of ArduPilot's did."""
-LARGEST_RAD_S = 10.0
-"""The EKFs bound their estimate far below (0.5 rad/s); more is damage."""
 
 
 def gyro_bias(builder: LogBuilder, clock: Clock, values: dict[str, float], imu: Imu | None) -> Stream | None:
@@ -43,7 +42,7 @@ def gyro_bias(builder: LogBuilder, clock: Clock, values: dict[str, float], imu: 
             table = found[core]
             bias = np.radians(columns(table, *COLUMNS))
             source = f"{table.name}:{core}"
-            return builder.stream(clock.of(table), bias, "rad/s", source, frame="FRD", limit=LARGEST_RAD_S)
+            return builder.stream(clock.of(table), bias, "rad/s", source, frame="FRD", within=physics.GYRO_BIAS)
     return None
 
 

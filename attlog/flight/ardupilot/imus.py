@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from attlog.flight.ardupilot.clock import Clock
+from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, validate
+from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array
 from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages, ParamChange, Table
@@ -52,7 +52,7 @@ def candidates(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> 
         "IMU": lambda: imu(builder, clock, params),
     }
     found = [c for name, source in sources.items() for c in builder.attempt(name, source, [])]
-    return [c for c in (validate(builder, f) for f in found) if c is not None]
+    return validated(builder, found)
 
 
 def imu(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Candidate]:
@@ -62,7 +62,7 @@ def imu(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Ca
         if not all(c in table for c in (*GYRO, *ACC)):
             continue
         t = clock.of(table)
-        timed = "TimeUS" in table or "TimeMS" in table
+        timed = own_time(table) is not None
         if not timed:
             builder.problem(
                 "imu_without_time", "error",

@@ -8,13 +8,15 @@ from functools import partial
 
 import numpy as np
 
+from attlog.flight import physics, receiver
 from attlog.flight.ardupilot import events, gyro_bias, remedies
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
-from attlog.flight.builder import LogBuilder, columns, on_earth
+from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Array, Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.flight.modes import ardupilot_mode
 from attlog.flight.px4.state import utc_offset
+from attlog.flight.timing import stamps_of
 from attlog.flight.utc import gps_time_us
 from attlog.formats.base import Messages, Table
 
@@ -124,7 +126,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     log.mode = builder.attempt("The flight mode", lambda: mode(builder, clock, family), None)
     log.rate_setpoints = builder.attempt("The rate set-point", lambda: rate_setpoints(builder, clock, imu), None)
     for unit, table in units(messages, "GPS").items():
-        one = builder.attempt("GPS", partial(receiver, builder, clock, unit, table), None)
+        one = builder.attempt("GPS", partial(one_receiver, builder, clock, unit, table), None)
         log.gnss += [] if one is None else [one]
     if not log.gnss:
         log.gnss = builder.attempt("RGPJ", lambda: replay_receivers(builder), [])
@@ -229,7 +231,9 @@ def rate_setpoints(builder: LogBuilder, clock: Clock, imu: Imu | None) -> Stream
         scale = np.pi / 180.0
         if imu is not None and hundredths(builder.seconds(t), columns(table, *measured), imu):
             scale *= 0.01
-        return builder.stream(t, columns(table, *wanted) * scale, "rad/s", "RATE", frame="FRD", limit=200.0)
+        return builder.stream(
+            t, columns(table, *wanted) * scale, "rad/s", "RATE", frame="FRD", within=physics.RATE_SETPOINT
+        )
     return None
 
 
@@ -244,7 +248,7 @@ def hundredths(t: Array, measured: Array, imu: Imu) -> bool:
 # --- aids -------------------------------------------------------------------------------------------------------
 
 
-def receiver(builder: LogBuilder, clock: Clock, unit: int, table: Table) -> Gnss | None:
+def one_receiver(builder: LogBuilder, clock: Clock, unit: int, table: Table) -> Gnss | None:
     """One receiver: GPS with the accuracies of GPA; velocity from ground speed, course and vertical speed."""
     if not all(c in table for c in ("Lat", "Lng", "Spd", "GCrs")) or "Status" not in table:
         return None
@@ -252,23 +256,16 @@ def receiver(builder: LogBuilder, clock: Clock, unit: int, table: Table) -> Gnss
     source = f"GPS:{unit}"
     altitude = table.value("Alt") if "Alt" in table else np.full(len(table), np.nan)
     place = np.column_stack([table.value("Lat"), table.value("Lng"), altitude])
-    index = builder.keep(t_us, source, on_earth(place))
-    if len(index) == 0:
-        return None
     speed, course = table.value("Spd"), np.radians(table.value("GCrs"))
     down = table.value("VZ") if "VZ" in table else np.full(len(table), np.nan)
     velocity = np.column_stack([speed * np.cos(course), speed * np.sin(course), down])
-    fix = table["Status"].astype(np.int64)
-    place[fix < 2], velocity[fix < 2] = np.nan, np.nan
-    h_acc, v_acc, s_acc = (accuracy(builder, clock, unit, t_us, c)[index] for c in ("HAcc", "VAcc", "SAcc"))
-    utc = utc_us(table)
+    h_acc, v_acc, s_acc = (accuracy(builder, clock, unit, t_us, c) for c in ("HAcc", "VAcc", "SAcc"))
     yaw = np.radians(table.value("Yaw")) if "Yaw" in table else None
     if yaw is not None:
         yaw = np.where(yaw == 0.0, np.nan, (yaw + np.pi) % (2 * np.pi) - np.pi)  # 0: the receiver has no heading
-    return Gnss(
-        unit, builder.seconds(t_us[index]), source, place[index, 0], place[index, 1], place[index, 2], velocity[index],
-        h_acc, v_acc, s_acc, fix[index], yaw[index] if yaw is not None and np.isfinite(yaw[index]).any() else None,
-        None if utc is None else utc[index],
+    return receiver.build(
+        builder, unit, t_us, source, place=place, velocity=velocity, fix=table["Status"].astype(np.int64),
+        accuracy=(h_acc, v_acc, s_acc), yaw=yaw, utc_us=utc_us(table),
     )  # fmt: skip
 
 
@@ -276,20 +273,16 @@ def replay_receivers(builder: LogBuilder) -> list[Gnss]:
     """Receivers as LOG_REPLAY gave them to the EKF (RGPJ): 1e-7 deg, cm, m/s NED, boot time in ms."""
     found = []
     for unit, table in units(builder.messages, "RGPJ").items():
-        t_us = table["TS"].astype(np.int64) * 1000
+        t_us = stamps_of(table, "TS", 1000)
         place = columns(table, "Lat", "Lon", "Alt") * [1e-7, 1e-7, 1e-2]
         new = np.concatenate([[True], np.diff(t_us) != 0]) if len(t_us) else np.zeros(0, bool)
-        good = new & on_earth(place) & (place[:, :2] != 0).any(axis=1)
-        index = LogBuilder(builder.messages).keep(t_us, f"RGPJ:{unit}", good)
-        if len(index) == 0:
-            continue
-        found.append(
-            Gnss(
-                unit, builder.seconds(t_us[index]), f"RGPJ:{unit}", place[index, 0], place[index, 1], place[index, 2],
-                columns(table, "VX", "VY", "VZ")[index], table.value("HA")[index], table.value("VA")[index],
-                table.value("SA")[index], np.full(len(index), 3),
-            )
+        told = new & (place[:, :2] != 0).any(axis=1)
+        one = receiver.build(
+            builder, unit, t_us[told], f"RGPJ:{unit}", place=place[told],
+            velocity=columns(table, "VX", "VY", "VZ")[told], fix=np.full(int(told.sum()), 3),
+            accuracy=(table.value("HA")[told], table.value("VA")[told], table.value("SA")[told]),
         )  # fmt: skip
+        found += [] if one is None else [one]
     return found
 
 
@@ -324,7 +317,7 @@ def baro(builder: LogBuilder, clock: Clock) -> list[Stream]:
         if table is not None:
             tables.setdefault(extra - 1, table)
     found = [
-        builder.stream(clock.of(t), t.value("Alt"), "m", f"BARO:{unit}", limit=1e5)
+        builder.stream(clock.of(t), t.value("Alt"), "m", f"BARO:{unit}", within=physics.BARO)
         for unit, t in sorted(tables.items())
         if "Alt" in t
     ]
@@ -336,7 +329,7 @@ def airspeed(builder: LogBuilder, clock: Clock) -> Stream | None:
     table = builder.messages.first("ARSP")
     if table is None or "Airspeed" not in table:
         return None
-    return builder.stream(clock.of(table), table.value("Airspeed"), "m/s", "ARSP", limit=1e3)
+    return builder.stream(clock.of(table), table.value("Airspeed"), "m/s", "ARSP", within=physics.AIRSPEED)
 
 
 def throttle(builder: LogBuilder, clock: Clock, family: str) -> Stream | None:
@@ -348,7 +341,9 @@ def throttle(builder: LogBuilder, clock: Clock, family: str) -> Stream | None:
             continue
         x = table.value(column)
         scale = 0.01 if family in ("plane", "rover") else (1e-3 if column == "ThrOut" else 1.0)
-        return builder.stream(clock.of(table), x * scale, "1", f"{name}.{column}", limit=10.0, allow_nan=True)
+        return builder.stream(
+            clock.of(table), x * scale, "1", f"{name}.{column}", within=physics.THROTTLE, allow_nan=True
+        )
     return None
 
 
@@ -377,12 +372,12 @@ def rpm(builder: LogBuilder, clock: Clock) -> Stream | None:
     if motors:
         t = clock.of(motors[0])
         x = [np.interp(t, clock.of(m), m.value("RPM")) for m in motors]
-        return builder.stream(t, np.column_stack(x), "rpm", "ESC", limit=1e6)
+        return builder.stream(t, np.column_stack(x), "rpm", "ESC", within=physics.RPM)
     table = messages.first("RPM")
     if table is None:
         return None
     names = [c for c in ("rpm1", "rpm2", "RPM1", "RPM2", "RPM") if c in table]
-    return builder.stream(clock.of(table), columns(table, *names), "rpm", "RPM", limit=1e6) if names else None
+    return builder.stream(clock.of(table), columns(table, *names), "rpm", "RPM", within=physics.RPM) if names else None
 
 
 def battery(builder: LogBuilder, clock: Clock) -> Stream | None:
@@ -394,7 +389,7 @@ def battery(builder: LogBuilder, clock: Clock) -> Stream | None:
         x = columns(table, "Volt", "Curr")
         if table.fields["Volt"].dtype.kind in "iu" or np.nanmedian(np.abs(x[:, 0])) > 150.0:
             x = x * 0.01
-        return builder.stream(clock.of(table), x, "V, A", name, limit=1e4, allow_nan=True)
+        return builder.battery(clock.of(table), x, name)
     return None
 
 
@@ -405,7 +400,9 @@ def acc_bias(builder: LogBuilder, clock: Clock) -> Stream | None:
     table = units(builder.messages, "XKF2").get(core)
     if table is None or not all(c in table for c in ("AX", "AY", "AZ")):
         return None
-    return builder.stream(clock.of(table), columns(table, "AX", "AY", "AZ"), "m/s^2", "XKF2", frame="FRD", limit=10.0)
+    return builder.stream(
+        clock.of(table), columns(table, "AX", "AY", "AZ"), "m/s^2", "XKF2", frame="FRD", within=physics.ACC_BIAS
+    )
 
 
 def vibration(builder: LogBuilder, clock: Clock, imu: Imu | None) -> Stream | None:
@@ -415,4 +412,4 @@ def vibration(builder: LogBuilder, clock: Clock, imu: Imu | None) -> Stream | No
     if table is None or not all(c in table for c in ("VibeX", "VibeY", "VibeZ")):
         return None
     x = columns(table, "VibeX", "VibeY", "VibeZ")
-    return builder.stream(clock.of(table), x, "m/s^2", "VIBE", frame="FRD", limit=1e4)
+    return builder.stream(clock.of(table), x, "m/s^2", "VIBE", frame="FRD", within=physics.VIBRATION)

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.flight import physics
 from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages, Table
 from attlog.formats.mavlink.reader import CLOCK_MESSAGES, STAMP
 
 UNIX_US = 10**15
 """A time_usec above this is Unix time (2001), not time since boot."""
-LATEST_UNIX_US = 4_102_444_800_000_000
-"""The year 2100: later times are no dates of a flight."""
 WINDOW = 21
 """Clock packets whose median gives the difference between packet and boot clock."""
 
@@ -88,5 +87,5 @@ def unix_minus_boot(messages: Messages, instance: int) -> int | None:
     if table is None:
         return None
     unix, boot = table["time_unix_usec"].astype(np.int64), table["time_boot_ms"].astype(np.int64) * 1000
-    known = (unix > UNIX_US) & (unix < LATEST_UNIX_US) & (boot > 0)
+    known = (unix > UNIX_US) & (unix < physics.UTC_US.high) & (boot > 0)
     return int(np.median(unix[known] - boot[known])) if known.any() else None

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
+from attlog.flight import physics, receiver
 from attlog.flight.ardupilot import state
-from attlog.flight.builder import LogBuilder, columns, on_earth
+from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.mavlink.clock import UNIX_US, PacketClock
-from attlog.flight.model import Firmware, FlightLog, Gnss, Stream
+from attlog.flight.model import Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import ardupilot_mode, px4_custom_mode
 from attlog.flight.px4.state import RELEASE_TYPES
 from attlog.flight.vehicle import family_of, named
@@ -17,6 +20,7 @@ ARDUPILOT, PX4 = 3, 12
 ARMED_FLAG = 128
 """MAV_MODE_FLAG_SAFETY_ARMED of HEARTBEAT.base_mode."""
 SEA_LEVEL_HPA = 1013.25
+RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
 
 
 def firmware(messages: Messages, instance: int, autopilot: int | None) -> Firmware:
@@ -37,8 +41,31 @@ def firmware(messages: Messages, instance: int, autopilot: int | None) -> Firmwa
 def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int | None, log: FlightLog) -> None:
     """Add set-points, states, aids and texts to the log."""
     messages = builder.messages
-    heartbeat = messages.tables.get(("HEARTBEAT", instance))
     log.vehicle = "unknown"
+    builder.attempt("HEARTBEAT", lambda: heartbeats(builder, clock, instance, autopilot, log), None)
+    log.simulated = any((n, instance) in messages.tables for n in ("SIM_STATE", "SIMSTATE")) or any(
+        p.name.startswith("SIM_") for p in messages.params
+    )
+    log.landed = builder.attempt("EXTENDED_SYS_STATE", lambda: landed(builder, clock, instance), None)
+    builder.attempt("ATTITUDE_TARGET", lambda: targets(builder, clock, instance, autopilot, log), None)
+    for unit in (0, 1):
+        one = builder.attempt(RECEIVERS[unit], partial(one_receiver, builder, clock, instance, unit), None)
+        log.gnss += [] if one is None else [one]
+    if clock.unix is not None:
+        log.utc_offset = (clock.unix + builder.t0_us) * 1e-6
+    for suffix in ("", "2", "3"):
+        height = builder.attempt("The barometer", partial(baro, builder, clock, instance, suffix), None)
+        log.baro += [] if height is None else [height]
+    builder.attempt("VFR_HUD", lambda: hud(builder, clock, instance, log), None)
+    log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder, clock, instance), None)
+    log.battery = builder.attempt("SYS_STATUS", lambda: battery(builder, clock, instance), None)
+    log.texts = builder.texts()
+
+
+def heartbeats(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int | None, log: FlightLog) -> None:
+    """Add vehicle, arming and modes to the log."""
+    messages = builder.messages
+    heartbeat = messages.tables.get(("HEARTBEAT", instance))
     if heartbeat is not None and len(heartbeat):
         log.vehicle = named(int(heartbeat["type"][-1]))
         quadplane = any(p.name == "Q_ENABLE" and p.value > 0 for p in messages.params)
@@ -52,66 +79,65 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
             for m in heartbeat["custom_mode"]
         ]
         log.mode = builder.time_line(t, names, "HEARTBEAT")
-    log.simulated = any((n, instance) in messages.tables for n in ("SIM_STATE", "SIMSTATE")) or any(
-        p.name.startswith("SIM_") for p in messages.params
-    )
-    state = messages.tables.get(("EXTENDED_SYS_STATE", instance))
-    if state is not None and (state["landed_state"] > 0).any():
-        known = state["landed_state"] > 0
-        log.landed = builder.time_line(
-            clock.of(state)[known], (state["landed_state"][known] == 1).tolist(), "EXTENDED_SYS_STATE"
-        )
-    target = messages.tables.get(("ATTITUDE_TARGET", instance))
+
+
+def landed(builder: LogBuilder, clock: PacketClock, instance: int) -> TimeLine | None:
+    """On the ground or not, where the autopilot tells."""
+    state = builder.messages.tables.get(("EXTENDED_SYS_STATE", instance))
+    if state is None:
+        return None
+    known = state["landed_state"] > 0
+    on_ground = (state["landed_state"][known] == 1).tolist()
+    return builder.time_line(clock.of(state)[known], on_ground, "EXTENDED_SYS_STATE")
+
+
+def targets(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int | None, log: FlightLog) -> None:
+    """Add the set-points of attitude and rates to the log."""
+    target = builder.messages.tables.get(("ATTITUDE_TARGET", instance))
     if target is not None:
         t = clock.of(target)
         log.setpoints = builder.attitude(t, columns(target, "q"), "ATTITUDE_TARGET", has_trim=autopilot == ARDUPILOT)
         rates = columns(target, "body_roll_rate", "body_pitch_rate", "body_yaw_rate")
-        own = LogBuilder(messages, t0_us=builder.t0_us)  # the stamps were reported with the attitude
-        log.rate_setpoints = own.stream(t, rates, "rad/s", "ATTITUDE_TARGET", frame="FRD", limit=200.0)
-    log.gnss = [g for g in (receiver(builder, clock, instance, n) for n in (0, 1)) if g is not None]
-    if clock.unix is not None:
-        log.utc_offset = (clock.unix + builder.t0_us) * 1e-6
-    log.baro = [b for b in (baro(builder, clock, instance, n) for n in ("", "2", "3")) if b is not None]
-    hud = messages.tables.get(("VFR_HUD", instance))
-    if hud is not None:
-        t = clock.of(hud)
-        log.throttle = builder.stream(t, hud.value("throttle") * 0.01, "1", "VFR_HUD", limit=10.0)
-        speed = LogBuilder(messages, t0_us=builder.t0_us).stream(t, hud.value("airspeed"), "m/s", "VFR_HUD", limit=1e3)
-        if family_of(log.vehicle) == "plane":
-            log.airspeed = speed
-    log.rpm = rpm(builder, clock, instance)
-    log.battery = battery(builder, clock, instance)
-    log.texts = builder.texts()
+        own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # the stamps were reported with the attitude
+        log.rate_setpoints = own.stream(t, rates, "rad/s", "ATTITUDE_TARGET", frame="FRD", within=physics.RATE_SETPOINT)
+        builder.take_values(own)
 
 
-def receiver(builder: LogBuilder, clock: PacketClock, instance: int, unit: int) -> Gnss | None:
+def hud(builder: LogBuilder, clock: PacketClock, instance: int, log: FlightLog) -> None:
+    """Add throttle and, of a plane, airspeed to the log."""
+    table = builder.messages.tables.get(("VFR_HUD", instance))
+    if table is None:
+        return
+    t = clock.of(table)
+    log.throttle = builder.stream(t, table.value("throttle") * 0.01, "1", "VFR_HUD", within=physics.THROTTLE)
+    if family_of(log.vehicle) == "plane":
+        own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # the stamps were reported with the throttle
+        log.airspeed = own.stream(t, table.value("airspeed"), "m/s", "VFR_HUD", within=physics.AIRSPEED)
+        builder.take_values(own)
+
+
+def one_receiver(builder: LogBuilder, clock: PacketClock, instance: int, unit: int) -> Gnss | None:
     """One receiver (GPS_RAW_INT, GPS2_RAW); MAVLink does not carry its vertical speed."""
-    name = ("GPS_RAW_INT", "GPS2_RAW")[unit]
+    name = RECEIVERS[unit]
     table = builder.messages.tables.get((name, instance))
     if table is None:
         return None
     t_us = clock.of(table)
     place = columns(table, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
     fix = table["fix_type"].astype(np.int64)
-    kept = LogBuilder(builder.messages)  # a receiver repeats its last fix: equal stamps are no fault
-    index = kept.keep(t_us, name, on_earth(place))
-    if len(index) == 0:
-        return None
     speed = np.where(table["vel"] == 0xFFFF, np.nan, table["vel"] * 0.01)
     course = np.where(table["cog"] == 0xFFFF, np.nan, np.radians(table["cog"] * 0.01))
     velocity = np.column_stack([speed * np.cos(course), speed * np.sin(course), np.full(len(speed), np.nan)])
-    place[fix < 2], velocity[fix < 2] = np.nan, np.nan
     h_acc, v_acc, s_acc = (np.where(table[c] > 0, table[c] * 1e-3, np.nan) if c in table else np.full(len(fix), np.nan)
                            for c in ("h_acc", "v_acc", "vel_acc"))  # fmt: skip
     yaw = None
     if "yaw" in table and ((table["yaw"] > 0) & (table["yaw"] != 0xFFFF)).any():
         known = (table["yaw"] > 0) & (table["yaw"] != 0xFFFF)
-        yaw = np.where(known, (np.radians(table["yaw"] * 0.01) + np.pi) % (2 * np.pi) - np.pi, np.nan)[index]
+        yaw = np.where(known, (np.radians(table["yaw"] * 0.01) + np.pi) % (2 * np.pi) - np.pi, np.nan)
     unix = table["time_usec"].astype(np.int64)
-    return Gnss(
-        unit, builder.seconds(t_us[index]), name, place[index, 0], place[index, 1], place[index, 2], velocity[index],
-        h_acc[index], v_acc[index], s_acc[index], fix[index], yaw,
-        unix[index] if (unix[index] > UNIX_US).any() else None,
+    return receiver.build(
+        builder, unit, t_us, name, place=place, velocity=velocity, fix=fix, accuracy=(h_acc, v_acc, s_acc), yaw=yaw,
+        utc_us=unix if (unix > UNIX_US).any() else None, repeats=True,
     )  # fmt: skip
 
 
@@ -125,7 +151,7 @@ def baro(builder: LogBuilder, clock: PacketClock, instance: int, suffix: str) ->
     with np.errstate(invalid="ignore"):
         altitude = np.where(pressure > 1.0, 44330.77 * (1.0 - np.maximum(pressure / SEA_LEVEL_HPA, 0.0) ** 0.190263),
                             np.nan)  # fmt: skip
-    return builder.stream(clock.of(table), altitude, "m", name, limit=1e5, allow_nan=True)
+    return builder.stream(clock.of(table), altitude, "m", name, within=physics.BARO, allow_nan=True)
 
 
 def rpm(builder: LogBuilder, clock: PacketClock, instance: int) -> Stream | None:
@@ -137,7 +163,7 @@ def rpm(builder: LogBuilder, clock: PacketClock, instance: int) -> Stream | None
     turning = x.any(axis=0)
     if not turning.any():
         return None
-    return builder.stream(clock.of(table), x[:, turning], "rpm", "ESC_TELEMETRY_1_TO_4", limit=1e6)
+    return builder.stream(clock.of(table), x[:, turning], "rpm", "ESC_TELEMETRY_1_TO_4", within=physics.RPM)
 
 
 def battery(builder: LogBuilder, clock: PacketClock, instance: int) -> Stream | None:
@@ -147,6 +173,4 @@ def battery(builder: LogBuilder, clock: PacketClock, instance: int) -> Stream | 
         return None
     volts = np.where(table["voltage_battery"] == 0xFFFF, np.nan, table["voltage_battery"] * 1e-3)
     amperes = np.where(table["current_battery"] < 0, np.nan, table["current_battery"] * 1e-2)
-    return builder.stream(
-        clock.of(table), np.column_stack([volts, amperes]), "V, A", "SYS_STATUS", limit=1e4, allow_nan=True
-    )
+    return builder.battery(clock.of(table), np.column_stack([volts, amperes]), "SYS_STATUS")

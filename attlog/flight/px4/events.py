@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.flight import physics
 from attlog.flight.builder import LogBuilder
 from attlog.flight.model import Problem
 from attlog.flight.px4.imus import stamps
@@ -37,11 +38,12 @@ def _estimator(builder: LogBuilder) -> None:
     table = builder.messages.tables.get(("estimator_status", 0))
     if table is None or len(table) < 2:
         return
+    table = table.rows(builder.near(stamps(table)))
     t = builder.seconds(stamps(table))
     for column, (what, cause) in RATIOS.items():
         if column not in table:
             continue
-        ratio = table.value(column)
+        ratio = builder.within(table.value(column), physics.TEST_RATIO, f"estimator_status.{column}")
         spans = _longer(t, ratio > 1.0, REJECTED_S)
         if spans:
             seconds = sum(b - a for a, b in spans)
@@ -69,6 +71,7 @@ def _failsafe(builder: LogBuilder) -> None:
     table = builder.messages.tables.get(("vehicle_status", 0))
     if table is None or "failsafe" not in table:
         return
+    table = table.rows(builder.near(stamps(table)))
     on = table["failsafe"].astype(np.int64) != 0
     starts = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0) == 1)
     if len(starts):

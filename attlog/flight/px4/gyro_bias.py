@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.inertial import longest_held
 from attlog.flight.model import Imu, Stream
@@ -16,8 +17,6 @@ from attlog.flight.px4.imus import stamps
 from attlog.formats.base import Table
 
 TOPIC = "estimator_sensor_bias"
-LARGEST_RAD_S = 10.0
-"""PX4 bounds its estimate far below (EKF2_GYR_B_LIM, 0.15 rad/s); more is damage."""
 
 
 def gyro_bias(builder: LogBuilder, imu: Imu | None) -> Stream | None:
@@ -36,7 +35,12 @@ def gyro_bias(builder: LogBuilder, imu: Imu | None) -> Stream | None:
         if on_same_gyro(found[i], imu):
             table = found[i]
             return builder.stream(
-                stamps(table), columns(table, "gyro_bias"), "rad/s", f"{TOPIC}:{i}", frame="FRD", limit=LARGEST_RAD_S
+                stamps(table),
+                columns(table, "gyro_bias"),
+                "rad/s",
+                f"{TOPIC}:{i}",
+                frame="FRD",
+                within=physics.GYRO_BIAS,
             )
     return None
 

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, validate
+from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array, Problem
 from attlog.flight.px4.calibration import calibrate
-from attlog.flight.timing import Stamps
+from attlog.flight.timing import Stamps, stamps_of
 from attlog.formats.base import Table
 
 FAST_HZ = 100.0
@@ -26,7 +26,7 @@ DECIMATED = 1.5
 
 def stamps(table: Table, column: str = "timestamp") -> Stamps:
     """The stamps (n,) in us as int64."""
-    return table[column].astype(np.int64)
+    return stamps_of(table, column)
 
 
 def sample_stamps(table: Table) -> Stamps | None:
@@ -44,7 +44,7 @@ def candidates(builder: LogBuilder, values: dict[str, float], selected: int) -> 
         "sensor_gyro": lambda: raw(builder, values),
     }
     found = [c for name, source in sources.items() for c in builder.attempt(name, source, [])]
-    return [c for c in (validate(builder, f) for f in found) if c is not None]
+    return validated(builder, found)
 
 
 def fifo(builder: LogBuilder, values: dict[str, float]) -> list[Candidate]:

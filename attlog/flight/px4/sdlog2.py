@@ -10,13 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from attlog import rotation
-from attlog.flight import inertial, magnetic, parameters
-from attlog.flight.builder import LogBuilder, columns, on_earth
+from attlog.flight import inertial, magnetic, parameters, physics, receiver
+from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag, Stream
 from attlog.flight.modes import px4_mode
+from attlog.flight.physics import Quantity
 from attlog.flight.px4.advice import Sdlog2Settings
 from attlog.flight.px4.state import ARMED, DECLINATION, utc_offset
-from attlog.flight.timing import Stamps, only_new
+from attlog.flight.timing import Stamps, only_new, stamps_of
 from attlog.flight.vehicle import named
 from attlog.formats.base import Messages, Table
 from attlog.formats.sdlog2 import TIME
@@ -26,7 +27,7 @@ UNITS = (("IMU", 0), ("IMU1", 1), ("IMU2", 2))
 
 def stamps(table: Table) -> Stamps:
     """Boot times (n,) in us; records before the first TIME record get a negative one and are left out."""
-    return table[TIME].astype(np.int64)
+    return stamps_of(table, TIME)
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
@@ -136,43 +137,48 @@ def states(builder: LogBuilder, log: FlightLog) -> None:
 
 def aids(builder: LogBuilder, log: FlightLog) -> None:
     """Add GNSS, barometer, battery, throttle and rate set-points to the log."""
-    one = builder.attempt("GPS", lambda: receiver(builder), None)
+    one = builder.attempt("GPS", lambda: one_receiver(builder), None)
     log.gnss = [] if one is None else [one]
     log.utc_offset = utc_offset(log.gnss)
-    altitude = column(builder, "SENS", ("BaroAlt",), "m", 1e5)
+    altitude = column(builder, "SENS", ("BaroAlt",), "m", physics.BARO)
     log.baro = [] if altitude is None else [altitude]
-    log.battery = column(builder, "BATT", ("V", "C"), "V, A", 1e4)
-    log.throttle = column(builder, "ATTC", ("Thrust",), "1", 10.0)
-    log.rate_setpoints = column(builder, "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP"), "rad/s", 200.0)
+    log.battery = builder.attempt("BATT", lambda: battery(builder), None)
+    log.throttle = column(builder, "ATTC", ("Thrust",), "1", physics.THROTTLE)
+    log.rate_setpoints = column(
+        builder, "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP"), "rad/s", physics.RATE_SETPOINT
+    )
 
 
-def column(builder: LogBuilder, name: str, names: tuple[str, ...], unit: str, limit: float) -> Stream | None:
+def column(builder: LogBuilder, name: str, names: tuple[str, ...], unit: str, within: Quantity) -> Stream | None:
     """A stream of some columns, None where the log has none."""
     table = builder.messages.first(name)
     if table is None or not all(n in table for n in names):
         return None
     return builder.attempt(
         name,
-        lambda: builder.stream(stamps(table), columns(table, *names), unit, name, limit=limit, allow_nan=True),
+        lambda: builder.stream(stamps(table), columns(table, *names), unit, name, within=within, allow_nan=True),
         None,
     )
 
 
-def receiver(builder: LogBuilder) -> Gnss | None:
+def battery(builder: LogBuilder) -> Stream | None:
+    """Battery (n, 2): voltage in V and current in A."""
+    table = builder.messages.first("BATT")
+    if table is None or not all(n in table for n in ("V", "C")):
+        return None
+    return builder.battery(stamps(table), columns(table, "V", "C"), "BATT")
+
+
+def one_receiver(builder: LogBuilder) -> Gnss | None:
     """The GNSS receiver."""
     table = builder.messages.first("GPS")
     if table is None or "GPSTime" not in table:
         return None
     t_us = stamps(table)
     place: Array = columns(table, "Lat", "Lon", "Alt")
-    index = builder.keep(t_us, "GPS", on_earth(place))
-    if len(index) == 0:
-        return None
-    fix = table["Fix"].astype(np.int64)
-    velocity = columns(table, "VelN", "VelE", "VelD")
-    place[fix < 2], velocity[fix < 2] = np.nan, np.nan
-    return Gnss(
-        0, builder.seconds(t_us[index]), "GPS", place[index, 0], place[index, 1], place[index, 2], velocity[index],
-        table.value("EPH")[index], table.value("EPV")[index], np.full(len(index), np.nan), fix[index],
-        None, table["GPSTime"].astype(np.int64)[index],
+    return receiver.build(
+        builder, 0, t_us, "GPS", place=place, velocity=columns(table, "VelN", "VelE", "VelD"),
+        fix=table["Fix"].astype(np.int64),
+        accuracy=(table.value("EPH"), table.value("EPV"), np.full(len(table), np.nan)),
+        utc_us=table["GPSTime"].astype(np.int64),
     )  # fmt: skip

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.flight.builder import LogBuilder, columns, finite_within, on_earth
-from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
+from attlog.flight import physics, receiver
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import px4_mode
 from attlog.flight.px4 import events, gyro_bias, remedies
 from attlog.flight.px4.imus import stamps
@@ -22,8 +20,6 @@ DECLINATION = {"EKF2_MAG_DECL": 1.0, "ATT_MAG_DECL": 1.0}
 RELEASE_TYPES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 ARMED = 2
 """``vehicle_status.arming_state`` of an armed vehicle, the same in all versions."""
-YEAR_2000_US, YEAR_2100_US = 946_684_800_000_000, 4_102_444_800_000_000
-"""Unix times outside are no dates of a flight."""
 
 
 def firmware(messages: Messages) -> Firmware:
@@ -133,7 +129,10 @@ def rate_setpoints(builder: LogBuilder) -> Stream | None:
     if table is None or "roll" not in table:
         return None
     rates = columns(table, "roll", "pitch", "yaw")
-    return builder.stream(stamps(table), rates, "rad/s", "vehicle_rates_setpoint", frame="FRD", allow_nan=True)
+    return builder.stream(
+        stamps(table), rates, "rad/s", "vehicle_rates_setpoint", frame="FRD", within=physics.RATE_SETPOINT,
+        allow_nan=True,
+    )  # fmt: skip
 
 
 def gnss(builder: LogBuilder) -> list[Gnss]:
@@ -144,10 +143,10 @@ def gnss(builder: LogBuilder) -> list[Gnss]:
     name = max(counts, key=lambda n: counts[n])
     if counts[name] == 0:
         return []
-    return [g for g in (receiver(builder, name, i) for i in messages.instances(name)) if g is not None]
+    return [g for g in (one_receiver(builder, name, i) for i in messages.instances(name)) if g is not None]
 
 
-def receiver(builder: LogBuilder, name: str, instance: int) -> Gnss | None:
+def one_receiver(builder: LogBuilder, name: str, instance: int) -> Gnss | None:
     """One receiver; positions are 1e-7 deg integers (mm) before 1.15 and double degrees (m) since."""
     table = builder.messages[name, instance]
     t_us = stamps(table)
@@ -159,26 +158,18 @@ def receiver(builder: LogBuilder, name: str, instance: int) -> Gnss | None:
     else:
         return None
     fix = table["fix_type"].astype(np.int64)
-    index = builder.keep(t_us, source, on_earth(place) & finite_within(place[:, 2:], 1e6))
-    if len(index) == 0:
-        return None
     velocity = columns(table, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
     if "vel_ned_valid" in table:
         velocity[table["vel_ned_valid"] == 0] = np.nan
-    without = fix < 2
-    place[without], velocity[without] = np.nan, np.nan
-    yaw = columns(table, "heading")[:, 0] if "heading" in table else None
-    utc = table["time_utc_usec"].astype(np.int64)
-    return Gnss(
-        instance, builder.seconds(t_us[index]), source, place[index, 0], place[index, 1], place[index, 2],
-        velocity[index], accuracy(table, "eph")[index], accuracy(table, "epv")[index],
-        accuracy(table, "s_variance_m_s")[index], fix[index],
-        yaw[index] if yaw is not None and np.isfinite(yaw[index]).any() and yaw[index].any() else None,
-        utc[index] if (utc[index] > 0).any() else None,
+    return receiver.build(
+        builder, instance, t_us, source, place=place, velocity=velocity, fix=fix,
+        accuracy=(accuracy(table, "eph"), accuracy(table, "epv"), accuracy(table, "s_variance_m_s")),
+        yaw=columns(table, "heading")[:, 0] if "heading" in table else None,
+        utc_us=table["time_utc_usec"].astype(np.int64) if "time_utc_usec" in table else None,
     )  # fmt: skip
 
 
-def accuracy(table: Table, column: str) -> NDArray[Any]:
+def accuracy(table: Table, column: str) -> Array:
     """An accuracy column, NaN where the topic has none."""
     return table.value(column) if column in table else np.full(len(table), np.nan)
 
@@ -188,7 +179,7 @@ def utc_offset(receivers: list[Gnss]) -> float | None:
     for one in receivers:
         if one.utc_us is None:
             continue
-        good = (one.utc_us > YEAR_2000_US) & (one.utc_us < YEAR_2100_US) & (one.fix >= 2)
+        good = (one.utc_us > 0) & (one.fix >= receiver.FIX)
         if good.any():
             return float(np.median(one.utc_us[good] * 1e-6 - one.t[good]))
     return None
@@ -208,7 +199,7 @@ def baro(builder: LogBuilder) -> list[Stream]:
             if name == "sensor_combined":
                 new = only_new(x, t)
                 t, x = t[new], x[new]
-            found.append(builder.stream(t, x, "m", f"{name}:{table.instance}", limit=1e5))
+            found.append(builder.stream(t, x, "m", f"{name}:{table.instance}", within=physics.BARO))
         return [f for f in found if f is not None]
     return []
 
@@ -219,7 +210,7 @@ def airspeed(builder: LogBuilder) -> Stream | None:
         table = builder.messages.tables.get((name, 0))
         if table is not None and "true_airspeed_m_s" in table:
             stream = builder.stream(
-                stamps(table), table.value("true_airspeed_m_s"), "m/s", name, limit=1e3, allow_nan=True
+                stamps(table), table.value("true_airspeed_m_s"), "m/s", name, within=physics.AIRSPEED, allow_nan=True
             )
             if stream is not None:
                 return stream
@@ -236,7 +227,8 @@ def throttle(builder: LogBuilder) -> Stream | None:
         table = builder.messages.tables.get((name, 0))
         if table is not None and column in table:
             x = columns(table, column)
-            return builder.stream(stamps(table), np.sqrt(np.sum(x**2, axis=1)), "1", name, limit=10.0, allow_nan=True)
+            size = np.sqrt(np.sum(x**2, axis=1))
+            return builder.stream(stamps(table), size, "1", name, within=physics.THROTTLE, allow_nan=True)
     return None
 
 
@@ -252,7 +244,7 @@ def rpm(builder: LogBuilder) -> Stream | None:
     turning = x.any(axis=0)
     if not turning.any():
         return None
-    return builder.stream(stamps(table), x[:, turning], "rpm", "esc_status", limit=1e6)
+    return builder.stream(stamps(table), x[:, turning], "rpm", "esc_status", within=physics.RPM)
 
 
 def battery(builder: LogBuilder) -> Stream | None:
@@ -261,8 +253,8 @@ def battery(builder: LogBuilder) -> Stream | None:
     if table is None or "voltage_v" not in table:
         return None
     x = columns(table, "voltage_v", "current_a")
-    x[x < 0] = np.nan  # -1: no current sensor
-    return builder.stream(stamps(table), x, "V, A", "battery_status", limit=1e4, allow_nan=True)
+    x[(x < 0) & (x >= -physics.VOLTAGE.high)] = np.nan  # -1: no current sensor
+    return builder.battery(stamps(table), x, "battery_status")
 
 
 def acc_bias(builder: LogBuilder) -> Stream | None:
@@ -271,5 +263,10 @@ def acc_bias(builder: LogBuilder) -> Stream | None:
     if table is None or "accel_bias" not in table:
         return None
     return builder.stream(
-        stamps(table), columns(table, "accel_bias"), "m/s^2", "estimator_sensor_bias", frame="FRD", limit=10.0
+        stamps(table),
+        columns(table, "accel_bias"),
+        "m/s^2",
+        "estimator_sensor_bias",
+        frame="FRD",
+        within=physics.ACC_BIAS,
     )

@@ -1,0 +1,84 @@
+"""One GNSS receiver: its records on the log's clock, without what no receiver can measure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.flight import physics
+from attlog.flight.builder import OF_VALUES, LogBuilder, on_earth
+from attlog.flight.model import Array, Gnss
+from attlog.flight.physics import Quantity
+from attlog.flight.timing import Stamps
+
+FIX = 2
+"""Fix types from here on tell a place."""
+NOT_ON_EARTH = f"whose place is none ({physics.LATITUDE.limits}, {physics.LONGITUDE.limits})"
+
+
+def build(
+    builder: LogBuilder,
+    unit: int,
+    t_us: Stamps,
+    source: str,
+    *,
+    place: Array,
+    velocity: Array,
+    fix: NDArray[np.int64],
+    accuracy: tuple[Array, Array, Array],
+    yaw: Array | None = None,
+    utc_us: NDArray[np.int64] | None = None,
+    repeats: bool = False,
+) -> Gnss | None:
+    """The receiver ``unit``; None if no record is left.
+
+    ``place`` (n, 3): latitude and longitude in deg, height in m. ``velocity`` (n, 3) m/s NED.
+    ``accuracy``: horizontal and vertical in m, of the speed in m/s, each (n,). ``yaw`` (n,) rad,
+    ``utc_us`` (n,) Unix time. Where records tell of no fix, place and velocity become NaN
+    and nothing in them counts as wrong. ``repeats``: the last record is sent again until there
+    is a new one, with its stamp or none, so that times tell no fault.
+    """
+    own = LogBuilder(builder.messages)
+    index = own.keep(t_us, source, on_earth(place), wrong=NOT_ON_EARTH, fastest_hz=physics.AIDING_HZ)
+    builder.problems += [p for p in own.problems if not repeats or p.code in OF_VALUES]
+    if len(index) == 0:
+        return None
+    place, velocity, fix = place[index], velocity[index], fix[index]
+    fixed = fix >= FIX
+    place[~fixed], velocity[~fixed] = np.nan, np.nan
+    place[:, 2] = builder.within(place[:, 2], physics.HEIGHT, source)
+    velocity = builder.within(velocity, physics.SPEED, source)
+    quantities = (physics.PLACE_ACCURACY, physics.PLACE_ACCURACY, physics.SPEED_ACCURACY)
+    h_acc, v_acc, s_acc = (
+        _where_fixed(builder, x[index], fixed, quantity, source)
+        for x, quantity in zip(accuracy, quantities, strict=True)
+    )
+    if yaw is not None:
+        yaw = builder.within(yaw[index], physics.GNSS_YAW, source)
+        yaw = yaw if np.isfinite(yaw).any() and yaw.any() else None
+    if utc_us is not None:
+        utc_us = _dates(builder, utc_us[index], fix, source)
+    return Gnss(
+        unit, builder.seconds(t_us[index]), source, place[:, 0], place[:, 1], place[:, 2], velocity, h_acc, v_acc,
+        s_acc, fix, yaw, utc_us,
+    )  # fmt: skip
+
+
+def _where_fixed(builder: LogBuilder, x: Array, fixed: NDArray[np.bool_], quantity: Quantity, source: str) -> Array:
+    """An accuracy without impossible values. Those without a fix do not count: drivers write their largest number."""
+    x = np.where(~fixed & quantity.outside(x), np.nan, x)
+    return builder.within(x, quantity, source)
+
+
+def _dates(
+    builder: LogBuilder, utc_us: NDArray[np.int64], fix: NDArray[np.int64], source: str
+) -> NDArray[np.int64] | None:
+    """Unix times with 0 where they are none; None if no record tells one. They count as wrong with a fix in space."""
+    date = physics.UTC_US
+    wrong = date.outside(utc_us.astype(np.float64)) & (utc_us != 0)
+    count = int(np.count_nonzero(wrong & (fix > FIX)))
+    if count:
+        text = f"{source}: left out {count:,} of {len(utc_us):,} dates, which are none of a flight ({date.why})."
+        builder.problem("values_out_of_range", "warning", text, count=count)
+    utc_us = np.where(wrong, 0, utc_us)
+    return utc_us if utc_us.any() else None
