@@ -21,11 +21,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import formats, rotation
-from attlog.errors import OutputError, UsageError
+from attlog import formats, rotation, spreadsheet
+from attlog.errors import LogUnusable, OutputError, UsageError
+from attlog.file_names import file_names
 from attlog.flight.model import FlightLog
 from attlog.flight.record_time import clock_of
 from attlog.formats import Messages
+from attlog.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
 from attlog.output import write_atomic
 from attlog.summary import sha256
 
@@ -34,6 +36,10 @@ if TYPE_CHECKING:
 
 
 INSTANCE = re.compile(r"(?P<name>.+?)(?:\.(?P<dot>\d{1,9})|\[(?P<bracket>\d{1,9})\])")
+
+
+COLUMN_BYTES, CELL_BYTES = 200, 8
+"""About what a column takes before its first value, and a number in a CSV file."""
 
 
 @dataclass(slots=True)
@@ -69,10 +75,12 @@ def messages(log: FlightLog, names: Iterable[str], system: int | None = None) ->
 
     Without names all of them; names as :func:`wanted` takes them. ``system`` is the MAVLink
     vehicle that ``log`` was read for.
-    UsageError for names that the log does not have.
+    UsageError for names that the log does not have, LogUnusable where the definitions of a small log would fill a
+    disk: few values under endless names.
     """
     opened = formats.open(log.path, system).boot(log.boot)
     clock = clock_of(opened, system)
+    size, limit = 0, max(EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO * log.path.stat().st_size)
     for name, instance in wanted(opened, names):
         table = opened[name, instance]
         columns: dict[str, NDArray[Any]] = {}
@@ -81,6 +89,12 @@ def messages(log: FlightLog, names: Iterable[str], system: int | None = None) ->
             columns["time_s"] = (stamps - log.t0_us) / 1e6
         for column, spec in table.fields.items():
             columns.update(_flat(column, table.value(column) if spec.scale != 1.0 else table[column]))
+        size += sum(COLUMN_BYTES + len(c) + CELL_BYTES * len(values) for c, values in columns.items())
+        if size > limit:
+            raise LogUnusable(
+                f"{log.path}: what was asked for would take more than {limit >> 20} MB; "
+                "name the messages that are wanted"
+            )
         units = {c: spec.unit for c, spec in table.fields.items() if spec.unit}
         several = len(opened.instances(name)) > 1
         yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
@@ -195,8 +209,8 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
     if single and len(listed) > 1:
         raise UsageError(f"-o {path}: {_too_many(listed)} need a folder")
     written = []
-    for table in listed:
-        target = path if single else path / f"{table.name}.{kind}"
+    for table, name in zip(listed, file_names(table.name for table in listed), strict=True):
+        target = path if single else path / f"{name}.{kind}"
         about = meta | {"table": table.name, "units": table.units, "source": table.note}
         write_atomic(target, _csv(table) if kind == "csv" else _parquet(table, about))
         if kind == "csv":
@@ -237,7 +251,12 @@ def _about(log: FlightLog) -> dict[str, Any]:
 
 def _csv(table: Extract) -> str:
     buffer = io.StringIO()
-    table.frame().to_csv(buffer, index=False, lineterminator="\n")
+    frame = table.frame()
+    for name, values in table.columns.items():
+        if values.dtype == object:
+            frame[name] = [spreadsheet.cell(value) for value in values]
+    frame.columns = frame.columns.map(spreadsheet.cell)
+    frame.to_csv(buffer, index=False, lineterminator="\n")
     return buffer.getvalue()
 
 

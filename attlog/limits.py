@@ -37,6 +37,12 @@ MAX_UNPACKED_RATIO = 200
 UNPACKED_ANYWAY_BYTES = 64 << 20
 """Never too much to unpack, whatever the ratio: dumps of a flash chip that is mostly erased."""
 
+MAX_EXTRACT_RATIO = 100
+"""Bytes of tables that a byte of a log may become: a number of one byte takes some 20 in a CSV file with its time."""
+
+EXTRACT_ANYWAY_BYTES = 256 << 20
+"""Never too much to write, whatever the ratio: rerun filters say more than the log does."""
+
 MAX_MEMBERS = 100_000
 """Files in one zip archive; a directory of more is no folder of flights."""
 

@@ -14,7 +14,17 @@ import pytest
 import attlog
 
 PACKAGE = Path(attlog.__file__).parent
-EVERYWHERE = {"errors", "limits", "rotation", "earth", "output", "settings_file", "barrier"}
+EVERYWHERE = {
+    "errors",
+    "limits",
+    "rotation",
+    "earth",
+    "output",
+    "settings_file",
+    "file_names",
+    "spreadsheet",
+    "barrier",
+}
 """Importable by all; they import only each other."""
 SENSORS = {"flight", "segments", "reference"}
 BELOW_THE_RESULT = {"formats", "estimators", "metrics", "health", "config"} | SENSORS

@@ -31,6 +31,7 @@ from attlog.cli import (
     tune,
 )
 from attlog.cli.arguments import Group, WithGates, WithJson
+from attlog.cli.common import to_stderr
 from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
 
 
@@ -107,7 +108,7 @@ def _code() -> int:
         if isinstance(error, OSError) and streams.is_of_a_stream(error):
             return streams.lost(error)
         if "-vv" in sys.argv and not isinstance(error, AttlogError):
-            traceback.print_exc()
-        print(message(error, __version__), file=sys.stderr)
+            to_stderr(traceback.format_exc())
+        to_stderr(message(error, __version__))
         return exit_code(error)
     return 0

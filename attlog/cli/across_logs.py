@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import sys
 from collections.abc import Iterator, Sequence
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from attlog import __version__
-from attlog.cli.common import NoColor, console, say
+from attlog import __version__, spreadsheet
+from attlog.cli.common import NoColor, console, say, to_stderr
 from attlog.errors import LogUnusable, OutputError, UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
@@ -75,7 +74,7 @@ def command(
     gathered = Gathered(given, [m.partition("@")[0] for m in asked])
     found = across(gathered, asked, _listed(row), window, by)
     for error in gathered.wrong:
-        print(message(error, __version__), file=sys.stderr)
+        to_stderr(message(error, __version__))
     if not found.logs and not gathered.wrong:
         raise LogUnusable(f"{given[0]}: no log of it was analysed; {gathered.failed} failed")
     if found.logs:
@@ -108,15 +107,16 @@ def _notes(found: Across, failed: int) -> None:
     from attlog.present.numbers import counted, listed
 
     if found.twice:
-        print(f"attlog: {counted(found.twice, 'result')} left out: of a log that comes twice the newest one counts"
-              " (--by batch keeps batches apart)", file=sys.stderr)  # fmt: skip
+        to_stderr(
+            f"attlog: {counted(found.twice, 'result')} left out: of a log that comes twice the newest one counts"
+            " (--by batch keeps batches apart)"
+        )
     against = references(found)
     if len(against) > 1:
         said = listed([f"{name} ({n})" for name, n in against.items()])
-        print(f"attlog: the logs are compared with different things: {said}; --by reference tells them apart",
-              file=sys.stderr)  # fmt: skip
+        to_stderr(f"attlog: the logs are compared with different things: {said}; --by reference tells them apart")
     if failed:
-        print(f"attlog: {counted(failed, 'log')} could not be analysed, not in the table", file=sys.stderr)
+        to_stderr(f"attlog: {counted(failed, 'log')} could not be analysed, not in the table")
 
 
 def _write(found: Across, by: str | None, kind: str, output: Path | None) -> None:
@@ -136,10 +136,8 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
             return
         text = "".join(line.text + "\n" for line in terminal(found, by, sys.maxsize))
     elif kind == "csv":
-        made = io.StringIO()
         head, body = across_table.values(found, by)
-        csv.writer(made, lineterminator="\n").writerows([head, *body])
-        text = made.getvalue()
+        text = spreadsheet.csv_text([head, *body])
     else:
         table = across_table.words(found, by, found.columns, units=True)
         text = (markdown if kind == "md" else latex)(table.head, [*table.body, *table.foot])

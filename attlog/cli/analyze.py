@@ -17,7 +17,19 @@ from attlog.cli import gates as gated
 from attlog.cli import options
 from attlog.cli.arguments import command_line
 from attlog.cli.bar import Bar
-from attlog.cli.common import Boot, Json, NoColor, Places, Quiet, System, Verbose, console, say
+from attlog.cli.common import (
+    Boot,
+    Json,
+    NoColor,
+    Places,
+    Quiet,
+    System,
+    Verbose,
+    console,
+    json_to_stdout,
+    say,
+    to_stderr,
+)
 from attlog.cli.progress import progress
 from attlog.cli.streams import is_of_a_stream
 from attlog.errors import BUG, INTERRUPTED, exit_code, message, worst
@@ -85,13 +97,13 @@ def command(
 
     found, wrong = sources(logs)
     for error in wrong:
-        print(message(error, __version__), file=sys.stderr)
+        to_stderr(message(error, __version__))
     results: list[Result] = []
 
     def show(log: str, result: Result, report: Path) -> None:
         results.append(result)
         if json:
-            print(_json_text(result, deterministic, one_line=max(len(logs), len(found)) > 1))
+            json_to_stdout(_json_text(result, deterministic, one_line=max(len(logs), len(found)) > 1))
         if not quiet:
             _show(result, report, settings, on_stderr=json, verbose=verbose)
         held.shown(log, report, quiet, console(stderr=json))
@@ -139,7 +151,7 @@ def _one(source: Source, task: _Task) -> int:
             )  # fmt: skip
         task.show(source.name, written.result, written.report)
     except KeyboardInterrupt:
-        print(_kept([], 1, task.folder), file=sys.stderr)
+        to_stderr(_kept([], 1, task.folder))
         return INTERRUPTED
     except Exception as error:
         code = _failed(error, source.name, task.verbose)
@@ -153,8 +165,8 @@ def _failed(error: Exception, log: str, verbose: int) -> int:
     if is_of_a_stream(error):
         raise error
     if verbose > 1 and exit_code(error) == BUG:
-        traceback.print_exception(error)
-    print(message(error, __version__, log), file=sys.stderr)
+        to_stderr("".join(traceback.format_exception(error)))
+    to_stderr(message(error, __version__, log))
     return exit_code(error)
 
 
@@ -189,7 +201,7 @@ def _several(logs: Sequence[Source], commands: Sequence[str], task: _Task, jobs:
                 with bar.aside():
                     if not record.done:
                         task.broken(record.log, record.name, record.code, record.message)
-                        print(record.trace * (task.verbose > 1) + record.message, file=sys.stderr)
+                        to_stderr(record.trace * (task.verbose > 1) + record.message)
                         continue
                     try:
                         task.show(
@@ -206,7 +218,7 @@ def _several(logs: Sequence[Source], commands: Sequence[str], task: _Task, jobs:
         entries = [found[name] for name in names if name in found]
         _say_summary(entries, len(logs), time.monotonic() - started, task.folder, on_stderr)
     if INTERRUPTED in codes:
-        print(_kept([e.name for e in found.values() if e.row is not None], len(logs), task.folder), file=sys.stderr)
+        to_stderr(_kept([e.name for e in found.values() if e.row is not None], len(logs), task.folder))
     return codes
 
 
@@ -262,4 +274,4 @@ def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbo
     say([Line(f"report: {report}")], out)
     notice = bundle_notice()
     if notice:
-        print(f"attlog: {notice}", file=sys.stderr)
+        to_stderr(f"attlog: {notice}")

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from attlog.cli.common import console
+from attlog.cli.common import console, to_stderr
 
 if TYPE_CHECKING:
     from attlog.fleet.record import Record
@@ -65,14 +65,16 @@ class Bar:
 
     def heard(self, work: Work, told: dict[str, Any]) -> None:
         """A log is at a stage, or compiles a filter, which is told once. Called from any thread."""
+        from attlog.present.text import for_terminal
+
         compiling = told.get("compiling", "")
         with self._lock:
             if compiling and self._compiling and compiling not in self._told:
                 self._told.add(compiling)
                 with self.aside():
-                    print(f"attlog: {compiling}", file=sys.stderr, flush=True)
+                    to_stderr(f"attlog: {compiling}")
             if self._progress is not None and "stage" in told:
-                self._progress.update(self._task, now=f"{work.name[-SHOWN:]}: {told['stage']}")
+                self._progress.update(self._task, now=for_terminal(f"{work.name[-SHOWN:]}: {told['stage']}"))
 
     def advance(self, record: Record) -> None:
         """One log is done or has failed."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -14,7 +13,7 @@ from attlog import __version__
 from attlog.cli import gates as gated
 from attlog.cli import options
 from attlog.cli.bar import Bar
-from attlog.cli.common import Boot, NoColor, Places, Quiet, System, Verbose, console, say
+from attlog.cli.common import Boot, NoColor, Places, Quiet, System, Verbose, console, say, to_stderr
 from attlog.cli.signals import ended_by_signals
 from attlog.errors import INTERRUPTED, UsageError, exit_code, message, worst
 
@@ -126,7 +125,7 @@ def command(
 
     found, wrong = sources(logs)
     for error in wrong:
-        print(message(error, __version__), file=sys.stderr)
+        to_stderr(message(error, __version__))
     codes, names = {exit_code(error) for error in wrong}, list[str]()
     if found:
         job = Job(
@@ -180,7 +179,7 @@ class _Told:
     def say(self, text: str) -> None:
         """A message beside the bar."""
         with self._bar.aside():
-            print(text, file=sys.stderr, flush=True)
+            to_stderr(text)
 
 
 def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
@@ -197,16 +196,13 @@ def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
         if outcome.entries:
             say([Line(f"index: {folder / 'index.html'}")], out)
     if outcome.lost:
-        print(f"attlog: {outcome.lost}", file=sys.stderr)
+        to_stderr(f"attlog: {outcome.lost}")
     if outcome.stopped:
         left = outcome.total - len(outcome.entries)
-        print(
+        to_stderr(
             f"attlog: stopped: {outcome.stopped}, {left} of {outcome.total} logs were not reached; "
-            "--resume goes on when there is room", file=sys.stderr,
-        )  # fmt: skip
+            "--resume goes on when there is room"
+        )
     if outcome.interrupted:
         reports = sum(entry.row is not None for entry in outcome.entries)
-        print(
-            f"attlog: interrupted; {reports} of {outcome.total} reports are in {folder}; --resume goes on",
-            file=sys.stderr,
-        )
+        to_stderr(f"attlog: interrupted; {reports} of {outcome.total} reports are in {folder}; --resume goes on")

@@ -89,14 +89,37 @@ def console(stderr: bool = False) -> Console:
     return Terminal(stderr=stderr, highlight=False, soft_wrap=False, width=width)
 
 
+def to_stderr(text: str) -> None:
+    """A message on standard error; whatever a log called itself steers no terminal."""
+    from attlog.present.text import for_terminal
+
+    if sys.stderr is not None:
+        print(for_terminal(text), file=sys.stderr, flush=True)
+
+
+def to_stdout(text: str) -> None:
+    """A line of results on standard output, as :func:`to_stderr`."""
+    from attlog.present.text import for_terminal
+
+    print(for_terminal(text))
+
+
+def json_to_stdout(text: str) -> None:
+    """JSON on standard output, as it is but for escapes of what would steer a terminal."""
+    from attlog.present.text import json_for_terminal
+
+    print(json_for_terminal(text).rstrip("\n"))
+
+
 def say(lines: Iterable[Line], out: Console) -> None:
     """Print lines as they are: not broken, nothing in them taken for markup, no blanks behind them."""
     from rich.text import Text
 
     from attlog.present.stand_ins import stand_in
+    from attlog.present.text import for_terminal
 
     for line in lines:
-        out.print(Text(stand_in(line.text, out.encoding).rstrip(), line.style), soft_wrap=True)
+        out.print(Text(stand_in(for_terminal(line.text), out.encoding).rstrip(), line.style), soft_wrap=True)
 
 
 def one_log(path: Path) -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,7 @@ import typer
 from attlog import __version__
 from attlog.cli import completion
 from attlog.cli.arguments import command_line
-from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, say
+from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
 from attlog.cli.progress import progress
 from attlog.errors import UsageError, exit_code, message, worst
 
@@ -98,7 +97,7 @@ def command(
     if not found.logs:
         raise UsageError("no log named: attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6")
     for error in wrong:
-        print(message(error, __version__), file=sys.stderr)
+        to_stderr(message(error, __version__))
     done = 0
     with progress(quiet, verbose > 0) as shown:
 
@@ -107,7 +106,7 @@ def command(
             done += 1
             shown.clear()
             if one.line.code:
-                print(one.trace * (verbose > 1) + f"attlog: {one.line.path}: {one.line.reason}", file=sys.stderr)
+                to_stderr(one.trace * (verbose > 1) + f"attlog: {one.line.path}: {one.line.reason}")
             shown.before = f"[{min(done + 1, len(logs))}/{len(logs)}] "
 
         shown.before = f"[1/{len(logs)}] "
@@ -127,7 +126,7 @@ def command(
         codes |= {line.code for line in result.logs}
         page = _written(result, output, name, "shared" if plotly == "shared" else "inline", table or [])
         if json:
-            print(result.to_json().rstrip("\n"))
+            json_to_stdout(result.to_json())
         if not quiet:
             out = console(stderr=json)
             say(printed(result, out.width, verbose > 0), out)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from attlog import __version__
-from attlog.cli.common import NoColor, Verbose, console, say
+from attlog.cli.common import NoColor, Verbose, console, say, to_stderr
 from attlog.errors import UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ def command(
 
     found = result_files.found(old, new)
     for error in found.wrong:
-        print(message(error, __version__), file=sys.stderr)
+        to_stderr(message(error, __version__))
     results = [r for pair in found.pairs.values() for r in pair if r is not None]
     windows = {w for r in results for row in r.estimators for w in row.metrics}
     if window is not None and window not in windows and results:

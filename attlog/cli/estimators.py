@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli import completion
-from attlog.cli.common import NoColor, console, say
+from attlog.cli.common import NoColor, console, say, to_stdout
 from attlog.cli.layout import Line, columns
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def command(name: Name = None, no_color: NoColor = False) -> None:
         out = console()
         say(overview(out.width), out)
     else:
-        typer.echo(describe(get(name)))
+        to_stdout(describe(get(name)))
 
 
 def describe(estimator: Estimator) -> str:

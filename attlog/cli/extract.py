@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli import completion
-from attlog.cli.common import Boot, Log, NoColor, Quiet, System, one_log
+from attlog.cli.common import Boot, Log, NoColor, Quiet, System, one_log, to_stderr, to_stdout
 from attlog.errors import LogUnusable, UsageError
 
 if TYPE_CHECKING:
@@ -82,14 +82,14 @@ def command(
     tables = [table.between(start, end) for table in whole]
     for table, cut in zip(whole, tables, strict=True):
         if not len(cut) and not quiet:
-            print(f"attlog: {table.name}: no row {_why_empty(table, start, end)}", file=sys.stderr)
+            to_stderr(f"attlog: {table.name}: no row {_why_empty(table, start, end)}")
     if str(output) == "-":
         extraction.write_stream(tables, flight, sys.stdout.buffer, kind)
         return
     written = extraction.write(tables, flight, output, kind)
     if not quiet:
         for path, table in zip(written, tables, strict=True):
-            typer.echo(f"{path}: {len(table)} rows, {len(table.columns)} columns")
+            to_stdout(f"{path}: {len(table)} rows, {len(table.columns)} columns")
 
 
 def _tables(

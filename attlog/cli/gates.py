@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog import __version__
-from attlog.cli.common import say
+from attlog.cli.common import say, to_stderr
 from attlog.errors import OutputError, UsageError, message
 
 if TYPE_CHECKING:
@@ -99,7 +98,7 @@ class Gated:
         judged = self.gating.file(log, name, report.with_name(f"{name}.json"), report=report)
         if quiet:
             for sentence in judged.sentences:
-                print(f"attlog: {log}: gate: {sentence}", file=sys.stderr)
+                to_stderr(f"attlog: {log}: gate: {sentence}")
         else:
             say(lines(judged), out)
 
@@ -117,6 +116,7 @@ class Gated:
             return set()
         from attlog.fleet.gating import tell
 
+
         missing = [f"named {k}" for k, _ in enumerate(wrong, 1)]
         for name, error in zip(missing, wrong, strict=True):
             self.broken("command line", name, error.exit_code, str(error))
@@ -126,7 +126,7 @@ class Gated:
         try:
             tell(logs, self._junit, summary)
         except OutputError as error:
-            print(message(error, __version__), file=sys.stderr)
+            to_stderr(message(error, __version__))
             codes |= {error.exit_code}
         return codes
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.cli.common import Boot, Json, Logs, NoColor, Quiet, System, Verbose, console, say
+from attlog.cli.common import Boot, Json, Logs, NoColor, Quiet, System, Verbose, console, json_to_stdout, say, to_stderr
 from attlog.cli.layout import Line, columns
 from attlog.errors import BUG, exit_code, message, worst
 
@@ -39,12 +39,12 @@ def command(
     several = max(len(found), len(logs)) > 1
     codes = {exit_code(error) for error in wrong}
     for error in wrong:
-        print(message(error, __version__), file=sys.stderr)
+        to_stderr(message(error, __version__))
     for number, log in enumerate(found):
         try:
             report = inspect(log, boot=boot, system=system, verify=verify)
             if as_json:
-                typer.echo(_json_text(report, one_line=several))
+                json_to_stdout(_json_text(report, one_line=several))
             elif not quiet:
                 out = console()
                 say([Line("")] * (number > 0), out)
@@ -54,7 +54,7 @@ def command(
         except Exception as error:
             if is_of_a_stream(error) or (verbose > 1 and exit_code(error) == BUG):
                 raise
-            print(message(error, __version__, str(log)), file=sys.stderr)
+            to_stderr(message(error, __version__, str(log)))
             codes.add(exit_code(error))
     if worst(codes):
         raise typer.Exit(worst(codes))

@@ -133,6 +133,7 @@ def command(
     ] = False,
 ) -> None:
     """Write a commented filter to start from; it passes the checks as it is."""
+    from attlog.cli.common import to_stdout
     from attlog.errors import OutputError, UsageError
     from attlog.output import write_atomic
 
@@ -141,5 +142,5 @@ def command(
     if file.exists():
         raise OutputError(f"{file}: exists already and is not overwritten; choose another name")
     write_atomic(file, RUN_TEMPLATE if run else TEMPLATE)
-    typer.echo(f"{file} written. Check it: attlog check-estimator {file}")
-    typer.echo(f"Run it beside the others: attlog analyze LOG --estimators default,{file}")
+    to_stdout(f"{file} written. Check it: attlog check-estimator {file}")
+    to_stdout(f"Run it beside the others: attlog analyze LOG --estimators default,{file}")

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from attlog.cli.common import to_stderr
+
 STAGES, COMPILING = "attlog.stages", "attlog.compiling"
 """Loggers: the stage an analysis is in, and filters that are compiled."""
 
@@ -26,7 +28,7 @@ class Shown(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         if record.name == COMPILING:
             self.clear()
-            print(f"attlog: {record.getMessage()}", file=sys.stderr, flush=True)
+            to_stderr(f"attlog: {record.getMessage()}")
         elif self.stages:
             self.show(f"{self.before}{record.getMessage()} ...")
 
@@ -34,7 +36,9 @@ class Shown(logging.Handler):
         """Put a text in place of the stage that is shown; blanks wipe the old one, so no escape sequence is needed."""
         import shutil
 
-        text = text[-(shutil.get_terminal_size().columns - 1) :]
+        from attlog.present.text import for_terminal
+
+        text = for_terminal(text)[-(shutil.get_terminal_size().columns - 1) :]
         print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
         self._width = len(text)
 

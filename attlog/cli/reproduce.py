@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli.arguments import command_line
-from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, say
+from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
 from attlog.cli.progress import progress
 from attlog.errors import AttlogError, LogUnreadable, UsageError
 
@@ -73,7 +73,7 @@ def command(
             page.write(found, place)
             write_atomic(place.with_suffix(".json"), as_json(found, indent=1))
         if json:
-            print(as_json(found).rstrip("\n"))
+            json_to_stdout(as_json(found))
         if not quiet:
             out = console(stderr=json)
             say(printed(found, place, verbose > 0), out)

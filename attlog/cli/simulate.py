@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.cli.common import Quiet, Verbose
+from attlog.cli.common import Quiet, Verbose, to_stdout
 from attlog.cli.completion import scenarios
 from attlog.cli.progress import progress
 from attlog.errors import UsageError
@@ -117,7 +117,7 @@ def command(
             if isinstance(result, Exception):
                 raise result
             for path, size in result if not quiet else ():
-                typer.echo(f"{path}: {flown.seconds:g} s, seed {one}, {size / 1e6:.1f} MB")
+                to_stdout(f"{path}: {flown.seconds:g} s, seed {one}, {size / 1e6:.1f} MB")
             if shown.stages and number < len(work):
                 shown.show(f"[{number}/{len(work)}] {flown.name} ...")
 
@@ -129,9 +129,9 @@ def _list() -> None:
     found = [load(name) for name in names()]
     width = max(len(one.name) for one in found)
     for one in found:
-        typer.echo(f"{one.name:{width}}  {one.seconds:4g} s  {one.title}")
+        to_stdout(f"{one.name:{width}}  {one.seconds:4g} s  {one.title}")
     if sys.stdout.isatty():
-        typer.echo(f"\nattlog simulate {found[0].name} -o {found[0].name}.ulg writes one as a log.")
+        to_stdout(f"\nattlog simulate {found[0].name} -o {found[0].name}.ulg writes one as a log.")
 
 
 def _scenario(name: str, settings: list[str], estimator: str | None) -> Scenario:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +10,7 @@ import typer
 
 from attlog import __version__
 from attlog.cli.arguments import command_line
-from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, say
+from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
 from attlog.cli.progress import progress
 from attlog.errors import AttlogError, UsageError, exit_code, message, worst
 
@@ -103,7 +102,7 @@ def command(
     if table is not None:
         write_table(table, *sweep_words.rows(found))
     if json:
-        print(files[1].read_text(encoding="utf-8").rstrip("\n"))
+        json_to_stdout(files[1].read_text(encoding="utf-8"))
     if not quiet:
         say(_told(found, files, told, bool(verbose)), console(stderr=json))
     end(errors)
@@ -133,7 +132,7 @@ def cases_of(paths: Sequence[Path], settings: Config) -> tuple[list[Case], list[
         except AttlogError as error:
             errors.append(error)
     for wrong in errors if cases else errors[1:]:
-        print(message(wrong, __version__), file=sys.stderr)
+        to_stderr(message(wrong, __version__))
     if not cases:
         raise errors[0]
     return cases, errors

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, say
+from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
 from attlog.cli.progress import progress
 from attlog.cli.sweep import ConfigFile, ReferenceName, about, aligned, analysis_settings, cases_of, end, stem
 from attlog.errors import UsageError
@@ -104,7 +104,7 @@ def command(
     if table is not None:
         write_table(table, *tune_words.judged_rows(found))
     if json:
-        print(files[1].read_text(encoding="utf-8").rstrip("\n"))
+        json_to_stdout(files[1].read_text(encoding="utf-8"))
     if not quiet:
         say(_told(found, files, told, firmware), console(stderr=json))
     end(errors)

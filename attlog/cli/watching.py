@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import typer
 
+from attlog.cli.common import to_stderr
 from attlog.cli.signals import ended_by_signals
 from attlog.errors import INTERRUPTED
 
@@ -76,4 +76,4 @@ class _Lines:
     def say(self, text: str) -> None:
         """A line, unless only errors are wanted."""
         if not self._quiet:
-            print(f"attlog: {text}", file=sys.stderr, flush=True)
+            to_stderr(f"attlog: {text}")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
+from attlog import spreadsheet
 from attlog.compare import table_file
 from attlog.compare.comparison import Comparison
 from attlog.compare.table import tables
@@ -23,12 +22,10 @@ def write(found: Comparison, path: Path) -> None:
 
 def numbers(found: Comparison) -> str:
     """CSV: one line for each question, log and configuration, in full precision; the last of each are all logs."""
-    out = io.StringIO()
-    lines = csv.writer(out, lineterminator="\n")
-    lines.writerow(
+    lines: list[list[object]] = [
         ["metric", "window", "unit", "scale", "log", "configuration", "value", "low95", "high95", "n", "first",
          "first_value", "change", "change_low95", "change_high95", "p", "common_units", "direction", "reason"]
-    )  # fmt: skip
+    ]  # fmt: skip
     first = found.configurations[0].name
     for q in found.questions:
         for log, cells in q.cells.items():
@@ -36,30 +33,23 @@ def numbers(found: Comparison) -> str:
             for name, cell in cells.items():
                 b = beside.get(name)
                 low, high = cell.ci95 or (None, None)
-                row = [q.metric, cell.window, q.unit, q.scale, log, name, cell.value, low, high, cell.n]
+                row: list[object] = [q.metric, cell.window, q.unit, q.scale, log, name, cell.value, low, high, cell.n]
                 if b is not None:
                     ends = b.ci95 or (None, None)
                     row += [first, b.first, b.value, *ends, b.p, b.n, b.direction, b.reason or cell.reason]
                 else:
                     row += ["", "", "", "", "", "", "", "", cell.reason]
-                lines.writerow([_safe(x) for x in row])
+                lines.append(row)
         for c in q.contrasts:
             if c.over is not None:
                 o, window = c.over, q.windows[0]
                 ends = o.ci95 or (None, None)
                 row = [q.metric, window, q.unit, q.scale, "(all)", c.configuration, "", "", "", o.logs, first, ""]
-                lines.writerow([_safe(x) for x in (*row, o.value, *ends, o.p, o.logs, o.direction, o.method)])
+                lines.append([*row, o.value, *ends, o.p, o.logs, o.direction, o.method])
     for line in found.logs:
         if line.code:
-            lines.writerow(["", "", "", "", _safe(line.name), *[""] * 13, _safe(line.reason)])
-    return out.getvalue()
-
-
-def _safe(value: object) -> object:
-    """A cell that no spreadsheet takes for a formula: log names can say anything."""
-    if value is None:
-        return ""
-    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@") else value
+            lines.append(["", "", "", "", line.name, *[""] * 13, line.reason])
+    return spreadsheet.csv_text(lines)
 
 
 def markdown(found: Comparison) -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from attlog import plain
+from attlog import plain, spreadsheet
 from attlog.compare.grid import Setting, text_of
 from attlog.compare.many import Settled, Wanted
 from attlog.compare.sweep import Beside, Column, Sweep
@@ -231,20 +231,17 @@ def _cell(cell: Settled, columns: list[Column]) -> dict[str, Any]:
 
 def csv_text(s: Sweep) -> str:
     """One line for each setting, log and metric."""
-    import csv
-    import io
-
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     names = [a.name for a in s.grid.axes]
-    writer.writerow(["setting", *names, "log", "metric", "window", "unit", "value", "low95", "high95", "n", "status"])
+    lines: list[list[object]] = [
+        ["setting", *names, "log", "metric", "window", "unit", "value", "low95", "high95", "n", "status"]
+    ]
     for k, setting in enumerate(s.settings):
         for log, cell in zip(s.logs, s.cells[k], strict=True):
             for metric in (c.metric for c in s.columns):
-                writer.writerow(
+                lines.append(
                     [text_of(setting) or AS_IS, *(setting.get(n, "") for n in names), log, *_written(metric, cell)]
                 )
-    return out.getvalue()
+    return spreadsheet.csv_text(lines)
 
 
 def _written(metric: Wanted, cell: Settled) -> list[object]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
+from attlog import spreadsheet
 from attlog.errors import UsageError
 from attlog.output import write_atomic
 
@@ -34,9 +33,7 @@ def write_table(path: Path, head: Sequence[str], rows: Sequence[Sequence[str]]) 
 
 def csv_text(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """The table as CSV."""
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([head, *rows])
-    return out.getvalue()
+    return spreadsheet.csv_text([head, *rows])
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -12,11 +12,12 @@ from attlog.errors import OutputError
 from attlog.fleet.judged import Judged, failing
 from attlog.output import write_atomic
 from attlog.present.numbers import counted
+from attlog.present.text import CONTROL
 
 MOST_BYTES = 900_000
 """GitHub refuses the whole summary of a step above 1 MiB."""
 SPECIAL = re.compile(r"([\\`*_\[\]~|#])")
-CONTROL = re.compile("[\x00-\x1f\x7f\ud800-\udfff]+")
+LINES = re.compile("[\t\r\n]+")
 
 
 def summary(logs: Sequence[Judged], most: int = MOST_BYTES) -> str:
@@ -90,5 +91,5 @@ def _line(*cells: str) -> str:
 
 def escaped(text: str) -> str:
     """The text as it is, in a cell of a Markdown table: nothing in it is taken for markup or HTML."""
-    plain = CONTROL.sub(" ", text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    plain = CONTROL.sub(" ", LINES.sub(" ", text)).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return SPECIAL.sub(r"\\\1", plain)

@@ -6,15 +6,14 @@ GitHub shows ten of each kind and step and drops the rest without a word: the wo
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from attlog.fleet.judged import Judged, failing
 from attlog.present.numbers import counted
+from attlog.present.text import CONTROL
 
 SHOWN = 10
-CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
 
 
 def on_github(environment: Mapping[str, str] = os.environ) -> bool:
@@ -55,7 +54,7 @@ def _inside(log: str, root: Path | None) -> str:
 
 
 def _message(text: str) -> str:
-    escaped = CONTROL.sub("", text).replace("%", "%25")
+    escaped = "\r".join(CONTROL.sub("", part) for part in text.split("\r")).replace("%", "%25")
     return escaped.replace("\r", "%0D").replace("\n", "%0A")
 
 

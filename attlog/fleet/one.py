@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+from attlog import file_names
 
 if TYPE_CHECKING:
     from attlog.config import Config
@@ -51,24 +52,13 @@ def analyze_to_files(
 
 RESERVED = ("index",)
 """Names that the pages of a batch have."""
-LONGEST_NAME = 200
-"""Bytes; file systems allow 255, with suffixes and what temporary files need."""
 
 
-def report_names(file_names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
+def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     """The name of each log's report: its file name with suffix; a second of the same name gets a number.
 
-    Names that differ in case alone count as the same: some file systems do not tell them apart. ``taken`` are
-    names of other reports in the folder.
+    Names that differ in case alone count as the same: some file systems do not tell them apart; what a file system
+    or a terminal may stumble over is replaced (:mod:`attlog.file_names`). ``taken`` are names of other reports in
+    the folder.
     """
-    used = {name.casefold() for name in (*RESERVED, *taken)}
-    names = []
-    for full in file_names:
-        own = os.fsdecode(os.fsencode(full)[:LONGEST_NAME])
-        name, k = own, 1
-        while name.casefold() in used:
-            k += 1
-            name = f"{own}-{k}"
-        used.add(name.casefold())
-        names.append(name)
-    return names
+    return file_names.file_names(map(str, logs), (*RESERVED, *taken))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from attlog import spreadsheet
 from attlog.fleet.entry import Entry
 from attlog.output import writing
 
@@ -152,6 +153,6 @@ def _csv(file: BinaryIO, batches: Iterator[list[list[Any]]]) -> None:
     out = csv.writer(text, lineterminator="\n")
     out.writerow(COLUMNS)
     for held in batches:
-        out.writerows(zip(*held, strict=True))
+        out.writerows([spreadsheet.cell(value) for value in line] for line in zip(*held, strict=True))
     text.flush()
     text.detach()

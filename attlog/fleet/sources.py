@@ -12,11 +12,10 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from attlog.errors import AttlogError, LogUnreadable
+from attlog.file_names import file_name
 from attlog.fleet.copied import hashed, unreadable
 from attlog.fleet.urls import is_url, shown
 from attlog.limits import MAX_FILE_NAME_BYTES
-
-_UNSAFE = re.compile(r"[^\w.+@=,()\[\] -]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +58,7 @@ class Source:
             url = urlsplit(shown(self.place))
             last = unquote(url.path.rstrip("/").rpartition("/")[2] or url.netloc)
             last += f"_{unquote(url.query)}" if url.query else ""
-        last = _UNSAFE.sub("_", last).lstrip(".").strip()
-        kept = last.encode()[-MAX_FILE_NAME_BYTES:].decode(errors="ignore")  # the end holds the suffix
-        return kept or "log"
+        return file_name(last, MAX_FILE_NAME_BYTES) if last else "log"
 
     def stamp(self) -> str:
         """A cheap sign of the content that changes when it is replaced, empty where nothing tells.

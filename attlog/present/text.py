@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterable
 from typing import Any
 
 from attlog.present.numbers import CLOCK_FROM_S, MINUS, moment, unit_sign
+from attlog.present.stand_ins import stand_in
 
-CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]")
+CONTROL = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
+    r"\U000e0000-\U000e007f]"
+)
 
 
 def clean(text: str) -> str:
     """Text from a log made fit to be shown: control and direction characters become a visible mark."""
     return CONTROL.sub("\ufffd", str(text))
+
+
+def for_terminal(text: str) -> str:
+    """Any text as a terminal may have it: none of its own commands, bytes that are not UTF-8 as escapes."""
+    return clean(stand_in(text, "utf-8"))
+
+
+def json_for_terminal(text: str) -> str:
+    """JSON for standard output: what would steer a terminal, all of it inside texts, as JSON's own escapes."""
+    return CONTROL.sub(lambda found: json.dumps(found[0])[1:-1], text)
 
 
 def cleaned(value: Any) -> Any:

@@ -26,6 +26,6 @@ def test_analyze_works_where_signs_and_names_cannot_be_shown(samples, tmp_path, 
     assert sign in done.stdout
     assert b"\x1b" not in done.stdout
     assert [line for line in done.stdout.splitlines() if line != line.rstrip()] == []
-    document = json.loads(open(log + b".json", encoding="utf-8").read())
+    document = json.loads((tmp_path / "a_.bin.json").read_text(encoding="utf-8"))
     assert os.fsencode(document["log"]["name"]) == b"a\xff.bin"
-    assert os.path.getsize(log + b".html") > 10_000
+    assert (tmp_path / "a_.bin.html").stat().st_size > 10_000

@@ -202,7 +202,7 @@ def test_a_cut_archive_is_told(zipped: Path) -> None:
 def test_control_characters_of_a_member_do_not_reach_the_terminal() -> None:
     assert Source("a.zip", "\x1b[31mred\n.ulg").name == "a.zip/?[31mred?.ulg"
     assert Source("a.zip", "..\\..\\con\x00.ulg").file_name == "con_.ulg"
-    assert Source("a.zip", "x" * 400 + ".ulg").file_name.endswith("xx.ulg")
+    assert Source("a.zip", "x" * 400 + ".ulg").file_name.endswith(".ulg")
     assert Source("a.zip", "/").file_name == "log"
 
 

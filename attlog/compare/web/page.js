@@ -24,7 +24,8 @@ document.querySelectorAll('figure').forEach((figure, i) => {
 });
 document.querySelectorAll('button.csv').forEach((button, i) => {
   button.onclick = () => {
-    const quoted = (cell) => '"' + cell.textContent.replaceAll('"', '""') + '"';
+    const formula = /^\s*[=+@＝＋－＠-](?![\d.]+$).|^[\t\r\n]/; // what a spreadsheet would run
+    const quoted = (cell) => '"' + cell.textContent.replace(formula, "'$&").replaceAll('"', '""') + '"';
     const rows = [...button.parentElement.querySelectorAll('tr')].map((row) => [...row.children].map(quoted).join(','));
     save(document.body.dataset.name + '-table-' + (i + 1) + '.csv', URL.createObjectURL(new Blob([rows.join('\n')], {type: 'text/csv'})));
   };

@@ -38,7 +38,7 @@ async function picture(id, format) {
 
 // one line per drawn point: what is zoomed in is written in full
 function numbers(id) {
-  const gd = $(id), quoted = (text) => '"' + String(text).replace(/^[=+@-]/, "'$&").replace(/"/g, '""') + '"', short = (v) => (typeof v === 'number' ? +v.toPrecision(7) : quoted(v)), lines = ['axis,line,x,y'];
+  const gd = $(id), quoted = (text) => '"' + String(text).replace(/^\s*[=+@＝＋－＠-].|^[\t\r\n]/, "'$&").replace(/"/g, '""') + '"', short = (v) => (typeof v === 'number' ? +v.toPrecision(7) : quoted(v)), lines = ['axis,line,x,y'];
   if (D.figures[id].table) return new Blob([D.figures[id].table.map((row) => row.map((v) => (v === null ? '' : short(v))).join(',')).join('\n') + '\n'], { type: 'text/csv' });
   for (const t of gd.data) {
     if (t.visible === false || t.arrow || t.fill === 'toself') continue;
