@@ -9,18 +9,48 @@ float32 the latter turns rounding into 0.06 deg.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any, ParamSpec, cast
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+P = ParamSpec("P")
+
+BLOCK = 4096
+"""Rows per pass: what is made on the way stays in the processor's cache, and costs a long log no memory."""
 
 
+def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]]:
+    """A function of rows whose answer has this shape for each, worked through in blocks where there are many rows."""
+
+    def of(function: Callable[P, Array]) -> Callable[P, Array]:
+        @functools.wraps(function)
+        def blocked(*args: P.args, **named: P.kwargs) -> Array:
+            given: tuple[Any, ...] = args
+            n = max((len(x) for x in given if np.ndim(x) > 1), default=0)
+            if n <= BLOCK or named or any(np.ndim(x) > 2 or (np.ndim(x) == 2 and len(x) != n) for x in given):
+                return function(*args, **named)
+            out, rows = np.empty((n, *shape)), cast(Callable[..., Array], function)
+            for a in range(0, n, BLOCK):
+                out[a : a + BLOCK] = rows(*(x[a : a + BLOCK] if np.ndim(x) == 2 else x for x in given))
+            return out
+
+        return blocked
+
+    return of
+
+
+@_by_blocks(4)
 def normalize(q: ArrayLike) -> Array:
     """Unit quaternions (..., 4); a quaternion of zero length becomes NaN."""
     q = np.asarray(q, np.float64)
-    norm = np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
+    norm = np.asarray(_length(q))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(norm > 0, q / norm, np.nan)
+        return np.asarray(q / np.where(norm > 0, norm, np.nan)[..., None])
 
 
 def finite(x: Array) -> NDArray[np.bool_]:
@@ -29,12 +59,21 @@ def finite(x: Array) -> NDArray[np.bool_]:
         return np.isfinite(x @ np.ones(x.shape[-1]))
 
 
+def _length(x: Array) -> Array:
+    """Lengths (...) of (..., k): column by column, because numpy sums a short last axis many times slower."""
+    square = x[..., 0] * x[..., 0]
+    for k in range(1, x.shape[-1]):
+        square = square + x[..., k] * x[..., k]
+    return np.asarray(np.sqrt(square))
+
+
 def conjugate(q: ArrayLike) -> Array:
     """The inverse rotation of unit quaternions (..., 4)."""
     inverse: Array = np.asarray(q, np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
     return inverse
 
 
+@_by_blocks(4)
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product a (x) b: first b, then a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
@@ -48,13 +87,19 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     return out
 
 
+@_by_blocks(3)
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
     """Vectors v (..., 3) turned by q: body to earth."""
     q = np.asarray(q, np.float64)
     v = np.asarray(v, np.float64)
-    u = q[..., 1:]
-    t = 2.0 * np.cross(u, v)
-    return v + q[..., :1] * t + np.cross(u, t)
+    w, x, y, z = (q[..., k] for k in range(4))
+    vx, vy, vz = (v[..., k] for k in range(3))
+    tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
+    out = np.empty((*np.broadcast_shapes(q.shape[:-1], v.shape[:-1]), 3))
+    out[..., 0] = vx + w * tx + (y * tz - z * ty)
+    out[..., 1] = vy + w * ty + (z * tx - x * tz)
+    out[..., 2] = vz + w * tz + (x * ty - y * tx)
+    return out
 
 
 def rotate_inverse(q: ArrayLike, v: ArrayLike) -> Array:
@@ -62,22 +107,27 @@ def rotate_inverse(q: ArrayLike, v: ArrayLike) -> Array:
     return rotate(conjugate(q), v)
 
 
+@_by_blocks(4)
 def from_rotvec(v: ArrayLike) -> Array:
     """Quaternion of a rotation vector (..., 3) in rad."""
     v = np.asarray(v, np.float64)
-    half = 0.5 * np.sqrt(np.sum(v * v, axis=-1, keepdims=True))
-    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * v], axis=-1)
+    half = 0.5 * _length(v)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = np.where(half > 1e-9, 0.5 * np.sin(half) / half, 0.5)
+    out = np.empty((*v.shape[:-1], 4))
+    out[..., 0] = np.cos(half)
+    out[..., 1:] = factor[..., None] * v
+    return out
 
 
+@_by_blocks(3)
 def to_rotvec(q: ArrayLike) -> Array:
     """Rotation vector (..., 3) in rad, length 0 to pi."""
     q = np.asarray(q, np.float64)
-    q = np.where(q[..., :1] < 0, -q, q)
-    s = np.sqrt(np.sum(q[..., 1:] ** 2, axis=-1, keepdims=True))
-    angle = 2.0 * np.arctan2(s, q[..., :1])
+    w, s = q[..., 0], _length(q[..., 1:])
     with np.errstate(invalid="ignore", divide="ignore"):
-        factor = np.where(s > 1e-12, angle / s, 2.0)
-    return factor * q[..., 1:]
+        factor = np.where(s > 1e-12, 2.0 * np.arctan2(s, np.abs(w)) / s, 2.0)
+    return np.asarray(np.where(w < 0, -factor, factor)[..., None] * q[..., 1:])
 
 
 def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
@@ -95,26 +145,29 @@ def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
     )
 
 
+@_by_blocks(3)
 def to_euler(q: ArrayLike) -> Array:
     """Roll, pitch, yaw (..., 3) in rad; yaw in (-pi, pi]."""
-    w, x, y, z = np.moveaxis(np.asarray(q, np.float64), -1, 0)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return np.stack([roll, pitch, yaw], axis=-1)
+    q = np.asarray(q, np.float64)
+    w, x, y, z = (q[..., k] for k in range(4))
+    out = np.empty((*q.shape[:-1], 3))
+    out[..., 0] = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    out[..., 1] = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    out[..., 2] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return out
 
 
+@_by_blocks(3, 3)
 def to_matrix(q: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3), body to earth."""
-    w, x, y, z = np.moveaxis(np.asarray(q, np.float64), -1, 0)
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
-        ],
-        axis=-2,
-    )
+    q = np.asarray(q, np.float64)
+    w, x, y, z = (q[..., k] for k in range(4))
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    out = np.empty((*q.shape[:-1], 3, 3))
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
+    return out
 
 
 def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
@@ -131,6 +184,8 @@ def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
         if len(t) == 1:
             out[at == t[0]] = q[0]
         return out
+    if len(at) > BLOCK:
+        return np.concatenate([slerp(t, q, at[a : a + BLOCK]) for a in range(0, len(at), BLOCK)])
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     span = t[i + 1] - t[i]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -146,13 +201,21 @@ def mean(q: ArrayLike) -> Array:
 
     Rows with NaN and of zero length do not count; NaN where none is left.
     """
-    q = normalize(np.asarray(q, np.float64).reshape(-1, 4))
-    q = q[np.isfinite(q).all(axis=1)]
-    if len(q) == 0:
-        return np.full(4, np.nan)
-    _, vectors = np.linalg.eigh(q.T @ q)
-    best = vectors[:, -1]
-    return best if best[0] >= 0 else -best
+    q = np.asarray(q, np.float64).reshape(-1, 4)
+    return np.asarray(means(q, np.array([0, len(q)]))[0])
+
+
+def means(q: Array, edges: NDArray[np.int64]) -> Array:
+    """The mean attitudes (k, 4) of the groups of (n, 4) between ``edges`` (k + 1,), each as :func:`mean`."""
+    q = normalize(q)
+    good = finite(q)
+    if not good.all():
+        edges = np.concatenate([[0], np.cumsum(good)])[edges]
+        q = q[good]
+    groups = [q[a:b] for a, b in pairwise(edges.tolist())]
+    _, vectors = np.linalg.eigh(np.array([group.T @ group for group in groups]))
+    best = np.where(vectors[:, :1, -1] < 0, -vectors[:, :, -1], vectors[:, :, -1])
+    return np.where((np.diff(edges) > 0)[:, None], best, np.nan)
 
 
 def error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
@@ -163,7 +226,7 @@ def error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
 def total_angle(e: ArrayLike) -> Array:
     """Total error in rad, 0 to pi: 2 atan2(|e_vec|, |e0|)."""
     e = np.asarray(e, np.float64)
-    angle: Array = 2.0 * np.arctan2(np.sqrt(np.sum(e[..., 1:] ** 2, axis=-1)), np.abs(e[..., 0]))
+    angle: Array = 2.0 * np.arctan2(_length(e[..., 1:]), np.abs(e[..., 0]))
     return angle
 
 
@@ -176,7 +239,7 @@ def heading_angle(e: ArrayLike) -> Array:
 def inclination_angle(e: ArrayLike) -> Array:
     """Tilt error in rad, 0 to pi: 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
     e = np.asarray(e, np.float64)
-    angle: Array = 2.0 * np.arctan2(np.hypot(e[..., 1], e[..., 2]), np.hypot(e[..., 0], e[..., 3]))
+    angle: Array = 2.0 * np.arctan2(_length(e[..., 1:3]), _length(e[..., ::3]))
     return angle
 
 

@@ -32,6 +32,7 @@ from attlog.metrics.turning import Stack, Turning, summed
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
+Columns = Array | tuple[Array, Array, Array]
 
 NAMES = ("E", "D", "N", "EE", "M", "V")
 RIDGE = (3.0, 3.0, 10.0, 1.0, 3.0, 3.0)
@@ -60,39 +61,52 @@ class Vectors:
     """Where the row sees magnetic north on average, rad: its heading is turned back by it."""
 
 
-def rates(q: Array, f: Array, m: Array) -> Array:
-    """The aiding rates (n, 3, 5) in deg/s of E, D, N, M, V for attitudes (n, 4), forces and fields (n, 3)."""
-    out = np.zeros((len(q), 3, 5))
-    rot = rotation.to_matrix(q)
-    d = rot[:, 2, :]
-    norm = np.sqrt(np.sum(f * f, axis=1))[:, None]
-    size = np.degrees(1.0)
-    out[:, :, 0] = -size / GRAVITY * np.cross(f, d)
-    out[:, :, 1] = out[:, :, 0] * np.where(norm > 0, GRAVITY / np.maximum(norm, 1e-9), 0.0)
-    angle = np.sqrt(np.sum(out[:, :, 1] ** 2, axis=1))[:, None]
-    out[:, :, 2] = out[:, :, 1] / np.maximum(angle, FIXED_STEP_DEG)
+def rates(q: Array, f: Array, m: Array, about: Array) -> Array:
+    """The aiding rates (n, 5) in deg/s of E, D, N, M, V about body axes ``about`` (n, 3).
+
+    For attitudes (n, 4), forces and fields (n, 3). The axis is turned into the earth, not each correction into the
+    body: one number instead of three.
+    """
+    out, size = np.zeros((len(q), 5)), np.degrees(1.0)
+    w, x, y, z = q.T
+    down = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    cross, norm = _cross(f.T, down), np.sqrt(_dot(f.T, f.T))
+    scale = np.where(norm > 0, GRAVITY / np.maximum(norm, 1e-9), 0.0)
+    out[:, 0] = -size / GRAVITY * _dot(cross, about.T)
+    out[:, 1] = out[:, 0] * scale
+    out[:, 2] = out[:, 1] / np.maximum(size / GRAVITY * scale * np.sqrt(_dot(cross, cross)), FIXED_STEP_DEG)
     if m.any():
-        h = np.einsum("nij,nj->ni", rot, m)
-        level = np.sqrt(h[:, 0] ** 2 + h[:, 1] ** 2)
-        sine = np.where(level > 0, h[:, 1] / np.maximum(level, 1e-9), 0.0)
-        out[:, :, 3] = -size * sine[:, None] * d
-        earth = np.column_stack([h[:, 1] * h[:, 2], h[:, 2] * (level - h[:, 0]), -h[:, 1] * level])
-        out[:, :, 4] = size * np.einsum("nji,nj->ni", rot, earth)
+        hx, hy, hz = rotation.rotate(q, m).T
+        level = np.sqrt(hx * hx + hy * hy)
+        sine = np.where(level > 0, hy / np.maximum(level, 1e-9), 0.0)
+        out[:, 3] = -size * sine * _dot(down, about.T)
+        out[:, 4] = size * _dot((hy * hz, hz * (level - hx), -hy * level), rotation.rotate(q, about).T)
     return out
 
 
-def turned(track: Turning, stack: Stack, seen: Vectors) -> Array:
-    """The turning (n, 3, 6) in deg that each kind of aiding at gain 1 adds from an event's first sample on."""
+def _cross(a: Columns, b: Columns) -> Columns:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _dot(a: Columns, b: Columns) -> Array:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def turned(track: Turning, stack: Stack, seen: Vectors, about: Array) -> Array:
+    """The turning (n, 6) in deg that each kind of aiding at gain 1 adds from an event's first sample on.
+
+    About ``about`` (n, 3), an axis of the body that is the same for all samples of an event.
+    """
     k = stack.index
     before = np.maximum(k - 1, 0)
-    dt = (track.t[k] - track.t[before])[:, None, None]
-    now = rates(rotation.turn_about_down(track.q[before], -seen.north), seen.f, seen.m)
+    dt = (track.t[k] - track.t[before])[:, None]
+    now = rates(rotation.turn_about_down(track.q[before], -seen.north), seen.f, seen.m, about)
     if seen.trapezoid:
-        now = 0.5 * (now + rates(rotation.turn_about_down(track.q[k], -seen.north), seen.f, seen.m))
+        now = 0.5 * (now + rates(rotation.turn_about_down(track.q[k], -seen.north), seen.f, seen.m, about))
     direct = summed(stack, now * dt)
-    out = np.zeros((len(k), 3, len(NAMES)))
-    out[:, :, :3], out[:, :, 4:] = direct[:, :, :3], direct[:, :, 3:]
-    out[:, :, 3] = summed(stack, direct[:, :, 0] * dt[:, :, 0])
+    out = np.zeros((len(k), len(NAMES)))
+    out[:, :3], out[:, 4:] = direct[:, :3], direct[:, 3:]
+    out[:, 3] = summed(stack, direct[:, 0] * dt[:, 0])
     return out
 
 
@@ -172,6 +186,7 @@ class Sensors:
         self.uses_mag = row.uses_mag and bool(seen.m.any())
         self.bias = row.bias[np.isfinite(row.q).all(axis=1)] if row.bias is not None else None
         self.north = self._north() if self.uses_mag else 0.0
+        self.impulse = _impulse(seen) if self.slow else None
 
     def _north(self) -> float:
         """Where the row sees magnetic north on average, rad."""
@@ -185,7 +200,7 @@ class Sensors:
         """Force and field over the intervals that end at the stack's samples."""
         t = self.track.t[stack.index]
         near = np.clip(np.searchsorted(self.seen.t, t - 1e-6) - (not self.slow), 0, len(self.seen.t) - 1)
-        f = self._mean_force(stack) if self.slow else self.seen.f[near]
+        f = self.seen.f[near] if self.impulse is None else self._mean_force(stack, self.impulse)
         m = self.seen.m[near] if self.uses_mag else np.zeros_like(f)
         if self.uses_mag and self.bias is not None:
             m = rotation.rotate(rotation.from_rotvec(self.bias[stack.index] * self.seen.age[near, None]), m)
@@ -194,9 +209,13 @@ class Sensors:
             f, m = rotation.rotate(back, f), rotation.rotate(back, m)
         return Vectors(f, m, self.slow, self.north)
 
-    def _mean_force(self, stack: Stack) -> Array:
-        t, f = self.seen.t, self.seen.f
-        total = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(t)[:, None], axis=0)])
+    def _mean_force(self, stack: Stack, impulse: Array) -> Array:
         before, now = (self.track.t[np.maximum(k, 0)] for k in (stack.index - 1, stack.index))
-        ends = [np.column_stack([np.interp(at, t, total[:, j]) for j in range(3)]) for at in (before, now)]
+        ends = [np.column_stack([np.interp(at, self.seen.t, impulse[:, j]) for j in range(3)]) for at in (before, now)]
         return np.asarray((ends[1] - ends[0]) / np.maximum(now - before, 1e-9)[:, None])
+
+
+def _impulse(seen: Samples) -> Array:
+    """The running integral (n, 3) of the specific force."""
+    area = 0.5 * (seen.f[1:] + seen.f[:-1]) * np.diff(seen.t)[:, None]
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(area, axis=0)])

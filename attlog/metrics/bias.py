@@ -12,6 +12,7 @@ from attlog.metrics.evidence import imu_of, seconds
 from attlog.metrics.settled import rest_spans, why_none
 from attlog.metrics.windows import lay, samples
 from attlog.reference.model import Row
+from attlog.segments.spans import between
 
 Array = NDArray[np.float64]
 
@@ -32,8 +33,8 @@ def window_errors(t: Array, gyro: Array, row: Row, windows: list[slice]) -> Arra
     """Bias estimate minus mean gyro (k, 3) in deg/s for windows of gyro samples that have an estimate."""
     found = []
     for w in windows:
-        inside = (row.t >= t[w.start]) & (row.t <= t[w.stop - 1])
-        if row.bias is not None and inside.any() and np.isfinite(row.bias[inside]).all():
+        inside = between(row.t, t[w.start], t[w.stop - 1])
+        if row.bias is not None and inside.stop > inside.start and np.isfinite(row.bias[inside]).all():
             found.append(np.degrees(np.mean(row.bias[inside], axis=0) - np.mean(gyro[w], axis=0)))
     return np.array(found).reshape(-1, 3)
 

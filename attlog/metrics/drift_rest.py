@@ -13,7 +13,7 @@ from attlog.metrics.evidence import DRIFT_REST_S, DRIFT_SLACK_S, row_segments, w
 from attlog.metrics.settled import why_none
 from attlog.reference.model import Row
 from attlog.segments.settled import DRIFT_AFTER_START_S, settled
-from attlog.segments.spans import Span, intersect
+from attlog.segments.spans import Span, between, intersect, merge
 
 Array = NDArray[np.float64]
 
@@ -111,12 +111,11 @@ def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[flo
     if drift_deg_per_min is not None:
         beside["implied_bias_dps"] = drift_deg_per_min / 60.0
     if row.bias is not None:
-        inside = np.zeros(len(row.t), bool)
-        for t0, t1 in spans:
-            inside |= (row.t >= t0) & (row.t <= t1)
-        inside &= np.isfinite(row.bias[:, 2])
-        if inside.any():
-            beside["own_bias_z_dps"] = float(np.degrees(np.mean(row.bias[inside, 2])))
+        own = [row.bias[between(row.t, t0, t1), 2] for t0, t1 in merge(spans)]
+        z = np.concatenate([np.zeros(0), *own])
+        z = z[np.isfinite(z)]
+        if len(z):
+            beside["own_bias_z_dps"] = float(np.degrees(np.mean(z)))
     return beside
 
 

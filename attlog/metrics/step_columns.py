@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from attlog.estimators.engine.vectors import GRAVITY
 from attlog.metrics import aiding
 from attlog.metrics.steps import Event
-from attlog.metrics.turning import Stack, Turning, around, stacked
+from attlog.metrics.turning import Stack, Turning, around, blocks, stacked
 
 Array = NDArray[np.float64]
 
@@ -128,23 +128,32 @@ def build(row: Turning, ref: Turning, events: Sequence[Event], sensors: aiding.S
     kept = [e for e, _, _, _ in found]
     axes = np.array([u for _, _, _, u in found])
     in_row, in_ref = stacked([a for _, a, _, _ in found]), stacked([b for _, _, b, _ in found])
-    u = axes[in_ref.of]
-    turned = ref.turned[in_ref.index]
-    reference = _part(ref, in_ref, kept, np.column_stack([np.sum(turned * u, axis=1), np.cross(turned, u)]))
-    own = np.zeros((len(in_row.index), 1 + len(aiding.NAMES)))
-    u, heavy = axes[in_row.of], 0.0
-    own[:, 0] = np.sum(row.turned[in_row.index] * u, axis=1)
-    if sensors is not None:
-        seen = sensors.around(in_row)
-        own[:, 1:] = np.einsum("nij,ni->nj", aiding.turned(row, in_row, seen), u)
-        heavy = float(np.mean(np.sum(seen.f**2, axis=1) > HEAVY_M_S2**2))
+    reference = _part(ref, in_ref, kept, _about(ref, in_ref, axes))
+    own, heavy = np.zeros((len(in_row.index), 1 + len(aiding.NAMES))), 0
+    for part, stack in blocks(in_row):
+        u = axes[in_row.of[part]]
+        own[part, 0] = np.einsum("ni,ni->n", row.turned[stack.index], u)
+        if sensors is not None:
+            seen = sensors.around(stack)
+            own[part, 1:] = aiding.turned(row, stack, seen, u)
+            heavy += int(np.count_nonzero(np.einsum("ni,ni->n", seen.f, seen.f) > HEAVY_M_S2**2))
     estimate = _part(row, in_row, kept, own)
     slow, fast, stack = (estimate, reference, in_row) if slow_row else (reference, estimate, in_ref)
     step = row.step if slow_row else ref.step
     begin, end, of = _pairs(slow.t, stack, kept, max(2, round(SPAN_S / step)))
     if len(begin) < MIN_PAIRS:
         return None
-    return Columns(slow, fast, slow_row, begin, end, of, kept, heavy)
+    return Columns(slow, fast, slow_row, begin, end, of, kept, heavy / len(in_row.index))
+
+
+def _about(ref: Turning, stack: Stack, axes: Array) -> Array:
+    """The reference's turning (n, 4) about each event's axis (events, 3), and its product with that axis."""
+    out = np.empty((len(stack.index), 4))
+    for part, own in blocks(stack):
+        (x, y, z), (ux, uy, uz) = ref.turned[own.index].T, axes[stack.of[part]].T
+        out[part, 0] = x * ux + y * uy + z * uz
+        out[part, 1], out[part, 2], out[part, 3] = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
+    return out
 
 
 def axis_of(ref: Turning, event: Event) -> Array | None:

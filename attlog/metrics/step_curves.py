@@ -13,9 +13,11 @@ from attlog.metrics import step_evidence
 from attlog.metrics.base import Case, per_row
 from attlog.metrics.step_columns import axis_of
 from attlog.metrics.steps import Event
-from attlog.reference.model import Row
+from attlog.metrics.turning import Turning
+from attlog.reference.model import Errors, Row
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 BEFORE_S = 0.3
 """The error before the onset is the mean over this time; a constant heading offset is none."""
@@ -54,34 +56,68 @@ def curves(case: Case, row: Row, window: str) -> list[Curve]:
     return _curves(case, row, events) if events else []
 
 
+@dataclass(frozen=True, slots=True)
+class Covered:
+    """An event: its samples ``own`` (n,) of a row's errors, those ``before`` (m,) its onset, its ``body`` axis (3,)."""
+
+    event: Event
+    own: Index
+    before: Index
+    body: Array
+
+
 @per_row
 def _curves(case: Case, row: Row, events: list[Event]) -> list[Curve]:
-    found = (_curve(case, row, event) for event in events)
-    return [c for c in found if c is not None]
+    """Error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis in earth axes.
 
-
-def _curve(case: Case, row: Row, event: Event) -> Curve | None:
-    """Error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis in earth axes."""
+    All events at once: a row may have hundreds.
+    """
     errors, ref = row.errors, step_evidence.reference_turning(case)
+    found = [] if errors is None else [c for c in (_covered(errors, ref, e) for e in events) if c is not None]
+    if errors is None or not found:
+        return []
+    own = np.concatenate([c.own for c in found])
+    ends = np.cumsum([len(c.own) for c in found])
+    of = np.repeat(np.arange(len(found)), [len(c.own) for c in found])
+    start = _means(errors, [c.before for c in found])
+    middle = np.minimum(np.searchsorted(ref.t, [c.event.middle for c in found]), len(ref.t) - 1)
+    axes = rotation.rotate(ref.q[middle], np.array([c.body for c in found]))
+    axes *= np.array([math.copysign(1.0, c.event.delta_deg) for c in found])[:, None]
+    error = rotation.error(errors.q_est[own], errors.q_ref[own])
+    apart = np.degrees(rotation.to_rotvec(rotation.multiply(error, rotation.conjugate(start)[of])))
+    off = np.split(np.einsum("ni,ni->n", apart, axes[of]), ends[:-1])
+    return [
+        Curve(c.event, errors.t[c.own], _turned(ref, c, errors.t[c.own]), x) for c, x in zip(found, off, strict=True)
+    ]
+
+
+def _covered(errors: Errors, ref: Turning, event: Event) -> Covered | None:
+    """What a row and the reference show of an event without a gap; None where that is too little."""
     body = axis_of(ref, event)
-    if errors is None or body is None:
+    if body is None:
         return None
     i, j = np.searchsorted(errors.t, [event.begin, event.end], side="left")
     middle = min(int(np.searchsorted(errors.t, event.middle)), len(errors.t) - 1)
     own = np.arange(i, j)[errors.segment[i:j] == errors.segment[middle]]
-    own = own[np.isfinite(errors.q_est[own]).all(axis=1)]
+    own = own[rotation.finite(errors.q_est[own])]
     t = errors.t[own]
     before = own[(t >= event.onset - BEFORE_S) & (t <= event.onset)]
-    if len(own) < 2 or len(before) == 0 or t[-1] < event.t90:
-        return None
+    return None if len(own) < 2 or len(before) == 0 or t[-1] < event.t90 else Covered(event, own, before, body)
+
+
+def _means(errors: Errors, groups: list[Index]) -> Array:
+    """The mean error rotation (k, 4) of each group of samples."""
+    own = np.concatenate(groups)
     error = rotation.error(errors.q_est[own], errors.q_ref[own])
-    start = rotation.mean(rotation.error(errors.q_est[before], errors.q_ref[before]))
-    k = min(int(np.searchsorted(ref.t, event.middle)), len(ref.t) - 1)
-    axis = math.copysign(1.0, event.delta_deg) * rotation.rotate(ref.q[k], body)
-    off = np.degrees(rotation.to_rotvec(rotation.multiply(error, rotation.conjugate(start)))) @ axis
-    along = math.copysign(1.0, event.delta_deg) * (ref.turned @ body)
-    turned = np.interp(t, ref.t, along) - np.interp(event.onset, ref.t, along)
-    return Curve(event, t, turned, off)
+    return rotation.means(error, np.cumsum([0, *(len(g) for g in groups)]))
+
+
+def _turned(ref: Turning, covered: Covered, t: Array) -> Array:
+    """What the reference turned (n,) deg about the event's axis since its onset, at times (n,)."""
+    event = covered.event
+    near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
+    along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ covered.body)
+    return np.asarray(np.interp(t, ref.t[near], along) - np.interp(event.onset, ref.t[near], along))
 
 
 def setpoint(case: Case, curve: Curve) -> Array | None:

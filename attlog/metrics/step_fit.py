@@ -36,7 +36,7 @@ def fit(columns: Columns) -> dict[str, Fit]:
         x = sums.solve(total)
         step = float(np.clip(sums.step(x), -LARGEST_STEP_S, LARGEST_STEP_S))
         delay = float(np.clip(delay + step, -RANGE_S, RANGE_S))
-        sums = _sums(columns, delay, (x, left(total, x)))
+        sums = _sums(columns, delay, (x, float(left(total, x))))
         if abs(step) < ENOUGH_S or abs(delay) >= RANGE_S:
             break
     at_edge = at_edge or abs(delay) > RANGE_S - 1e-3

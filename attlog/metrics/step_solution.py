@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from attlog.metrics import aiding
 from attlog.metrics.quantiles import student
@@ -90,17 +90,18 @@ class Sums:
         return replace(self, kept=x)
 
     def solve(self, total: Array) -> Array:
-        """Coefficients (11,) of slope, gain, misalignment and aiding of summed products (12, 12)."""
-        normal, right = total[1:, 1:] + self.ridge, total[1:, Y]
+        """Coefficients (..., 11) of slope, gain, misalignment and aiding of summed products (..., 12, 12)."""
+        normal, right = total[..., 1:, 1:] + self.ridge, total[..., 1:, Y]
         if self.kept is None:
-            return np.asarray(np.linalg.solve(normal, right))
-        x = self.kept.copy()
-        x[:2] = np.linalg.solve(normal[:2, :2], right[:2] - normal[:2, 2:] @ x[2:])
+            return _solved(normal, right)
+        x = np.array(np.broadcast_to(self.kept, right.shape))
+        x[..., :2] = _solved(normal[..., :2, :2], right[..., :2] - normal[..., :2, 2:] @ self.kept[2:])
         return x
 
-    def step(self, x: Array) -> float:
-        """The change of delay (s) that a coefficient of the slope means; the reference's slope comes with the gain."""
-        return float(-x[0] / (x[1] if self.slow_row and abs(x[1]) > 0.1 else 1.0))
+    def step(self, x: Array) -> Array:
+        """The change of delay (...) in s that a coefficient of the slope means; the reference's comes with the gain."""
+        gain = np.where(self.slow_row & (np.abs(x[..., 1]) > 0.1), x[..., 1], 1.0)
+        return np.asarray(-x[..., 0] / gain)
 
     def without_aiding(self, number: Index) -> tuple[float, float]:
         """Delay (s) and gain of some events where nothing but gain and misalignment is fitted."""
@@ -111,28 +112,29 @@ class Sums:
             x[2:PLAIN] = self.kept[2:PLAIN]
         normal = total[1:, 1:] + self.ridge
         x[:free] = np.linalg.solve(normal[:free, :free], total[1 : 1 + free, Y] - normal[:free, free:] @ x[free:])
-        return self.delay + self.step(x), float(x[1])
+        return self.delay + float(self.step(x)), float(x[1])
 
     def fit(self, number: Index) -> Fit:
         """The fit of the events with these numbers (at least one)."""
         total = self.products[number].sum(axis=0)
         x = self.solve(total)
-        delay = self.delay + self.step(x)
+        delay = self.delay + float(self.step(x))
         plain_delay, plain_gain = self.without_aiding(number)
         aided = float(x[PLAIN:] @ total[AID, AID] @ x[PLAIN:])
         lone = self.keeping(x)
         return Fit(
-            delay, float(x[1]), _ratio(left(total, x), total[GAIN, GAIN]), _ratio(aided, total[GAIN, GAIN]),
-            _ratio(left(total, x), total[SLOPE, SLOPE]), delay - plain_delay, plain_gain, _leak(total, x), x,
-            np.array([self._numbers(total - self.products[k]) for k in number]),
-            np.array([self.delay + lone.step(lone.solve(self.products[k])) for k in number]),
-            number, float(self.seconds[number].sum()), self,
+            delay, float(x[1]), float(_ratio(left(total, x), total[GAIN, GAIN])),
+            float(_ratio(aided, total[GAIN, GAIN])), float(_ratio(left(total, x), total[SLOPE, SLOPE])),
+            delay - plain_delay, plain_gain, float(_leak(total, x)), x, self._without_each(number, total),
+            self.delay + lone.step(lone.solve(self.products[number])), number, float(self.seconds[number].sum()), self,
         )  # fmt: skip
 
-    def _numbers(self, total: Array) -> list[float]:
-        x = self.solve(total)
-        distortion = _ratio(left(total, x), total[GAIN, GAIN])
-        return [self.delay + self.step(x), float(x[1]), distortion, _leak(total, x)]
+    def _without_each(self, number: Index, total: Array) -> Array:
+        """Delay, gain, distortion and leak (k, 4) of the ``total`` (12, 12) with one of the events left out each."""
+        others = total - self.products[number]
+        x = self.solve(others)
+        distortion = _ratio(left(others, x), others[:, GAIN, GAIN])
+        return np.column_stack([self.delay + self.step(x), x[:, 1], distortion, _leak(others, x)])
 
 
 def ridge(total: Array, variance: float, lines: int) -> Array:
@@ -143,20 +145,30 @@ def ridge(total: Array, variance: float, lines: int) -> Array:
     return np.diag(weights + TINY * (power + TINY))
 
 
-def left(total: Array, x: Array) -> float:
-    """The squares that coefficients leave of the row's rate."""
-    return float(max(total[Y, Y] - 2.0 * x @ total[1:, Y] + x @ total[1:, 1:] @ x, 0.0))
+def left(total: Array, x: Array) -> Array:
+    """The squares (...) that coefficients (..., 11) leave of the row's rate, of summed products (..., 12, 12)."""
+    explained = _form(total[..., 1:, 1:], x) - 2.0 * np.sum(x * total[..., 1:, Y], axis=-1)
+    return np.asarray(np.maximum(total[..., Y, Y] + explained, 0.0))
 
 
-def _ratio(squares: float, of: float) -> float:
-    return math.sqrt(max(squares, 0.0) / of) if of > 0 else math.inf
+def _solved(normal: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0])
 
 
-def _leak(total: Array, x: Array) -> float:
-    """Gravity's fitted aiding regressed on its direction form, 1/s; NaN without any."""
+def _form(normal: Array, x: Array) -> Array:
+    return np.asarray((x[..., None, :] @ normal @ x[..., None])[..., 0, 0])
+
+
+def _ratio(squares: ArrayLike, of: ArrayLike) -> Array:
+    """The root (...) of squares over others; inf where these are none."""
+    part, whole = np.maximum(squares, 0.0), np.asarray(of, np.float64)
+    return np.asarray(np.sqrt(np.divide(part, whole, out=np.full(np.shape(whole), math.inf), where=whole > 0)))
+
+
+def _leak(total: Array, x: Array) -> Array:
+    """Gravity's fitted aiding regressed on its direction form, 1/s; NaN without any. (...) of (..., 12, 12)."""
     gravity = slice(AID.start, AID.start + aiding.GRAVITY_AIDING)
     down = AID.start + aiding.NAMES.index("D")
-    square = float(total[down, down])
-    return (
-        float(x[PLAIN : PLAIN + aiding.GRAVITY_AIDING] @ total[gravity, down]) / square if square > 1e-12 else math.nan
-    )
+    square = total[..., down, down]
+    product = np.sum(x[..., PLAIN : PLAIN + aiding.GRAVITY_AIDING] * total[..., gravity, down], axis=-1)
+    return np.asarray(np.divide(product, square, out=np.full(np.shape(square), math.nan), where=square > 1e-12))

@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 
 GRID_S = np.linspace(-0.3, 1.2, 151)
 """Times from the onset at which events are compared."""
-BAND = (10.0, 90.0)
+SHARES = (0.1, 0.5, 0.9)
+"""The band holds four in five of the events."""
 FEWEST = 3
 """Events from which a band is drawn; of fewer it would be the events themselves."""
 
@@ -63,10 +64,24 @@ def together(row: Row, curves: list[Curve], axis: str) -> Trace:
     moved = np.array([laid(c, c.reference) for c in curves]) / stroke * 100.0
     enough = np.isfinite(error).sum(axis=0) >= FEWEST
     columns = {name: np.full(len(GRID_S), np.nan) for name in ("median", "low", "high", "ref")}
-    columns["median"][enough] = np.nanmedian(error[:, enough], axis=0)
-    columns["low"][enough], columns["high"][enough] = np.nanpercentile(error[:, enough], BAND, axis=0)
-    columns["ref"][enough] = np.nanmedian(moved[:, enough], axis=0)
+    columns["low"][enough], columns["median"][enough], columns["high"][enough] = of_known(error[:, enough], SHARES)
+    columns["ref"][enough] = of_known(moved[:, enough], (0.5,))[0]
     return Trace("steps", row.name, GRID_S, columns, axis, values={"events": float(len(curves))})
+
+
+def of_known(x: Array, shares: tuple[float, ...]) -> Array:
+    """Quantiles (len(shares), n) of the numbers in each column of (k, n), NaN left out; one number at least in each.
+
+    As numpy.nanquantile has them, which goes through the columns one by one.
+    """
+    ordered, known = np.sort(x, axis=0), np.isfinite(x).sum(axis=0)
+    found = np.empty((len(shares), x.shape[1]))
+    for k, share in enumerate(shares):
+        place = share * (known - 1)
+        below = np.floor(place).astype(np.int64)
+        low, high = (np.take_along_axis(ordered, i[None], axis=0)[0] for i in (below, np.minimum(below + 1, known - 1)))
+        found[k] = low + (place - below) * (high - low)
+    return found
 
 
 def laid(curve: Curve, y: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,7 +33,7 @@ class Turning:
     step: float = field(init=False)
 
     def __post_init__(self) -> None:
-        good = np.isfinite(self.q).all(axis=1)
+        good = rotation.finite(self.q)
         lost = np.cumsum(~good)[good].astype(np.int64)
         self.t, self.q = self.t[good], self.q[good]
         self.segment = gaps.renumber(gaps.number(self.t), self.segment[good], lost)
@@ -80,6 +80,8 @@ def around(track: Turning, events: Sequence[Event], margin: float) -> list[slice
 
 
 REACH_BEFORE_S, REACH_AFTER_S = 0.1, 0.3
+BLOCK = 4096
+"""Samples of several events that are looked at together."""
 
 
 def stacked(parts: Sequence[slice]) -> Stack:
@@ -89,6 +91,20 @@ def stacked(parts: Sequence[slice]) -> Stack:
     of = np.repeat(np.arange(len(parts)), sizes)
     start = np.array([p.start for p in parts], np.int64)
     return Stack(np.arange(int(sizes.sum())) - first[of] + start[of], of, first)
+
+
+def blocks(stack: Stack) -> Iterator[tuple[slice, Stack]]:
+    """The stack event by event or a few at once: which of its samples, and those events as a stack of their own.
+
+    What is computed on the way then stays in the processor's cache, and costs a long log no memory.
+    """
+    ends = np.append(stack.first[1:], len(stack.index))
+    at = 0
+    while at < len(ends):
+        last = max(at, int(np.searchsorted(ends, stack.first[at] + BLOCK, side="right")) - 1)
+        own = slice(int(stack.first[at]), int(ends[last]))
+        yield own, Stack(stack.index[own], stack.of[own] - at, stack.first[at : last + 1] - own.start)
+        at = last + 1
 
 
 def summed(stack: Stack, increments: Array) -> Array:

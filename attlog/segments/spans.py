@@ -56,6 +56,11 @@ def inside(t: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
     return overlaps(t, t, spans)
 
 
+def between(t: Array, t0: float, t1: float) -> slice:
+    """Which of rising times (n,) lie in [t0, t1]; found by bisection, so that many short spans cost little."""
+    return slice(int(np.searchsorted(t, t0, side="left")), int(np.searchsorted(t, t1, side="right")))
+
+
 def overlaps(t0: Array, t1: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
     """Which windows [t0, t1] (n,) touch a segment."""
     merged = merge(spans)

@@ -16,9 +16,20 @@ def some(n=20, seed=0):
     return q, 9.8 * rng.standard_normal((n, 3)), m / np.linalg.norm(m, axis=1)[:, None]
 
 
+def rates(q, f, m):
+    """The corrections (n, 3, 5) about all three body axes."""
+    return np.stack([aiding.rates(q, f, m, np.tile(axis, (len(q), 1))) for axis in np.eye(3)], axis=1)
+
+
+def turned(track, stack, seen):
+    """The turning (n, 3, 6) about all three body axes."""
+    axes = [np.tile(axis, (len(stack.index), 1)) for axis in np.eye(3)]
+    return np.stack([aiding.turned(track, stack, seen, about) for about in axes], axis=1)
+
+
 def test_the_rates_are_the_corrections_that_the_filters_themselves_make():
     q, f, m = some()
-    found = np.radians(aiding.rates(q, f, m))
+    found = np.radians(rates(q, f, m))
     for k in range(len(q)):
         for column, wanted in (
             (0, gravity_error(q[k], f[k], 1.0)),
@@ -34,14 +45,14 @@ def test_a_step_of_fixed_size_is_one_degree_per_second_and_fades_below_a_third_o
     for tilt, wanted in ((20.0, 1.0), (0.15, 0.5)):
         a = np.radians(tilt)
         f = -9.81 * np.array([[0.0, np.sin(a), np.cos(a)]])
-        found = aiding.rates(level, f, np.zeros((1, 3)))[0, :, 2]
+        found = rates(level, f, np.zeros((1, 3)))[0, :, 2]
         assert np.linalg.norm(found) == pytest.approx(wanted, rel=1e-3)
         assert found[0] == pytest.approx(np.linalg.norm(found))  # turns down (z) towards +y: about +x
 
 
 def test_a_missing_accelerometer_or_magnetometer_sample_turns_nothing():
     q, f, m = some(3)
-    assert not aiding.rates(q, 0 * f, 0 * m).any()
+    assert not rates(q, 0 * f, 0 * m).any()
 
 
 def case_with(t, rate, field, field_at, sampling="interval"):
@@ -73,7 +84,7 @@ def test_the_integral_of_gravity_begins_with_the_event():
     track = Turning(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), np.zeros(len(t), np.int64))
     tilted = np.tile([0.0, -9.80665 * np.sin(0.1), -9.80665 * np.cos(0.1)], (len(t), 1))
     stack = stacked([slice(50, 150), slice(100, 200)])
-    found = aiding.turned(track, stack, aiding.Vectors(tilted[stack.index], 0 * tilted[stack.index], False))
+    found = turned(track, stack, aiding.Vectors(tilted[stack.index], 0 * tilted[stack.index], False))
     x = np.degrees(np.sin(0.1))
     for first in (0, 100):
         since = t[:100]
@@ -90,7 +101,7 @@ def test_north_of_a_row_whose_heading_is_true_counts_as_magnetic_north():
     track = Turning(row.t, row.q, row.segment)
     sensors = aiding.Sensors(case, row, track, aiding.samples_of(case, 0))
     stack = stacked([slice(10, 100)])
-    found = aiding.turned(track, stack, sensors.around(stack))
+    found = turned(track, stack, sensors.around(stack))
     assert sensors.north == pytest.approx(off)
     np.testing.assert_allclose(found[:, :, 4:], 0.0, atol=1e-9)
 
