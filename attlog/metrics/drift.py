@@ -15,6 +15,7 @@ from attlog.metrics.answer import Answer, Record
 from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_SLACK_S
 from attlog.metrics.quantiles import chi_square, student
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
+from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 
@@ -97,6 +98,11 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
     return Blocks(np.concatenate(times), np.concatenate(means), np.concatenate(labels), length)
 
 
+def _segments(blocks: Blocks) -> list[slice]:
+    """Which blocks belong to each segment; they lie together."""
+    return gaps.slices(np.ones(len(blocks.t), bool), blocks.segment)
+
+
 def slope(blocks: Blocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     """The mean drift of a record and its interval: t over the slopes of groups (Ibragimov & Mueller 2010).
 
@@ -107,13 +113,13 @@ def slope(blocks: Blocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     record = blocks.seconds
     target = record / min(max(round(record / GROUP_S), MIN_GROUPS), MAX_GROUPS)
     slopes, spans = [], []
-    for label in np.unique(blocks.segment):
-        own = np.flatnonzero(blocks.segment == label)
-        for part in interval.equal_groups(len(own), max(1, round(len(own) * blocks.block_s / target))):
-            at = own[part]
-            if len(at) >= MIN_BLOCKS:
-                slopes.append(60.0 * _line(blocks.t[at], blocks.e[at]))
-                spans.append((float(blocks.t[at[0]]), float(blocks.t[at[-1]])))
+    for own in _segments(blocks):
+        length = own.stop - own.start
+        for part in interval.equal_groups(length, max(1, round(length * blocks.block_s / target))):
+            t, e = blocks.t[own][part], blocks.e[own][part]
+            if len(t) >= MIN_BLOCKS:
+                slopes.append(60.0 * _line(t, e))
+                spans.append((float(t[0]), float(t[-1])))
     found = Drift(None, None, np.array(slopes), spans, record)
     if len(slopes) < MIN_GROUPS or record < shortest_s - DRIFT_SLACK_S:
         return found
@@ -130,8 +136,7 @@ def slope(blocks: Blocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
 def without_slope(blocks: Blocks, deg_per_min: float) -> Array:
     """The heading error (n,) in deg without a drift and without each segment's own offset."""
     rest = blocks.e - deg_per_min / 60.0 * blocks.t
-    for label in np.unique(blocks.segment):
-        own = blocks.segment == label
+    for own in _segments(blocks):
         rest[own] -= np.mean(rest[own])
     return rest
 
@@ -139,8 +144,7 @@ def without_slope(blocks: Blocks, deg_per_min: float) -> Array:
 def line(blocks: Blocks) -> Array:
     """The least-squares line (n,) with one slope and an offset per segment: for the eye, never quoted as the drift."""
     u, v = blocks.t.copy(), blocks.e.copy()
-    for label in np.unique(blocks.segment):
-        own = blocks.segment == label
+    for own in _segments(blocks):
         u[own] -= np.mean(u[own])
         v[own] -= np.mean(v[own])
     spread = float(u @ u)

@@ -76,8 +76,9 @@ def residual(t: Array, q: Array, gyro: Integrated, turn_deg: float) -> Array | N
     i, j = np.searchsorted(gyro.t, [t[0], t[-1]], side="right") - 1
     if i < 0 or j >= len(gyro.t) or gyro.segment[i] != gyro.segment[j]:
         return None
-    own = slice(int(i), int(j) + 2)
-    q_g = rotation.slerp(gyro.t[own], gyro.q[own], t)
+    q_g = gyro.q[i : j + 1]
+    if not np.array_equal(gyro.t[i : j + 1], t):  # a row of other times than the filters'
+        q_g = rotation.slerp(gyro.t[i : j + 2], gyro.q[i : j + 2], t)
     if not np.isfinite(q_g).all():
         return None
     if np.degrees(np.max(rotation.total_angle(rotation.error(q_g, rotation.mean(q_g))))) > turn_deg:

@@ -68,18 +68,35 @@ def equal_groups(n: int, count: int) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(edges)]
 
 
-def of_quantile(values: Array, probability: float, groups: list[slice]) -> Interval | None:
+def means(values: Array, groups: list[slice]) -> Array:
+    """The mean (k,) of each of k groups of ``values`` (n,), none of them empty."""
+    ends = np.array([(g.start, g.stop) for g in groups])
+    sums = np.add.reduceat(np.append(values, 0.0), ends.ravel())[::2]  # one more: an end may be that of the values
+    return np.asarray(sums / (ends[:, 1] - ends[:, 0]))
+
+
+def quantile(ordered: Array, probability: float) -> float:
+    """The quantile of values (n,) in ascending order, linear between them (Hyndman & Fan 1996, definition 7)."""
+    place = probability * (len(ordered) - 1)
+    below = min(int(place), len(ordered) - 1)
+    low, high = float(ordered[below]), float(ordered[min(below + 1, len(ordered) - 1)])
+    return low + (place - below) * (high - low)
+
+
+def of_quantile(
+    values: Array, probability: float, groups: list[slice], ordered: Array | None = None
+) -> Interval | None:
     """Interval of a quantile of correlated values: Woodruff's, with the groups as independent evidence.
 
     The share of each group below the quantile has a t interval over the groups; its
-    ends are turned back into values (Woodruff 1952).
+    ends are turned back into values (Woodruff 1952). ``ordered``: the values in ascending order, where they are known.
     """
     if len(groups) < 2:
         return None
-    cut = np.quantile(values, probability)
-    share = of_mean([float(np.mean(values[g] <= cut)) for g in groups])
+    ordered = np.sort(values) if ordered is None else ordered
+    share = of_mean(means((values <= quantile(ordered, probability)).astype(np.float64), groups))
     if share is None:
         return None
     half = 0.5 * (share[1] - share[0])
-    low, high = np.quantile(values, np.clip([probability - half, probability + half], 0.0, 1.0))
-    return float(low), float(high)
+    low, high = (quantile(ordered, min(max(p, 0.0), 1.0)) for p in (probability - half, probability + half))
+    return low, high

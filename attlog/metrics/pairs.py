@@ -25,16 +25,21 @@ EXACT = 60
 
 def p_value(a: UnitValues, b: UnitValues, common: Ids) -> float:
     """Two-sided p that two rows are the same on common units (k,); 1 with too few of them or of different kinds."""
-    if a.kind != b.kind or len(common) < NEEDED[a.kind]:
+    if len(common) < NEEDED[a.kind]:
         return 1.0
-    x, y = a.at(common), b.at(common)
-    if a.kind == "step_event":
+    return p_of(a.kind, b.kind, a.at(common), b.at(common))
+
+
+def p_of(kind: Kind, other: Kind, x: Array, y: Array) -> float:
+    """Two-sided p that two rows with values (k,) each on the same units are the same, as :func:`p_value`."""
+    if kind != other or len(x) < NEEDED[kind]:
+        return 1.0
+    if kind == "step_event":
         return signed_rank(x - y)
-    if a.kind in ("slope_group", "lag_event"):
+    if kind in ("slope_group", "lag_event"):
         # |x| > |y| exactly where (x - y)(x + y) > 0: both factors have to be told from zero
         return max(_t_test(x - y), _t_test(x + y))
-    prior = PRIORS[a.kind]
-    return moderated.p_value(x - y if a.kind == "log_variance" else _logarithms(x) - _logarithms(y), prior)
+    return moderated.p_value(x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind])
 
 
 def _logarithms(squares: Array) -> Array:
@@ -55,7 +60,8 @@ def signed_rank(d: Array) -> float:
     if n == 0:
         return 1.0
     size = np.abs(d)
-    doubled = np.array([np.sum(size < s) * 2 + np.sum(size == s) + 1 for s in size])
+    ordered = np.sort(size)  # twice the rank: all that are smaller, and half of those that are as large
+    doubled = np.searchsorted(ordered, size, "left") + np.searchsorted(ordered, size, "right") + 1
     positive, total = int(np.sum(doubled[d > 0])), int(np.sum(doubled))
     if n > EXACT:
         deviation = math.sqrt(float(np.sum(doubled.astype(float) ** 2))) / 2.0

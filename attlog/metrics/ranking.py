@@ -122,13 +122,10 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
         for name in rows:
             _restrict(ranked[name], common)
     couples = list(combinations(rows, 2))
-    p = np.array([_p(ranked[a], ranked[b], common) for a, b in couples])
+    values = {name: units[name].at(common) for name in rows}
+    p = np.array([pairs.p_of(units[a].kind, units[b].kind, values[a], values[b]) for a, b in couples])
     told = [couple for couple, stands in zip(couples, pairs.told_apart(p), strict=True) if stands]
     return Family(rows, _in_order(told, ranked, better))
-
-
-def _p(a: Answer, b: Answer, common: Ids) -> float:
-    return 1.0 if a.units is None or b.units is None else pairs.p_value(a.units, b.units, common)
 
 
 def _restrict(answer: Answer, common: Ids) -> None:

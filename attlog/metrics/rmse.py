@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, paragraph
-from attlog.metrics.evidence import seconds, unbroken
+from attlog.metrics.base import Case, Metric, paragraph, per_case, per_row
+from attlog.metrics.evidence import seconds
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference import scoring, sigma_deg
 from attlog.reference.model import Row
+from attlog.segments import gaps
 from attlog.segments.spans import complement, intersect
 
 Array = NDArray[np.float64]
@@ -79,33 +80,40 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval
     The relative error of the mean square becomes a factor (delta method), so that the
     interval of a short, uneven record does not reach below zero.
     """
-    square = float(np.mean(angle**2))
-    spread = interval.of_mean([float(np.mean(angle[g] ** 2)) for g in groups])
+    squares = angle**2
+    square = float(np.mean(squares))
+    spread = interval.of_mean(interval.means(squares, groups)) if len(groups) > 1 else None
     if spread is None or square == 0.0:
         return math.sqrt(square), None if spread is None else (0.0, 0.0)
     factor = math.exp(0.25 * (spread[1] - spread[0]) / square)
     return math.sqrt(square), (math.sqrt(square) / factor, math.sqrt(square) * factor)
 
 
-def statistic(angle: Array, name: str, groups: list[slice]) -> tuple[float, interval.Interval | None]:
-    """One of STATISTICS of an error angle without sign (n,), with its interval where it has one."""
+def statistic(
+    angle: Array, name: str, groups: list[slice], ordered: Array | None = None
+) -> tuple[float, interval.Interval | None]:
+    """One of STATISTICS of an error angle without sign (n,), with its interval where it has one.
+
+    ``ordered``: the same angles in ascending order, where several statistics are asked for.
+    """
     if name == "rmse":
         return root_mean_square(angle, groups)
+    ordered = np.sort(angle) if ordered is None else ordered
     if name == "max":
-        return float(np.max(angle)), None
+        return float(ordered[-1]), None
     if name == "median":
-        return float(np.median(angle)), interval.of_quantile(angle, 0.5, groups) if groups else None
-    return percentile_95(angle, groups)
+        return interval.quantile(ordered, 0.5), interval.of_quantile(angle, 0.5, groups, ordered)
+    return percentile_95(angle, groups, ordered)
 
 
-def percentile_95(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
+def percentile_95(angle: Array, groups: list[slice], ordered: Array) -> tuple[float, interval.Interval | None]:
     """The 95th percentile of an error angle (n,) and its interval: Woodruff's, widened to that of the whole's size.
 
     Few groups reach the 95th percentile at all, so the shares below it say little about how far it lies: alone they
     met the other half of a flight in 50 to 70 %. It grows and shrinks with the RMSE, whose relative interval counts.
     """
-    value, whole = float(np.quantile(angle, 0.95)), root_mean_square(angle, groups)
-    shares = interval.of_quantile(angle, 0.95, groups) if groups else None
+    value, whole = interval.quantile(ordered, 0.95), root_mean_square(angle, groups)
+    shares = interval.of_quantile(angle, 0.95, groups, ordered)
     if shares is None or whole[1] is None or whole[0] == 0.0:
         return value, shares
     low, high = (value * end / whole[0] for end in whole[1])
@@ -124,9 +132,8 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
         start = case.reference.scoring_start
         reason = f"{good.sum()} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
-    duration = seconds(errors.t, unbroken(errors.t, good, errors.segment))
+    duration = seconds(errors.t, gaps.slices(good, _segments(case, row)))
     answers: dict[str, Answer] = {}
-    inside = case.segments.mask(case.reference.t, window) & scoring.scored(case.reference, case.reference.t)
     for angle in ANGLES:
         asked = [name for name in STATISTICS if only is None or f"{angle}_{name}_deg" in only]
         if not asked:
@@ -134,12 +141,13 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
         if angle != "inclination" and (why_not := why_no_heading(case, row)):
             answers |= {f"{angle}_{name}_deg": missing(*why_not, "deg", window) for name in asked}
             continue
-        own = np.nan_to_num(sigma_deg(case.reference, angle, inside))
+        own = own_sigma(case, angle, window)
         groups = groups_of(int(good.sum()), duration, GROUP_S[angle])
         values = np.abs(getattr(errors, angle)[good])
         units = block_units(case, row, window, angle)
+        ordered = np.sort(values)
         for name in asked:
-            value, ci95 = statistic(values, name, groups)
+            value, ci95 = statistic(values, name, groups, ordered)
             why = why_unranked(case, row, angle, name, ci95, duration, units)
             answers[f"{angle}_{name}_deg"] = Answer(
                 value,
@@ -158,21 +166,48 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
     return answers
 
 
+@per_case
+def own_sigma(case: Case, angle: str, window: str) -> float:
+    """How wrong the reference may be itself in a window, deg (one sigma); 0 for one that does not tell."""
+    reference = case.reference
+    if reference.sigma_tilt_deg is None:
+        return 0.0
+    inside = case.segments.mask(reference.t, window) & scoring.scored(reference, reference.t)
+    return float(np.nan_to_num(sigma_deg(reference, angle, inside)))
+
+
+@per_row
+def _segments(case: Case, row: Row) -> NDArray[np.int64]:
+    """The segments (n,) of a row's errors between gaps and resets."""
+    errors = row.errors
+    assert errors is not None
+    return gaps.renumber(gaps.number(errors.t), errors.segment)
+
+
+@per_row
+def usual_step(case: Case, row: Row) -> float:
+    """The median time between a row's errors, s."""
+    assert row.errors is not None
+    return float(np.median(np.diff(row.errors.t)))
+
+
 def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
     """Mean squares (k,) of an error angle in blocks of the window's scored time, at the same times for all rows."""
     errors, reference, length = row.errors, case.reference, BLOCK_S[angle]
     ids, squares = [], []
     if errors is not None and len(errors.t) > 1:
-        needed = BLOCK_FILLED * length / float(np.median(np.diff(errors.t)))
+        needed = BLOCK_FILLED * length / usual_step(case, row)
         scored = complement(reference.unscored, reference.scoring_start, reference.end)
-        for t0, t1 in intersect(case.segments.spans(window), scored):
-            for start in t0 + length * np.arange(int((t1 - t0) // length)):
-                i, j = np.searchsorted(errors.t, [start, start + length])
-                inside = getattr(errors, angle)[i:j][errors.scored[i:j]]
-                inside = inside[np.isfinite(inside)]
-                if len(inside) >= max(needed, 2):
-                    ids.append(start)
-                    squares.append(float(np.mean(inside**2)))
+        spans = intersect(case.segments.spans(window), scored)
+        starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
+        begin = np.concatenate([np.zeros(0), *starts])
+        first, last = np.searchsorted(errors.t, begin), np.searchsorted(errors.t, begin + length)
+        for start, i, j in zip(begin.tolist(), first.tolist(), last.tolist(), strict=True):
+            inside = getattr(errors, angle)[i:j][errors.scored[i:j]]
+            inside = inside[np.isfinite(inside)]
+            if len(inside) >= max(needed, 2):
+                ids.append(start)
+                squares.append(float(inside @ inside) / len(inside))
     chosen, values = ids_of(ids), np.array(squares)
     return UnitValues("mean_square", chosen, values, partial(of_blocks, chosen, values))
 

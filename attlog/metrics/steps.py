@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics.base import Case, per_case
 from attlog.reference.model import Reference
+from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 
@@ -47,12 +48,12 @@ def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[Event]:
     90 % point belongs to that event (docs/metrics.md, Quick movements).
     """
     events: list[Event] = []
-    for label in np.unique(segment):
-        own = np.flatnonzero(segment == label)
-        if len(own) < 8 or t[own[-1]] - t[own[0]] < BEFORE_S + RUN_AFTER_S:
+    for own in gaps.slices(np.ones(len(t), bool), segment):
+        if own.stop - own.start < 8 or t[own.stop - 1] - t[own.start] < BEFORE_S + RUN_AFTER_S:
             continue
+        turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[own][:-1]), q[own][1:])))
         for axis in range(3):
-            events += _cut_to_neighbours(_of_axis(t[own], q[own], axis))
+            events += _cut_to_neighbours(_of_axis(t[own], turn[:, axis], axis))
     return sorted(events, key=lambda e: e.onset)
 
 
@@ -74,8 +75,7 @@ def in_window(case: Case, events: list[Event], window: str) -> list[Event]:
     return [e for e, ok in zip(events, inside, strict=True) if ok]
 
 
-def _of_axis(t: Array, q: Array, axis: int) -> list[Event]:
-    turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-1]), q[1:])))[:, axis]
+def _of_axis(t: Array, turn: Array, axis: int) -> list[Event]:
     angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turn))])
     step = float(np.median(np.diff(t)))
     if step <= 0:
@@ -102,7 +102,8 @@ def _of_axis(t: Array, q: Array, axis: int) -> list[Event]:
 
 def _stroke(t: Array, angle: Array, axis: int, onset: float) -> Event | None:
     first, last = np.searchsorted(t, [onset, onset + STROKE_S])
-    excursion = angle[first:last] - np.interp(onset, t, angle)
+    before = slice(max(int(first) - 1, 0), int(last) + 1)  # alone: interp would look at the whole flight
+    excursion = angle[first:last] - np.interp(onset, t[before], angle[before])
     if len(excursion) == 0:
         return None
     delta = float(excursion[np.argmax(np.abs(excursion))])

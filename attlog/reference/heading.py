@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.reference import scoring
 from attlog.reference.compare import measured
-from attlog.reference.model import AlignmentStep, Errors, Reference, Row
-from attlog.segments import Segments, spans
+from attlog.reference.model import AlignmentStep, Reference, Row
+from attlog.segments import Segments, gaps, spans
 
 Array = NDArray[np.float64]
 
@@ -33,8 +33,8 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
     place = np.searchsorted(numbers, row.segment)
     own = place[np.clip(np.searchsorted(row.t, errors.t, side="right") - 1, 0, len(row.t) - 1)]
     offset, sources = np.zeros(len(numbers)), []
-    for k in np.unique(own):
-        offset[k], source = _first_mean(errors, smooth, own == k, segments)
+    for part in gaps.slices(np.ones(len(own), bool), own):
+        offset[own[part.start]], source = _first_mean(errors.t[part], smooth[part], errors.scored[part], segments)
         sources.append(source)
     turned = rotation.turn_about_down(errors.q_est, -(offset[own] + np.cumsum(jumps)))
     row.errors = measured(errors.t, turned, errors.q_ref, errors.gap_segment, errors.segment, errors.scored)
@@ -48,14 +48,13 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
     row.steps.append(AlignmentStep("heading_offset", text, row.heading_offset_deg, "deg", reference.source))
 
 
-def _first_mean(errors: Errors, along: Array, inside: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
-    """Mean of the unwrapped heading error (rad) over a segment's first long rest, else its first 10 s of scoring."""
-    counted = inside & errors.scored
-    counted = counted if counted.any() else inside
+def _first_mean(t: Array, along: Array, scored: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
+    """Mean of the unwrapped heading error (n,) rad over a segment's first long rest, else its first 10 s of scoring."""
+    counted = scored if scored.any() else np.ones(len(t), bool)
     for rest in segments.of("rest.long"):
-        during = counted & spans.inside(errors.t, [(rest.t0, rest.t1)])
-        if np.any(during) and np.ptp(errors.t[during]) >= LEAST_REST_S:
-            return float(np.mean(along[during])), f"the rest from {errors.t[during][0]:.0f} s"
-    start = errors.t[counted][0]
-    during = counted & (errors.t <= start + FIRST_S)
-    return float(np.mean(along[during])), f"{FIRST_S:.0f} s from {start:.0f} s"
+        inside = spans.between(t, rest.t0, rest.t1)
+        during = inside.start + np.flatnonzero(counted[inside])
+        if len(during) and np.ptp(t[during]) >= LEAST_REST_S:
+            return float(np.mean(along[during])), f"the rest from {t[during][0]:.0f} s"
+    start = t[counted][0]
+    return float(np.mean(along[counted & (t <= start + FIRST_S)])), f"{FIRST_S:.0f} s from {start:.0f} s"

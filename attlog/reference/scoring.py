@@ -43,10 +43,10 @@ def start_and_unscored(t: Array, score_from: float | None) -> tuple[float, list[
 
 
 def scored(reference: Reference, t: Array) -> NDArray[np.bool_]:
-    """Which times (n,) count in comparisons with the reference."""
+    """Which rising times (n,) count in comparisons with the reference."""
     inside = (t >= reference.scoring_start) & (t <= reference.end)
-    for t0, t1 in reference.unscored:
-        inside &= ~((t >= t0) & (t < t1))
+    for first, last in np.searchsorted(t, reference.unscored or np.zeros((0, 2))).tolist():
+        inside[first:last] = False
     return inside
 
 

@@ -23,23 +23,31 @@ class Turning:
 
     def __init__(self, t: Array, rate: Array, sampling: Literal["interval", "instant"] = "instant") -> None:
         self._t = t
-        self._angle = np.zeros((len(t), 3))
-        self._coning = np.zeros((len(t), 3))
+        self._sums = np.zeros((len(t), 6))
+        """Angle and coning, side by side: what is looked up lies together in memory."""
+        angle, coning = self._sums[:, :3], self._sums[:, 3:]
         for a in range(0, len(t) - 1, CHUNK):
             b = min(a + CHUNK, len(t) - 1)
             mean = rate[a + 1 : b + 1] if sampling == "interval" else 0.5 * (rate[a:b] + rate[a + 1 : b + 1])
             step = mean * np.diff(t[a : b + 1])[:, None]
-            self._angle[a + 1 : b + 1] = self._angle[a] + np.cumsum(step, axis=0)
-            self._coning[a + 1 : b + 1] = self._coning[a] + np.cumsum(_cross(self._angle[a:b], step), axis=0)
+            angle[a + 1 : b + 1] = angle[a] + np.cumsum(step, axis=0)
+            coning[a + 1 : b + 1] = coning[a] + np.cumsum(_cross(angle[a:b], step), axis=0)
 
     def between(self, start: Array, end: Array) -> Array:
         """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
-        a = self._at(start, self._angle)
-        whole = self._at(end, self._angle) - a
-        return whole + 0.5 * (self._at(end, self._coning) - self._at(start, self._coning) - _cross(a, whole))
+        a, b = self._at(start), self._at(end)
+        whole = b[:, :3] - a[:, :3]
+        return whole + 0.5 * (b[:, 3:] - a[:, 3:] - _cross(a[:, :3], whole))
 
-    def _at(self, at: Array, sums: Array) -> Array:
-        return np.stack([np.interp(at, self._t, sums[:, k]) for k in range(3)], axis=-1)
+    def _at(self, at: Array) -> Array:
+        """The sums (m, 6) at times, linear between samples."""
+        if len(self._t) < 2:
+            return np.zeros((len(at), 6))
+        at = np.clip(at, self._t[0], self._t[-1])
+        i = np.clip(np.searchsorted(self._t, at, side="right") - 1, 0, len(self._t) - 2)
+        before = self._sums[i]
+        slope = (self._sums[i + 1] - before) / (self._t[i + 1] - self._t[i])[:, None]
+        return np.asarray(slope * (at - self._t[i])[:, None] + before)
 
 
 def _cross(a: Array, b: Array) -> Array:
