@@ -13,13 +13,16 @@ import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 import attlog
 from attlog import estimators, metrics, reference, replay, segments
+from attlog.barrier import guarded
 from attlog.config import Config
 from attlog.errors import LogUnusable, UsageError
 from attlog.estimators.base import Estimate
@@ -30,12 +33,14 @@ from attlog.health.findings import Open, contradiction, findings, hopeless
 from attlog.metrics.alike import alike
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import common_bias
+from attlog.metrics.common_bias import none as no_bias
 from attlog.present.sentences import verdicts
-from attlog.reference.model import AlignmentStep, Reference, Row
+from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Row
 from attlog.result import EstimatorRow, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
 
+T = TypeVar("T")
 STAGES = logging.getLogger("attlog.stages")
 """Tells what is being done; who wants to know adds a handler."""
 SAID = {
@@ -68,8 +73,12 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
         windows = _windows(config, phases)
     with clock("reference"):
         options = reference_options(config)
-        ref = reference.choose(log, phases, options, smooth=_smoothing(log, phases, options, clock))
-        headings = reference.heading_references(log, phases, ref)
+        ref = _part(
+            log, "The reference",
+            lambda: reference.choose(log, phases, options, smooth=_smoothing(log, phases, options, clock)),
+            lambda: reference.choose(log, phases, replace(options, reference="none")),
+        )  # fmt: skip
+        headings = _part(log, "Other headings", lambda: reference.heading_references(log, phases, ref), _no_headings)
     imus = _imus(log, config)
     return Case(
         log,
@@ -77,7 +86,10 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
         ref,
         heading_references=headings,
         imus=imus,
-        gyro_bias={imu.index: common_bias(log, phases, imu, config.gyro_bias) for imu in imus.values()},
+        gyro_bias={
+            imu.index: _part(log, "The gyro bias", partial(common_bias, log, phases, imu, config.gyro_bias), no_bias)
+            for imu in imus.values()
+        },
         windows=windows,
         settings=config.resolved(),
         timing=clock.seconds,
@@ -139,7 +151,7 @@ def evaluate(
         reference=summarize(case.reference),
         gyro_bias=list(case.gyro_bias.values()),
         estimators=estimator_rows,
-        alike=alike(rows),
+        alike=_part(case.log, "Which rows are alike", lambda: alike(rows), list),
         best=ranking.best,
         worst=ranking.worst,
         ranked=ranking.ranked,
@@ -147,10 +159,15 @@ def evaluate(
             name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
             for name, m in metrics.definitions().items()
         },
-        traces=metrics.traces(seen, rows) if traces else [],
+        traces=_part(case.log, "Figures", lambda: metrics.traces(seen, rows), list) if traces else [],
     )
-    result.verdicts = verdicts(result)
-    own = _problems(case.reference, estimator_rows) + _slow(chosen, rows) + _late_field(rows)
+    result.verdicts = _part(case.log, "The verdicts", lambda: verdicts(result), list)
+    own = (
+        _problems(case.reference, estimator_rows)
+        + _unmeasured(estimator_rows)
+        + _slow(chosen, rows)
+        + _late_field(rows)
+    )
     result.problems = findings(case.log, checks, own, _unanswered(case, result))
     result.timing = clock.seconds
     return result
@@ -255,6 +272,27 @@ def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
     return contradiction(ref) + [
         Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"
     ]
+
+
+def _no_headings() -> dict[str, HeadingReference]:
+    return {}
+
+
+def _part(log: FlightLog, what: str, make: Callable[[], T], otherwise: Callable[[], T]) -> T:
+    """A part of an analysis; where it ends in a bug that is a problem of the log, and ``otherwise`` stands in."""
+
+    def without(sentence: str) -> T:
+        log.problems.append(Problem("part_failed", "error", sentence))
+        return otherwise()
+
+    return guarded(what, make, without)
+
+
+def _unmeasured(rows: Sequence[EstimatorRow]) -> list[Problem]:
+    """Metrics that ended in a bug, each once."""
+    answers = [a for row in rows for window in row.metrics.values() for a in window.values()]
+    sentences = dict.fromkeys(a.reason for a in answers if a.code == "part_failed" and a.reason)
+    return [Problem("part_failed", "error", sentence) for sentence in sentences]
 
 
 def _slow(chosen: Mapping[str, replay.Chosen], rows: list[Row]) -> list[Problem]:

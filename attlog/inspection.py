@@ -88,5 +88,5 @@ def _rate(stamps: NDArray[np.int64] | None) -> float | None:
     """Intervals per second of boot times (n,) in us; None for a burst, such as definitions."""
     if stamps is None or len(stamps) < 2:
         return None
-    span = float(stamps[-1] - stamps[0]) / 1e6
+    span = (float(stamps[-1]) - float(stamps[0])) / 1e6
     return (len(stamps) - 1) / span if span >= SHORTEST_S else None

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from attlog import estimators, inputs, recorded, reference
+from attlog.barrier import guarded
 from attlog.errors import AttlogError, PluginError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog, Imu, Mag
@@ -98,9 +100,14 @@ def replays(case: Case, specs: Mapping[str, Chosen]) -> Iterator[tuple[Row | Non
             try:
                 if isinstance(spec, PluginError):
                     raise spec
-                yield _run(case, imu, spec, suffix)
+                yield guarded(name, partial(_run, case, imu, spec, suffix), partial(_bug, name + suffix))
             except AttlogError as error:
                 yield None, _failed(name + suffix, error)
+
+
+def _bug(name: str, sentence: str) -> tuple[None, EstimatorRow]:
+    """The row of an estimator whose replay ended in a bug."""
+    return None, _failed(name, AttlogError(sentence))
 
 
 def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]:

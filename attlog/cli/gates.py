@@ -116,7 +116,6 @@ class Gated:
             return set()
         from attlog.fleet.gating import tell
 
-
         missing = [f"named {k}" for k, _ in enumerate(wrong, 1)]
         for name, error in zip(missing, wrong, strict=True):
             self.broken("command line", name, error.exit_code, str(error))

@@ -146,6 +146,12 @@ class LogBuilder:
                 f"{source}: left out {kept.false} of {len(t_us)} records, far from all others in time.",
                 count=kept.false,
             )
+        if self.t0_us and len(kept.index) and not self.near(np.asarray(t_us, np.int64)[index[kept.index[:1]]])[0]:
+            text = (
+                f"{source}: left out all {len(kept.index):,} records: their times are more than a day from the flight."
+            )
+            self.problem("false_times", "warning", text, count=len(kept.index))
+            return np.zeros(0, np.int64)
         rate = burst_rate(np.asarray(t_us, np.int64)[index[kept.index]])
         if rate > fastest_hz:
             text = f"{source}: its {len(kept.index):,} records follow each other at {rate:,.0f} Hz; more than "

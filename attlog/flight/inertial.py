@@ -218,7 +218,7 @@ def build(builder: LogBuilder, candidate: Candidate) -> Imu:
         candidate.dt,
         candidate.note,
     )
-    if candidate.temperature is not None:
+    if candidate.temperature is not None and candidate.temperature.shape == t.shape:
         celsius = builder.within(candidate.temperature, physics.TEMPERATURE, candidate.source)
         if np.isfinite(celsius).any():
             unit.temperature = Stream(t, celsius[:, None], "degC", "", candidate.source)

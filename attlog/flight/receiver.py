@@ -38,7 +38,7 @@ def build(
     and nothing in them counts as wrong. ``repeats``: the last record is sent again until there
     is a new one, with its stamp or none, so that times tell no fault.
     """
-    own = LogBuilder(builder.messages)
+    own = LogBuilder(builder.messages, t0_us=builder.t0_us)
     index = own.keep(t_us, source, on_earth(place), wrong=NOT_ON_EARTH, fastest_hz=physics.AIDING_HZ)
     builder.problems += [p for p in own.problems if not repeats or p.code in OF_VALUES]
     if len(index) == 0:

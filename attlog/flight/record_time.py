@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from attlog.flight.timing import Stamps
+from attlog.flight.timing import Stamps, stamps_of
 from attlog.formats.base import Messages, Table
 
 
 def clock_of(messages: Messages, system: int | None = None) -> Callable[[Table], Stamps | None]:
-    """A function from a table to the boot times (n,) of its records in us, None where they have none.
+    """A function from a table to the boot times (n,) of its records in us, None where they have none that are numbers.
 
     ``system`` is the MAVLink vehicle whose boot clock counts; packets of others get
     the times at which they were received, on the same clock.
@@ -27,4 +27,11 @@ def clock_of(messages: Messages, system: int | None = None) -> Callable[[Table],
         packets = PacketClock(messages, instance)
         return lambda table: packets.of(table) if table.instance == instance else packets.by_packet(table)
     column = "timestamp" if messages.format == "ulog" else "_t_us"
-    return lambda table: table[column].astype("int64") if column in table else None
+
+    def of(table: Table) -> Stamps | None:
+        try:
+            return stamps_of(table, column) if column in table else None
+        except ValueError:
+            return None
+
+    return of

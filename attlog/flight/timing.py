@@ -43,6 +43,11 @@ def stamps_of(table: Table, column: str, us: int = 1) -> Stamps:
     return stamps
 
 
+def on_a_clock(t_us: int) -> int:
+    """A stamp in us, 0 where it is none."""
+    return int(t_us) if 0 <= t_us <= LATEST_US else 0
+
+
 @dataclass(frozen=True, slots=True)
 class Kept:
     """``index`` (k,) of the records with strictly rising, plausible stamps, and why the others went."""

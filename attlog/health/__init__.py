@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
+from attlog.barrier import guarded
 from attlog.flight.model import FlightLog
 from attlog.health import (
     acc_bias,
@@ -20,7 +24,7 @@ from attlog.health import (
     timing,
     vibration,
 )
-from attlog.health.model import Answerable, Check
+from attlog.health.model import Answerable, Check, failed
 from attlog.health.questions import answerable
 from attlog.reference import choose
 from attlog.reference.model import Reference
@@ -39,20 +43,21 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
     rates = reference
     if (reference is None or reference.kind == "smoother") and segments is not None and log.imu is not None:
         rates = choose(log, segments)
-    return [
-        *timing.checks(log),
-        *delay.checks(log, rates),
-        *gyro.checks(log, phases),
-        *against_smoother.checks(log, phases, reference),
-        *accelerometer.checks(log, phases),
-        *acc_bias.checks(log, phases),
-        *vibration.checks(log, phases),
-        *attitude.checks(log, phases),
-        *jumps.checks(log, phases),
-        *sources.checks(log, phases),
-        *magnetometer.checks(log),
-        *declination_told.checks(log),
-        *interference.checks(log, phases),
-        *gnss.checks(log, phases),
-        *(crash.checks(phases) if log.imus else []),
-    ]
+    every: dict[str, Callable[[], list[Check]]] = {
+        "gaps and rate": lambda: timing.checks(log),
+        "delay": lambda: delay.checks(log, rates),
+        "gyro": lambda: gyro.checks(log, phases),
+        "onboard against smoother": lambda: against_smoother.checks(log, phases, reference),
+        "gravity": lambda: accelerometer.checks(log, phases),
+        "accelerometer bias": lambda: acc_bias.checks(log, phases),
+        "vibration": lambda: vibration.checks(log, phases),
+        "gravity direction": lambda: attitude.checks(log, phases),
+        "attitude jumps": lambda: jumps.checks(log, phases),
+        "second source": lambda: sources.checks(log, phases),
+        "field": lambda: magnetometer.checks(log),
+        "declination told": lambda: declination_told.checks(log),
+        "field against motors": lambda: interference.checks(log, phases),
+        "GNSS": lambda: gnss.checks(log, phases),
+        "crash": lambda: crash.checks(phases) if log.imus else [],
+    }
+    return [c for name, make in every.items() for c in guarded(f"The check {name}", make, partial(failed, name))]

@@ -15,7 +15,7 @@ from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
 from attlog.health import against_smoother
 from attlog.health.gyro import HOPELESS_DPS
-from attlog.health.model import Check
+from attlog.health.model import FAILED, Check
 from attlog.reference.model import Reference
 
 ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
@@ -145,6 +145,7 @@ ABOUT: dict[str, About] = {
 """By the name of the check, in the order of entries that are equally bad."""
 BY_ATTITUDE = ("gravity direction", "gravity in flight", "vertical force", "field against attitude", "declination")
 """What is judged by the onboard attitude: nothing of its own where that is refused, or the wrong one."""
+UNCHECKED = "What could not be checked may still be wrong."
 PAUSE_S = 5.0
 """A gap this long is a pause of the logger and not lost records."""
 SPECIFIC = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
@@ -168,12 +169,12 @@ def findings(
     for check in checks:
         if check.verdict in ("warn", "bad"):
             told = _joined(told, check, log)
-    missing = [c for c in checks if c.verdict == "cannot_judge"]
+    told += [Problem(FAILED, "error", c.text, means=UNCHECKED) for c in checks if c.value == FAILED]
+    missing = [c for c in checks if c.verdict == "cannot_judge" and c.value != FAILED]
     if missing:
         names = ", ".join(c.name for c in missing)
         text = f"Not checked: {names}. {missing[0].text}" if len(missing) == 1 else f"Not checked: {names}."
-        means = "What could not be checked may still be wrong."
-        told.append(Problem("not_checked", "info", text, count=1, means=means))
+        told.append(Problem("not_checked", "info", text, count=1, means=UNCHECKED))
     told += _open(list(unanswered))
     told = [_explained(p, checks, log) for p in told]
     place: dict[str, int] = {}

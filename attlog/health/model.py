@@ -41,6 +41,15 @@ def graded(value: float, good: float, warn: float) -> str:
     return "good" if value <= good else "warn" if value <= warn else "bad"
 
 
+FAILED = "part_failed"
+"""The value of a check that ended in a bug."""
+
+
+def failed(name: str, sentence: str) -> list[Check]:
+    """A check that ended in a bug, with the sentence that says so."""
+    return [Check(name, "cannot_judge", sentence, value=FAILED)]
+
+
 def not_judged(name: str, why: str, threshold: str = "") -> Check:
     """A check that cannot be made, with the reason."""
     return Check(name, "cannot_judge", why, threshold=threshold)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from types import ModuleType
 
+from attlog.barrier import guarded
 from attlog.metrics import (
     allan,
     bias,
@@ -72,13 +73,23 @@ def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) 
     for window in windows:
         answers = table.setdefault(window, {})
         for question in QUESTIONS if cost else [q for q in QUESTIONS if q is not MEASURED]:
-            answers |= question.compute(case, row, window)
+            answers |= _asked(question, case, row, window)
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):
                 answer.coverage_pct = row.coverage_pct
             if uncorrected and answer.ranked:
                 answer.ranked, answer.reason = False, uncorrected
     return table
+
+
+def _asked(question: ModuleType, case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """The answers of one question; where it ends in a bug each of its metrics is missing with the reason."""
+
+    def without(sentence: str) -> dict[str, Answer]:
+        return {m.name: missing("part_failed", sentence, m.unit, window) for m in question.METRICS}
+
+    name = question.__name__.rpartition(".")[2].replace("_", " ")
+    return guarded(f"{row.name}: {name}", lambda: question.compute(case, row, window), without)
 
 
 def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:

@@ -28,6 +28,7 @@ CODES = (
     "lag_at_edge",
     "rate_too_low",
     "record_too_short",
+    "part_failed",
 )
 
 

@@ -63,7 +63,8 @@ def of_median(values: ArrayLike) -> Interval | None:
 
 
 def equal_groups(n: int, count: int) -> list[slice]:
-    """``count`` consecutive slices of ``n`` samples, sizes equal to one sample."""
+    """``count`` consecutive slices of ``n`` samples, sizes equal to one sample; fewer where there are not so many."""
+    count = min(count, n)
     edges = np.linspace(0, n, count + 1).round().astype(int)
     return [slice(int(a), int(b)) for a, b in pairwise(edges)]
 
@@ -91,6 +92,7 @@ def of_quantile(
     The share of each group below the quantile has a t interval over the groups; its
     ends are turned back into values (Woodruff 1952). ``ordered``: the values in ascending order, where they are known.
     """
+    groups = [g for g in groups if g.stop > g.start]
     if len(groups) < 2:
         return None
     ordered = np.sort(values) if ordered is None else ordered

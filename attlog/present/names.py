@@ -129,6 +129,7 @@ CODES = {
     "lag_at_edge": ("not a pure delay", "not pure"),
     "rate_too_low": ("rate too low", "low rate"),
     "record_too_short": ("too short", "short"),
+    "part_failed": ("failed", "bug"),
 }
 """What a cell without a value says, by code, and the same in at most 9 letters; the sentence stands beside it."""
 

@@ -50,7 +50,7 @@ def tick_s(t: Array) -> float:
     ticks = dt / TICK_S
     usual = np.abs(ticks - np.median(ticks)) < 1.5
     whole = bool(np.all(np.abs(ticks - np.round(ticks)) < 1e-2))
-    return TICK_S if whole and np.ptp(np.round(ticks[usual])) > 0 else 0.0
+    return TICK_S if whole and usual.any() and np.ptp(np.round(ticks[usual])) > 0 else 0.0
 
 
 def missing_deg(imu: Imu | None) -> float:

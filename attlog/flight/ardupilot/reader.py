@@ -14,8 +14,8 @@ from attlog.flight.ardupilot.advice import Settings
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.model import FlightLog, Mag
-from attlog.flight.timing import Stamps
+from attlog.flight.model import Firmware, FlightLog, Mag
+from attlog.flight.timing import Stamps, on_a_clock
 from attlog.formats.base import Messages
 
 MILLIGAUSS = 1e-7
@@ -43,24 +43,32 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     have = [c.index for c in chosen]
     unit = {core: imus.unit_of_core(core, mask, have) for core in set(lanes)}
     flown = [unit[core] for core in lanes]
-    flew = inertial.longest_held(lane_t, flown)
+    flew = builder.attempt("The primary EKF core", lambda: inertial.longest_held(lane_t, flown), None)
     why = f"it fed the primary EKF core ({family}F4.PI)"
     if flew is None and chosen:
         flew, why = chosen[0].index, "the first; the log does not tell the primary one"
-    firmware = state.firmware(messages)
-    logging = Settings(state.family_of(messages, values), firmware.version, values)
+    firmware = builder.attempt("The firmware", lambda: state.firmware(messages), Firmware("ArduPilot"))
+    family_of_vehicle = builder.attempt("The vehicle", lambda: state.family_of(messages, values), "")
+    logging = Settings(family_of_vehicle, firmware.version, values)
     position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
-    builder.t0_us = first_stamp(builder, chosen, position)
+    begin = builder.attempt("The first time stamp", lambda: first_stamp(builder, chosen, position), 0)
+    builder.t0_us = on_a_clock(begin)
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware, "")
     log.logging = logging
     log.imus = [inertial.build(builder, c) for c in chosen]
     log.imu = position
-    log.imu_that_flew = builder.time_line(lane_t, flown, f"{family}F4.PI")
+    log.imu_that_flew = builder.attempt(
+        "The primary EKF core", lambda: builder.time_line(lane_t, flown, f"{family}F4.PI"), None
+    )
     flying = None if position is None else log.imus[position]
     log.mags = builder.attempt("MAG", lambda: magnetometers(builder, clock, values), [])
-    log.mag = magnetic.choose(
-        builder, log.mags, flying, primary_compass(values, log.mags), "the primary compass", mag, logging
+    log.mag = builder.attempt(
+        "The compass",
+        lambda: magnetic.choose(
+            builder, log.mags, flying, primary_compass(values, log.mags), "the primary compass", mag, logging
+        ),
+        None,
     )
     resets = builder.attempt("Resets", lambda: attitude.resets(builder, clock, lane_t, lanes), [])
     log.attitudes = attitude.attitudes(builder, clock, resets)
@@ -71,7 +79,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
         builder.choices["onboard"] = "the log holds neither ATT nor ANG"
     log.truth = builder.attempt("SIM", lambda: attitude.truth(builder, clock), None)
     log.setpoints = builder.attempt("Set-points", lambda: attitude.setpoints(builder, clock, log.onboard), None)
-    log.params = parameters.time_lines(builder, messages.params, "PARM")
+    log.params = builder.attempt("PARM", lambda: parameters.time_lines(builder, messages.params, "PARM"), {})
     log.param_defaults = parameters.defaults(messages.params)
     log.declination_param, log.declination_source = parameters.declination(log, state.DECLINATION)
     log.trim, log.trim_source = state.trim(log), ", ".join(state.TRIM)

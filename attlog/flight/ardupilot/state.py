@@ -117,9 +117,9 @@ def trim(log: FlightLog) -> Array | None:
 def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, float]) -> None:
     """Add states, aids and texts to the log."""
     messages = builder.messages
-    family = family_of(messages, values)
+    family = builder.attempt("The vehicle", lambda: family_of(messages, values), "")
     imu = None if log.imu is None else log.imus[log.imu]
-    log.vehicle = vehicle(messages, values, family)
+    log.vehicle = builder.attempt("The vehicle", lambda: vehicle(messages, values, family), "unknown")
     log.simulated = "SIM" in messages.names() or any(n.startswith("SIM_") for n in values)
     log.armed = builder.attempt("Arming", lambda: armed(builder, clock), None)
     log.landed = builder.attempt("Landing", lambda: landed(builder, clock, log.armed), None)
@@ -143,8 +143,8 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
     )
     log.onboard_vibration = builder.attempt("VIBE", lambda: vibration(builder, clock, imu), None)
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
-    log.remedies = remedies.of(values)
-    log.texts = builder.texts(lambda offset: int(clock.at(np.array([offset]))[0]))
+    log.remedies = builder.attempt("Remedies", lambda: remedies.of(values), log.remedies)
+    log.texts = builder.attempt("Texts", lambda: builder.texts(lambda offset: int(clock.at(np.array([offset]))[0])), [])
 
 
 # --- state ------------------------------------------------------------------------------------------------------

@@ -21,9 +21,9 @@ from attlog.flight.inertial import low_pass_delay
 from attlog.flight.mavlink import state
 from attlog.flight.mavlink.advice import Settings
 from attlog.flight.mavlink.clock import PacketClock
-from attlog.flight.model import Array, Attitude, FlightLog, Mag
+from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Mag
 from attlog.flight.px4 import state as px4
-from attlog.flight.timing import only_new
+from attlog.flight.timing import on_a_clock, only_new
 from attlog.formats.base import Messages, Table
 
 ARDUPILOT, PX4 = 3, 12
@@ -65,23 +65,31 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
             f"The file holds {len(others) + 1} vehicles; this is system {instance >> 8}. --system chooses another "
             f"({', '.join(map(str, others))}).", count=len(others) + 1,
         )  # fmt: skip
-    chosen = inertial.best_per_unit(builder, candidates(builder, clock, instance, autopilot))
-    firmware = state.firmware(messages, instance, autopilot)
+    found = builder.attempt("The inertial messages", lambda: candidates(builder, clock, instance, autopilot), [])
+    chosen = inertial.best_per_unit(builder, found)
+    nobody = Firmware("unknown autopilot")
+    firmware = builder.attempt("The firmware", lambda: state.firmware(messages, instance, autopilot), nobody)
     logging = Settings(firmware.name)
     position = inertial.choose_unit(builder, chosen, 0, "the first one", imu, logging)
-    builder.t0_us = first_stamp(clock, chosen, position)
+    builder.t0_us = on_a_clock(first_stamp(clock, chosen, position))
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware, "")
     log.logging = logging
     log.imus = [inertial.build(builder, c) for c in chosen]
     log.imu = position
     flying = None if position is None else log.imus[position]
-    log.mags = magnetometers(builder, clock, instance)
-    log.mag = magnetic.choose(builder, log.mags, flying, 0, "the first one", mag, logging)
-    log.attitudes = attitudes(builder, clock, instance, autopilot == ARDUPILOT)
+    log.mags = builder.attempt("The magnetometer", lambda: magnetometers(builder, clock, instance), [])
+    log.mag = builder.attempt(
+        "The compass", lambda: magnetic.choose(builder, log.mags, flying, 0, "the first one", mag, logging), None
+    )
+    log.attitudes = builder.attempt(
+        "The attitude", lambda: attitudes(builder, clock, instance, autopilot == ARDUPILOT), {}
+    )
     log.onboard = next((n for n in ("ATTITUDE_QUATERNION", "ATTITUDE", "AHRS2") if n in log.attitudes), None)
-    log.truth = truth(builder, clock, instance)
-    log.params = parameters.time_lines(builder, messages.params, "PARAM_VALUE")
+    log.truth = builder.attempt("The simulator's attitude", lambda: truth(builder, clock, instance), None)
+    log.params = builder.attempt(
+        "PARAM_VALUE", lambda: parameters.time_lines(builder, messages.params, "PARAM_VALUE"), {}
+    )
     of_parameters(log, autopilot)
     state.fill(builder, clock, instance, autopilot, log)
     log.problems, log.choices = builder.problems, builder.choices

@@ -59,7 +59,7 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
     builder.attempt("VFR_HUD", lambda: hud(builder, clock, instance, log), None)
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder, clock, instance), None)
     log.battery = builder.attempt("SYS_STATUS", lambda: battery(builder, clock, instance), None)
-    log.texts = builder.texts()
+    log.texts = builder.attempt("Texts", builder.texts, [])
 
 
 def heartbeats(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int | None, log: FlightLog) -> None:

@@ -12,11 +12,11 @@ import numpy as np
 
 from attlog.flight import inertial, magnetic, parameters
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.model import Attitude, FlightLog
+from attlog.flight.model import Attitude, Firmware, FlightLog
 from attlog.flight.px4 import imus, mags, state
 from attlog.flight.px4.advice import Settings
 from attlog.flight.px4.imus import sample_stamps, stamps
-from attlog.flight.timing import Stamps
+from attlog.flight.timing import Stamps, on_a_clock
 from attlog.formats.base import Messages
 
 
@@ -26,22 +26,23 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     values = parameters.values(messages.params)
     nothing: tuple[Stamps, list[int], str] = (np.zeros(0, np.int64), [], "")
     when, units, source = builder.attempt("The choice of IMU", lambda: imus.selected_units(builder), nothing)
-    flew = inertial.longest_held(when, units)
+    flew = builder.attempt("The choice of IMU", lambda: inertial.longest_held(when, units), None)
     why = f"it flew ({source})" if source else "the only source of the voted unit"
     found = imus.candidates(builder, values, 0 if flew is None else flew)
     chosen = inertial.best_per_unit(builder, found)
     if flew is None and len(chosen) > 1:
         flew, why = next((c.index for c in chosen if c.source == "sensor_combined"), None), "it is the voted unit"
-    firmware = state.firmware(messages)
+    firmware = builder.attempt("The firmware", lambda: state.firmware(messages), Firmware(""))
     logging = Settings(firmware.version, values)
     position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
-    builder.t0_us = first_stamp(builder, chosen, position)
+    begin = builder.attempt("The first time stamp", lambda: first_stamp(builder, chosen, position), 0)
+    builder.t0_us = on_a_clock(begin)
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware, "")
     log.logging = logging
     log.imus = [inertial.build(builder, c) for c in chosen]
     log.imu = position
-    log.imu_that_flew = builder.time_line(when, units, source)
+    log.imu_that_flew = builder.attempt(source, lambda: builder.time_line(when, units, source), None)
     flying = None if position is None else log.imus[position]
     flew_line = log.imu_that_flew
     if flew_line is not None and len(flew_line.value) > 1 and flying is not None:
@@ -56,12 +57,14 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
             )
     log.mags = builder.attempt("The magnetometer", lambda: mags.magnetometers(builder, values), [])
     used = builder.attempt("The choice of compass", lambda: mags.flown(builder, log.mags), None)
-    log.mag = magnetic.choose(builder, log.mags, flying, used, "it flew", mag, logging)
+    log.mag = builder.attempt(
+        "The compass", lambda: magnetic.choose(builder, log.mags, flying, used, "it flew", mag, logging), None
+    )
     log.attitudes = attitudes(builder)
     log.onboard = "vehicle_attitude" if "vehicle_attitude" in log.attitudes else None
     truth = "vehicle_attitude_groundtruth"
     log.truth = builder.attempt(truth, lambda: attitude_of(builder, truth, 0, ()), None)
-    log.params = parameters.time_lines(builder, messages.params, "parameter")
+    log.params = builder.attempt("Parameters", lambda: parameters.time_lines(builder, messages.params, "parameter"), {})
     log.param_defaults = parameters.defaults(messages.params)
     log.declination_param, log.declination_source = parameters.declination(log, state.DECLINATION)
     state.fill(builder, log)

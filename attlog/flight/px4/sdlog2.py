@@ -17,7 +17,7 @@ from attlog.flight.modes import px4_mode
 from attlog.flight.physics import Quantity
 from attlog.flight.px4.advice import Sdlog2Settings
 from attlog.flight.px4.state import ARMED, DECLINATION, utc_offset
-from attlog.flight.timing import Stamps, only_new, stamps_of
+from attlog.flight.timing import Stamps, on_a_clock, only_new, stamps_of
 from attlog.flight.vehicle import named
 from attlog.formats.base import Messages, Table
 from attlog.formats.sdlog2 import TIME
@@ -38,7 +38,10 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     logging = Sdlog2Settings(values)
     position = inertial.choose_unit(builder, chosen, 0, "the first one, which the estimator used", imu, logging)
     clock = messages.first("TIME")
-    builder.t0_us = int(chosen[position or 0].t_us[0]) if chosen else int(clock["StartTime"][0]) if clock else 0
+    begin = int(chosen[position or 0].t_us[0]) if chosen else 0
+    if not chosen and clock:
+        begin = builder.attempt("TIME", lambda: int(stamps_of(clock, "StartTime")[0]), 0)
+    builder.t0_us = on_a_clock(begin)
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware(messages), "")
     log.vehicle = named(int(values.get("MAV_TYPE", -1)))
@@ -47,7 +50,9 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.imu = position
     log.mags = builder.attempt("The magnetometer", lambda: magnetometers(builder), [])
     flying = None if position is None else log.imus[position]
-    log.mag = magnetic.choose(builder, log.mags, flying, 0, "the first one", mag, logging)
+    log.mag = builder.attempt(
+        "The compass", lambda: magnetic.choose(builder, log.mags, flying, 0, "the first one", mag, logging), None
+    )
     attitude = builder.attempt("ATT", lambda: euler_or_quaternion(builder, "ATT", ("Roll", "Pitch", "Yaw")), None)
     if attitude is not None:
         log.attitudes, log.onboard = {"ATT": attitude}, "ATT"
@@ -55,7 +60,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.setpoints = builder.attempt("ATSP", lambda: euler_or_quaternion(builder, "ATSP", wanted), None)
     builder.attempt("STAT", lambda: states(builder, log), None)
     aids(builder, log)
-    log.params = parameters.time_lines(builder, messages.params, "PARM")
+    log.params = builder.attempt("PARM", lambda: parameters.time_lines(builder, messages.params, "PARM"), {})
     log.declination_param, log.declination_source = parameters.declination(log, DECLINATION)
     log.problems, log.choices = builder.problems, builder.choices
     return log

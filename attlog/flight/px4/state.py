@@ -38,8 +38,8 @@ def firmware(messages: Messages) -> Firmware:
 def fill(builder: LogBuilder, log: FlightLog) -> None:
     """Add set-points, states, aids and texts to the log."""
     status = builder.messages.tables.get(("vehicle_status", 0))
-    log.vehicle = vehicle(status, log.param("MAV_TYPE"))
-    log.simulated = simulated(builder, status)
+    log.vehicle = builder.attempt("The vehicle", lambda: vehicle(status, log.param("MAV_TYPE")), "unknown")
+    log.simulated = builder.attempt("The simulator", lambda: simulated(builder, status), False)
     log.setpoints = builder.attempt("The attitude set-point", lambda: setpoints(builder), None)
     log.rate_setpoints = builder.attempt("The rate set-point", lambda: rate_setpoints(builder), None)
     log.armed = builder.attempt("Arming", lambda: armed(builder, status), None)
@@ -57,8 +57,9 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
         "The onboard gyro bias", lambda: gyro_bias.gyro_bias(builder, log.replay_imu), None
     )
     events.report(builder)
-    log.remedies = remedies.of({n: v for n in log.params if (v := log.param(n)) is not None})
-    log.texts = builder.texts()
+    told = {n: v for n in log.params if (v := log.param(n)) is not None}
+    log.remedies = builder.attempt("Remedies", lambda: remedies.of(told), log.remedies)
+    log.texts = builder.attempt("Texts", builder.texts, [])
 
 
 def armed(builder: LogBuilder, status: Table | None) -> TimeLine | None:

@@ -1,0 +1,124 @@
+"""The last barrier: a bug in one part costs that part, says so, and the rest of the log is analysed; tests see it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest import mock
+
+import pytest
+
+from attlog import analysis, barrier
+from attlog.errors import UsageError
+from attlog.flight import read
+from attlog.flight.px4 import imus, reader, state
+from attlog.flight.px4 import mags as magnetometers
+from attlog.health import gnss, gyro, magnetometer
+from attlog.metrics import allan, noise, rmse
+from attlog.result import Result
+from tests.conftest import SAMPLES
+
+LOG = SAMPLES / "px4_hover.ulg"
+
+
+def broken(*args: Any, **kwargs: Any) -> Any:
+    raise ZeroDivisionError("nobody thought of this")
+
+
+@pytest.fixture
+def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As users run it: the barrier stands."""
+    monkeypatch.delenv(barrier.RAISE)
+
+
+def breaks(part: ModuleType, name: str) -> Any:
+    return mock.patch.object(part, name, broken)
+
+
+def test_in_tests_a_bug_is_a_bug() -> None:
+    with breaks(state, "battery"), pytest.raises(ZeroDivisionError):
+        read(LOG)
+
+
+@pytest.mark.usefixtures("quiet")
+def test_errors_on_purpose_pass() -> None:
+    def wrong() -> None:
+        raise UsageError("use another option")
+
+    with pytest.raises(UsageError):
+        barrier.guarded("x", wrong, str)
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize(
+    ("part", "name", "field"),
+    [(state, "battery", "battery"), (state, "gnss", "gnss"), (state, "baro", "baro"), (state, "setpoints", "setpoints"),
+     (state, "armed", "armed"), (magnetometers, "magnetometers", "mags"), (reader, "attitude_of", "attitudes"),
+     (state, "vehicle", ""), (state, "firmware", ""), (imus, "fifo", "")],
+    ids=lambda x: x if isinstance(x, str) else "",
+)  # fmt: skip
+def test_a_part_of_a_flight_that_fails_is_one_problem_and_the_rest_is_there(
+    part: ModuleType, name: str, field: str
+) -> None:
+    with breaks(part, name):
+        log = read(LOG)
+    failed = [p for p in log.problems if p.code == "part_failed"]
+    assert failed
+    assert all("ZeroDivisionError" in p.text and "please report it" in p.text for p in failed)
+    assert log.imu is not None
+    assert not field or not getattr(log, field)
+
+
+@pytest.fixture(scope="module")
+def case() -> Any:
+    return analysis.prepare(LOG)
+
+
+def evaluated(case: Any) -> Result:
+    case.forget()
+    return analysis.evaluate(case, ["gyro", "mahony"], traces=True)
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_check_or_a_metric_that_fails_is_missing_and_the_others_are_there(case: Any) -> None:
+    whole = evaluated(case)
+    assert not [p for p in whole.problems if p.code == "part_failed"]
+    with breaks(gyro, "checks"), breaks(rmse, "compute"), breaks(analysis, "verdicts"):
+        result = evaluated(case)
+    assert {c.name: c.verdict for c in result.audit}["gyro"] == "cannot_judge"
+    assert [c for c in result.audit if c.name.startswith("field")] == [
+        c for c in whole.audit if c.name.startswith("field")
+    ]
+    answers = result.estimators[1].metrics["all"]
+    assert (answers["total_rmse_deg"].code, answers["total_rmse_deg"].value) == ("part_failed", None)
+    assert answers["lag_ms"].value == whole.estimators[1].metrics["all"]["lag_ms"].value
+    failed = [p.text for p in result.problems if p.code == "part_failed"]
+    assert len(failed) == 1 + len(result.estimators) + 1, "the check, the metric of each row, the sentences"
+    assert result.to_json()
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_filter_that_ends_in_a_bug_is_a_failed_row(case: Any) -> None:
+    from attlog import replay
+
+    original = replay.replayed
+
+    def once(*args: Any, **kwargs: Any) -> Any:
+        return broken() if args[3].name == "mahony" else original(*args, **kwargs)
+
+    with mock.patch.object(replay, "replayed", once):
+        result = evaluated(case)
+    assert {r.name: r.status for r in result.estimators}["mahony"] == "failed"
+    assert result.estimators[0].status != "failed"
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_page_is_written_where_everything_that_may_fail_does(tmp_path: Path) -> None:
+    from attlog.analysis import analyze
+
+    with breaks(noise, "compute"), breaks(allan, "compute"), breaks(gnss, "checks"), breaks(magnetometer, "checks"):
+        result = analyze(LOG, {"estimators": ["mahony"]})
+    result.to_html(tmp_path / "x.html")
+    assert "please report it" in result.to_json()
+    assert (tmp_path / "x.html").stat().st_size > 10_000
