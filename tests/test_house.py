@@ -14,6 +14,7 @@ import pytest
 import attlog
 
 PACKAGE = Path(attlog.__file__).parent
+<<<<<<< HEAD
 EVERYWHERE = {
     "errors",
     "limits",
@@ -25,6 +26,9 @@ EVERYWHERE = {
     "spreadsheet",
     "barrier",
 }
+=======
+EVERYWHERE = {"errors", "limits", "rotation", "earth", "output", "settings_file", "kernels"}
+>>>>>>> 9262bec (Kernels run as object code without numba: compiled by numba.cfunc, loaded by llvmlite, called through ctypes)
 """Importable by all; they import only each other."""
 SENSORS = {"flight", "segments", "reference"}
 BELOW_THE_RESULT = {"formats", "estimators", "metrics", "health", "config"} | SENSORS
@@ -55,6 +59,7 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis", "replay"},
     "processes": set(),
+    "prebuilt": {"estimators", "formats", "simulate"},
     "simulate": {"formats", "flight", "estimators", "processes"},
     "reproduce": BELOW_THE_RESULT
     | {"analysis", "replay", "result", "plain", "present", "report", "compare", "simulate", "processes"},

@@ -1,6 +1,6 @@
 """The program that has everything imported and forks one child for each log.
 
-A fresh interpreter takes 1 s of processor time to import numpy, numba and the analysis and to load compiled filters, a
+A fresh interpreter takes 1 s of processor time to import numpy and the analysis and to load compiled filters, a
 third of what a small log takes. This program does that once, and then only forks and waits; it analyses nothing
 itself, so whatever a log does to its process (crash, leak, endless loop) ends with that process.
 :class:`attlog.fleet.nursery.Nursery` starts it.
@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any
 
 HEADER = struct.Struct("!Q")
-PRELOADED = ("attlog.analysis", "attlog.fleet.child", "attlog.report.page", "jinja2", "numba", "vqf")
+PRELOADED = ("attlog.analysis", "attlog.fleet.child", "attlog.report.page", "jinja2", "llvmlite.binding", "vqf")
 """What nearly every log needs; what is left out is imported by the child that needs it."""
 
 
@@ -101,7 +101,10 @@ def _warm(payload: bytes, job: socket.socket) -> None:
     logger, telling = logging.getLogger("attlog.compiling"), Telling(lambda told: _tell(job, told))
     logger.addHandler(telling)
     logger.setLevel(logging.INFO)
-    warm(pickle.loads(payload)[0].config.estimators)
+    filters = pickle.loads(payload)[0].config.estimators
+    if any(".py" in item for item in filters):
+        importlib.import_module("numba")  # a plug-in's compiler; our own kernels are kept as object code
+    warm(filters)
     logger.removeHandler(telling)
     gc.freeze()
 

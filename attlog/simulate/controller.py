@@ -17,7 +17,6 @@ Plain functions on arrays of float64, so that they compile (:func:`compiled`).
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.estimators.engine import cache, generate
+from attlog.simulate.kernel import function_of, kernel_of
 from attlog.simulate.loop import Controller
 
 Array = NDArray[np.float64]
@@ -195,17 +194,9 @@ def mix(out: Any, n: int, shares: Any, thrust: float, idle: float, state: Any) -
 
 
 SIGNATURE = "void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, f8[::1])"
+KERNEL = kernel_of(control, SIGNATURE, "controller")
 
 
-@functools.cache
 def compiled() -> Callable[..., None]:
-    """:func:`control` as machine code, kept in the user's cache; in plain Python with ATTLOG_NO_JIT=1."""
-    if not cache.jit_wanted():
-        return control
-    source = generate.with_helpers({"step": control}, jit=True)
-    entry = (
-        f"@njit({SIGNATURE!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)\n"
-        "def entry(state, gains, q, rate, command, shares, dt, out):\n"
-        "    step(state, gains, q, rate, command, shares, dt, out)\n"
-    )
-    return cache.compiled(f"{source}\n\n{entry}", "entry", "controller")
+    """:func:`control` as machine code; in plain Python with ATTLOG_NO_JIT=1."""
+    return function_of(KERNEL, control)

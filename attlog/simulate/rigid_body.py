@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.kernel import kernel
+from attlog.simulate.kernel import function_of, kernel_of
 from attlog.simulate.vehicle import ROTOR_SIGNS, ROTOR_TURNS, Vehicle
 
 Array = NDArray[np.float64]
@@ -35,6 +35,8 @@ POINTS = 8
 SPRING_HZ, DAMPING, BREAKS_M_S = 12.0, 0.5, 0.5
 """How the vehicle bounces on its feet, and how fast a rotor must strike to break."""
 SIGNATURE = "void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, i8, f8[:, ::1], f8[::1])"
+SCRATCH = (("f8", (4, 13)), ("f8", (13,)), ("f8", (3, 4)), ("f8", (POINTS * 3,)))
+"""Of the loop: four derivatives, a state, three sets of rotor speeds, the ground's forces."""
 
 
 class Body:
@@ -54,7 +56,7 @@ class Body:
         self.now = np.zeros(NOW)
         self.health = np.ones(4)
         """Thrust of each rotor over what it should be."""
-        self._run = kernel(sub_steps, SIGNATURE, "the rigid body")
+        self._run = function_of(KERNEL, sub_steps)
 
     def advance(self, command: Array, wind: Array, h: float, raw: Array) -> None:
         """Move on by ``len(raw)`` steps of ``h`` s under motor commands (4,) and wind (3,) m/s, earth axes.
@@ -81,13 +83,10 @@ def _numbers(v: Vehicle, gravity: float, density: float) -> tuple[Array, Array]:
 
 
 def sub_steps(
-    s: Any, command: Any, health: Any, wind: Any, c: Any, points: Any, h: float, n: int, raw: Any, now: Any
-) -> None:
-    """``n`` steps of ``h``: the state ``s`` moves on, a raw row is written at the end of each."""
-    k = np.zeros((4, 13))
-    y = np.zeros(13)
-    rotor = np.zeros((3, 4))
-    force = np.zeros(POINTS * 3)
+    s: Any, command: Any, health: Any, wind: Any, c: Any, points: Any, h: float, n: int, raw: Any, now: Any, k: Any,
+    y: Any, rotor: Any, force: Any,
+) -> None:  # fmt: skip
+    """``n`` steps of ``h``: the state ``s`` moves on, a raw row is written at the end of each. The last are scratch."""
     half = math.exp(-0.5 * h / c[5]) if c[5] > 0.0 else 0.0
     for i in range(13):
         y[i] = s[i]
@@ -262,3 +261,6 @@ def _settle_contacts(s: Any, c: Any, points: Any, force: Any) -> None:
         size = math.sqrt(g0 * g0 + g1 * g1)
         if size > hold:
             s[21 + 2 * p], s[22 + 2 * p] = at0 - g0 * hold / size, at1 - g1 * hold / size
+
+
+KERNEL = kernel_of(sub_steps, SIGNATURE, "the rigid body", SCRATCH)

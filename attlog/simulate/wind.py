@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.kernel import kernel
+from attlog.simulate.kernel import function_of, kernel_of
 from attlog.simulate.place import Wind
 from attlog.simulate.streams import generator
 
@@ -50,7 +50,7 @@ def share_at(height_m: float) -> float:
 def _dryden(noise: Array, stays: float) -> Array:
     """Turbulence (n, 3) of standard deviation 1 from white noise (n, 3); ``stays``: what is left after one step."""
     out = np.zeros_like(noise)
-    kernel(filtered, "void(f8[:, ::1], f8, f8[:, ::1])", "wind")(np.ascontiguousarray(noise), stays, out)
+    function_of(KERNEL, filtered)(np.ascontiguousarray(noise), stays, out)
     return out
 
 
@@ -70,3 +70,6 @@ def filtered(noise: Any, stays: float, out: Any) -> None:
                 z = stays * z + (1.0 - stays) * 0.5 * (x + fresh)
                 x = fresh
             out[k, c] = x if c == 0 else (root3 * x + (1.0 - root3) * z) / math.sqrt(2.0)
+
+
+KERNEL = kernel_of(filtered, "void(f8[:, ::1], f8, f8[:, ::1])", "wind")

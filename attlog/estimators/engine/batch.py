@@ -19,10 +19,13 @@ from numpy.typing import ArrayLike
 from attlog.errors import UsageError
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator, LogFacts
-from attlog.estimators.engine import cache, expand, generate, loop
+from attlog.estimators.engine import expand, loop
 from attlog.estimators.engine.late import in_pieces, late_field
 from attlog.estimators.engine.samples import Samples, Sampling, handed, prepare
 from attlog.estimators.engine.start import first, initial_state, realigned
+from attlog.kernels import cache, generate
+from attlog.kernels.kernel import Kernel
+from attlog.kernels.obtain import at_hand, by_numba, obtained
 
 WIDTH = {"float64": 16, "float32": 32}
 """Parameter sets that one kernel carries: a few vector registers' worth, more gains nothing."""
@@ -34,7 +37,7 @@ SETS_ = {sets}
 {functions}
 
 
-{decorator}def advance(BATCH_, dt, substeps, gyr, acc, mag, use, every, out):
+def advance(BATCH_, dt, substeps, gyr, acc, mag, use, every, out):
     row = 0
     wait = 0
     for k in range(len(dt)):
@@ -201,14 +204,40 @@ def kernel(estimator: Estimator, switches: Mapping[int, float], dtype: str) -> A
     if estimator.step is None or estimator.aided or loop.not_compiled(estimator):
         return None
     bias = estimator.slices.get("bias")
-    source = _source(
+    shape = (
         estimator.step,
         tuple(sorted(switches.items())),
         dtype,
         (estimator.state_size, len(estimator.own), estimator.outputs, None if bias is None else int(bias.start)),
         estimator.vectors_at,
     )
-    return None if source is None else cache.compiled(source, "advance", f"{estimator.name} for many parameter sets")
+    return _loaded(*shape, f"{estimator.name} for many parameter sets", estimator.origin == "attlog")
+
+
+@functools.lru_cache(maxsize=64)
+def _loaded(
+    step: Callable[..., Any],
+    switches: tuple[tuple[int, float], ...],
+    dtype: str,
+    sizes: tuple[int, int, int, int | None],
+    vectors_at: str,
+    what: str,
+    ours: bool,
+) -> Any:
+    """The compiled kernel; a sweep asks for the same one for every 16 sets."""
+
+    def text() -> str:
+        return _source(step, switches, dtype, sizes, vectors_at) or ""
+
+    # Whether a plug-in's step can be rewritten shows only in the text, and one of ours is not asked twice.
+    if not ours and not text():
+        return None
+    name = f"batch {step.__module__} {switches} {dtype} {sizes} {vectors_at}"
+    kernel = Kernel(name, "advance", text, SIGNATURE.format("f4" if dtype == "float32" else "f8"), what,
+                    loop.SOURCES if ours else ())  # fmt: skip
+    if ours:
+        return at_hand(kernel) or (obtained(kernel) if text() else None)
+    return by_numba(kernel)
 
 
 @functools.lru_cache(maxsize=64)
@@ -226,7 +255,6 @@ def _source(
     from attlog.estimators.engine.vectors import turn_vector_back
 
     single = dtype == "float32"
-    number = "f4" if single else "f8"
     functions = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=False, single=single)
     constants, _, rest = functions.partition("def ")
     rewritten = expand.expand("def " + rest, ENTRY, dict(switches))
@@ -242,7 +270,6 @@ def _source(
     return LOOP.format(
         sets=WIDTH[dtype],
         functions=constants + rewritten.replace("def ", generate.INLINE + "def "),
-        decorator=f"@njit({SIGNATURE.format(number)!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)\n",
         number=places["number"],
         parts=(AT_START if vectors_at == "start" else AT_END).format(**places).strip("\n"),
         outputs=outputs,

@@ -22,17 +22,17 @@ from attlog import rotation
 from attlog.errors import PluginError
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator, plugin_errors
-from attlog.estimators.engine import cache, generate
 from attlog.estimators.engine.events import events
 from attlog.estimators.engine.late import in_pieces, late_field, without_heading
 from attlog.estimators.engine.samples import NEW, Samples, handed
 from attlog.estimators.engine.start import First, declination_rad, first, initial_state, realigned, to_true_north
 from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
+from attlog.kernels import cache, generate
+from attlog.kernels.kernel import Kernel
+from attlog.kernels.obtain import by_numba, obtained
 
 LOOP = """
-def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out{events}):
-    a = np.zeros(3)
-    m = np.zeros(3)
+def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out{events}, a, m):
     row = 0
     wait = 0
     for k in range(len(dt)):
@@ -90,6 +90,10 @@ SIGNATURE = (
     "void(f8[::1], f8[::1], f8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], i8, f8[:, ::1]{events})"
 )
 EVENTS = ", i8[::1], i8[::1], f8[:, ::1]"
+SCRATCH = (("f8", (3,)), ("f8", (3,)))
+"""Accelerometer and magnetometer vectors of a part of a step."""
+SOURCES = ("estimators", "kernels", "earth.py", "errors.py", "limits.py", "rotation.py")
+"""Files below the package that say what a built-in filter's kernel does."""
 
 
 def run(
@@ -185,16 +189,36 @@ def not_compiled(estimator: Estimator) -> str:
     return _kernel(estimator)[1]
 
 
+def kernel_of(estimator: Estimator) -> Kernel:
+    """The loop around a step, for a compiler."""
+    assert estimator.step is not None
+    shape = (_bias_at(estimator), estimator.outputs, estimator.aided, estimator.vectors_at == "start")
+    return _kernel_of(estimator.step, *shape, estimator.name, estimator.origin == "attlog")
+
+
+def _kernel_of(
+    step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, at_start: bool, what: str, ours: bool
+) -> Kernel:
+    def text() -> str:
+        helpers = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=True)
+        return f"{helpers}\n\n{_loop(bias, outputs, aided, at_start)}"
+
+    name = f"loop {step.__module__} {bias} {outputs} {aided} {at_start}"
+    signature = SIGNATURE.format(events=EVENTS if aided else "")
+    return Kernel(name, "advance", text, signature, what, SOURCES if ours else (), SCRATCH)
+
+
 @functools.lru_cache(maxsize=64)
 def _loaded(
-    step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, at_start: bool, what: str
+    step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, at_start: bool, what: str, ours: bool
 ) -> tuple[Any, str]:
     """The compiled kernel and "", or None and why there is none.
 
     A plug-in that is loaded again is another function, so its kernel is made anew.
     """
+    kernel = _kernel_of(step, bias, outputs, aided, at_start, what, ours)
     try:
-        return cache.compiled(_source(step, bias, outputs, aided, at_start), "advance", what), ""
+        return (obtained if ours else by_numba)(kernel), ""
     except Exception as error:
         return None, " ".join(str(error).split())[:400]
 
@@ -203,21 +227,13 @@ def _kernel(estimator: Estimator) -> tuple[Any, str]:
     """The kernel of an estimator, and why it is not a compiled one ("" if it is)."""
     assert estimator.step is not None
     shape = (_bias_at(estimator), estimator.outputs, estimator.aided, estimator.vectors_at == "start")
-    compiled, reason = _loaded(estimator.step, *shape, estimator.name)
+    compiled, reason = _loaded(estimator.step, *shape, estimator.name, estimator.origin == "attlog")
     if compiled is not None:
         return compiled, ""
     if estimator.origin == "attlog":
         raise RuntimeError(f"{estimator.name}: numba cannot compile its step ({reason})")
     _try_plainly(estimator)
     return _twin(estimator), reason
-
-
-def _source(step: Callable[..., Any], bias: int | None, outputs: int, aided: bool, at_start: bool) -> str:
-    """The kernel's text for numba."""
-    helpers = generate.with_helpers({"turn_vector_back": turn_vector_back, "step": step}, jit=True)
-    signature = SIGNATURE.format(events=EVENTS if aided else "")
-    decorator = f"@njit({signature!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)"
-    return f"{helpers}\n\n{decorator}\n{_loop(bias, outputs, aided, at_start)}"
 
 
 def _loop(bias: int | None, outputs: int, aided: bool, at_start: bool) -> str:
@@ -241,7 +257,7 @@ def _twin(estimator: Estimator) -> Any:
 
     def advance(*arguments: Any) -> None:
         with np.errstate(all="ignore"), plugin_errors(estimator):
-            function(*arguments)
+            function(*arguments, *(np.zeros(shape, kind) for kind, shape in SCRATCH))
 
     return advance
 

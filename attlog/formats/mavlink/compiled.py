@@ -1,7 +1,7 @@
 """MAVLink packets with a right checksum, found by a compiled walk over the bytes.
 
 Does what the numpy pass of :mod:`attlog.formats.mavlink.index` does, five times as
-fast; used for large files where numba is loaded already. The checksum takes eight
+fast; used for large files where its machine code is at hand. The checksum takes eight
 bytes a step (slicing-by-8; Kounavis and Berry 2005).
 """
 
@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.compiled import compile_once, numba_is_loaded
+from attlog.formats.compiled import if_cheap, kernel_of
 from attlog.formats.mapping import Offsets, offset_type
 from attlog.formats.mavlink.crc import slicing_tables
+from attlog.kernels.obtain import obtained
 
 WORTH_COMPILED = 16 << 20
 """Below this many bytes loading compiled code costs more than it saves."""
@@ -25,7 +26,7 @@ _BLOCK = 1 << 16
 
 def pays(data: NDArray[np.uint8]) -> bool:
     """Whether :func:`compiled_packets` can be used and is worth it."""
-    return numba_is_loaded() and len(data) >= WORTH_COMPILED and _walk() is not None
+    return len(data) >= WORTH_COMPILED and _walk() is not None
 
 
 def compiled_packets(
@@ -36,7 +37,7 @@ def compiled_packets(
     ``seeds`` (CRC extra, -1 unknown) and ``sizes`` (payload bytes) by message id. A
     packet inside an accepted one is payload.
     """
-    walk, tables, width = _walk(), slicing_tables(), offset_type(len(data))
+    walk, tables, width = _walk() or obtained(WALK), slicing_tables(), offset_type(len(data))
     starts, ends, ids = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int32)
     blocks = []
     position, n = 0, _BLOCK
@@ -48,61 +49,61 @@ def compiled_packets(
     return found_starts, found_ends, found_ids
 
 
+def walk(data, position, seeds, sizes, tables, starts, ends, ids):  # type: ignore[no-untyped-def]
+    """Find packets from ``position`` on, at most as many as fit the arrays; returns how many."""
+    n = 0
+    while n < len(starts) and position + 8 <= len(data):
+        marker = data[position]
+        if marker == 0xFE:
+            number = np.int64(data[position + 5])
+            covered = np.int64(data[position + 1]) + 5
+            end = position + covered + 3
+            fits = number < len(seeds) and covered - 5 <= sizes[number]
+        elif marker == 0xFD and position + 12 <= len(data) and data[position + 2] <= 1:
+            number = np.int64(data[position + 7]) | np.int64(data[position + 8]) << 8
+            number |= np.int64(data[position + 9]) << 16
+            covered = np.int64(data[position + 1]) + 9
+            end = position + covered + 3 + 13 * np.int64(data[position + 2])
+            fits = number < len(seeds)
+        else:
+            position += 1
+            continue
+        if not fits or end > len(data) or seeds[number] < 0:
+            position += 1
+            continue
+        at, stop, crc = position + 1, position + 1 + covered, np.int64(0xFFFF)
+        while at + 8 <= stop:
+            crc ^= np.int64(data[at]) | np.int64(data[at + 1]) << 8
+            crc = np.int64(
+                tables[7, crc & 0xFF]
+                ^ tables[6, crc >> 8]
+                ^ tables[5, data[at + 2]]
+                ^ tables[4, data[at + 3]]
+                ^ tables[3, data[at + 4]]
+                ^ tables[2, data[at + 5]]
+                ^ tables[1, data[at + 6]]
+                ^ tables[0, data[at + 7]]
+            )
+            at += 8
+        while at < stop:
+            crc = (crc >> 8) ^ np.int64(tables[0, (crc ^ data[at]) & 0xFF])
+            at += 1
+        crc = (crc >> 8) ^ np.int64(tables[0, (crc ^ seeds[number]) & 0xFF])
+        if crc != np.int64(data[stop]) | np.int64(data[stop + 1]) << 8:
+            position += 1
+            continue
+        starts[n], ends[n], ids[n] = position, end, number
+        n += 1
+        position = end
+    return n
+
+
+WALK = kernel_of(
+    walk, "i8((u1[::1]), i8, i2[::1], i2[::1], u2[:, ::1], i8[::1], i8[::1], i4[::1])", "formats/mavlink/compiled.py"
+)
+
+
 @cache
 def _walk() -> Any:
-    """The compiled walk; numba keeps its machine code for the next process."""
-    from numba import types
-
-    data = types.Array(types.uint8, 1, "C", readonly=True)
-    small, large = types.Array(types.int16, 1, "C"), types.Array(types.int64, 1, "C")
-    tables, numbers = types.Array(types.uint16, 2, "C"), types.Array(types.int32, 1, "C")
-    signature = types.int64(data, types.int64, small, small, tables, large, large, numbers)
-
-    def walk(data, position, seeds, sizes, tables, starts, ends, ids):  # type: ignore[no-untyped-def]
-        n = 0
-        while n < len(starts) and position + 8 <= len(data):
-            marker = data[position]
-            if marker == 0xFE:
-                number = np.int64(data[position + 5])
-                covered = np.int64(data[position + 1]) + 5
-                end = position + covered + 3
-                fits = number < len(seeds) and covered - 5 <= sizes[number]
-            elif marker == 0xFD and position + 12 <= len(data) and data[position + 2] <= 1:
-                number = np.int64(data[position + 7]) | np.int64(data[position + 8]) << 8
-                number |= np.int64(data[position + 9]) << 16
-                covered = np.int64(data[position + 1]) + 9
-                end = position + covered + 3 + 13 * np.int64(data[position + 2])
-                fits = number < len(seeds)
-            else:
-                position += 1
-                continue
-            if not fits or end > len(data) or seeds[number] < 0:
-                position += 1
-                continue
-            at, stop, crc = position + 1, position + 1 + covered, np.int64(0xFFFF)
-            while at + 8 <= stop:
-                crc ^= np.int64(data[at]) | np.int64(data[at + 1]) << 8
-                crc = np.int64(
-                    tables[7, crc & 0xFF]
-                    ^ tables[6, crc >> 8]
-                    ^ tables[5, data[at + 2]]
-                    ^ tables[4, data[at + 3]]
-                    ^ tables[3, data[at + 4]]
-                    ^ tables[2, data[at + 5]]
-                    ^ tables[1, data[at + 6]]
-                    ^ tables[0, data[at + 7]]
-                )
-                at += 8
-            while at < stop:
-                crc = (crc >> 8) ^ np.int64(tables[0, (crc ^ data[at]) & 0xFF])
-                at += 1
-            crc = (crc >> 8) ^ np.int64(tables[0, (crc ^ seeds[number]) & 0xFF])
-            if crc != np.int64(data[stop]) | np.int64(data[stop + 1]) << 8:
-                position += 1
-                continue
-            starts[n], ends[n], ids[n] = position, end, number
-            n += 1
-            position = end
-        return n
-
-    return compile_once(signature, walk)
+    """The compiled walk where it is at hand."""
+    return if_cheap(WALK)

@@ -5,7 +5,7 @@ where it ends. Both followers return the starts of consecutive data records from
 a position on and stop at anything else. :class:`NumpyChain` looks for the type
 byte in a block at once and keeps the places where the size fits the id;
 :class:`NumbaChain` walks from record to record and is chosen for large logs where
-numba is loaded already, since importing it costs more than it saves on one log.
+its machine code is at hand, since compiling it costs more than it saves on one log.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.compiled import compile_once, numba_is_loaded
+from attlog.formats.compiled import if_cheap, kernel_of
+from attlog.kernels.kernel import Kernel
+from attlog.kernels.obtain import obtained
 
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
@@ -138,7 +140,7 @@ class NumbaChain:
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data = data
         self._sizes = sizes
-        self._walk, self._count, self._scatter = compiled_walk(), compiled_count(), compiled_scatter()
+        self._walk, self._count, self._scatter = (_compiled(k) or obtained(k) for k in (WALK, COUNT, SCATTER))
         self._new_buffers()
 
     def forget(self) -> None:
@@ -170,66 +172,53 @@ class NumbaChain:
         return [(i, sorted_starts[ends[i] - counts[i] : ends[i]]) for i in counts.nonzero()[0].tolist()]
 
 
+def count(ids, counts):  # type: ignore[no-untyped-def]
+    """Add how often each id stands in a segment."""
+    for i in range(len(ids)):
+        counts[ids[i]] += 1
+
+
+def scatter(starts, ids, places, out):  # type: ignore[no-untyped-def]
+    """Put each start at the next free place of its id."""
+    for i in range(len(starts)):
+        out[places[ids[i]]] = starts[i]
+        places[ids[i]] += 1
+
+
+def walk(data, position, stop, smallest, spread, starts, ids):  # type: ignore[no-untyped-def]
+    """Starts and ids of consecutive data records from ``position`` on; returns how many."""
+    n = 0
+    while n < len(starts) and position + 5 <= stop:
+        size = np.int64(data[position]) | np.int64(data[position + 1]) << 8
+        is_sync = data[position + 2] == 83 and size == 8 and data[position + 3] == 0x2F
+        if is_sync and n and position + 11 <= stop and data[position + 10] == 0x12:
+            position += 11
+            continue
+        identifier = np.int64(data[position + 3]) | np.int64(data[position + 4]) << 8
+        least = np.int64(smallest[identifier])
+        if data[position + 2] != 68 or least == 0 or size < least or size > least + spread[identifier]:
+            break
+        if position + 3 + size > stop:
+            break
+        starts[n] = position
+        ids[n] = identifier
+        n += 1
+        position += 3 + size
+    return n
+
+
+SOURCE = "formats/ulog/index.py"
+COUNT = kernel_of(count, "void(u2[::1], i8[::1])", SOURCE)
+SCATTER = kernel_of(scatter, "void(i8[::1], u2[::1], i8[::1], i8[::1])", SOURCE)
+WALK = kernel_of(walk, "i8((u1[::1]), i8, i8, u2[::1], u2[::1], i8[::1], u2[::1])", SOURCE)
+
+
 @cache
-def compiled_count() -> Any:
-    """Adds how often each id stands in a segment."""
-    from numba import types
-
-    def count(ids, counts):  # type: ignore[no-untyped-def]
-        for i in range(len(ids)):
-            counts[ids[i]] += 1
-
-    return compile_once(types.void(types.Array(types.uint16, 1, "C"), types.Array(types.int64, 1, "C")), count)
-
-
-@cache
-def compiled_scatter() -> Any:
-    """Puts each start at the next free place of its id."""
-    from numba import types
-
-    ids, starts = types.Array(types.uint16, 1, "C"), types.Array(types.int64, 1, "C")
-
-    def scatter(starts, ids, places, out):  # type: ignore[no-untyped-def]
-        for i in range(len(starts)):
-            out[places[ids[i]]] = starts[i]
-            places[ids[i]] += 1
-
-    return compile_once(types.void(starts, ids, starts, starts), scatter)
-
-
-@cache
-def compiled_walk() -> Any:
-    """The compiled walk from record to record; numba keeps its machine code for the next process."""
-    from numba import types
-
-    data = types.Array(types.uint8, 1, "C", readonly=True)
-    sizes, starts = types.Array(types.uint16, 1, "C"), types.Array(types.int64, 1, "C")
-    signature = types.int64(data, types.int64, types.int64, sizes, sizes, starts, sizes)
-
-    def walk(data, position, stop, smallest, spread, starts, ids):  # type: ignore[no-untyped-def]
-        n = 0
-        while n < len(starts) and position + 5 <= stop:
-            size = np.int64(data[position]) | np.int64(data[position + 1]) << 8
-            is_sync = data[position + 2] == 83 and size == 8 and data[position + 3] == 0x2F
-            if is_sync and n and position + 11 <= stop and data[position + 10] == 0x12:
-                position += 11
-                continue
-            identifier = np.int64(data[position + 3]) | np.int64(data[position + 4]) << 8
-            least = np.int64(smallest[identifier])
-            if data[position + 2] != 68 or least == 0 or size < least or size > least + spread[identifier]:
-                break
-            if position + 3 + size > stop:
-                break
-            starts[n] = position
-            ids[n] = identifier
-            n += 1
-            position += 3 + size
-        return n
-
-    return compile_once(signature, walk)
+def _compiled(kernel: Kernel) -> Any:
+    return if_cheap(kernel)
 
 
 def chain(data: Bytes, sizes: Sizes) -> Chain:
-    """The follower that is faster now: compiled where numba is loaded, else numpy."""
-    pays = numba_is_loaded() and len(data) >= WORTH_COMPILED and compiled_walk() is not None
+    """The follower that is faster now: compiled where that is at hand, else numpy."""
+    pays = len(data) >= WORTH_COMPILED and all(_compiled(k) for k in (WALK, COUNT, SCATTER))
     return NumbaChain(data, sizes) if pays else NumpyChain(data, sizes)

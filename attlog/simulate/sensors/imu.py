@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.simulate.flight import ImuStream
-from attlog.simulate.kernel import kernel
+from attlog.simulate.kernel import function_of, kernel_of
 from attlog.simulate.scenario import Scenario
 from attlog.simulate.sensors.damage import damaged, silent
 from attlog.simulate.sensors.imu_kernel import OUT, SIGNATURE, STATE, imu_samples
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 G = 9.80665
 BLOCK = 512
 """Periods of the loop whose noise is drawn at once."""
+
+KERNEL = kernel_of(imu_samples, SIGNATURE, "the simulated inertial unit")
 
 
 class ImuSensor:
@@ -65,7 +67,7 @@ class ImuSensor:
         )  # fmt: skip
         self.harmonics, self.shake, self.phase = _vibration(s, seed, number)
         self.state = np.zeros(STATE)
-        self.run = kernel(imu_samples, SIGNATURE, "the simulated inertial unit")
+        self.run = function_of(KERNEL, imu_samples)
         self.next, self.told = 0, 0
         self.late = s.hidden_delay_s + (s.delay_s if s.delay_s > self.period else 0.0)
 

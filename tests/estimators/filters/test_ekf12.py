@@ -7,9 +7,9 @@ import pytest
 
 from attlog import rotation
 from attlog.estimators import estimate, get
-from attlog.estimators.engine.cache import compiled
-from attlog.estimators.engine.generate import with_helpers
 from attlog.estimators.filters import ekf12
+from attlog.kernels.cache import compiled
+from attlog.kernels.generate import with_helpers
 from attlog.testing import Noise, flight, still
 from attlog.testing.subject import total_deg
 

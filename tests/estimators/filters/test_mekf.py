@@ -9,11 +9,11 @@ import pytest
 
 from attlog import rotation
 from attlog.estimators import estimate, get
-from attlog.estimators.engine.cache import compiled
-from attlog.estimators.engine.generate import with_helpers
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial import compass, layout, start
 from attlog.estimators.filters.inertial.layout import BA, BIAS, DD, DV, A, B, D, M, N, P, Q, S, T, V, X
+from attlog.kernels.cache import compiled
+from attlog.kernels.generate import with_helpers
 from attlog.testing.motion import CONSUMER, Motion, Noise, flight, motion, still, swing
 from attlog.testing.subject import heading_deg, inclination_deg
 

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from attlog import rotation
 from attlog.estimators import Row, estimate, get
 from attlog.estimators.engine.batch import estimate_batch
-from attlog.estimators.engine.cache import compiled
-from attlog.estimators.engine.generate import with_helpers
 from attlog.estimators.filters import ukf
+from attlog.kernels.cache import compiled
+from attlog.kernels.generate import with_helpers
 from attlog.testing import Motion, Noise, flight, motion, still, swing
 from attlog.testing.motion import GRAVITY
 from attlog.testing.subject import heading_deg, inclination_deg, total_deg

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.estimators.base import Array, Estimate
-from attlog.estimators.engine import cache, generate
+from attlog.estimators.engine.loop import SOURCES
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial.layout import (
     ACC_BIAS_SIGMA,
@@ -55,6 +55,9 @@ from attlog.estimators.filters.inertial.layout import (
     X,
 )
 from attlog.estimators.filters.inertial.start import align, look_for_rest
+from attlog.kernels import cache, generate
+from attlog.kernels.kernel import Kernel
+from attlog.kernels.obtain import obtained
 
 PRESET = "smoother"
 ROUNDS = 3
@@ -117,6 +120,16 @@ def record(state, params, dt, gyr, acc, mag, q, end, nominal, sums, before, afte
             count += 1
     return count
 """
+
+
+RECORD_KERNEL = Kernel(
+    "inertial record",
+    "record",
+    lambda: f"{generate.with_helpers(KERNEL, jit=True)}\n\n{RECORD.lstrip()}",
+    SIGNATURE,
+    "the inertial smoother",
+    SOURCES,
+)
 
 
 @dataclass(slots=True)
@@ -222,9 +235,7 @@ def kernel(jit: bool) -> Any:
     """The recording loop, compiled or in plain Python."""
     if not jit:
         return cache.plain(RECORD, "record", KERNEL)
-    decorator = f"@njit({SIGNATURE!r}, cache=KEEP, error_model='numpy', no_cfunc_wrapper=True)"
-    source = f"{generate.with_helpers(KERNEL, jit=True)}\n\n{decorator}\n{RECORD.lstrip()}"
-    return cache.compiled(source, "record", "the inertial smoother")
+    return obtained(RECORD_KERNEL)
 
 
 def forward(data: list[Array], values: Array, known: Array | None) -> Forward:

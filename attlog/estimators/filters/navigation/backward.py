@@ -16,8 +16,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from attlog.estimators.filters.navigation.layout import MOST_OPS, SUM_T, WANDER_TAU, N
 from attlog.estimators.filters.navigation.motion import backward_ops, even, flip, take, take_vector
 
@@ -25,19 +23,24 @@ CLIP = 9.0
 """A disturbance counts as at most three sigma: faults must not calibrate."""
 
 
+SCRATCH = {
+    "M": ("f8", (5, 3, 3)), "oi": ("i8", (MOST_OPS,)), "oj": ("i8", (MOST_OPS,)), "oc": ("f8", (MOST_OPS,)),
+    "Lk": ("f8", (N,)),
+}  # fmt: skip
+"""Kind and shape of what the function works with, by the argument's name."""
+
+
 def backward(
     nodes: int, rest_of: Any, par: Any, P_rows: Any, sums: Any, update_of: Any, K: Any, H: Any, H_at: Any, wide_of:
     Any, s_of: Any, nu_of: Any, lam: Any, Lam: Any, d: Any, spread: Any, score: Any, scores: Any, gone: bool,
+    M: Any, oi: Any, oj: Any, oc: Any, Lk: Any,
 ) -> None:  # fmt: skip
     """The nodes of a stored part of a run, last first; ``lam`` (39,) and ``Lam`` (39, 39) are carried on in place.
 
     Written: ``d`` (m, 6) smoothed error of attitude and gyro bias, ``spread`` (m, 3) smoothed variance of the attitude,
     ``score`` (u,) u^2 / D of every update, ``scores`` (2, 39) sums of T min(lam^2, 9 Lam) and T Lam while moving.
-    ``gone`` tells whether node 0 is the first of the run, before which nothing moves.
+    ``gone`` tells whether node 0 is the first of the run, before which nothing moves. The last arguments are scratch.
     """
-    M = np.zeros((5, 3, 3))
-    oi, oj, oc = np.zeros(MOST_OPS, np.int64), np.zeros(MOST_OPS, np.int64), np.zeros(MOST_OPS)
-    Lk = np.zeros(N)
     for node in range(nodes - 1, -1, -1):
         for i in range(6):
             sum_ = 0.0

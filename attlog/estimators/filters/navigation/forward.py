@@ -12,8 +12,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from attlog.estimators.filters.navigation.layout import (
     BA,
     BARO,
@@ -76,6 +74,15 @@ OPEN_HARD_G, KICK_G = 0.010, 0.020
 KICK_MEAN, KICK_AFTER, KICK_EVERY_S, KICK_CLIP, KICK_WEIGHT = 12.0, 4.0, 0.5, 60.0, 0.15
 FAR_RAD = 0.1
 """Beyond this from the trajectory of linearisation the filter takes its own."""
+
+
+SCRATCH = {
+    "R": ("f8", (3, 3)), "J": ("f8", (3, 3)), "L": ("f8", (3, 3)), "M": ("f8", (5, 3, 3)), "own": ("f8", (SUMS,)),
+    "oi": ("i8", (MOST_OPS,)), "oj": ("i8", (MOST_OPS,)), "oc": ("f8", (MOST_OPS,)), "hi": ("i8", (3, WIDE)),
+    "hv": ("f8", (3, WIDE)), "r": ("f8", (3,)), "ph": ("f8", (N,)), "dx": ("f8", (N,)), "work": ("f8", (4, 3)),
+    "w": ("f8", (3,)),
+}  # fmt: skip
+"""Kind and shape of what the function works with, by the argument's name."""
 
 
 def open_covariance(P: Any, kind: int, r: Any) -> None:
@@ -171,6 +178,8 @@ def forward(
     Any, z: Any, f_mean: Any, w_mean: Any, sigma: Any, par: Any, along: Any, use_along: bool, x0: Any, q: Any, x:
     Any, P: Any, memory: Any, q_all: Any, bias: Any, variance: Any, ratio: Any, keep: bool, P_rows: Any, sums: Any,
     update_of: Any, K: Any, H: Any, H_at: Any, wide_of: Any, s_of: Any, nu_of: Any, r_of: Any, group: Any, soft: Any,
+    R: Any, J: Any, L: Any, M: Any, own: Any, oi: Any, oj: Any, oc: Any, hi: Any, hv: Any, r: Any, ph: Any, dx: Any,
+    work: Any, w: Any,
 ) -> int:  # fmt: skip
     """Nodes ``first`` to ``last`` (exclusive) of a run; state, covariance and memory are carried on in place.
 
@@ -179,25 +188,23 @@ def forward(
     ``sigma`` (e, 3), 0 where a component is not told. ``par`` see layout; ``along`` (m, 4) the trajectory of
     linearisation where ``use_along``; ``x0`` (39,) the state at the start of the pass. Written always: ``q_all``
     (n, 4), ``bias`` and ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where ``keep`` also what the
-    backward pass needs, counted from ``first``. Returns how many updates were kept.
+    backward pass needs, counted from ``first``; the rest is scratch. Returns how many updates were kept.
     """
-    R, J, L = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
-    M, own = np.zeros((5, 3, 3)), np.zeros(SUMS)
-    oi, oj, oc = np.zeros(MOST_OPS, np.int64), np.zeros(MOST_OPS, np.int64), np.zeros(MOST_OPS)
-    hi, hv, r = np.zeros((3, WIDE), np.int64), np.zeros((3, WIDE)), np.zeros(3)
-    ph, dx, work, w = np.zeros(N), np.zeros(N), np.zeros((4, 3)), np.zeros(3)
     used = 0
     for node in range(first, last):
         b = node_at[node]
         resting = rest[b]
         if resting == 1 and memory[RESTING] == 0.0:
-            memory[FROZEN : FROZEN + 4] = q
+            for i in range(4):
+                memory[FROZEN + i] = q[i]
         memory[RESTING] = float(resting)
         if node > 0:
             carry(dt, gyr, acc, rest, node_at[node - 1] + 1, b, par[GRAVITY_AT], q, x, R, q_all, own)
         else:
-            own[:] = 0.0
-            q_all[0] = q
+            for i in range(SUMS):
+                own[i] = 0.0
+            for i in range(4):
+                q_all[0, i] = q[i]
         to_matrix3(q, R)
         follow = False
         if use_along:
@@ -217,7 +224,8 @@ def forward(
             grow(P, own[SUM_T], par, resting)
             memory[SINCE_KICK] += own[SUM_T]
         if keep:
-            sums[node - first] = own
+            for i in range(SUMS):
+                sums[node - first, i] = own[i]
             update_of[node - first] = used
         for e in range(node_event[node], node_event[node + 1]):
             what = kind[e]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from attlog.estimators.engine import cache, generate
+from attlog.estimators.engine.loop import SOURCES
 from attlog.estimators.filters.navigation import backward, forward
+from attlog.kernels import cache, generate
+from attlog.kernels.kernel import Kernel
+from attlog.kernels.obtain import obtained
 
-OPTIONS = "cache=KEEP, error_model='numpy', no_cfunc_wrapper=True, fastmath={'reassoc', 'contract', 'nsz'}"
 VECTOR, MATRIX, CUBE, INTS, SHORTS = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]", "i8[::1]", "i1[::1]"
 FORWARD = {
     "first": "i8", "last": "i8", "dt": VECTOR, "gyr": MATRIX, "acc": MATRIX, "rest": SHORTS, "node_at": INTS,
@@ -29,25 +31,39 @@ BACKWARD = {
 }  # fmt: skip
 
 
+def kernel_of(
+    function: Callable[..., Any], types: Mapping[str, str], scratch: Mapping[str, Any], result: str
+) -> Kernel:
+    """A function with everything it uses, for a compiler."""
+    name = function.__name__
+    assert tuple(inspect.signature(function).parameters) == (*types, *scratch)
+    return Kernel(
+        f"navigation {name}",
+        name,
+        functools.partial(generate.with_helpers, {name: function}, jit=True),
+        f"{result}({', '.join(types.values())})",
+        f"the navigation filter, {name}",
+        SOURCES,
+        tuple(scratch.values()),
+    )
+
+
+FORWARD_KERNEL = kernel_of(forward.forward, FORWARD, forward.SCRATCH, "i8")
+BACKWARD_KERNEL = kernel_of(backward.backward, BACKWARD, backward.SCRATCH, "void")
+
+
 @functools.lru_cache(maxsize=1)
 def run_forward() -> Callable[..., Any]:
     """The compiled :func:`forward.forward`."""
-    return _compiled(forward.forward, "forward", FORWARD, "i8")
+    return _function(forward.forward, FORWARD_KERNEL)
 
 
 @functools.lru_cache(maxsize=1)
 def run_backward() -> Callable[..., Any]:
     """The compiled :func:`backward.backward`."""
-    return _compiled(backward.backward, "backward", BACKWARD, "void")
+    return _function(backward.backward, BACKWARD_KERNEL)
 
 
-def _compiled(function: Callable[..., Any], name: str, types: dict[str, str], result: str) -> Callable[..., Any]:
-    """A function with everything it uses as one module; plain Python where no compiler is wanted."""
-    assert tuple(inspect.signature(function).parameters) == tuple(types)
-    if not cache.jit_wanted():
-        return function
-    helpers = generate.with_helpers({name: function}, jit=True)
-    arguments = ", ".join(types)
-    text = f"{helpers}\n\n@njit('{result}({', '.join(types.values())})', {OPTIONS})\n"
-    text += f"def run_{name}({arguments}):\n    return {name}({arguments})\n"
-    return cache.compiled(text, f"run_{name}", f"the navigation filter, {name}")
+def _function(function: Callable[..., Any], kernel: Kernel) -> Callable[..., Any]:
+    """The kernel; plain Python where no compiler is wanted."""
+    return obtained(kernel) if cache.jit_wanted() else lambda *values: function(*values, *kernel.room())

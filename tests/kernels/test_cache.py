@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from attlog.estimators.engine import cache
+from attlog.kernels import cache, folder
 
 SOURCE = "@njit('f8(f8)', cache=KEEP, error_model='numpy')\ndef f(x):\n    return x + {0}\n"
 
@@ -27,7 +25,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def forget() -> None:
     """What a new process knows."""
     cache.compiled.cache_clear()
-    cache._folder.cache_clear()
+    folder.folder.cache_clear()
 
 
 def machine_code(home: Path) -> list[Path]:
@@ -73,14 +71,14 @@ def test_without_a_user_folder_a_private_temporary_one_serves(home: Path, monkey
 
 
 def test_a_folder_that_others_may_write_is_not_used(home: Path) -> None:
-    folder = home / "shared"
-    assert cache._usable(folder / "a")
-    folder.chmod(0o777)
-    assert not cache._usable(folder / "a")
+    place = home / "shared"
+    assert folder.usable(place / "a")
+    place.chmod(0o777)
+    assert not folder.usable(place / "a")
 
 
 def test_without_any_folder_nothing_is_kept(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "_usable", lambda folder: False)
+    monkeypatch.setattr(folder, "usable", lambda place: False)
     assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
     assert machine_code(home) == []
 
@@ -89,16 +87,3 @@ def test_a_real_error_is_raised_and_leaves_no_kernel(home: Path) -> None:
     with pytest.raises(Exception, match="no_such_name"):
         cache.compiled("@njit('f8(f8)', cache=KEEP)\ndef f(x):\n    return no_such_name\n", "f")
     assert machine_code(home) == []
-
-
-@pytest.mark.slow
-def test_processes_may_compile_the_same_kernel_at_once(home: Path) -> None:
-    code = (
-        "import numpy as np, attlog; e = attlog.estimate('gyro', np.arange(9) / 100, np.ones((9, 3)));"
-        "print(repr(float(e.q[-1, 0])))"
-    )
-    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(4)]
-    told = {p.communicate()[0] for p in running}
-    assert [p.returncode for p in running] == [0, 0, 0, 0]
-    assert len(told) == 1
-    assert len(machine_code(home)) == 1

@@ -1,0 +1,280 @@
+"""Kernels as object code: kept, found, checked, called without the compiler, and never stale."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog.kernels import emit, folder, obtain, processor, sources, store
+from attlog.kernels.kernel import Kernel
+from attlog.kernels.obtain import at_hand, by_numba, made_object, obtained
+
+TEXT = """
+def total(x, weights, n, negative):
+    s = {start}
+    for i in range(n):
+        s += x[i] * weights[i, 0] + math.sin(x[i])
+    x[0] = s
+    return -s if negative else s
+"""
+SIGNATURE = "f8(f8[::1], i4[:, ::1], i8, b1)"
+
+
+def kernel(start: float = 0.0, **changed: Any) -> Kernel:
+    told = {"name": "total", "entry": "total", "text": lambda: TEXT.format(start=start), "signature": SIGNATURE}
+    return Kernel(**{**told, "what": "a sum", **changed})
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A user's cache folder of its own, and no shipped objects."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(store, "SHIPPED", tmp_path / "none")
+    forget()
+    yield tmp_path
+    forget()
+
+
+@pytest.fixture(scope="module")
+def made() -> store.Object:
+    """The object of ``kernel()``, compiled once for all tests of this file."""
+    return made_object(kernel(), store.key_of(kernel()))
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch, made: store.Object) -> list[str]:
+    """Compiling is told, and done before."""
+    told: list[str] = []
+
+    def compiled(kernel: Kernel, key: str) -> store.Object:
+        told.append(key)
+        return made
+
+    monkeypatch.setattr(obtain, "made_object", compiled)
+    return told
+
+
+def forget() -> None:
+    """What a new process knows."""
+    for known in (folder.folder, sources.state, store._shipped):
+        known.cache_clear()
+
+
+def objects(home: Path) -> list[Path]:
+    return sorted(home.rglob("*.o"))
+
+
+def args(n: int = 5) -> tuple[Any, ...]:
+    return np.arange(1.0, n + 1.0), np.full((n, 1), 2, np.int32), n, False
+
+
+def expected(n: int = 5) -> float:
+    x = np.arange(1.0, n + 1.0)
+    return float(2.0 * x.sum() + np.sin(x).sum())
+
+
+def test_an_object_gives_what_numba_gives_to_the_bit(home: Path) -> None:
+    function = obtained(kernel())
+    x = args()
+    assert function(*x) == by_numba(kernel())(*args()) == pytest.approx(expected(), rel=1e-15)
+    assert x[0][0] == function(*args())  # what it writes arrives
+    assert function(*args()[:3], True) == -function(*args())
+
+
+def test_the_same_text_gives_the_same_bytes(made: store.Object) -> None:
+    assert made_object(kernel(), store.key_of(kernel())) == made
+
+
+def test_it_is_kept_and_found_again(home: Path, quick: list[str]) -> None:
+    assert at_hand(kernel()) is None
+    obtained(kernel())
+    (kept,) = objects(home)
+    before = kept.stat().st_ino
+    again = at_hand(kernel())
+    assert again is not None
+    assert again(*args()) == pytest.approx(expected())
+    assert kept.stat().st_ino == before
+    assert len(quick) == 1
+
+
+def test_other_text_is_another_object(home: Path) -> None:
+    obtained(kernel())
+    assert at_hand(kernel(1.0)) is None
+    assert obtained(kernel(1.0))(*args()) == pytest.approx(expected() + 1.0)
+    assert len(objects(home)) == 2
+
+
+@pytest.mark.parametrize("damage", ["truncated", "a bit", "empty", "text", "longer"])
+def test_a_damaged_object_is_never_loaded_and_made_anew(home: Path, quick: list[str], damage: str) -> None:
+    obtained(kernel())
+    (file,) = objects(home)
+    whole = file.read_bytes()
+    middle = len(whole) // 2
+    file.write_bytes(
+        {
+            "truncated": whole[:-100],
+            "a bit": whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :],
+            "empty": b"",
+            "text": b"[1, 2]\nnothing",
+            "longer": whole + b"\0",
+        }[damage]
+    )
+    assert at_hand(kernel()) is None
+    assert obtained(kernel())(*args()) == pytest.approx(expected())
+    assert file.read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        (np.arange(5.0, dtype=np.float32), *args()[1:]),
+        (np.arange(10.0)[::2], *args()[1:]),
+        (np.zeros((5, 1)), *args()[1:]),
+        (list(range(5)), *args()[1:]),
+        (args()[0], np.zeros((5, 1), np.int64), 5, False),
+        (np.frombuffer(bytes(40)), *args()[1:]),  # the kernel writes it
+        args()[:3],
+        (*args()[:2], "five", False),
+    ],
+    ids=["kind", "stride", "dimensions", "list", "integers", "read only", "too few", "word"],
+)
+def test_what_does_not_fit_is_refused_before_the_call(home: Path, quick: list[str], wrong: tuple[Any, ...]) -> None:
+    with pytest.raises((TypeError, Exception), match=r"must be an array|takes 4 arguments|wrong type"):
+        obtained(kernel())(*wrong)
+
+
+def test_read_only_arrays_and_scratch(home: Path) -> None:
+    text = (
+        "def f(data, n, out, room):\n    room[1] += n\n    for i in range(n):\n        out[i] = data[i] + room[0]\n"
+        "    return room[1]\n"
+    )
+    told = {"entry": "f", "text": lambda: text, "signature": "f8((u1[::1]), i8, i8[::1])", "scratch": (("f8", (2,)),)}
+    function, out = obtained(kernel(**told)), np.zeros(3, np.int64)
+    data = np.frombuffer(b"abc", np.uint8)
+    assert [function(data, 3, out), function(data, 3, out)] == [3.0, 3.0]  # scratch is zero at every call
+    assert bytes(out.astype(np.uint8)) == b"abc"
+    assert by_numba(kernel(**told))(data, 3, out) == 3.0
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("x = np.zeros(n)", "NRT|numba|Py"),
+        ("if n < 0:\n        raise ValueError", "NRT|numba|Py"),
+        ("print(n)", "NRT|numba|Py"),
+    ],
+)
+def test_what_needs_numba_when_it_runs_stays_with_numba_and_says_so(
+    home: Path, line: str, why: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = f"def f(x, n):\n    {line}\n    return x[0] + n\n"
+    told = kernel(entry="f", text=lambda: text, signature="f8(f8[::1], i8)")
+    with pytest.raises(emit.NotAlone, match=why):
+        emit.emit(told, "f_")
+    assert obtained(told)(np.ones(3), 3) == by_numba(told)(np.ones(3), 3)
+    assert "cannot run without numba" in caplog.text
+
+
+def test_only_the_c_library_may_be_called() -> None:
+    assert emit.needed(["llvm.sin.f64", "memset", "llvm.sqrt.f64", "llvm.memcpy.p0.p0.i64"]) == (
+        "memcpy", "memset", "sin",
+    )  # fmt: skip
+    for foreign in ("NRT_Allocate", "numba_gil_ensure", "PyErr_SetString", "llvm.sin.v4f64", "llvm.pow.f32", "system"):
+        with pytest.raises(emit.NotAlone, match=foreign):
+            emit.needed([foreign])
+
+
+def from_file(file: Path) -> Kernel:
+    return kernel(text=file.read_text, sources=(file.name,))
+
+
+def test_changed_source_is_never_answered_with_an_old_kernel(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = home / "loop.py"
+    monkeypatch.setattr(sources, "PACKAGE", home)
+    file.write_text(TEXT.format(start=0.0))
+    os.utime(file, (1, 1))
+    assert obtained(from_file(file))(*args()) == pytest.approx(expected())
+    assert store.known_key(from_file(file)) == store.key_of(from_file(file))
+    forget()
+    file.write_text(TEXT.format(start=7.0))
+    os.utime(file, (1, 1))  # as old as before, and of the same size
+    assert obtained(from_file(file))(*args()) == pytest.approx(expected() + 7.0)
+
+
+def test_nothing_is_learnt_of_a_file_that_changed_while_the_process_ran(
+    home: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = home / "loop.py"
+    monkeypatch.setattr(sources, "PACKAGE", home)
+    file.write_text(TEXT.format(start=0.0))
+    obtained(from_file(file))
+    assert store.known_key(from_file(file)) is None
+
+
+@pytest.mark.parametrize("content", ["", "0" * 32, "0" * 32 + " " + "1" * 64, "../../etc x"])
+def test_a_damaged_note_is_not_believed(
+    home: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch, content: str
+) -> None:
+    file = home / "loop.py"
+    monkeypatch.setattr(sources, "PACKAGE", home)
+    file.write_text(TEXT.format(start=0.0))
+    os.utime(file, (1, 1))
+    obtained(from_file(file))
+    (note,) = home.rglob("n_*")
+    note.write_text(content)
+    assert obtained(from_file(file))(*args()) == pytest.approx(expected())
+    assert store.known_key(from_file(file)) == store.key_of(from_file(file))
+
+
+def test_objects_of_a_level_that_this_processor_lacks_are_passed_over(
+    home: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obtained(kernel())
+    (own,) = objects(home)
+    key = store.key_of(kernel())
+    for level in ("x86-64-v3", "x86-64-v2"):
+        place = home / "shipped" / f"{processor.machine()}-{level}"
+        place.mkdir(parents=True)
+        (place / f"{key}.o").write_bytes(store.Object(level, (), b"code").packed())
+    own.unlink()
+    monkeypatch.setattr(store, "SHIPPED", home / "shipped")
+    for levels, found in ((("x86-64-v3", "x86-64-v2"), "x86-64-v3"), (("x86-64-v2",), "x86-64-v2"), ((), None)):
+        monkeypatch.setattr(processor, "levels", lambda levels=levels: levels)
+        chosen = store.find(key)
+        assert (chosen and chosen.symbol) == found
+
+
+def test_the_second_process_needs_no_compiler(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom attlog.estimators import get\nfrom attlog.estimators.engine import loop\n"
+        "from attlog.kernels import store\nfrom pathlib import Path\nstore.SHIPPED = Path('none')\n"
+        "loop.kernel(get('gyro'))\nprint('numba' in sys.modules)"
+    )
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path), "LOCALAPPDATA": str(tmp_path)}
+    environment.pop("ATTLOG_NO_JIT", None)
+    told = [
+        subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout
+        for _ in range(2)
+    ]
+    assert [t.strip() for t in told] == ["True", "False"]
+
+
+@pytest.mark.slow
+def test_processes_may_compile_the_same_kernel_at_once(home: Path) -> None:
+    code = (
+        "import numpy as np, attlog; from pathlib import Path; from attlog.kernels import store;"
+        "store.SHIPPED = Path('none'); e = attlog.estimate('gyro', np.arange(9) / 100, np.ones((9, 3)));"
+        "print(repr(float(e.q[-1, 0])))"
+    )
+    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(4)]
+    told = {p.communicate()[0] for p in running}
+    assert [p.returncode for p in running] == [0, 0, 0, 0]
+    assert len(told) == 1
+    assert len(objects(home)) == 1
