@@ -14,7 +14,6 @@ import pytest
 import attlog
 
 PACKAGE = Path(attlog.__file__).parent
-<<<<<<< HEAD
 EVERYWHERE = {
     "errors",
     "limits",
@@ -25,10 +24,8 @@ EVERYWHERE = {
     "file_names",
     "spreadsheet",
     "barrier",
+    "kernels",
 }
-=======
-EVERYWHERE = {"errors", "limits", "rotation", "earth", "output", "settings_file", "kernels"}
->>>>>>> 9262bec (Kernels run as object code without numba: compiled by numba.cfunc, loaded by llvmlite, called through ctypes)
 """Importable by all; they import only each other."""
 SENSORS = {"flight", "segments", "reference"}
 BELOW_THE_RESULT = {"formats", "estimators", "metrics", "health", "config"} | SENSORS
