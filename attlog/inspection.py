@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import formats, reference, segments
-from attlog.flight import read
+from attlog.flight import flight_in
 from attlog.flight.model import FlightLog
 from attlog.flight.record_time import clock_of
 from attlog.health import answerable, audit
@@ -36,12 +36,12 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
     """
-    log = read(path, boot=boot, system=system)
+    messages = formats.open(path, system)
+    log = flight_in(messages, boot=boot, system=system)
     phases = segments.build(log) if log.imu is not None else None
     chosen = reference.choose(log, phases) if phases is not None else None
     case = None if phases is None or chosen is None else _case(log, phases, chosen)
     checks = audit(log, phases, chosen)
-    messages = formats.open(path, system)
     part = messages.boot(log.boot)
     stamps = clock_of(part, system)
     verification = None

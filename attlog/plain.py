@@ -25,9 +25,34 @@ OLDER = "*"
 
 def plain(value: Any) -> Any:
     """Dataclasses, arrays and numpy scalars as JSON types; non-finite numbers become None."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = [f for f in dataclasses.fields(value) if f.metadata.get(IN_JSON, True)]
-        return {f.name: _rounded(plain(getattr(value, f.name)), f.metadata.get(DIGITS)) for f in fields}
+    kind: Any = type(value)
+    if kind is float:
+        return value if math.isfinite(value) else None
+    if kind in AS_THEY_ARE:
+        return value
+    if kind is dict:
+        return {str(k): plain(v) for k, v in value.items()}
+    if kind is list or kind is tuple:
+        return [plain(v) for v in value]
+    written = _written(kind)
+    if written is not None:
+        return {name: _rounded(plain(getattr(value, name)), digits) for name, digits in written}
+    return _less_common(value)
+
+
+AS_THEY_ARE = frozenset((str, int, bool, type(None)))
+
+
+@functools.cache
+def _written(kind: type) -> tuple[tuple[str, int | None], ...] | None:
+    """The fields of a dataclass that its document has, each with its digits; None for other types."""
+    if not dataclasses.is_dataclass(kind):
+        return None
+    return tuple((f.name, f.metadata.get(DIGITS)) for f in dataclasses.fields(kind) if f.metadata.get(IN_JSON, True))
+
+
+def _less_common(value: Any) -> Any:
+    """What remains: sets, arrays, numpy's scalars, subclasses of plain types; anything else as its text."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

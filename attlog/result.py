@@ -183,9 +183,15 @@ class Result:
         document: dict[str, Any] = {"schema": self.schema} | plain(self)
         return without(document, MEASURED_TIMES) if deterministic else document
 
-    def to_json(self, path: str | Path | None = None, deterministic: bool = False) -> str:
-        """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be."""
-        text = json.dumps(self.to_dict(deterministic), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+    def to_json(
+        self, path: str | Path | None = None, deterministic: bool = False, *, document: dict[str, Any] | None = None
+    ) -> str:
+        """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be.
+
+        ``document``: what ``to_dict`` gave for it, where somebody has it already.
+        """
+        whole = self.to_dict(deterministic) if document is None else document
+        text = json.dumps(whole, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
         text = NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
             from attlog.output import write_atomic

@@ -20,6 +20,7 @@ EVERYWHERE = {
     "rotation",
     "earth",
     "output",
+    "private_folder",
     "settings_file",
     "file_names",
     "spreadsheet",
@@ -162,6 +163,32 @@ def test_help_imports_nothing_heavy(command: list[str]) -> None:
         "from attlog.cli import main\n"
         "try:\n    main()\nexcept SystemExit as e:\n    assert not e.code, e.code\n"
         f"print('LOADED', sorted({heavy!r} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("LOADED []"), done.stdout[-300:]
+
+
+NEEDED_BY_NONE = {"attlog.compare", "attlog.fleet.gating", "pandas", "plotly", "pymavlink", "pyulog", "rich"}
+NEEDED_BY_NONE |= {"scipy.optimize", "scipy.signal", "urllib.request", "xml"}
+
+
+@pytest.mark.parametrize(
+    ("command", "not_needed"),
+    [
+        (["info"], {"attlog.cli.analyze", "attlog.estimators.filters", "attlog.report", "jinja2", "numba", "scipy"}),
+        (["analyze", "--estimators", "gyro"], {"attlog.cli.sweep", "attlog.estimators.filters.eskf"}),
+    ],
+    ids=["info", "analyze"],
+)
+def test_a_command_imports_only_what_it_uses(command: list[str], not_needed: set[str], tmp_path: Path) -> None:
+    """Not gates where none are asked for, no terminal's colours where the output is a pipe."""
+    log = PACKAGE.parent / "sample_logs" / "px4_hover.ulg"
+    where = [] if command == ["info"] else ["-o", str(tmp_path)]
+    code = (
+        f"import sys\nsys.argv = ['attlog', *{command!r}, {str(log)!r}, *{where!r}]\n"
+        "from attlog.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as e:\n    assert not e.code, e.code\n"
+        f"print('LOADED', sorted({(NEEDED_BY_NONE | not_needed)!r} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("LOADED []"), done.stdout[-300:]

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from attlog.cli.common import console, to_stderr
+from attlog.cli.common import terminal, to_stderr
 
 if TYPE_CHECKING:
     from attlog.fleet.record import Record
@@ -57,7 +57,7 @@ class Bar:
         self._progress = Progress(
             BarColumn(30), TextColumn("{task.completed}/{task.total} logs{task.fields[more]}", markup=False),
             TextColumn("{task.fields[now]}", markup=False),
-            console=console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False,
+            console=terminal(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False,
             refresh_per_second=4,
         )  # fmt: skip
         self._task = self._progress.add_task("", total=len(works), more="", now="")

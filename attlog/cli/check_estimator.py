@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli import completion
-from attlog.cli.common import NoColor, console
+from attlog.cli.common import NoColor, terminal
 
 if TYPE_CHECKING:
     from attlog.testing import Outcome
@@ -26,7 +26,7 @@ def command(name: Name, no_color: NoColor = False) -> None:
     from attlog.estimators import parse
     from attlog.testing import about, check_estimator, speed_ns
 
-    out = console()
+    out = terminal()
     subject = parse(name)
     for line in about(subject):
         out.print(f"note  {line}", markup=False, soft_wrap=True)

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
@@ -73,8 +73,40 @@ System = Annotated[
 ]
 
 
-def console(stderr: bool = False) -> Console:
-    """A terminal to print to; plain text where the output is no terminal, wide where it is piped."""
+class Piped:
+    """Standard output or error where it is no terminal: lines without styles, wide, and nothing to import for them."""
+
+    width = 160
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    @property
+    def encoding(self) -> str:
+        """Of the stream."""
+        return (self._stream.encoding or "utf-8").lower()
+
+    def lines(self, texts: Iterable[str]) -> None:
+        """Write each as a line, tabs as blanks."""
+        for text in texts:
+            self._stream.write(text.expandtabs().rstrip() + "\n")
+        self._stream.flush()
+
+
+LIKE_A_TERMINAL = ("FORCE_COLOR", "TTY_COMPATIBLE")
+"""Variables by which people have colours where the output is no terminal."""
+
+
+def console(stderr: bool = False) -> Console | Piped:
+    """What to print to: a terminal, or plain text where the output is none, wide where it is piped."""
+    stream = sys.stderr if stderr else sys.stdout
+    if not stream.isatty() and not any(os.environ.get(name) for name in LIKE_A_TERMINAL):
+        return Piped(stream)
+    return terminal(stderr)
+
+
+def terminal(stderr: bool = False) -> Console:
+    """A terminal to print to; also for an output that is none, which then is as wide as a piped one."""
     from rich.console import Console
 
     class Terminal(Console):
@@ -83,7 +115,7 @@ def console(stderr: bool = False) -> Console:
             raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
 
     stream = sys.stderr if stderr else sys.stdout
-    width = None if stream.isatty() else 160
+    width = None if stream.isatty() else Piped.width
     if os.environ.get("NO_COLOR"):
         return Terminal(stderr=stderr, highlight=False, soft_wrap=False, width=width, color_system=None)
     return Terminal(stderr=stderr, highlight=False, soft_wrap=False, width=width)
@@ -111,12 +143,15 @@ def json_to_stdout(text: str) -> None:
     print(json_for_terminal(text).rstrip("\n"))
 
 
-def say(lines: Iterable[Line], out: Console) -> None:
+def say(lines: Iterable[Line], out: Console | Piped) -> None:
     """Print lines as they are: not broken, nothing in them taken for markup, no blanks behind them."""
-    from rich.text import Text
-
     from attlog.present.stand_ins import stand_in
     from attlog.present.text import for_terminal
+
+    if isinstance(out, Piped):
+        out.lines(stand_in(for_terminal(line.text), out.encoding) for line in lines)
+        return
+    from rich.text import Text
 
     for line in lines:
         out.print(Text(stand_in(for_terminal(line.text), out.encoding).rstrip(), line.style), soft_wrap=True)

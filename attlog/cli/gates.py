@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog import __version__
-from attlog.cli.common import say, to_stderr
+from attlog.cli.common import Piped, say, to_stderr
 from attlog.errors import OutputError, UsageError, message
 
 if TYPE_CHECKING:
@@ -61,18 +61,18 @@ class Gated:
     def __init__(
         self, file: Path | None, strict: bool | None, junit: Path | None, summary: str | None, output: Path
     ) -> None:
-        from attlog.compare.gates import Gates
-        from attlog.fleet.gating import Gating, gating
-
         if summary not in (None, ANYWHERE) and not str(summary).endswith(".md"):
             raise UsageError(f"--summary {summary}: the name of a Markdown file ends with .md")
         for option, file_ in (("--junit", junit), ("--summary", summary)):
             if file_ not in (None, ANYWHERE) and os.path.isdir(str(file_)):
                 raise UsageError(f"{option} {file_}: is a folder; give the name of a file")
         self._junit, self._summary = junit, summary
-        self.gating: Gating | None = gating(file, strict, output)
-        if self.gating is None and (junit is not None or summary is not None):
-            self.gating = Gating(Gates((), strict=strict is not False))
+        self.gating: Gating | None = None
+        if file is not None or strict or junit is not None or summary is not None:  # else nothing of it is imported
+            from attlog.compare.gates import Gates
+            from attlog.fleet.gating import Gating, gating
+
+            self.gating = gating(file, strict, output) or Gating(Gates((), strict=strict is not False))
 
     def judge(self, folder: Path, deterministic: bool) -> Callable[[Record], tuple[str, ...]] | None:
         """What judges the records of a batch in a folder as they come; None without gates."""
@@ -90,7 +90,7 @@ class Gated:
 
         return failures
 
-    def shown(self, log: str, report: Path, quiet: bool, out: Console) -> None:
+    def shown(self, log: str, report: Path, quiet: bool, out: Console | Piped) -> None:
         """Judge the result beside a report, show it there, and say what was found."""
         if self.gating is None:
             return

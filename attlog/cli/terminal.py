@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from attlog.cli.layout import Line
-from attlog.cli.table import comparison
-from attlog.present.alike import alike
-from attlog.present.gyro_bias import gyro_bias
 from attlog.present.problems import Said, nothing_wrong, problems
 from attlog.present.stand_ins import stand_in
 from attlog.present.text import clean, typeset
-from attlog.result import Result
+
+if TYPE_CHECKING:
+    from attlog.result import Result
 
 SENTENCES = 100
 """Columns over which sentences are laid out; longer lines are hard to read."""
@@ -24,6 +24,9 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     ``window``: where the table looks; ``encoding``: of the output, signs that it lacks get
     stand-ins; ``verbose`` shows notes among the problems too.
     """
+    from attlog.cli.table import comparison
+    from attlog.present.alike import alike
+    from attlog.present.gyro_bias import gyro_bias
 
     def shown(text: str) -> str:
         return stand_in(text, encoding)

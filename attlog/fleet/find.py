@@ -8,7 +8,6 @@ import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.fleet.archive import is_archive, members
@@ -51,6 +50,8 @@ def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError
     for place in map(str, given):
         try:
             if place.lower().startswith("file://"):
+                from urllib.request import url2pathname  # heavy: http and ssl come with it
+
                 place = url2pathname(urlsplit(place).path)
             found = _behind(place) if is_url(place) else _meant(Path(place), True, wrong)
             logs |= dict.fromkeys(found)

@@ -16,7 +16,6 @@ from attlog.present.text import clean, cleaned, typeset
 from attlog.report.bundle import source_hash
 from attlog.report.pack import packed
 from attlog.report.page import WEB as REPORT
-from attlog.report.page import shown
 
 WEB = Path(__file__).parent / "web"
 SCRIPTS = (REPORT / "unpack.js", REPORT / "theme.js", WEB / "words.js", WEB / "charts.js", WEB / "index.js")
@@ -39,18 +38,14 @@ def write_index(folder: Path, entries: Iterable[Entry], *, title: str = "", resu
 
 def render(entries: Iterable[Entry], *, title: str = "", results: str = "") -> str:
     """The page as text: template, style and script of this package, data packed."""
-    from jinja2 import Environment, FileSystemLoader
+    from attlog.report.templates import template
 
     lines = ordered(entries)
     data, thumbnails = page_data(lines)
     style = "\n".join((file).read_text(encoding="utf-8") for file in (REPORT / "style.css", WEB / "index.css"))
     parts = [file.read_text(encoding="utf-8") for file in SCRIPTS]
     script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
-    environment = Environment(
-        loader=FileSystemLoader(WEB), autoescape=True, finalize=shown, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"typeset": typeset, "counted": counted}
-    return environment.get_template("index.html").render(
+    return template("index.html", {"typeset": typeset, "counted": counted}, WEB).render(
         policy=policy(style, script),
         style=style,
         script=script,

@@ -45,8 +45,9 @@ def analyze_to_files(
     name = name or log.name
     written = Written(analyze(log, config, command=command), folder / f"{name}.html", folder / f"{name}.json")
     logging.getLogger("attlog.stages").info("writing the report")
-    written.result.to_html(written.report, plotly=plotly, deterministic=deterministic)
-    written.result.to_json(written.json, deterministic=deterministic)
+    document = written.result.to_dict(deterministic)  # large: made once for both
+    written.result.to_html(written.report, plotly=plotly, deterministic=deterministic, document=document)
+    written.result.to_json(written.json, document=document)
     return written
 
 

@@ -12,7 +12,7 @@ from attlog.flight import parameter_file, parameter_limits
 from attlog.flight.model import FlightLog, Problem
 from attlog.formats.base import Messages
 
-__all__ = ["FlightLog", "read"]
+__all__ = ["FlightLog", "flight_in", "read"]
 
 IMU_MESSAGES = (
     "sensor_combined",
@@ -46,7 +46,19 @@ def read(
     opened, UsageError for a bad parameter file. A log without usable IMU is returned with
     ``imu`` None and the reason among ``problems``.
     """
-    messages = formats.open(path, system)
+    return flight_in(formats.open(path, system), imu=imu, mag=mag, boot=boot, system=system, params=params)
+
+
+def flight_in(
+    messages: Messages,
+    *,
+    imu: int | None = None,
+    mag: int | str | None = None,
+    boot: int | None = None,
+    system: int | None = None,
+    params: str | Path | None = None,
+) -> FlightLog:
+    """The flight in messages that are read already, as :func:`read`; errors as there but for those of opening."""
     boots = max(len(messages.boots), 1)
     chosen = choose_boot(messages) if boot is None else boot
     if not 0 <= chosen < boots:

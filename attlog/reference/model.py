@@ -77,6 +77,8 @@ class Reference:
     heading_why: str = ""
     second: Reference | None = None
     """A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later."""
+    delays_seen: list[tuple[Imu, float | None]] = field(default_factory=list, repr=False)
+    """What ``reference.delay`` found of units against this reference."""
 
 
 @dataclass(slots=True)

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 FOLDER = Path(__file__).parent / "bundle"
 SMALL = "plotly-basic.min.js.gz"
@@ -64,7 +63,7 @@ def bundle(folder: Path = FOLDER) -> Bundle:
         from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
         script = get_plotlyjs().encode("utf-8")
-        packed = gzip.compress(script, 9, mtime=0)
+        packed = gzip.compress(script, 6, mtime=0)
         return Bundle(f"plotly-{get_plotlyjs_version()}.min.js", script, packed, (EMPTY_STYLE, FULL_STYLE), False)
 
 
@@ -95,5 +94,7 @@ def source_folder() -> Path | None:
         told = ""
     folders = [Path(__file__).parents[2]]
     if told.startswith("file:"):
+        from urllib.request import url2pathname
+
         folders.append(Path(url2pathname(urlsplit(told).path)))
     return next((folder for folder in folders if (folder / "hatch_build.py").is_file()), None)

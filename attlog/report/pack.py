@@ -24,6 +24,9 @@ LARGEST = 32766
 TIME_STEP = 1e-4
 """Times are stored in steps of 0.1 ms, coarser only for logs beyond two days."""
 
+LEVEL = 5
+"""Of gzip: 9 costs twenty times as long on the arrays of a page (620 against 33 ms) and saves 2.5 % of it."""
+
 
 class Store:
     """Collects arrays for the page; equal arrays (times shared by all filters) are kept once.
@@ -67,7 +70,7 @@ class Store:
 
 def packed(raw: bytes) -> str:
     """Bytes gzipped (same bytes, same result) and in base64, for ``<script type="application/gzip">``."""
-    return base64.b64encode(gzip.compress(raw, 9, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(raw, LEVEL, mtime=0)).decode()
 
 
 def _rounded(step: float) -> float:

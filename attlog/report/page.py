@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,19 +29,38 @@ from attlog.result import MEASURED_TIMES, Result
 WEB = Path(__file__).parent / "web"
 SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "figures.js", "export.js", "page.js")
 """Joined in this order into the one script of the page."""
+FILTERS: dict[str, Callable[..., Any]] = {
+    "unit": unit_sign,
+    "duration": duration,
+    "quantity": quantity,
+    "number": number,
+    "value": plain_value,
+    "typeset": typeset,
+    "moment": moment,
+    "counted": counted,
+}
+"""What its template calls."""
 
 
-def write_report(result: Result, path: str | Path, *, plotly: str = "inline", deterministic: bool = False) -> None:
+def write_report(
+    result: Result,
+    path: str | Path,
+    *,
+    plotly: str = "inline",
+    deterministic: bool = False,
+    document: dict[str, Any] | None = None,
+) -> None:
     """Write the report of a result to ``path`` (atomically). OutputError if it cannot be written.
 
     ``plotly`` is ``inline`` (one file that loads nothing) or ``shared`` (the bundle
     is written once beside the report and loaded from there, for batches).
-    ``deterministic`` leaves measured times out: the same log gives the same bytes.
+    ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: what ``to_dict`` gave
+    for it, where somebody has it already.
     """
     path = Path(path)
     plot = bundle()
     shared = plotly == "shared"
-    html = render(result, plot, shared=shared, deterministic=deterministic)
+    html = render(result, plot, shared=shared, deterministic=deterministic, document=document)
     if shared:
         beside = path.parent / plot.name
         if not beside.is_file() or beside.read_bytes() != plot.script:
@@ -48,11 +68,18 @@ def write_report(result: Result, path: str | Path, *, plotly: str = "inline", de
     write_atomic(path, html)
 
 
-def render(result: Result, plot: Bundle, *, shared: bool = False, deterministic: bool = False) -> str:
+def render(
+    result: Result,
+    plot: Bundle,
+    *,
+    shared: bool = False,
+    deterministic: bool = False,
+    document: dict[str, Any] | None = None,
+) -> str:
     """The report as text: template, style and script of this package, data packed."""
-    from jinja2 import Environment, FileSystemLoader
+    from attlog.report.templates import template
 
-    whole = result.to_dict(deterministic)
+    whole = result.to_dict(deterministic) if document is None else document
     result = timeless(result) if deterministic else result
     look = looks(result)
     store = Store()
@@ -78,21 +105,8 @@ def render(result: Result, plot: Bundle, *, shared: bool = False, deterministic:
     style = (WEB / "style.css").read_text(encoding="utf-8")
     parts = [(WEB / name).read_text(encoding="utf-8") for name in SCRIPTS]
     script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
-    environment = Environment(
-        loader=FileSystemLoader(WEB), autoescape=True, finalize=shown, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {
-        "unit": unit_sign,
-        "duration": duration,
-        "quantity": quantity,
-        "number": number,
-        "value": plain_value,
-        "typeset": typeset,
-        "moment": moment,
-        "counted": counted,
-    }
-    document = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return environment.get_template("page.html").render(
+    text = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return template("page.html", FILTERS).render(
         result=result,
         policy=policy(plot, style, script, shared=shared),
         style=style,
@@ -113,7 +127,7 @@ def render(result: Result, plot: Bundle, *, shared: bool = False, deterministic:
         firmware=firmware(result),
         columns=columns,
         data=store.pack(header),
-        json=packed(document.encode("utf-8", "replace")),
+        json=packed(text.encode("utf-8", "replace")),
         bundle=None if shared else base64.b64encode(plot.packed).decode(),
         shared=plot.name if shared else None,
         bundle_name=plot.name,
@@ -139,11 +153,6 @@ def timeless(result: Result) -> Result:
         worst=by_window(result.worst),
         ranked=by_window(result.ranked),
     )
-
-
-def shown(value: Any) -> Any:
-    """What the template puts in place of a value: texts cleaned (jinja escapes them), own markup as it is."""
-    return value if hasattr(value, "__html__") or not isinstance(value, str) else clean(value)
 
 
 def policy(plot: Bundle, style: str, script: str, *, shared: bool) -> str:

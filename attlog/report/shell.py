@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,14 @@ from attlog.present.text import cleaned, typeset
 from attlog.report.bundle import bundle
 from attlog.report.figure import Figure
 from attlog.report.pack import Store, packed
-from attlog.report.page import SCRIPTS, WEB, policy, shown
+from attlog.report.page import SCRIPTS, WEB, policy
 
 NO_MARKS: dict[str, Any] = {
     "range": [0, 1], "modes": [], "armed": [], "airborne": [], "texts": [], "rest": [], "impact": [], "gaps": [],
     "resets": [],
 }  # fmt: skip
 """What figures over flight time would show; pages of several flights have none."""
+FILTERS: dict[str, Callable[..., Any]] = {"typeset": typeset, "duration": duration, "counted": counted}
 
 
 def render(
@@ -39,7 +40,7 @@ def render(
     ``rows``: name, slot, dash, shown, onboard, lost of each line; ``document``: the JSON that can be saved from the
     page; ``shared``: the bundle lies beside the page; ``words``: what else the template wants.
     """
-    from jinja2 import Environment, FileSystemLoader
+    from attlog.report.templates import template as compiled
 
     plot = bundle()
     header = {
@@ -52,12 +53,8 @@ def render(
     *drawing, start = [WEB / name for name in SCRIPTS]
     parts = [file.read_text(encoding="utf-8") for file in (*drawing, *(folder / name for name in scripts), start)]
     script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
-    environment = Environment(
-        loader=FileSystemLoader([folder, WEB]), autoescape=True, finalize=shown, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"typeset": typeset, "duration": duration, "counted": counted}
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return environment.get_template(template).render(
+    return compiled(template, FILTERS, folder).render(
         policy=policy(plot, style, script, shared=shared),
         style=style,
         script=script,

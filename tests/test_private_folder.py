@@ -1,0 +1,48 @@
+"""What is run again later lies where nobody else can put anything."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from attlog.private_folder import private_folder, usable
+
+
+@pytest.fixture
+def homes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user's cache and a temporary folder of the test's own."""
+    private_folder.cache_clear()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    return tmp_path
+
+
+def test_the_users_cache_is_taken(homes: Path) -> None:
+    found = private_folder("templates", "1")
+    assert found == homes / "cache" / "attlog" / "templates" / "1"
+    assert found.is_dir()
+
+
+def test_else_a_temporary_folder_is_taken(homes: Path) -> None:
+    (homes / "cache").write_text("no folder")
+    found = private_folder("templates", "1")
+    assert found is not None
+    assert found.parent.parent == homes
+    assert str(os.getuid()) in found.parent.name
+
+
+@pytest.mark.parametrize("open_to", [0o770, 0o707])
+@pytest.mark.parametrize("which", ["itself", "above"])
+def test_a_folder_that_others_can_write_to_is_refused(tmp_path: Path, open_to: int, which: str) -> None:
+    folder = tmp_path / "kind" / "version"
+    assert usable(folder)
+    (folder if which == "itself" else folder.parent).chmod(open_to)
+    assert not usable(folder)
+
+
+def test_none_is_found_where_nothing_can_be_written(homes: Path) -> None:
+    (homes / "cache").write_text("no folder")
+    (homes / f"attlog-templates-{os.getuid()}").write_text("no folder")
+    assert private_folder("templates", "1") is None
