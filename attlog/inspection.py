@@ -66,7 +66,11 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
         "answerable": plain(answerable(log, case)),
         "gyro_bias": None if case is None else plain(list(case.gyro_bias.values())),
         "problems": plain(findings(log, checks, [] if chosen is None else contradiction(chosen))),
-        "damage": {"bytes": messages.damage_bytes, "places": plain(messages.damage)},
+        "damage": {
+            "bytes": messages.damage_bytes,
+            "count": messages.damage_places,
+            "places": plain(messages.damage),
+        },
         "verify": verification,
     }
 

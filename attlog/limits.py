@@ -28,6 +28,33 @@ MAX_PARAM_CHANGES = 1_000_000
 MAX_DAMAGE = 1000
 """Damaged places kept one by one; beyond that only their count and bytes grow."""
 
+MAX_LETTERS = 32
+"""Columns of one message in a DataFlash text log; the binary format, from which texts are made, has room for 16."""
+
+MAX_TEXT_FORMATS = 256
+"""Messages of one DataFlash text log: binary records number their types in a byte."""
+
+MAX_NAME_LENGTH = 64
+"""Characters of a message's or column's name in a text log; binary ones have room for 4 and for 64 with all others."""
+
+MAX_CELL_BYTES = 512
+"""Of one value in a text log: texts have 64 bytes, and the longest float32 prints with 56."""
+
+MAX_LAYOUTS_OF_A_NAME = 16
+"""Definitions of one DataFlash message that differ: each firmware in joined logs brings one, and a column of each."""
+
+MAX_INSTANCES = 256
+"""Numbers of sensors or cores in one column, which is what one byte can tell; more number something else."""
+
+MAX_SENDERS = 1024
+"""Systems and components in one capture of MAVLink: swarms of hundreds fit, made-up headers give 65536."""
+
+MAX_BOOTS = 100
+"""Power-ups told apart in one file of joined logs; what is behind belongs to the last."""
+
+LAST_TIME_US = 1 << 56
+"""Boot clocks and even Unix clocks stay below 2000 years; random bytes hardly ever do."""
+
 MAX_UNPACKED_BYTES = 4 << 30
 """What a gzip file may hold: autopilots log to FAT cards, whose files end at 4 GiB."""
 

@@ -139,17 +139,17 @@ def damage(messages: Messages) -> list[Problem]:
     found = []
     if messages.damage:
         first = messages.damage[0]
-        at_end = len(messages.damage) == 1 and first.offset + first.length >= messages.size - 1
+        at_end = messages.damage_places == 1 and first.offset + first.length >= messages.size - 1
         if at_end and 0 < first.length < 4096:
             text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
             return [Problem("cut_at_end", "note", text, offset=first.offset), *dropouts(messages)]
-        places = "one place" if len(messages.damage) == 1 else f"{len(messages.damage)} places"
+        places = "one place" if messages.damage_places == 1 else f"{messages.damage_places} places"
         found.append(
             Problem(
                 "damage", "warning",
                 f"The file is damaged in {places}, {messages.damage_bytes} bytes are not usable; "
                 f"the first is {first.lost} at byte {first.offset}.",
-                offset=first.offset, count=len(messages.damage),
+                offset=first.offset, count=messages.damage_places,
             )
         )  # fmt: skip
     return found + dropouts(messages)

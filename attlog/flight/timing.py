@@ -37,6 +37,8 @@ def stamps_of(table: Table, column: str, us: int = 1) -> Stamps:
     told = table[column]
     if told.ndim != 1 or told.dtype.kind not in "iuf":
         raise ValueError(f"{table.name}.{column} is no time")
+    if told.dtype.kind == "f":  # no integer means "not a number", and what a cast makes of it differs by processor
+        told = np.where((told >= 0) & (told <= LATEST_US), told, -1)
     stamps: Stamps = told.astype(np.int64)
     if us != 1:
         stamps = np.where((stamps >= 0) & (stamps <= LATEST_US // us), stamps * us, -1)

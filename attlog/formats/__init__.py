@@ -54,6 +54,7 @@ def open(path: Path | str, system: int | None = None) -> Messages:
     messages = entry.read(path, data, system)
     if lost is not None:
         messages.damage = [lost, *messages.damage[: MAX_DAMAGE - 1]]  # the cause of what is missing stands first
+        messages.damage_places += 1
     return messages
 
 

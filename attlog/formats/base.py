@@ -146,7 +146,7 @@ class Messages(Mapping[tuple[str, int], Table]):
 
     ``format`` is ``ulog``, ``dataflash``, ``dataflash_text``, ``tlog``, ``mavlink`` or
     ``px4log``. ``info`` holds the format's own statements (versions, hardware).
-    ``damage_bytes`` counts all unusable bytes, also beyond the list's limit.
+    ``damage`` lists the first damaged places, ``damage_places`` and ``damage_bytes`` count all of them.
     For MAVLink the instance is ``system * 256 + component``.
     """
 
@@ -161,6 +161,7 @@ class Messages(Mapping[tuple[str, int], Table]):
     damage_bytes: int = 0
     dropouts_ms: list[int] = field(default_factory=list)
     boots: list[Boot] = field(default_factory=list)
+    damage_places: int = 0
 
     def __getitem__(self, key: tuple[str, int]) -> Table:
         return self.tables[key]
@@ -206,4 +207,5 @@ class Messages(Mapping[tuple[str, int], Table]):
             self.damage_bytes,
             self.dropouts_ms,
             [b],
+            self.damage_places,
         )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.formats.base import Boot
 from attlog.formats.mapping import Offsets
+from attlog.limits import LAST_TIME_US, MAX_BOOTS, MAX_TIME_JUMP_S
 
 Timeline = tuple[Offsets, NDArray[np.int64]]
 """Byte offsets of records that carry their time, ascending, and the times (us)."""
@@ -17,23 +18,87 @@ Timeline = tuple[Offsets, NDArray[np.int64]]
 STEP_US = 1_000_000
 """A clock that falls further was restarted; tasks log each other's times out of order by under 0.1 s."""
 
+FALSE_TIME_US = 5_000_000
+"""Times further than this from those on both sides, which agree, are false; no undamaged log has one beyond 0.1 s."""
+
+LONGEST_FALSE = 64
+"""Records in a row that can be false: what a damaged sector or a torn write changes; more is another clock or boot."""
+
+RUNS_AHEAD = 8
+"""Runs with different false times beside each other that are looked over."""
+
+FEW = 3
+"""So few records at an end of the file may be false alone."""
+
+MOST_STEPS = 0.25
+"""Of all times, this part may be steps; where there are more, no clock can be told that contradicts them."""
+
 _NEIGHBOURS = 20  # records on either side whose medians must agree that the clock fell
 
 
 def restarts(time_us: NDArray[np.int64]) -> list[int]:
-    """The indices of the first records after a restart of the clock.
+    """The indices of the first records after a restart of the clock, at most :data:`MAX_BOOTS`.
 
     A single record with a false time is no restart: the medians of the
     neighbours on both sides decide.
     """
     found: list[int] = []
     for k in (np.flatnonzero(np.diff(time_us) < -STEP_US) + 1).tolist():
-        before = time_us[max(found[-1] if found else 0, k - _NEIGHBOURS) : k]
-        after = time_us[k : k + _NEIGHBOURS]
+        before = sorted(time_us[max(found[-1] if found else 0, k - _NEIGHBOURS) : k].tolist())
+        after = sorted(time_us[k : k + _NEIGHBOURS].tolist())
+        half = len(after) // 2
+        median = after[half] if len(after) % 2 else (after[half - 1] + after[half]) / 2
         # the lower median: one false time among few must not look like a fall
-        if np.median(after) < np.sort(before)[(len(before) - 1) // 2] - STEP_US:
+        if median < before[(len(before) - 1) // 2] - STEP_US:
             found.append(k)
+            if len(found) == MAX_BOOTS - 1:
+                break
     return found
+
+
+def false_times(time_us: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The indices of the times in file order that those around them contradict.
+
+    Impossible ones (negative, beyond :data:`LAST_TIME_US`); and up to :data:`LONGEST_FALSE` in a row that are further
+    than :data:`FALSE_TIME_US` from the record before and the one behind, while these two agree. A clock that jumps
+    and goes on from there is no contradiction: a pause, or a restart. Beside the beginning and the end stand no two
+    neighbours; there a few times are false that are further from the rest than any pause.
+    """
+    impossible = (time_us.view(np.uint64) > LAST_TIME_US).nonzero()[0]  # a negative time is a very large one
+    possible = None
+    if len(impossible):
+        possible = np.delete(np.arange(len(time_us)), impossible)
+        time_us = time_us[possible]
+    change = np.diff(time_us)
+    edges = (np.abs(change, out=change) > FALSE_TIME_US).nonzero()[0] + 1
+    if not 0 < len(edges) <= len(time_us) * MOST_STEPS:
+        return impossible
+    starts, ends = [0, *edges.tolist()], [*edges.tolist(), len(time_us)]
+    false = _contradicted(starts, time_us[starts].tolist(), time_us[np.array(ends) - 1].tolist(), len(time_us))
+    found = np.concatenate([np.zeros(0, np.int64), *(np.arange(starts[k], ends[k]) for k in false)])
+    return np.sort(np.concatenate([impossible, found if possible is None else possible[found]]))
+
+
+def _contradicted(starts: list[int], first: list[int], last: list[int], size: int) -> list[int]:
+    """Which runs of times without steps are false, by their beginnings and their first and last times."""
+    beyond_pauses, n = int(MAX_TIME_JUMP_S * 1e6), len(starts)
+    false = [0] if starts[1] < FEW and abs(first[1] - last[0]) > beyond_pauses else []
+    k = len(false) + 1
+    before = last[k - 1]
+    while k < n:
+        # does the clock come back to where it was, within a few records?
+        back = k
+        while back < n and starts[back] - starts[k] <= LONGEST_FALSE and back - k <= RUNS_AHEAD:
+            if abs(first[back] - before) <= FALSE_TIME_US:
+                break
+            back += 1
+        else:
+            back = k
+        false.extend(range(k, back))
+        before, k = last[back], back + 1
+    if size - starts[-1] < FEW and n - 1 not in false[-1:] and abs(first[-1] - last[-2]) > beyond_pauses:
+        false.append(n - 1)
+    return false
 
 
 def in_file_order(timelines: Iterable[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> Timeline:

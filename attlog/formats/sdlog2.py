@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
 from attlog.formats.base import Field, Messages, Table
-from attlog.formats.clock import boots
-from attlog.formats.dataflash.content import params
+from attlog.formats.clock import boots, false_times
+from attlog.formats.dataflash.content import is_integer, is_text, params
 from attlog.formats.dataflash.detect import formats
 from attlog.formats.dataflash.index import index_records
-from attlog.formats.dataflash.tables import build_tables, unreadable
+from attlog.formats.dataflash.tables import build_tables, tell_unreadable
+from attlog.formats.losses import Losses
 from attlog.formats.mapping import map_bytes, text_of
 
 TIME = "_t_us"
@@ -43,32 +44,44 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     index = index_records(data)
     tables = build_tables(data, index, by_instance=False)
     clock = tables.get(("TIME", 0))
-    if clock is None or "StartTime" not in clock:
+    if clock is None or not is_integer(clock, "StartTime"):
         blank = not any(fmt.columns for fmt in index.layouts[1:])
         why = (
             "its formats name no columns" if blank else "it has no TIME record with StartTime, so no record has a time"
         )
         raise LogUnusable(f"{path}: this sdlog2 log cannot be decoded: {why}.")
-    at, time = clock.offsets, clock["StartTime"].astype(np.int64)
+    tell_unreadable(index)
+    at, time = clock.offsets, _possible(clock, index.losses)
     messages = Messages(
-        path,
-        "px4log",
-        len(data),
-        {key: _timed(table, at, time) for key, table in tables.items()},
-        damage=index.damage + unreadable(index),
-        damage_bytes=index.damage_bytes,
-    )
-    messages.params = params(messages, (at, time))
+        path, "px4log", len(data), {key: _timed(table, at, time) for key, table in tables.items()},
+        damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
+    )  # fmt: skip
+    known = time >= 0
+    timeline = at[known], time[known]
+    messages.params = params(messages, timeline)
     version = messages.first("VER")
     if version is not None:
-        messages.info["VER"] = {name: text_of(version[name][0]) for name in version.fields if name != TIME}
-    messages.boots = boots((at, time), len(data))
+        messages.info["VER"] = {
+            name: text_of(version[name][0]) for name in version.fields if name != TIME and is_text(version, name)
+        }
+    messages.boots = boots(timeline, len(data))
     return messages
+
+
+def _possible(clock: Table, losses: Losses) -> NDArray[np.int64]:
+    """Start times (n,) of the groups in us; -1, and counted as lost, where the clock of the group is false."""
+    time = clock["StartTime"].astype(np.int64)
+    false = false_times(time)
+    for offset in clock.offsets[false].tolist():
+        losses.add(offset, 0, "the time of a group of records, far from those before and behind it", "next TIME record")
+    time[false] = -1
+    return time
 
 
 def _timed(table: Table, at: NDArray[np.int64], time: NDArray[np.int64]) -> Table:
     """The same table with the group's time as first column."""
-    fields = {TIME: Field(TIME, np.dtype(np.int64), "us"), **table.fields}
+    others = {name: field for name, field in table.fields.items() if name != TIME}
+    fields = {TIME: Field(TIME, np.dtype(np.int64), "us"), **others}
     return Table(table.name, table.instance, fields, table.offsets, _with_time(table, at, time))
 
 

@@ -7,17 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Damage, Messages
-from attlog.formats.clock import Timeline, in_file_order
+from attlog.formats.base import Messages
+from attlog.formats.clock import Timeline, false_times, in_file_order
 from attlog.formats.dataflash.index import HEADER_LENGTH, Format, Index
 from attlog.formats.mapping import Offsets, gather
-from attlog.limits import MAX_DAMAGE, MAX_TIME_JUMP_S
-
-FALSE_TIME_US = 5_000_000
-"""A single record further than this from two neighbours that agree is false; no undamaged log has one beyond 0.1 s."""
-
-LAST_TIME_US = 1 << 56
-"""Boot clocks and even Unix clocks stay below; random bytes hardly ever do."""
+from attlog.limits import LAST_TIME_US
 
 
 def time_column(fmt: Format) -> tuple[str, int] | None:
@@ -54,53 +48,38 @@ def timeline(data: NDArray[np.uint8], index: Index) -> tuple[Offsets, NDArray[np
 def timeline_of_tables(messages: Messages, formats: Mapping[str, Format]) -> Timeline:
     """The same from the tables of a text log, whose ``formats`` stand by message name."""
     timed = [(table, column) for (name, _), table in messages.items() if (column := time_column(formats[name]))]
-    return in_file_order((table.offsets, table[column].astype(np.int64) * factor) for table, (column, factor) in timed)
+    at, time = in_file_order((table.offsets, _microseconds(table[column], factor)) for table, (column, factor) in timed)
+    possible = (time >= 0) & (time <= LAST_TIME_US)
+    return at[possible], time[possible]
+
+
+def _microseconds(counts: NDArray[np.int64], factor: int) -> NDArray[np.int64]:
+    """Counts of a clock as microseconds; -1 where they are beyond any clock."""
+    return np.where((counts >= 0) & (counts <= LAST_TIME_US // factor), counts, -1) * factor
 
 
 def drop_false_times(index: Index, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:
-    """The timeline without single records whose time is far from both neighbours; they leave the index as damage.
+    """The timeline without records whose time those around them contradict; they leave the index as damage.
 
     DataFlash has no checksum, so this is the one sign of a record whose bytes were changed.
     """
-    if len(time) < 3:
-        return at, time
-    far = _far(time)
-    impossible = (time.view(np.uint64) > LAST_TIME_US).nonzero()[0]  # a negative time is a very large one
-    if not (len(far) or len(impossible)):
+    far = false_times(time)
+    if len(far) == 0:
         return at, time
     records = index.offsets.searchsorted(at[far])
-    kinds = index.layout[records]
+    impossible = (time[far] < 0) | (time[far] > LAST_TIME_US)
     false = np.zeros(len(index.offsets), np.bool_)
-    false[index.offsets.searchsorted(at[impossible])] = True
-    for kind in set(kinds.tolist()):
-        flagged = records[kinds == kind]
-        # a message that is mostly far has another clock, it is not damaged
-        if len(flagged) < 3 or len(flagged) < 0.1 * np.count_nonzero(index.layout == kind):
-            false[flagged] = True
+    false[records[impossible]] = True
+    flagged = np.bincount(index.layout[records], minlength=len(index.layouts))
+    every = np.bincount(index.layout, minlength=len(index.layouts))
+    # a message that is mostly far has another clock, it is not damaged
+    damaged = (flagged < 3) | (flagged < 0.1 * every)
+    false[records[damaged[index.layout[records]]]] = True
     kept = np.ones(len(at), np.bool_)
     kept[at.searchsorted(index.offsets[false])] = False
     for offset, layout in zip(index.offsets[false].tolist(), index.layout[false].tolist(), strict=True):
         fmt = index.layouts[layout]
-        index.damage_bytes += fmt.length
-        if len(index.damage) < MAX_DAMAGE:
-            lost = f"a {fmt.name} record whose time is far from that of its neighbours"
-            index.damage.append(Damage(offset, fmt.length, lost, f"next record at {offset + fmt.length}"))
-    index.damage.sort(key=lambda d: d.offset)
+        lost = f"a {fmt.name} record whose time is far from that of its neighbours"
+        index.losses.add(offset, fmt.length, lost, f"next record at {offset + fmt.length}")
     index.offsets, index.layout = index.offsets[~false], index.layout[~false]
     return at[kept], time[kept]
-
-
-def _far(time: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The single records (their indices) that are far from both neighbours, while those agree."""
-    change = np.diff(time)
-    np.abs(change, out=change)
-    steps = (change > FALSE_TIME_US).nonzero()[0]
-    if len(steps) == 0:
-        return steps
-    far = steps[1:][np.diff(steps) == 1]  # a step to the record and another one away from it
-    far = far[np.abs(time[far + 1] - time[far - 1]) <= FALSE_TIME_US]
-    # beside the first or last record a hole may stand, so only more than a hole counts
-    lone = change > MAX_TIME_JUMP_S * 1e6
-    first = [0] if lone[0] and change[1] <= FALSE_TIME_US else []
-    last = [len(time) - 1] if lone[-1] and change[-2] <= FALSE_TIME_US else []
-    return np.concatenate([first, far, last]).astype(np.int64)

@@ -7,7 +7,7 @@ import numpy as np
 from attlog.formats.base import Messages, ParamChange, Table, Text
 from attlog.formats.clock import Timeline, times_before
 from attlog.formats.mapping import text_of
-from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+from attlog.limits import LAST_TIME_US, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
 INFO = 6
 """Syslog severity of all texts; MSG records carry none."""
@@ -51,9 +51,13 @@ def is_number(table: Table, column: str) -> bool:
     return column in table.fields and table.fields[column].dtype.kind in "iuf"
 
 
+def is_integer(table: Table, column: str) -> bool:
+    """Whether the table has this column of whole numbers, such as ids and types."""
+    return column in table.fields and table.fields[column].dtype.kind in "iu"
+
+
 def _times_of(table: Table, timeline: Timeline) -> list[int | None]:
     """The time of each record, from its own stamp or else from the record before it."""
     if "TimeUS" in table.fields and table.fields["TimeUS"].dtype.kind in "iu":
-        own: list[int | None] = table["TimeUS"].tolist()
-        return own
+        return [t if 0 <= t <= LAST_TIME_US else None for t in table["TimeUS"].tolist()]
     return times_before(table.offsets, timeline)

@@ -11,7 +11,7 @@ MARK = b"\xa3\x95"
 """Before every binary record."""
 FEWEST_MARKS = 5
 """Marks that show a log whose formats are lost (one per 400 bytes in longer files): no record is longer than 255."""
-_FMT_LINE = re.compile(rb"(?:^|[\r\n])\s*FMT, *\d+, *\d+, *\w+")
+_FMT_LINE = re.compile(rb"(?:^|[\r\n])[ \t]*+FMT, *+\d{1,9}+, *+\d{1,9}+, *+\w")
 
 
 def is_binary(head: bytes) -> bool:

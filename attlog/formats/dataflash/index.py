@@ -11,15 +11,16 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Damage
+from attlog.formats.losses import Losses
 from attlog.formats.mapping import Offsets, gather, offset_type
-from attlog.limits import MAX_DAMAGE, MAX_FORMATS
+from attlog.limits import MAX_FORMATS, MAX_LAYOUTS_OF_A_NAME
 
 FMT_TYPE = 128
 FMT_LENGTH = 89
@@ -85,8 +86,7 @@ class Index:
     offsets: Offsets
     layout: NDArray[np.int16]
     stamps: NDArray[np.int64]
-    damage: list[Damage] = field(default_factory=list)
-    damage_bytes: int = 0
+    losses: Losses = field(default_factory=Losses)
 
 
 def _headers(data: NDArray[np.uint8]) -> tuple[Offsets, NDArray[np.uint8], NDArray[np.int64]]:
@@ -129,29 +129,61 @@ def parse_format(raw: bytes, offset: int) -> Format | None:
         return None
     if raw[3] == FMT_TYPE:
         return None if raw[4] != FMT_LENGTH else FMT_FORMAT
-    names = tuple(c.strip() for c in columns.split(",")) if columns else ()
+    names = column_names(columns.split(",")) if columns else ()
     return Format(raw[3], raw[4], name, letters, names, offset)
 
 
-def _formats(data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8]) -> list[Format]:
-    """The formats in file order, repetitions left out."""
+def column_names(listed: Iterable[str]) -> tuple[str, ...]:
+    """The names without blanks around them; the second column of a name has none, as there is no way to ask for it."""
+    names: dict[str, None] = {}
+    columns = []
+    for name in map(str.strip, listed):
+        columns.append("" if name in names else name)
+        names[name] = None
+    return tuple(columns)
+
+
+def _formats(data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8], losses: Losses) -> list[Format]:
+    """The formats in file order, repetitions left out.
+
+    A log may define only so many. A type whose new definition is refused has a Format without letters from there
+    on, so that its records are framed and given up, never read by an older definition.
+    """
     size = len(data)
     at = headers[types == FMT_TYPE]
     at = at[at + FMT_LENGTH <= size]
     first = data[at + 5]
-    at = at[(first >= 0x30) & (first <= 0x7A)][: MAX_FORMATS * 16]  # a name begins with a letter or digit
+    at = at[(first >= 0x30) & (first <= 0x7A)]  # a name begins with a letter or digit
     layouts = [FMT_FORMAT]
     current: dict[int, Format] = {FMT_TYPE: FMT_FORMAT}
+    current_bytes: dict[int, bytes] = {}
+    of_name: Counter[str] = Counter()
+    refused: list[int] = []
     for offset in at.tolist():
-        fmt = parse_format(data[offset : offset + FMT_LENGTH].tobytes(), offset)
+        raw = data[offset : offset + FMT_LENGTH].tobytes()
+        if current_bytes.get(raw[3]) == raw:
+            continue  # said again
+        fmt = parse_format(raw, offset)
         if fmt is None or fmt.type == FMT_TYPE:
             continue
+        current_bytes[fmt.type] = raw
         known = current.get(fmt.type)
-        if known is None or not known.same_layout(fmt):
-            current[fmt.type] = fmt
-            layouts.append(fmt)
-            if len(layouts) >= MAX_FORMATS:
-                break
+        if known is not None and known.same_layout(fmt):
+            continue
+        of_name[fmt.name] += 1
+        if of_name[fmt.name] > MAX_LAYOUTS_OF_A_NAME or len(layouts) >= MAX_FORMATS:
+            refused.append(offset)
+            if known is None or not known.letters or len(layouts) >= MAX_FORMATS + 256:
+                continue
+            fmt = Format(fmt.type, fmt.length, fmt.name, "", (), offset)
+        current[fmt.type] = fmt
+        layouts.append(fmt)
+    if refused:
+        lost = (
+            f"{len(refused)} definitions beyond the {MAX_LAYOUTS_OF_A_NAME} of one message or the {MAX_FORMATS} of a "
+            "log that are read"
+        )
+        losses.add_kind(refused[0], FMT_LENGTH * len(refused), lost, "next definition")
     return layouts
 
 
@@ -182,7 +214,8 @@ def index_records(data: NDArray[np.uint8]) -> Index:
     """
     size = len(data)
     start, types, stamps = _headers(data)
-    layouts = _formats(data, start, types)
+    losses = Losses()
+    layouts = _formats(data, start, types, losses)
     layout = _layout_of(types, start, layouts)
     lengths = np.array([*(f.length for f in layouts), 0], np.int32)  # 0: no format
     end = start + lengths[layout].astype(start.dtype, copy=False)
@@ -191,10 +224,10 @@ def index_records(data: NDArray[np.uint8]) -> Index:
     breaks = np.flatnonzero(~followed)
     followed[breaks] = _is_header(data, end[breaks]) & (layout[breaks] >= 0)
     kept, holes = _walk(start, end, breaks, followed, size)
-    damage, lost = _describe(data, holes, layouts)
+    _describe(data, holes, layouts, losses)
     if not kept.all():
         start, layout, stamps = start[kept], layout[kept], stamps[kept]
-    return Index(layouts, start, layout, stamps, damage, lost)
+    return Index(layouts, start, layout, stamps, losses)
 
 
 def _is_header(data: NDArray[np.uint8], at: Offsets) -> NDArray[np.bool_]:
@@ -254,35 +287,26 @@ def _next_true(mask: NDArray[np.bool_], first: int) -> int:
     return first + k if len(rest) and rest[k] else len(mask)
 
 
-def _describe(data: NDArray[np.uint8], holes: list[tuple[int, int]], layouts: list[Format]) -> tuple[list[Damage], int]:
-    """The damage list and the number of lost bytes. Records without FMT are counted per type, not one by one."""
+def _describe(data: NDArray[np.uint8], holes: list[tuple[int, int]], layouts: list[Format], losses: Losses) -> None:
+    """Adds the holes to the losses. Records without FMT are counted per type, not one by one."""
     size = len(data)
     defined = {f.type for f in layouts}
-    damage: list[Damage] = []
     unknown: Counter[int] = Counter()
     unknown_bytes: Counter[int] = Counter()
     first: dict[int, int] = {}
-    total = 0
     for begin, stop in holes:
-        total += stop - begin
-        if stop - begin >= HEADER_LENGTH and data[begin] == 0xA3 and data[begin + 1] == 0x95:
+        length = stop - begin
+        if length >= HEADER_LENGTH and data[begin] == 0xA3 and data[begin + 1] == 0x95:
             kind = int(data[begin + 2])
             if kind not in defined and stop < size:
                 unknown[kind] += data[begin:stop].tobytes().count(bytes([0xA3, 0x95, kind]))
-                unknown_bytes[kind] += stop - begin
+                unknown_bytes[kind] += length
                 first.setdefault(kind, begin)
                 continue
-        if len(damage) < MAX_DAMAGE:
-            if stop == size:
-                damage.append(
-                    Damage(begin, stop - begin, f"{stop - begin} bytes at the end of the file", "end of file")
-                )
-            else:
-                damage.append(
-                    Damage(begin, stop - begin, f"{stop - begin} bytes that are no records", f"next record at {stop}")
-                )
+        if stop == size:
+            losses.add(begin, length, f"{length} bytes at the end of the file", "end of file")
+        else:
+            losses.add(begin, length, f"{length} bytes that are no records", f"next record at {stop}")
     for kind, count in sorted(unknown.items()):
         lost = f"{count} records of type {kind}, whose FMT record is missing"
-        damage.append(Damage(first[kind], unknown_bytes[kind], lost, "next record of a known type"))
-    damage.sort(key=lambda d: d.offset)
-    return damage[:MAX_DAMAGE], total
+        losses.add_kind(first[kind], unknown_bytes[kind], lost, "next record of a known type")

@@ -21,7 +21,7 @@ from attlog.formats.clock import boots_between, restarts
 from attlog.formats.dataflash.clock import drop_false_times, timeline
 from attlog.formats.dataflash.content import params, texts
 from attlog.formats.dataflash.index import HEADER_LENGTH, Index, index_records
-from attlog.formats.dataflash.tables import build_tables, unreadable
+from attlog.formats.dataflash.tables import build_tables, tell_unreadable
 from attlog.formats.dataflash.units import units_of
 from attlog.formats.mapping import Offsets, gather, map_bytes, text_of
 
@@ -49,8 +49,11 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     at, time = drop_false_times(index, at, time)
     units = units_of(data, index)
     tables = build_tables(data, index, units)
-    messages = Messages(path, "dataflash", len(data), tables, damage=index.damage, damage_bytes=index.damage_bytes)
-    messages.damage += unreadable(index)
+    tell_unreadable(index)
+    messages = Messages(
+        path, "dataflash", len(data), tables,
+        damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
+    )  # fmt: skip
     messages.params = params(messages, (at, time))
     messages.texts = texts(messages, (at, time))
     messages.boots = _boots(data, index, at, time)
@@ -61,8 +64,8 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
 
 
 def _plain(value: Any) -> Any:
-    """A numpy scalar as the Python value that JSON knows."""
-    return text_of(value) if isinstance(value, bytes) else value.item()
+    """A value of numpy as the Python value that JSON knows."""
+    return text_of(value) if isinstance(value, bytes) else value.tolist()
 
 
 def _boots(data: NDArray[np.uint8], index: Index, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:

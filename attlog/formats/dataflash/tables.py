@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Damage, Field, Table
+from attlog.formats.base import Field, Table
 from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index
 from attlog.formats.mapping import Records, gather
+from attlog.limits import MAX_INSTANCES
 
 INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
 """Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0)."""
@@ -69,21 +70,25 @@ def build_tables(
             parts.setdefault((fmt.name, 0), []).append(whole)
             continue
         place = fmt.place(fmt.columns.index(column))
-        number = gather(data[place:], offsets, fields[column].dtype)
-        for instance in _distinct(number):
-            part = Table(fmt.name, instance, fields, offsets[number == instance], _decoder(data, record))
+        split = by_instance_number(gather(data[place:], offsets, fields[column].dtype))
+        if split is None:
+            parts.setdefault((fmt.name, 0), []).append(whole)
+            continue
+        for instance, mine in split:
+            part = Table(fmt.name, instance, fields, offsets[mine], _decoder(data, record))
             parts.setdefault((fmt.name, instance), []).append(part)
     tables = {key: found[0] if len(found) == 1 else MixedTable(found) for key, found in parts.items()}
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
-def _distinct(number: NDArray[np.integer[Any]]) -> list[int]:
-    """The different values, ascending; bytes are counted instead of sorted."""
-    if number.dtype.itemsize == 1:
-        present = np.bincount(number.view(np.uint8), minlength=256).nonzero()[0]
-        return sorted(present.astype(np.uint8).view(number.dtype).tolist())
-    distinct: list[int] = np.unique(number).tolist()
-    return distinct
+def by_instance_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
+    """Each instance, ascending, and the positions of its records, ascending; None if so many numbers number nothing."""
+    order = np.argsort(number, kind="stable")
+    sorted_numbers = number[order]
+    edges = np.flatnonzero(sorted_numbers[1:] != sorted_numbers[:-1]) + 1
+    if len(edges) >= MAX_INSTANCES:
+        return None
+    return list(zip(sorted_numbers[[0, *edges]].tolist(), np.split(order, edges), strict=True))
 
 
 def instance_column(fmt: Format, unit_ids: str) -> str | None:
@@ -118,39 +123,43 @@ class MixedTable(Table):
                        for p in parts)  # fmt: skip
             if not same and field.dtype.kind in "iuf" and field.dtype.shape == ():
                 fields[name] = Field(name, np.dtype(np.float64), field.unit)
-        offsets = np.sort(np.concatenate([p.offsets for p in parts]))
-        super().__init__(parts[0].name, parts[0].instance, fields, offsets, self._mixed)
+        every = np.concatenate([p.offsets for p in parts])
+        order = np.argsort(every, kind="stable")
+        # of each record in file order: which part holds it, and at which place
+        self._part = np.repeat(np.arange(len(parts)), [len(p) for p in parts])[order]
+        self._place = np.concatenate([np.arange(len(p)) for p in parts])[order]
+        super().__init__(parts[0].name, parts[0].instance, fields, every[order], self._mixed)
 
     def _mixed(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+        """A column of all records; a table only ever decodes its own offsets."""
         dtype = self.fields[column].dtype
         blank = np.nan if dtype.kind == "f" else 0
         result = np.full((len(offsets), *dtype.shape), b"" if dtype.kind == "S" else blank, dtype.base)
-        for part in self._parts:
-            if column not in part:
+        by_part = np.split(np.argsort(self._part, kind="stable"), np.bincount(self._part).cumsum()[:-1])
+        for part, mine in zip(self._parts, by_part, strict=True):
+            if column not in part.fields:
                 continue
             field = part.fields[column]
             if (field.dtype.kind == "S", field.dtype.shape) != (dtype.kind == "S", dtype.shape):
                 continue  # the same name for something else
-            mine = np.isin(offsets, part.offsets, assume_unique=True)
-            inside = part.rows(np.isin(part.offsets, offsets, assume_unique=True))
             as_stored = dtype.kind == "S" or (field.dtype, field.scale) == (dtype, self.fields[column].scale)
-            result[mine] = inside[column] if as_stored else inside.value(column)
+            result[mine] = part[column] if as_stored else part.value(column)
         return result
 
     def rows(self, select: NDArray[Any] | slice) -> Table:
         """The same message, only the selected records; a plain table if they share one layout."""
-        offsets = self.offsets[select]
-        parts = [p.rows(np.isin(p.offsets, offsets, assume_unique=True)) for p in self._parts]
-        parts = [p for p in parts if len(p)] or parts[:1]
+        which, place = self._part[select], self._place[select]
+        chosen = [(part, np.sort(place[which == k])) for k, part in enumerate(self._parts)]
+        parts = [part.rows(mine) for part, mine in chosen if len(mine)] or [self._parts[0].rows(slice(0))]
         return parts[0] if len(parts) == 1 else MixedTable(parts)
 
 
-def unreadable(index: Index) -> list[Damage]:
-    """What is lost to formats whose letters do not give their length."""
-    return [
-        Damage(fmt.offset, count * fmt.length,
-               f"{count} {fmt.name} records: the format {fmt.letters!r} does not have {fmt.length} bytes",
-               "framing goes on by the declared length")
-        for k, fmt in enumerate(index.layouts)
-        if not fmt.readable and (count := int(np.count_nonzero(index.layout == k)))
-    ]  # fmt: skip
+def tell_unreadable(index: Index) -> None:
+    """Adds to the losses what formats cost whose letters do not give their length; framing goes on by the length."""
+    counts = np.bincount(index.layout, minlength=len(index.layouts)).tolist()
+    for fmt, count in zip(index.layouts, counts, strict=True):
+        if count and not fmt.readable:
+            why = f"the format {fmt.letters!r} does not have {fmt.length} bytes" if fmt.letters else "no format is read"
+            lost = f"{count} {fmt.name} records: {why}"
+            index.losses.add_kind(fmt.offset, count * fmt.length, lost, "framing goes on by the declared length",
+                                  counted=True)  # fmt: skip

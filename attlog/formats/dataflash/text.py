@@ -8,7 +8,10 @@ read; others are damage. Source: ArduPilot 3.x, libraries/DataFlash.
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Callable
+from io import BytesIO
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -16,27 +19,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
-from attlog.formats.base import Damage, Field, Messages, Table, Text
+from attlog.formats.base import Field, Messages, Table, Text
 from attlog.formats.clock import boots
 from attlog.formats.dataflash.clock import timeline_of_tables
 from attlog.formats.dataflash.content import INFO, params, texts
-from attlog.formats.dataflash.index import FMT_FORMAT, LETTER_DTYPES, Format
-from attlog.formats.dataflash.tables import instance_column
+from attlog.formats.dataflash.index import FMT_FORMAT, LETTER_DTYPES, Format, column_names
+from attlog.formats.dataflash.tables import by_instance_number, instance_column
+from attlog.formats.losses import Losses
 from attlog.formats.mapping import map_bytes, text_of
-from attlog.limits import MAX_DAMAGE, MAX_FORMATS, MAX_TEXT_LENGTH, MAX_TEXTS
+from attlog.limits import (
+    MAX_CELL_BYTES,
+    MAX_LETTERS,
+    MAX_NAME_LENGTH,
+    MAX_TEXT_FORMATS,
+    MAX_TEXT_LENGTH,
+    MAX_TEXTS,
+)
 
 _TEXT_LETTERS = "nNZMa"  # M is a mode name in text logs; arrays are printed in a form of their own
-_NUMBER = rb"[ \t]*[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|nan|inf(?:inity)?)[ \t]*"
-_INTEGER = rb"[ \t]*[-+]?\d{1,18}[ \t]*"  # what int64 holds for sure
-_ANY = rb"[^,]*"
+# Every quantifier is possessive (it never gives back what it took), so that a line is judged in one pass over it.
+_DIGITS = rb"\d{1,320}+(?:\.\d{0,320}+)?+(?:e[-+]?+\d{1,4}+)?+|\.\d{1,320}+"
+_NUMBER = rb"[ \t]*+[-+]?+(?>" + _DIGITS + rb"|nan|inf(?:inity)?+)[ \t]*+"
+_INTEGER = rb"[ \t]*+[-+]?+\d{1,18}+[ \t]*+"  # what int64 holds for sure
+_ANY = rb"[^,]*+"
 
 
 def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
     """The messages of a text log, columns split and converted on demand; ``data`` are its bytes if mapped already.
 
     ``info["banner"]`` holds the lines before the first FMT line. Numbers are int64
-    or float64 as printed, text is bytes. Memory: about four times the file, since
-    the lines are kept. LogUnusable if there is no FMT line.
+    or float64 as printed, text is bytes, at most :data:`attlog.limits.MAX_CELL_BYTES`.
+    Memory: the file once, 16 bytes per line, and the columns asked for. LogUnusable if
+    there is no FMT line.
     """
     path = Path(path)
     data = map_bytes(path) if data is None else data
@@ -44,7 +58,8 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     if not lines.formats:
         raise LogUnusable(f"{path}: no FMT line describes the values, so the text cannot be read as a log.")
     messages = Messages(path, "dataflash_text", len(data), lines.tables())
-    messages.damage, messages.damage_bytes = lines.damage, lines.damage_bytes
+    losses = lines.losses
+    messages.damage, messages.damage_bytes, messages.damage_places = losses.listed, losses.bytes, losses.places
     messages.info["banner"] = lines.banner
     timeline = timeline_of_tables(messages, lines.formats)
     messages.params = params(messages, timeline)
@@ -67,92 +82,100 @@ def parse_format(line: bytes) -> Format | None:
         return None
     if kind == FMT_FORMAT.type:
         return FMT_FORMAT
+    if not name or not name.isprintable() or len(name) > MAX_NAME_LENGTH or len(letters) > MAX_LETTERS:
+        return None
     listed = cells[5].decode("latin-1") if len(cells) > 5 else ""
     listed = listed.rpartition(", ")[2] if ", " in listed.strip() else listed
-    columns = tuple(c.strip(' "\r') for c in listed.split(",")) if listed.strip() else ()
-    return Format(kind, length, name, letters, columns, 0)
+    columns = column_names(c.strip(' "\r') for c in listed.split(",", MAX_LETTERS)) if listed.strip() else ()
+    usable = (c if c.isprintable() and len(c) <= MAX_NAME_LENGTH else "" for c in columns[: len(letters)])
+    return Format(kind, length, name, letters, tuple(usable), 0)
 
 
 class _Lines:
-    """The lines of a file, sorted by message."""
+    """The lines of a file, sorted by message: where each begins, and its length without blanks at its end."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
         self.formats: dict[str, Format] = {}
         self.banner: list[str] = []
-        self.damage: list[Damage] = []
-        self.damage_bytes = 0
-        self._found: dict[str, tuple[list[int], list[bytes]]] = {}
+        self.losses = Losses()
+        self._found: dict[str, tuple[array[int], array[int]]] = {}
         self._sort()
 
     def _sort(self) -> None:
         patterns: dict[bytes, re.Pattern[bytes]] = {}
-        found: dict[bytes, tuple[list[int], list[bytes]]] = {}
+        waiting: dict[bytes, Format] = {}  # compiling a pattern takes longer than reading a thousand lines
+        found: dict[bytes, tuple[array[int], array[int]]] = {}
         offset = 0
-        for line in self.raw.split(b"\n"):
+        for line in BytesIO(self.raw):
             name = line.partition(b",")[0]
             pattern = patterns.get(name)
+            if pattern is None and name in waiting:
+                pattern = patterns[name] = _pattern(waiting.pop(name))
             if pattern is not None:
                 text = line.rstrip()
                 if pattern.fullmatch(text):
-                    offsets, kept = found[name]
+                    offsets, lengths = found[name]
                     offsets.append(offset)
-                    kept.append(text)
+                    lengths.append(len(text))
                 else:
                     self._lose(offset, line, f"line of {name.decode('latin-1')} that is cut or mixed with another")
             elif name == b"FMT":
                 fmt = parse_format(line)
-                if fmt is None or len(patterns) >= MAX_FORMATS:
+                if fmt is None:
                     self._lose(offset, line, "unreadable FMT line")
+                elif len(self.formats) >= MAX_TEXT_FORMATS and fmt.name not in self.formats:
+                    self._lose(offset, line, f"format beyond the {MAX_TEXT_FORMATS} that a log can have")
                 elif fmt.name not in self.formats and all(letter in LETTER_DTYPES for letter in fmt.letters):
                     self.formats[fmt.name] = fmt
                     if fmt.name != "FMT":
-                        patterns[fmt.name.encode()] = _pattern(fmt)
-                        found[fmt.name.encode()] = ([], [])
+                        waiting[fmt.name.encode()] = fmt
+                        found[fmt.name.encode()] = (array("q"), array("q"))
             elif line.strip():
-                if self.formats:
+                if self.formats or len(self.banner) >= MAX_TEXTS:
                     self._lose(offset, line, "line of a message without FMT")
                 else:
-                    self.banner.append(text_of(line.strip())[:MAX_TEXT_LENGTH])
-            offset += len(line) + 1
+                    self.banner.append(text_of(line[: 4 * MAX_TEXT_LENGTH].strip())[:MAX_TEXT_LENGTH])
+            offset += len(line)
         self._found = {name.decode(): rows for name, rows in found.items()}
 
     def _lose(self, offset: int, line: bytes, lost: str) -> None:
-        self.damage_bytes += len(line) + 1
-        if len(self.damage) < MAX_DAMAGE:
-            self.damage.append(Damage(offset, len(line) + 1, lost, "next line"))
+        self.losses.add(offset, len(line), lost, "next line")
 
     def tables(self) -> dict[tuple[str, int], Table]:
         """The tables by (name, instance), in the order in which their first lines stand in the file."""
         tables: dict[tuple[str, int], Table] = {}
-        for name, (offsets, lines) in self._found.items():
+        for name, (offsets, lengths) in self._found.items():
             if not offsets:
                 continue
             fmt = self.formats[name]
-            at = np.array(offsets, np.int64)
+            at, length = np.frombuffer(offsets, np.int64), np.frombuffer(lengths, np.int64)
             fields = _fields(fmt)
-            decode = _decoder(fmt, at, lines)
+            decode = _decoder(fmt, at, length, self.raw)
             whole = Table(name, 0, fields, at, decode)
             column = instance_column(fmt, "")
-            if column is None:
+            split = None if column is None else by_instance_number(whole[column])
+            if split is None:
                 tables[name, 0] = whole
                 continue
-            number = whole[column]
-            for instance in np.unique(number).tolist():
-                tables[name, instance] = Table(name, instance, fields, at[number == instance], decode)
+            for instance, mine in split:
+                tables[name, instance] = Table(name, instance, fields, at[mine], decode)
         return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
 def _pattern(fmt: Format) -> re.Pattern[bytes]:
     """What a whole line of a message looks like; further values are allowed, a last text may contain commas."""
-    cells = []
-    for letter in fmt.letters:
-        if letter in _TEXT_LETTERS:
-            cells.append(_ANY)
-        else:
-            # unscaled integers are printed as such, all others in decimal
-            cells.append(_INTEGER if _is_integer(letter) else _NUMBER)
-    return re.compile(b",".join([re.escape(fmt.name.encode()), *cells]) + rb"(?:,.*)?", re.IGNORECASE)
+    whole = re.escape(fmt.name.encode())
+    for cell, alike in groupby(map(_cell, fmt.letters)):  # a pattern is compiled in the time of its length
+        whole += rb"(?:,%b){%d}+" % (cell, len(list(alike)))
+    return re.compile(whole + rb"(?:,.*+)?+", re.IGNORECASE)
+
+
+def _cell(letter: str) -> bytes:
+    """What a value looks like; unscaled integers are printed as such, all other numbers in decimal."""
+    if letter in _TEXT_LETTERS:
+        return _ANY
+    return _INTEGER if _is_integer(letter) else _NUMBER
 
 
 def _is_integer(letter: str) -> bool:
@@ -172,7 +195,7 @@ def _fields(fmt: Format) -> dict[str, Field]:
 
 
 def _decoder(
-    fmt: Format, at: NDArray[np.int64], lines: list[bytes]
+    fmt: Format, at: NDArray[np.int64], length: NDArray[np.int64], raw: bytes
 ) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
     """Converts one column of the lines at some offsets."""
     last = len(fmt.letters) - 1
@@ -181,10 +204,13 @@ def _decoder(
         k = fmt.columns.index(column)
         # the last text of a line keeps its commas
         splits = last + 1 if k == last and fmt.letters[k] in _TEXT_LETTERS else k + 2
-        chosen = lines if len(offsets) == len(lines) else [lines[i] for i in np.searchsorted(at, offsets).tolist()]
-        cells = [line.split(b",", splits)[k + 1].strip() for line in chosen]
+        lengths = length if len(offsets) == len(at) else length[np.searchsorted(at, offsets)]
+        spans = zip(offsets.tolist(), (offsets + lengths).tolist(), strict=True)
+        cells = [raw[begin:end].split(b",", splits)[k + 1].strip() for begin, end in spans]
         if fmt.letters[k] in _TEXT_LETTERS:
+            cells = [cell[:MAX_CELL_BYTES] for cell in cells]
             return np.array(cells, f"S{max(map(len, cells), default=1) or 1}")
-        return np.array(cells, "S").astype(_dtype(fmt.letters[k]))
+        convert: Callable[[bytes], float] = int if _is_integer(fmt.letters[k]) else float
+        return np.fromiter(map(convert, cells), _dtype(fmt.letters[k]), len(cells))
 
     return decode

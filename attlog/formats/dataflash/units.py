@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Table
-from attlog.formats.dataflash.content import is_number, is_text
+from attlog.formats.dataflash.content import is_integer, is_number, is_text
 from attlog.formats.dataflash.index import LETTER_SCALES, Index
 from attlog.formats.dataflash.tables import build_tables
 from attlog.formats.mapping import text_of
@@ -25,7 +26,7 @@ def units_of(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tupl
     some = Index(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64))
     tables = build_tables(data, some, by_instance=False)
     described = tables.get(("FMTU", 0))
-    if described is None or not is_number(described, "FmtType"):
+    if described is None or not is_integer(described, "FmtType"):
         return {}
     if not (is_text(described, "UnitIds") and is_text(described, "MultIds")):
         return {}
@@ -34,27 +35,31 @@ def units_of(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tupl
     by_type: dict[int, list[int]] = {}
     for k, fmt in enumerate(index.layouts):
         by_type.setdefault(fmt.type, []).append(k)
+    since = {kind: [index.layouts[k].offset for k in mine] for kind, mine in by_type.items()}
     unit_text = cache(_unit_text)  # the same few combinations in every message
-    result = {}
-    rows = zip(*(described[c].tolist() for c in ("FmtType", "UnitIds", "MultIds")), described.offsets, strict=True)
-    for kind, unit_ids, mult_ids, offset in rows:
-        mine = by_type.get(kind)
-        if not mine:
-            continue
-        fmt_at = max((k for k in mine if index.layouts[k].offset < offset), default=mine[0])
-        ids, mults = text_of(unit_ids), text_of(mult_ids)
-        letters = index.layouts[fmt_at].letters
-        texts = tuple(
+
+    @cache
+    def texts_of(letters: str, ids: str, mults: str) -> tuple[str | None, ...]:
+        return tuple(
             unit_text(names.get(u, ""), u, factors.get(m, 0.0), m, LETTER_SCALES.get(letter, 1.0))
             for letter, u, m in zip(letters, ids, mults.ljust(len(ids), "-"), strict=False)
         )
-        result[fmt_at] = (ids, texts)
+
+    result = {}
+    rows = zip(*(described[c].tolist() for c in ("FmtType", "UnitIds", "MultIds")), described.offsets.tolist(),
+               strict=True)  # fmt: skip
+    for kind, unit_ids, mult_ids, offset in rows:
+        mine = by_type.get(kind)
+        if mine:
+            fmt_at = mine[max(bisect_left(since[kind], offset) - 1, 0)]
+            ids = text_of(unit_ids)
+            result[fmt_at] = (ids, texts_of(index.layouts[fmt_at].letters, ids, text_of(mult_ids)))
     return result
 
 
 def _pairs(table: Table | None, column: str, is_fit: Callable[[Table, str], bool]) -> list[tuple[str, Any]]:
     """Id and value of UNIT or MULT records; none where the log gives these columns another type."""
-    if table is None or not is_fit(table, column) or not is_number(table, "Id"):
+    if table is None or not is_fit(table, column) or not is_integer(table, "Id"):
         return []
     ids = [chr(int(i) & 0xFF) for i in table["Id"].tolist()]
     return list(zip(ids, table[column].tolist(), strict=True))
@@ -68,7 +73,7 @@ def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: floa
     is left at 1 beside a scaled letter: both mean that the printed number is in
     ``name``. What remains becomes an SI prefix or a factor.
     """
-    if unit_id in "-?#" or mult_id == "?" or not name:
+    if unit_id in "-?#" or mult_id == "?" or not name or not 0.0 <= factor < np.inf:
         return None
     if mult_id == "-" or factor == 0.0 or (scale != 1.0 and factor == 1.0):
         return name

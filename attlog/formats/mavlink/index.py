@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Damage
+from attlog.formats.losses import Losses
 from attlog.formats.mapping import Offsets, gather, offset_type
 from attlog.formats.mavlink.compiled import compiled_packets, pays
 from attlog.formats.mavlink.crc import crc_of_padded_rows, crc_of_rows
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V1, V2
-from attlog.limits import MAX_DAMAGE
+from attlog.limits import MAX_SENDERS
 
 SIGNED = 0x01  # incompatibility flag of MAVLink 2: a signature of 13 bytes follows the checksum
 SIGNATURE_LENGTH = 13
@@ -42,8 +42,7 @@ class Packets:
     senders: NDArray[np.uint16]  # system * 256 + component
     stamped: bool
     unknown: Counter[int] = field(default_factory=Counter)
-    damage: list[Damage] = field(default_factory=list)
-    damage_bytes: int = 0
+    losses: Losses = field(default_factory=Losses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +187,24 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
     senders = gather(data, start + place, np.dtype(">u2")).astype(np.uint16)
     packets = Packets(start, ids, senders, stamped)
     _account(data, packets, end, catalogue)
+    _drop_rare_senders(packets, end)
     return packets
+
+
+def _drop_rare_senders(packets: Packets, end: Offsets) -> None:
+    """Leaves out the packets of those who sent least, where more seem to send than any network has."""
+    counts = np.bincount(packets.senders)
+    senders = np.count_nonzero(counts)
+    if senders <= MAX_SENDERS:
+        return
+    wanted = np.zeros(len(counts), np.bool_)
+    wanted[np.argsort(-counts, kind="stable")[:MAX_SENDERS]] = True
+    kept = wanted[packets.senders]
+    packets_lost = len(kept) - int(np.count_nonzero(kept))
+    lost = f"{packets_lost} packets of {senders - MAX_SENDERS} senders beyond the {MAX_SENDERS} with most"
+    length = int((end[~kept] - packets.offsets[~kept]).sum())
+    packets.losses.add_kind(int(packets.offsets[~kept][0]), length, lost, "next packet")
+    packets.offsets, packets.ids, packets.senders = packets.offsets[kept], packets.ids[kept], packets.senders[kept]
 
 
 def _account(data: NDArray[np.uint8], packets: Packets, end: Offsets, catalogue: Catalogue) -> None:
@@ -211,19 +227,12 @@ def _account(data: NDArray[np.uint8], packets: Packets, end: Offsets, catalogue:
                 packets.unknown[number] += 1
         if chain:
             continue
-        packets.damage_bytes += stop - begin
-        if len(packets.damage) < MAX_DAMAGE:
-            resumed = "end of file" if stop == size else f"next packet at {stop}"
-            packets.damage.append(
-                Damage(begin, stop - begin, f"{stop - begin} bytes without a packet of right checksum", resumed)
-            )
+        resumed = "end of file" if stop == size else f"next packet at {stop}"
+        packets.losses.add(begin, stop - begin, f"{stop - begin} bytes without a packet of right checksum", resumed)
     for number, found in wrong.items():
         length = sum(after - offset for offset, after in found)
-        packets.damage_bytes += length
         lost = f"{len(found)} packets of message {number} with a wrong checksum (damaged, or of another dialect)"
-        packets.damage.append(Damage(found[0][0], length, lost, "next packet"))
-    packets.damage.sort(key=lambda d: d.offset)
-    del packets.damage[MAX_DAMAGE:]
+        packets.losses.add_kind(found[0][0], length, lost, "next packet")
 
 
 def _chain(data: NDArray[np.uint8], begin: int, stop: int, stamp: int) -> list[tuple[int, int, int]]:

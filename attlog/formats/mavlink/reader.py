@@ -50,7 +50,7 @@ def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8]
         raise LogUnusable(f"{path}: no MAVLink packet with a right checksum, so there is nothing to decode.")
     messages = Messages(
         path, "tlog" if packets.stamped else "mavlink", len(data), _tables(data, packets),
-        damage=packets.damage, damage_bytes=packets.damage_bytes,
+        damage=packets.losses.listed, damage_bytes=packets.losses.bytes, damage_places=packets.losses.places,
     )  # fmt: skip
     messages.info["systems"] = systems_of(messages)
     messages.info["unknown"] = dict(sorted(packets.unknown.items()))

@@ -74,6 +74,7 @@ class _Reader:
         self.content = Content(self._time_before)
         self.damage: list[Damage] = []
         self.damage_bytes = 0
+        self.damage_places = 0
         self.damaged = False
         self.boots: list[int] = []
         self.unknown: dict[int, list[int]] = {}
@@ -103,7 +104,7 @@ class _Reader:
         return Messages(
             self.path, "ulog", self.size, tables, content.params, content.texts, content.info,
             sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, content.dropouts_ms,
-            [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)],
+            [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)], self.damage_places,
         )  # fmt: skip
 
     # The walk.
@@ -209,6 +210,7 @@ class _Reader:
 
     def _damaged(self, begin: int, end: int, lost: str, resumed: str) -> None:
         self.damage_bytes += end - begin
+        self.damage_places += 1
         if len(self.damage) < MAX_DAMAGE:
             self.damage.append(Damage(begin, end - begin, lost, resumed))
 

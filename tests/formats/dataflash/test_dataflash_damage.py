@@ -112,7 +112,7 @@ def test_a_file_cut_anywhere_keeps_its_whole_records(raw: bytes, clean: Index, c
     found = index_records(np.frombuffer(raw[:end], np.uint8))
     whole = clean.offsets + lengths_of(clean) <= end
     np.testing.assert_array_equal(found.offsets, clean.offsets[whole])
-    assert found.damage_bytes == end - int((clean.offsets + lengths_of(clean))[whole].max())
+    assert found.losses.bytes == end - int((clean.offsets + lengths_of(clean))[whole].max())
 
 
 def test_a_lost_format_costs_its_message_only(raw: bytes, clean: Index, tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_every_intact_packet_is_found_and_no_other(raw: bytes, kind: str) -> Non
         expected = set(clean.offsets[log.whole(clean.offsets, length)].tolist())
         assert set(log.source[found.offsets].tolist()) == expected
         assert found.stamped
-        assert 0 < found.damage_bytes < 8 * 3000 + 9 * 300
+        assert 0 < found.losses.bytes < 8 * 3000 + 9 * 300
 
 
 def test_damage_is_told_with_its_bytes(raw: bytes, tmp_path: Path) -> None:
