@@ -204,3 +204,10 @@ def test_no_scheduler_is_one_sentence_in_seconds(tmp_path: Path, start: Callable
     assert running.process.wait(30) == 75
     assert "no Dask scheduler answers there" in running.said
     assert "Traceback" not in running.said
+
+
+def test_an_address_that_is_none_is_one_sentence(tmp_path: Path, start: Callable[..., Process]) -> None:
+    running = start("batch", str(SAMPLES), "-o", "out", "--scheduler", "local", *OPTIONS)
+    assert running.process.wait(30) == 2
+    assert "it looks like tcp://host:8786" in running.said
+    assert "Traceback" not in running.said
