@@ -72,7 +72,8 @@ def free_parameters(texts: Sequence[str], estimator: Estimator) -> list[Free]:
         if len(own) > MOST_UNASKED:
             names, example = ", ".join(p.name for p in own), _around(own[0])
             raise UsageError(
-                f"{estimator.name} has {len(own)} numbers ({names}), too many to look for at once; name up to {MOST} with ranges, such as "
+                f"{estimator.name} has {len(own)} numbers ({names}), too many to look for at once; "
+                f"name up to {MOST} with ranges, such as "
                 f"{example.name}={example.low:g}..{example.high:g}log"
             )
         return [_around(p) for p in own]
