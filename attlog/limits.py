@@ -16,14 +16,37 @@ MAX_FIELDS = 4096
 MAX_NESTING = 8
 """Depth of nested ULog types. Real logs use 2; a cycle in the definitions must end."""
 
+MAX_COLUMNS = 50_000
+"""Flattened fields per log, each layout once. Real logs have under 10,000; a kilobyte of nested definitions can ask for
+millions, at 200 bytes each."""
+
+MAX_REDEFINED = 16
+"""Formats that a log may declare anew with other members: everything that was concluded of formats is concluded again
+each time. Real logs declare a format once."""
+
+MAX_RESUBSCRIBED = 4096
+"""Times that an id of a log may change its meaning: what was read so far is sorted each time. Real logs never do."""
+
+MAX_LAYOUTS = 64
+"""Layouts of one topic in one file: columns are put together from as many parts. Two logs in one file have two."""
+
+MAX_GUESSES = 16
+"""Places of the time stamp that are tried for records whose subscription is lost."""
+
+MAX_INFO = 10_000
+"""Statements of a log about itself. Real ones make about 40, at 400 bytes of memory each."""
+
+MAX_DROPOUTS = 100_000
+"""Dropouts that a logger reports; with more than a hundred a second nothing else is left in the log."""
+
 MAX_TEXTS = 100_000
 """Log messages kept. A log that repeats one warning for hours stays readable."""
 
 MAX_TEXT_LENGTH = 4096
 """Characters kept of one log message or info value; crash dumps are longer and useless here."""
 
-MAX_PARAM_CHANGES = 1_000_000
-"""Parameter records kept; a logger that repeats the table every second stays bounded."""
+MAX_PARAM_CHANGES = 200_000
+"""Parameter records kept, at 200 bytes of memory each: a table of 1,500 repeated 130 times."""
 
 MAX_DAMAGE = 1000
 """Damaged places kept one by one; beyond that only their count and bytes grow."""

@@ -87,7 +87,7 @@ def flight_in(
                 + " --boot chooses another.", count=boots,
             ),
         )  # fmt: skip
-    log.problems[:0] = damage(messages)
+    log.problems[:0] = [*damage(messages), *remarks(messages)]
     return log
 
 
@@ -153,6 +153,11 @@ def damage(messages: Messages) -> list[Problem]:
             )
         )  # fmt: skip
     return found + dropouts(messages)
+
+
+def remarks(messages: Messages) -> list[Problem]:
+    """What the reader left out, and why; columns are read late, so this is asked last."""
+    return [Problem(r.code, "warning", r.text, offset=r.offset, count=r.count) for r in messages.remarks]
 
 
 def dropouts(messages: Messages) -> list[Problem]:

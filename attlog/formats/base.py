@@ -8,12 +8,16 @@ layer never knows how a byte was stored.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+Guard = Callable[[str, str, int | None], AbstractContextManager[None]]
+"""A message, what of it is read and where: around what may fail, see :mod:`attlog.formats.barrier`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +49,28 @@ class Table:
         self,
         name: str,
         instance: int,
-        fields: dict[str, Field],
+        fields: dict[str, Field] | Callable[[], dict[str, Field]],
         offsets: NDArray[np.int64],
         decode: Callable[[str, NDArray[np.int64]], NDArray[Any]],
+        guard: Guard | None = None,
     ) -> None:
         self.name = name
         self.instance = instance
-        self.fields = fields
         self.offsets = offsets
+        self._fields = fields
         self._decode = decode
+        self._around = guard
         self._columns: dict[str, NDArray[Any]] = {}
+
+    @property
+    def fields(self) -> dict[str, Field]:
+        """The columns by name, in stored order; a reader may leave finding them to the first who asks."""
+        if callable(self._fields):
+            found: dict[str, Field] = {}
+            with self._guard("its fields"):
+                found = self._fields()
+            self._fields = found
+        return self._fields
 
     def __len__(self) -> int:
         return len(self.offsets)
@@ -76,8 +92,18 @@ class Table:
                 return self[element[0]][:, element[1]]
             if column not in self.fields:
                 raise KeyError(f"{self.name} has no field {column!r}; it has {', '.join(self.fields)}")
-            self._columns[column] = self._decode(column, self.offsets)
+            with self._guard(column):
+                self._columns[column] = self._decode(column, self.offsets)
+            if column not in self._columns:
+                self._fields = {name: field for name, field in self.fields.items() if name != column}
+                raise KeyError(f"{self.name}: {column} cannot be decoded")
         return self._columns[column]
+
+    def _guard(self, what: str) -> AbstractContextManager[None]:
+        if self._around is None:
+            return nullcontext()
+        place = int(self.offsets[0]) if len(self.offsets) else None
+        return self._around(self.name, what, place)
 
     def value(self, column: str) -> NDArray[np.float64]:
         """The column as float64 in the unit that the format prints."""
@@ -98,7 +124,7 @@ class Table:
 
     def rows(self, select: NDArray[Any] | slice) -> Table:
         """The same message, only the selected records (mask, indices or slice)."""
-        return Table(self.name, self.instance, self.fields, self.offsets[select], self._decode)
+        return Table(self.name, self.instance, self._fields, self.offsets[select], self._decode, self._around)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +159,16 @@ class Damage:
 
 
 @dataclass(frozen=True, slots=True)
+class Remark:
+    """What a reader has to say of a log beside the damage, a whole sentence: what it left out, and why."""
+
+    code: str
+    text: str
+    offset: int | None = None
+    count: int = 1
+
+
+@dataclass(frozen=True, slots=True)
 class Boot:
     """One power-up inside a file: records from ``start`` to before ``end`` (byte offsets)."""
 
@@ -147,6 +183,7 @@ class Messages(Mapping[tuple[str, int], Table]):
     ``format`` is ``ulog``, ``dataflash``, ``dataflash_text``, ``tlog``, ``mavlink`` or
     ``px4log``. ``info`` holds the format's own statements (versions, hardware).
     ``damage`` lists the first damaged places, ``damage_places`` and ``damage_bytes`` count all of them.
+    ``remarks`` tell what was left out, and why.
     For MAVLink the instance is ``system * 256 + component``.
     """
 
@@ -162,6 +199,7 @@ class Messages(Mapping[tuple[str, int], Table]):
     dropouts_ms: list[int] = field(default_factory=list)
     boots: list[Boot] = field(default_factory=list)
     damage_places: int = 0
+    remarks: list[Remark] = field(default_factory=list)
 
     def __getitem__(self, key: tuple[str, int]) -> Table:
         return self.tables[key]
@@ -208,4 +246,5 @@ class Messages(Mapping[tuple[str, int], Table]):
             self.dropouts_ms,
             [b],
             self.damage_places,
+            self.remarks,
         )

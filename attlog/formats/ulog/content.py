@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import struct
+from array import array
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from attlog.formats.base import ParamChange, Text
+from attlog.formats.base import ParamChange, Remark, Text
 from attlog.formats.ulog.records import info_value, keyed, parameter_value, text
-from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+from attlog.limits import MAX_DROPOUTS, MAX_INFO, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
+
+LATEST_US = 2**63
+"""Times from here on do not fit the clocks of a flight; no logger ever ran so long."""
 
 
 class Content:
@@ -18,26 +23,53 @@ class Content:
     """
 
     def __init__(self, time_before: Callable[[int], int | None]) -> None:
-        self.info: dict[str, Any] = {}
         self.params: list[ParamChange] = []
         self.texts: list[Text] = []
-        self.dropouts_ms: list[int] = []
         self.in_data = False
+        self._info: dict[str, Any] = {}
+        self._parts: dict[str, list[Any]] = {}
+        self._n_parts = 0
+        self._dropouts = array("H")
+        self._left_out: Counter[str] = Counter()
         self._start_us = 0
         self._time_before = time_before
 
+    @property
+    def info(self) -> dict[str, Any]:
+        """The log's statements; those that come in parts as lists of what was put together."""
+        return self._info | {
+            name: [type(group[0])().join(group) if isinstance(group, list) else group for group in groups]
+            for name, groups in self._parts.items()
+            if name not in self._info
+        }
+
+    @property
+    def dropouts_ms(self) -> list[int]:
+        """How long the logger lost what it should have written."""
+        return self._dropouts.tolist()
+
+    def remarks(self) -> list[Remark]:
+        """What was left out because there is more of it than a log can sensibly hold."""
+        kept = {"parameters": MAX_PARAM_CHANGES, "texts": MAX_TEXTS, "statements": MAX_INFO, "dropouts": MAX_DROPOUTS}
+        return [
+            Remark("log_limit", f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
+            for what, most in kept.items()
+            if (n := self._left_out[what])
+        ]
+
     def start(self, version: int, start_us: int) -> None:
         """A file header with the logger's version and start time (us); what is known of the file is the first one's."""
-        self._start_us, self.in_data = start_us, False
-        self.info.setdefault("ulog_version", version)
-        self.info.setdefault("ulog_start_us", start_us)
+        self._start_us, self.in_data = start_us if start_us < LATEST_US else 0, False
+        self._info.setdefault("ulog_version", version)
+        self._info.setdefault("ulog_start_us", self._start_us)
 
     def take(self, kind: int, payload: bytes, position: int) -> None:
         """One record. IndexError or struct.error if it is too short for its type."""
         match chr(kind):
             case "I":
                 key_type, name, raw = keyed(payload)
-                self.info[name] = info_value(key_type, raw)
+                if name in self._info or self._is_room("statements", len(self._info), MAX_INFO):
+                    self._info[name] = info_value(key_type, raw)
             case "M":
                 self._take_info_part(payload)
             case "P" | "Q":
@@ -45,23 +77,29 @@ class Content:
             case "L" | "C":
                 self._take_text(kind, payload, position)
             case "O":
-                self.dropouts_ms.append(struct.unpack_from("<H", payload)[0])
+                (lost_ms,) = struct.unpack_from("<H", payload)
+                if self._is_room("dropouts", len(self._dropouts), MAX_DROPOUTS):
+                    self._dropouts.append(lost_ms)
+
+    def _is_room(self, what: str, held: int, most: int) -> bool:
+        if held >= most:
+            self._left_out[what] += 1
+        return held < most
 
     def _take_info_part(self, payload: bytes) -> None:
         key_type, name, raw = keyed(payload[1:])
         value = info_value(key_type, raw)
-        parts = self.info.setdefault(name, [])
-        if not isinstance(parts, list):
-            return
-        if payload[0] and parts and type(parts[-1]) is type(value) and isinstance(value, str | bytes):
-            parts[-1] += value
-        elif len(parts) < MAX_TEXTS:
-            parts.append(value)
+        groups = self._parts.setdefault(name, []) if len(self._parts) < MAX_INFO else self._parts.get(name, [])
+        if payload[0] and groups and isinstance(groups[-1], list) and type(groups[-1][0]) is type(value):
+            groups[-1].append(value)  # joined at the end: a message may come in a million parts
+        elif self._is_room("statements", self._n_parts, MAX_INFO):
+            self._n_parts += 1
+            groups.append([value] if isinstance(value, str | bytes) else value)
 
     def _take_parameter(self, kind: int, payload: bytes, position: int) -> None:
         key_type, name, raw = keyed(payload[1:] if kind == ord("Q") else payload)
         value = parameter_value(key_type, raw)
-        if value is None or not name or len(self.params) >= MAX_PARAM_CHANGES:
+        if value is None or not name or not self._is_room("parameters", len(self.params), MAX_PARAM_CHANGES):
             return
         is_default = kind == ord("Q")
         changed = self.in_data and not is_default
@@ -71,7 +109,8 @@ class Content:
     def _take_text(self, kind: int, payload: bytes, position: int) -> None:
         self.in_data = True
         at = 1 if kind == ord("L") else 3
-        if len(self.texts) < MAX_TEXTS:
-            t_us = struct.unpack_from("<Q", payload, at)[0]
+        (t_us,) = struct.unpack_from("<Q", payload, at)
+        if self._is_room("texts", len(self.texts), MAX_TEXTS):
             level = min(max(payload[0] - ord("0"), 0), 7)
-            self.texts.append(Text(text(payload[at + 8 :])[:MAX_TEXT_LENGTH], level, t_us, position))
+            said = text(payload[at + 8 : at + 8 + 4 * MAX_TEXT_LENGTH])[:MAX_TEXT_LENGTH]
+            self.texts.append(Text(said, level, t_us, position))

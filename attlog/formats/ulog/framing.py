@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from attlog.formats.ulog.index import HEADER, Bytes, Sizes, identifier_at
-from attlog.formats.ulog.records import FILE_HEADER, MAGIC, SYNC, is_record
+from attlog.formats.ulog.records import ENOUGH, FILE_HEADER, MAGIC, SYNC, is_record
 
 DATA = ord("D")
 ANCHOR_RECORDS = 3
@@ -42,9 +42,14 @@ class Framing:
         """Whether a file header stands here: another log begins."""
         return self.raw[position] == MAGIC[0] and self.raw[position : position + len(MAGIC)] == MAGIC
 
-    def is_strict(self, position: int, payload: bytes) -> bool:
+    def is_strict(self, position: int, end: int) -> bool:
         """Whether the record that is not data looks exactly as its type demands."""
-        return position == self.checked or is_record(self.raw[position + 2], payload)
+        if position == self.checked:
+            return True
+        return is_record(self.raw[position + 2], self._head(position, end), end - position - 3)
+
+    def _head(self, position: int, end: int) -> bytes:
+        return bytes(self.raw[position + 3 : min(end, position + 3 + ENOUGH)])
 
     def is_cut_off(self, position: int, stop: int) -> bool:
         """Whether the beginning of a record stands here whose end is missing."""
@@ -64,7 +69,7 @@ class Framing:
                 identifier = identifier_at(self.raw, position)
                 if self.sizes.smallest[identifier] and not self._size_fits(identifier, end - position - 3):
                     return False
-            elif is_record(kind, bytes(self.raw[position + 3 : end])):
+            elif is_record(kind, self._head(position, end), end - position - 3):
                 self.checked = position
             else:
                 return False

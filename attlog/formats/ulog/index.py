@@ -27,6 +27,10 @@ Segments = list[tuple[Offsets, Identifiers]]
 """Starts and ids of data records that follow each other, in file order."""
 
 BLOCK = 1 << 20
+FIRST_BLOCK = 1 << 12
+"""Bytes compared at once after the sizes changed, four times as many each time until BLOCK: they may change again."""
+FEW = 8
+"""Records that are walked one by one before a block is compared."""
 SEGMENT = 1 << 19
 """Records that a compiled walk takes at once: large buffers, which the system maps in large pages."""
 WORTH_COMPILED = 32 << 20
@@ -47,13 +51,22 @@ class Sizes:
     def __init__(self) -> None:
         self.smallest = np.zeros(65536, np.uint16)
         self.spread = np.zeros(65536, np.uint16)
+        self._known: list[int] = []
 
     def set(self, identifier: int, smallest: int, largest: int) -> bool:
         """Allow the sizes from ``smallest`` to ``largest`` for an id; returns whether that is news."""
         is_new = (self.smallest[identifier], self.spread[identifier]) != (smallest, largest - smallest)
+        if is_new:
+            self._known.append(identifier)
         self.smallest[identifier] = smallest
         self.spread[identifier] = largest - smallest
         return is_new
+
+    def forget(self) -> None:
+        """No id is known."""
+        self.smallest[self._known] = 0
+        self.spread[self._known] = 0
+        self._known.clear()
 
 
 class Chain(Protocol):
@@ -87,10 +100,15 @@ class NumpyChain:
     def forget(self) -> None:
         """Look at the block anew."""
         self._begin = self._end = 0
+        self._block = FIRST_BLOCK
+        self._knows_few = False
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
         """Starts and ids of the unbroken segment that lies in one block."""
         if not self._begin <= position < self._end:
+            if not self._knows_few:
+                self._knows_few = True
+                return self._few(position, stop)
             self._look(position)
         first = int(self._starts.searchsorted(position))
         if first == len(self._starts) or self._starts[first] != position:
@@ -109,9 +127,25 @@ class NumpyChain:
         begins = (ids[1:] != ids[:-1]).nonzero()[0] + 1
         return list(zip(ids[[0, *begins]].tolist(), np.split(starts, begins), strict=True))
 
+    def _few(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
+        """The first records after the sizes changed, one by one."""
+        raw, smallest, spread = self._data.data, self._sizes.smallest, self._sizes.spread
+        starts: list[int] = []
+        ids: list[int] = []
+        while len(starts) < FEW and position + HEADER <= stop and raw[position + 2] == ord("D"):
+            size, identifier = raw[position] | raw[position + 1] << 8, identifier_at(raw, position)
+            least = int(smallest[identifier])
+            if not 0 < least <= size <= least + int(spread[identifier]) or position + 3 + size > stop:
+                break
+            starts.append(position)
+            ids.append(identifier)
+            position += 3 + size
+        return np.array(starts, np.int64), np.array(ids, np.uint16)
+
     def _look(self, position: int) -> None:
         """All places in the next block that look like a data record, and where their chain breaks."""
-        self._begin, self._end = position, min(position + BLOCK, len(self._data))
+        self._begin, self._end = position, min(position + self._block, len(self._data))
+        self._block = min(4 * self._block, BLOCK)
         block = self._data[position : self._end + HEADER - 1]
         if len(block) < self._end - position + HEADER - 1:
             block = np.concatenate([block, np.zeros(HEADER - 1, np.uint8)])

@@ -3,13 +3,19 @@
 A format text reads ``vehicle_attitude:uint64_t timestamp;float[4] q;`` and may use
 other formats as types. Nested types are flattened with dotted names
 (``esc[0].esc_rpm``), arrays of numbers stay one column of shape (n, k).
+
+A few bytes of text can ask for any number of columns (``n1[99999] a`` in ``n0``, and so
+on). What a format amounts to is therefore counted first, each format once; columns are
+written out only for accepted formats, when somebody asks for them.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -21,93 +27,183 @@ BASIC = {
     "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "<i1",
 }  # fmt: skip
 """Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte."""
+LARGEST = 0xFFFF - 2
+"""Bytes of a data record's payload behind the id: the record's size is a u16."""
 
-_FORMAT = re.compile(r"([\w/-]+):((?:[\w/]+(?:\[\d{1,5}\])? [\w\[\]]+;?)*)\s*")
-_MEMBER = re.compile(r"([\w/]+)(?:\[(\d{1,5})\])? ([\w\[\]]+)")
+_NAME = re.compile(r"[\w/-]+")
+_MEMBER = re.compile(r"([\w/]+)(?:\[(\d{1,20})\])? ([\w\[\]]+)")
+_WIDTH = {kind: int(dtype[2:]) for kind, dtype in BASIC.items()} | {"char": 1}
+_SINGLE = {kind: np.dtype(dtype) for kind, dtype in BASIC.items()} | {"char": np.dtype("S1")}
 
-Members = list[tuple[str, int, str]]
-"""(type, array length or 0, name) in stored order."""
+Members = list[tuple[str, int | None, str]]
+"""(type, array length or None, name) in stored order."""
 
 
 @dataclass(frozen=True, slots=True)
+class _Extent:
+    """What a format amounts to when it is flattened; ``why_not`` says why it cannot be used."""
+
+    size: int = 0
+    columns: int = 0
+    height: int = 1
+    why_not: str = ""
+
+
 class Layout:
     """The flattened message: fields with their byte positions behind the record's id.
 
     ``size`` is the payload without trailing padding, ``full_size`` with it; the logger
     may write either. ``time_at`` is the position of the u64 ``timestamp``, None if absent.
+    ``columns`` counts the fields with padding.
     """
 
-    fields: dict[str, Field]
-    positions: dict[str, int]
-    size: int
-    full_size: int
-    time_at: int | None
+    def __init__(self, name: str, formats: Formats, size: int, full_size: int, columns: int, time_at: int | None):
+        self.name, self._formats = name, formats
+        self.size, self.full_size, self.columns, self.time_at = size, full_size, columns, time_at
 
+    def __eq__(self, other: object) -> bool:
+        """Whether records of both are read alike."""
+        if self is other:
+            return True
+        return isinstance(other, Layout) and self.size == other.size and self._placed == other._placed
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @cached_property
+    def fields(self) -> dict[str, Field]:
+        """The columns that are shown, in stored order."""
+        return {name: Field(name, dtype) for name, (dtype, _) in self._placed.items()}
+
+    @cached_property
     def record(self) -> np.dtype[np.void]:
         """The payload as one packed numpy record."""
         return np.dtype(
             {
-                "names": list(self.fields),
-                "formats": [f.dtype for f in self.fields.values()],
-                "offsets": [self.positions[name] for name in self.fields],
+                "names": list(self._placed),
+                "formats": [dtype for dtype, _ in self._placed.values()],
+                "offsets": [position for _, position in self._placed.values()],
                 "itemsize": self.size,
             }
         )
 
+    @cached_property
+    def _placed(self) -> dict[str, tuple[np.dtype[np.generic], int]]:
+        return {
+            name: (dtype, position)
+            for name, dtype, position in self._formats.flattened(self.name)
+            if not name.rpartition(".")[2].startswith("_padding") and position + dtype.itemsize <= self.size
+        }
+
+
+class Formats:
+    """The format texts of one log by name, and what they amount to. A text once used is never changed."""
+
+    def __init__(self, texts: Mapping[str, str] = MappingProxyType({})) -> None:
+        self.texts = dict(texts)
+        self._members: dict[str, Members | None] = {}
+        self._extents: dict[str, _Extent] = {}
+        self._layouts: dict[str, Layout | str] = {}
+
+    def is_used(self, name: str) -> bool:
+        """Whether something was concluded from this name's text, or from its lack."""
+        return name in self._members
+
+    def layout(self, name: str) -> Layout | str:
+        """The flattened layout of a message, or why there is none."""
+        if name not in self._layouts:
+            self._layouts[name] = self._layout(name)
+        return self._layouts[name]
+
+    def flattened(self, name: str, prefix: str = "", at: int = 0) -> Iterable[tuple[str, np.dtype[np.generic], int]]:
+        """Name, type and position of each column of a format that was accepted, padding too."""
+        for kind, count, member in self._members_of(name) or ():
+            if count == 0:
+                continue
+            if kind not in _WIDTH:
+                inner = self._extents[kind]
+                if inner.columns:
+                    for element in [f"{member}."] if count is None else (f"{member}[{i}]." for i in range(count)):
+                        yield from self.flattened(kind, prefix + element, at)
+                        at += inner.size
+                continue
+            dtype = _SINGLE[kind]
+            if count is not None:
+                dtype = np.dtype(f"S{count}") if kind == "char" else np.dtype((dtype, (count,)))
+            yield prefix + member, dtype, at
+            at += dtype.itemsize
+
+    def _layout(self, name: str) -> Layout | str:
+        extent = self._extent(name)
+        if extent.why_not:
+            return extent.why_not
+        time_at, at, shown = None, 0, 0
+        for kind, count, member in self._members_of(name) or ():
+            if member == "timestamp" and kind in _WIDTH and count != 0:
+                time_at = at if kind == "uint64_t" and count is None else None
+            at += self._bytes(kind, count)
+            shown = shown if member.startswith("_padding") else at
+        if not shown:
+            return "it holds nothing"
+        return Layout(name, self, shown, extent.size, extent.columns, time_at)
+
+    def _bytes(self, kind: str, count: int | None) -> int:
+        return (_WIDTH[kind] if kind in _WIDTH else self._extents[kind].size) * (1 if count is None else count)
+
+    def _extent(self, name: str) -> _Extent:
+        """Counts a format and what it is made of, each once; no recursion, because definitions may nest at will."""
+        waiting, opened = [name], set()
+        while waiting:
+            top = waiting[-1]
+            members = None if top in self._extents else self._members_of(top)
+            if members is None:
+                if top not in self._extents:
+                    why = "cannot be read" if top in self.texts else "is missing"
+                    self._extents[top] = _Extent(why_not=f"the definition of {top} {why}")
+                waiting.pop()
+                continue
+            inner = [kind for kind, _, _ in members if kind not in _WIDTH and kind not in self._extents]
+            if inner and top not in opened:
+                opened.add(top)
+                waiting += dict.fromkeys(inner)
+                continue
+            self._extents[top] = _Extent(why_not=f"{top} contains itself") if inner else self._sum(top, members)
+            waiting.pop()
+        return self._extents[name]
+
+    def _sum(self, name: str, members: Members) -> _Extent:
+        size = columns = 0
+        height = 1
+        for kind, count, _ in members:
+            if kind not in _WIDTH:
+                inner = self._extents[kind]
+                if inner.why_not:
+                    return inner
+                columns += inner.columns * (1 if count is None else count)
+                height = max(height, 1 + inner.height)
+            else:
+                columns += count != 0
+            size += self._bytes(kind, count)
+        if size > LARGEST:
+            return _Extent(why_not=f"{name} asks for {size} bytes, a record holds {LARGEST}")
+        if columns > MAX_FIELDS:
+            return _Extent(why_not=f"{name} asks for {columns} fields, more than the {MAX_FIELDS} that are read")
+        if height > MAX_NESTING + 1:
+            return _Extent(why_not=f"{name} nests its types more than {MAX_NESTING} deep")
+        return _Extent(size, columns, height)
+
+    def _members_of(self, name: str) -> Members | None:
+        if name not in self._members:
+            parsed = parse_format(self.texts[name]) if name in self.texts else None
+            self._members[name] = None if parsed is None else parsed[1]
+        return self._members[name]
+
 
 def parse_format(text: str) -> tuple[str, Members] | None:
     """Name and members of a format text, None if it is not one."""
-    match = _FORMAT.fullmatch(text)
-    if match is None:
+    name, _, described = text.partition(":")
+    if _NAME.fullmatch(name) is None:
         return None
-    members = [(kind, int(count or 0), name) for kind, count, name in _MEMBER.findall(match[2])]
-    return (match[1], members) if members else None
-
-
-def layout_of(name: str, formats: Mapping[str, Members]) -> Layout | None:
-    """The flattened layout of a message; None if a type is missing, nested in itself or beyond the limits."""
-    placed: list[tuple[str, np.dtype[np.generic], int]] = []
-    full_size = _place(name, formats, "", 0, placed, 0)
-    if full_size is None:
-        return None
-    size = full_size
-    while placed and placed[-1][0].startswith("_padding"):
-        size = placed.pop()[2]
-    shown = [p for p in placed if not p[0].rpartition(".")[2].startswith("_padding")]
-    if not shown:
-        return None
-    fields = {field: Field(field, dtype) for field, dtype, _ in shown}
-    positions = {field: position for field, _, position in shown}
-    has_time = "timestamp" in fields and fields["timestamp"].dtype == np.dtype("<u8")
-    return Layout(fields, positions, size, full_size, positions["timestamp"] if has_time else None)
-
-
-def _place(
-    name: str,
-    formats: Mapping[str, Members],
-    prefix: str,
-    position: int,
-    placed: list[tuple[str, np.dtype[np.generic], int]],
-    depth: int,
-) -> int | None:
-    """Append the members of one format; returns the position behind it."""
-    if depth > MAX_NESTING or name not in formats:
-        return None
-    for kind, count, member in formats[name]:
-        if kind == "char":
-            dtype = np.dtype(f"S{max(count, 1)}")
-        elif kind in BASIC:
-            dtype = np.dtype((BASIC[kind], (count,))) if count else np.dtype(BASIC[kind])
-        else:
-            elements = [f"{prefix}{member}[{i}]." for i in range(count)] if count else [f"{prefix}{member}."]
-            for element in elements:
-                inner = _place(kind, formats, element, position, placed, depth + 1)
-                if inner is None:
-                    return None
-                position = inner
-            continue
-        placed.append((prefix + member, dtype, position))
-        position += dtype.itemsize
-        if len(placed) > MAX_FIELDS or position > 0xFFFF:
-            return None
-    return position
+    parts = described.rstrip().removesuffix(";").split(";")
+    found = [_MEMBER.fullmatch(part) for part in parts]
+    members = [(m[1], None if m[2] is None else int(m[2]), m[3]) for m in found if m is not None]
+    return (name, members) if len(members) == len(parts) else None

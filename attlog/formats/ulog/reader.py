@@ -12,32 +12,26 @@ next place where three records in a row make sense and the time is near.
 from __future__ import annotations
 
 import struct
+from array import array
 from pathlib import Path
 
 import numpy as np
 
 from attlog.errors import LogUnusable, NotALog
-from attlog.formats.base import Boot, Damage, Messages, Table
+from attlog.formats.barrier import Barrier
+from attlog.formats.base import Boot, Damage, Messages, Remark, Table
 from attlog.formats.mapping import map_bytes
 from attlog.formats.ulog.clock import RecordClock, rise
-from attlog.formats.ulog.content import Content
+from attlog.formats.ulog.content import LATEST_US, Content
+from attlog.formats.ulog.definitions import Definitions
 from attlog.formats.ulog.detect import ENCRYPTED
 from attlog.formats.ulog.doubt import doubtful
 from attlog.formats.ulog.framing import ANCHOR_RECORDS, DATA, KINDS, Framing
 from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Offsets, Segments, Sizes, chain, identifier_at
-from attlog.formats.ulog.layout import Layout, Members, layout_of, parse_format
-from attlog.formats.ulog.records import (
-    FILE_HEADER,
-    LARGEST_UNKNOWN,
-    MAGIC,
-    SYNC_MARK,
-    text,
-)
+from attlog.formats.ulog.layout import Layout
+from attlog.formats.ulog.records import FILE_HEADER, LARGEST_UNKNOWN, MAGIC, SYNC_MARK, text
 from attlog.formats.ulog.topic import Topic
-from attlog.limits import (
-    MAX_DAMAGE,
-    MAX_FORMATS,
-)
+from attlog.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_LAYOUTS
 
 __all__ = ["read"]
 
@@ -77,7 +71,10 @@ class _Reader:
         self.damage_places = 0
         self.damaged = False
         self.boots: list[int] = []
-        self.unknown: dict[int, list[int]] = {}
+        self.headers = 0
+        self.remarks: list[Remark] = []
+        self.barrier = Barrier(self.remarks)
+        self.unknown: dict[int, array[int]] = {}
         self.segments: Segments = []
         self.pending = 0
         self.appended: list[int] = []
@@ -89,23 +86,46 @@ class _Reader:
         """Walk everything, then hand out the tables."""
         position = FILE_HEADER
         while position < self.size:
-            stop = next((a for a in self.appended if a > position), self.size)
+            stop = min((a for a in self.appended if a > position), default=self.size)
             position = self._walk(position, stop)
         self._end_log()
-        tables = {
-            key: topic.table(self.data, *key)
-            for key, topic in sorted(self.topics.items())
-            if sum(map(len, topic.offsets))
-        }
-        if self.damaged:
-            tables = {key: kept for key, table in tables.items() if len(kept := self._without_doubtful(table))}
+        tables = self._tables()
         ends = [*self.boots[1:], self.size]
         content = self.content
         return Messages(
             self.path, "ulog", self.size, tables, content.params, content.texts, content.info,
             sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, content.dropouts_ms,
-            [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)], self.damage_places,
+            [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)], self.damage_places, self.remarks,
         )  # fmt: skip
+
+    def _tables(self) -> dict[tuple[str, int], Table]:
+        """The topics with records, by name; what goes beyond the limits is said."""
+        tables: dict[tuple[str, int], Table] = {}
+        columns: dict[int, int] = {}
+        for (name, multi), topic in sorted(self.topics.items()):
+            offset = int(topic.parts[0][1][0])
+            more = sum(layout.columns for layout in topic.layouts if id(layout) not in columns)
+            if sum(columns.values()) + more > MAX_COLUMNS:
+                self._limit(f"{name} has {more} fields, with which the log has more than the {MAX_COLUMNS} that are "
+                            "read; it and what follows it is left out.", offset)  # fmt: skip
+                break
+            columns |= {id(layout): layout.columns for layout in topic.layouts}
+            with self.barrier.around(name, "its table", offset):
+                table = topic.table(self.data, name, multi, self.barrier.around)
+                if self.damaged:
+                    table = self._without_doubtful(table)
+                if len(table):
+                    tables[name, multi] = table
+            if topic.left_out:
+                self._limit(f"{name} has more than {MAX_LAYOUTS} layouts; {topic.left_out} records of further ones are "
+                            "left out.", offset, topic.left_out)  # fmt: skip
+        self.remarks += self.content.remarks()
+        if self.headers > MAX_BOOTS:
+            self._limit(f"The file holds {self.headers} headers; from the {MAX_BOOTS}th on all is one power-up.", None)
+        return tables
+
+    def _limit(self, sentence: str, offset: int | None, count: int = 1) -> None:
+        self.remarks.append(Remark("log_limit", sentence, offset, count))
 
     # The walk.
 
@@ -143,28 +163,27 @@ class _Reader:
         if position + 3 > stop or (end := self.framing.end(position)) > stop:
             return None
         kind = self.raw[position + 2]
-        payload = bytes(self.raw[position + 3 : end])
-        if kind == DATA or not self.framing.is_strict(position, payload):
-            return self._loose_record(position, end, stop, payload)
+        if kind == DATA or not self.framing.is_strict(position, end):
+            return self._loose_record(position, end, stop)
         if not self.framing.leads_on(end, stop, 1):
             return None
-        self._take(kind, payload, position)
+        self._take(kind, position, end)
         return end
 
-    def _loose_record(self, position: int, end: int, stop: int, payload: bytes) -> int | None:
+    def _loose_record(self, position: int, end: int, stop: int) -> int | None:
         """Take in a record that could be chance: data of an unknown id, or not quite what its type demands."""
-        kind = self.raw[position + 2]
-        if kind == 0 or not payload or (not KINDS[kind] and len(payload) > LARGEST_UNKNOWN):
+        kind, length = self.raw[position + 2], end - position - 3
+        if kind == 0 or not length or (not KINDS[kind] and length > LARGEST_UNKNOWN):
             return None
-        if (kind == DATA and len(payload) < 2) or not self.framing.leads_on(end, stop, 2):
+        if (kind == DATA and length < 2) or not self.framing.leads_on(end, stop, 2):
             return None
-        may_hide_records = kind != DATA or len(payload) > LONG_UNKNOWN
+        may_hide_records = kind != DATA or length > LONG_UNKNOWN
         if may_hide_records and self.framing.anchor(position + 1, end) < end:
             return None
         if kind == DATA:
-            self.unknown.setdefault(identifier_at(self.raw, position), []).append(position)
+            self.unknown.setdefault(identifier_at(self.raw, position), array("q")).append(position)
         elif kind in b"IMFPQALC":
-            self._take(kind, payload, position)
+            self._take(kind, position, end)
         return end
 
     # Damage.
@@ -200,7 +219,7 @@ class _Reader:
 
     def _without_doubtful(self, table: Table) -> Table:
         """The table without the records that damage went through unseen."""
-        doubt = doubtful(table)
+        doubt = doubtful(table.rows(slice(None)))
         if not doubt.any():
             return table
         for start in table.offsets[doubt].tolist():
@@ -217,86 +236,92 @@ class _Reader:
     def _end_log(self) -> None:
         """Sort what is pending; give records whose subscription is lost to the one topic that they can be."""
         self._group()
-        for identifier, starts in self.unknown.items():
-            sizes = {self.framing.end(start) - start - 3 for start in starts}
-            offsets = np.array(starts, np.int64)
-            found = self._only_topic_for(sizes, offsets) if identifier not in self.by_id else None
+        for identifier, places in self.unknown.items():
+            starts = np.frombuffer(places, np.int64)
+            lengths = 3 + self.data[starts].astype(np.int64) + 256 * self.data[starts + 1].astype(np.int64)
+            found = None
+            if identifier not in self.definitions.by_id and identifier not in self.definitions.why_not:
+                found = self._only_topic_for(lengths, starts)
             if found is not None:
                 name, layout = found
-                self._add((name, 0), layout, offsets)
+                self._add((name, 0), layout, starts)
                 lost = f"the subscription of id {identifier}; its {len(starts)} records can only be {name}"
-                self._damaged(starts[0], starts[0], lost, f"read as {name}")
+                self._damaged(places[0], places[0], lost, f"read as {name}")
                 continue
-            length = sum(self.framing.end(start) - start for start in starts)
-            lost = f"{len(starts)} records ({length} bytes) of id {identifier}, which no readable definition describes"
-            self._damaged(starts[0], starts[0], lost, "skipped one by one")
-            self.damage_bytes += length
+            name, why = self.definitions.why_not.get(identifier, ("", ""))
+            what = f"{name}, which cannot be used: {why}" if name else (
+                f"id {identifier}, which no readable definition describes")  # fmt: skip
+            lost = f"{len(starts)} records ({lengths.sum()} bytes) of {what}"
+            self._damaged(places[0], places[0], lost, "skipped one by one")
+            self.damage_bytes += int(lengths.sum())
         self.unknown.clear()
+        self.remarks += self.definitions.remarks()
 
-    def _only_topic_for(self, sizes: set[int], starts: Offsets) -> tuple[str, Layout] | None:
+    def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, Layout] | None:
         """The one format without subscription that has this size and rising times, None if there are none or more."""
-        if len(sizes) != 1 or len(starts) < ANCHOR_RECORDS:
+        if len(starts) < ANCHOR_RECORDS or (lengths != lengths[0]).any():
             return None
-        subscribed = {name for name, _, _ in self.by_id.values()}
-        fitting = []
-        for name in self.formats.keys() - subscribed:
-            layout = layout_of(name, self.formats)
-            if layout is None or min(sizes) - 2 not in (layout.size, layout.full_size):
-                continue
-            if rise(self.data, starts, layout):
+        fitting: list[tuple[str, Layout]] = []
+        tried: dict[int | None, bool] = {}
+        for name, layout in self.definitions.without_subscription(int(lengths[0]) - HEADER):
+            if layout.time_at not in tried:
+                if len(tried) >= MAX_GUESSES:
+                    return None
+                tried[layout.time_at] = rise(self.data, starts, layout)
+            if tried[layout.time_at]:
                 fitting.append((name, layout))
-        return fitting[0] if len(fitting) == 1 else None
+            if len(fitting) > 1:
+                return None
+        return fitting[0] if fitting else None
 
     # What records mean.
 
     def _start_log(self, position: int) -> None:
         """A file header: a new power-up with its own definitions."""
-        self.formats: dict[str, Members] = {}
-        self.by_id: dict[int, tuple[str, int, Layout]] = {}
+        self.definitions = Definitions()
         self.clock.forget()
         self.last, self.low, self.recent = 0, 0, []
         self.framing.checked = -1
         self.segments.clear()
-        self.boots.append(position)
+        self.headers += 1
+        self.header = position
+        if self.headers <= MAX_BOOTS:
+            self.boots.append(position)
         self.content.start(self.raw[position + 7], struct.unpack_from("<Q", self.raw, position + 8)[0])
-        self.sizes.smallest[:] = 0
+        self.sizes.forget()
         self.chain.forget()
 
-    def _take(self, kind: int, payload: bytes, position: int) -> None:
-        try:
-            match chr(kind):
-                case "F":
-                    self._take_format(payload)
-                case "A":
-                    self._take_subscription(payload)
-                case "B":
-                    self._take_flags(payload, position)
-                case _:
-                    self.content.take(kind, payload, position)
-        except (IndexError, struct.error):
-            self._damaged(position, position + 3 + len(payload), f"a malformed {chr(kind)} record", "behind it")
-
-    def _take_format(self, payload: bytes) -> None:
-        parsed = parse_format(text(payload))
-        if parsed is not None and len(self.formats) < MAX_FORMATS:
-            self.formats[parsed[0]] = parsed[1]
+    def _take(self, kind: int, position: int, end: int) -> None:
+        with self.barrier.around(f"Records of type {chr(kind)}", "one of them", position):
+            payload = bytes(self.raw[position + 3 : end])
+            try:
+                match chr(kind):
+                    case "F":
+                        self.definitions.declare(text(payload))
+                    case "A":
+                        self._take_subscription(payload)
+                    case "B":
+                        self._take_flags(payload, position)
+                    case _:
+                        self.content.take(kind, payload, position)
+            except (IndexError, struct.error):
+                self._damaged(position, end, f"a malformed {chr(kind)} record", "behind it")
 
     def _take_subscription(self, payload: bytes) -> None:
         self.content.in_data = True
         multi, identifier = struct.unpack_from("<BH", payload)
-        name = text(payload[3:])
-        layout = layout_of(name, self.formats)
-        if layout is None:
+        subscription, is_changed = self.definitions.subscribe(identifier, text(payload[3:]), multi)
+        if subscription is None:
             return
-        if identifier in self.by_id and self.by_id[identifier] != (name, multi, layout):
+        if is_changed:
             self._group()
-        self.by_id[identifier] = (name, multi, layout)
+        layout = subscription.layout
         self.clock.subscribe(identifier, layout)
         if self.sizes.set(identifier, layout.size + 2, layout.full_size + 2):
             self.chain.forget()
 
     def _take_flags(self, payload: bytes, position: int) -> None:
-        if position != self.boots[-1] + FILE_HEADER:
+        if position != self.header + FILE_HEADER:
             return  # flags stand behind the header only, anything else is damage that looks like them
         incompatible = payload[8:16]
         if incompatible[0] & ~1 or any(incompatible[1:]):
@@ -307,8 +332,9 @@ class _Reader:
             self.appended = [a for a in offsets if position < a < self.size]
 
     def _time_before(self, position: int) -> int | None:
-        """The stamp of the last data record before, None if there is none."""
-        return self.clock.time_at(self.last) if self.last and self.last < position else None
+        """The stamp of the last data record before, None if there is none that a clock can show."""
+        stamp = self.clock.time_at(self.last) if self.last and self.last < position else None
+        return stamp if stamp is not None and stamp < LATEST_US else None
 
     # From starts to tables.
 
@@ -318,8 +344,10 @@ class _Reader:
             return
         segments, self.segments, self.pending = self.segments, [], 0
         for identifier, part in self.chain.by_id(segments):
-            name, multi, layout = self.by_id[identifier]
-            self._add((name, multi), layout, part)
+            meant = self.definitions.by_id[identifier]
+            self._add((meant.name, meant.multi), meant.layout, part)
 
     def _add(self, key: tuple[str, int], layout: Layout, offsets: Offsets) -> None:
-        self.topics.setdefault(key, Topic([layout], [0])).add(layout, offsets)
+        if key not in self.topics:
+            self.topics[key] = Topic([layout])
+        self.topics[key].add(layout, offsets)

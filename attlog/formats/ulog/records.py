@@ -25,9 +25,11 @@ LONGEST_NAME = 255
 """Characters of a topic's name; file systems and keys end there too."""
 LONGEST_BINARY_TEXT = 1024
 """Bytes of a message that may hold anything; longer ones must be ASCII to be told from garbage."""
+ENOUGH = 2 * LONGEST_BINARY_TEXT
+"""Bytes of a payload that tell whether it is one: every byte of garbage may be asked, and claim 64 kB."""
 
 _KEY = re.compile(rb"[\w/]+(?:\[\d{1,5}\])? [^\x00-\x20\x7f]+")
-_FORMAT_START = re.compile(rb"[\w/-]+:[\w/]+(?:\[\d{1,5}\])? [\w\[\]]+")
+_FORMAT_START = re.compile(rb"[\w/-]{1,255}:[\w/]{1,255}(?:\[\d{1,20}\])? [\w\[\]]+")
 _TOPIC = re.compile(rb"[\w/-]+")
 _NUMBERS = {"int32_t": struct.Struct("<i"), "float": struct.Struct("<f")}
 _SCALARS = {
@@ -36,10 +38,13 @@ _SCALARS = {
 }  # fmt: skip
 
 
-def is_record(kind: int, payload: bytes) -> bool:
-    """Whether the payload is what a record of this type must look like (all types but D)."""
+def is_record(kind: int, head: bytes, size: int) -> bool:
+    """Whether a payload of ``size`` bytes, of which ``head`` are the first :data:`ENOUGH`, is what the type demands.
+
+    All types but D.
+    """
     check = _CHECKS.get(kind)
-    return check is not None and check(payload)
+    return check is not None and check(head, size)
 
 
 def text(raw: bytes) -> str:
@@ -49,14 +54,14 @@ def text(raw: bytes) -> str:
 
 def keyed(payload: bytes) -> tuple[str, str, bytes]:
     """Type, name and value bytes of an I, P or (behind its first byte) M and Q payload."""
-    key = payload[1 : 1 + payload[0]].decode("utf-8", "replace")
-    kind, _, name = key.partition(" ")
-    return kind, name, payload[1 + payload[0] :]
+    end = 1 + payload[0]
+    kind, _, name = payload[1:end].decode("utf-8", "replace").partition(" ")
+    return kind, name, payload[end:]
 
 
 def info_value(kind: str, raw: bytes) -> Any:
-    """An info value as text, number, or bytes where it is an array."""
-    if kind.startswith("char"):
+    """An info value as text, number, or bytes where it is an array or none of these."""
+    if kind == "char" or kind.startswith("char["):
         return text(raw)
     form = _SCALARS.get(kind)
     if form is not None and len(raw) >= struct.calcsize(form):
@@ -70,43 +75,42 @@ def parameter_value(kind: str, raw: bytes) -> float | int | None:
     return form.unpack_from(raw)[0] if form is not None and len(raw) >= 4 else None
 
 
-def _keyed(payload: bytes, longest: int) -> bool:
-    if len(payload) < 4 or len(payload) < 1 + payload[0]:
-        return False
-    return len(payload) - 1 - payload[0] <= longest and _KEY.fullmatch(payload, 1, 1 + payload[0]) is not None
+def _keyed(head: bytes, size: int, at: int = 0) -> bool:
+    end = at + 1 + head[at] if size > at + 3 else size + 1
+    return end <= size and _KEY.fullmatch(head, at + 1, end) is not None
 
 
-def _is_info(payload: bytes) -> bool:
-    if not _keyed(payload, 0xFFFF):
+def _is_info(head: bytes, size: int, at: int = 0) -> bool:
+    if not _keyed(head, size, at):
         return False
-    kind, _, raw = keyed(payload)
+    kind, _, _ = keyed(head[at:])
     base, _, count = kind.rstrip("]").partition("[")
     width = 1 if base == "char" else int(BASIC[base][2:]) if base in BASIC else 0
-    return width > 0 and len(raw) == width * (int(count) if count else 1)
+    return width > 0 and size - at - 1 - head[at] == width * (int(count) if count else 1)
 
 
-def _is_parameter(payload: bytes) -> bool:
-    named = payload.startswith((b"int32_t ", b"float "), 1)
-    return named and 6 < payload[0] < 64 and len(payload) == payload[0] + 5
+def _is_parameter(head: bytes, size: int, at: int = 0) -> bool:
+    named = head.startswith((b"int32_t ", b"float "), at + 1)
+    return named and 6 < head[at] < 64 and size - at == head[at] + 5
 
 
-def _is_text(payload: bytes, head: int) -> bool:
-    if len(payload) < head or not 0x30 <= payload[0] <= 0x37:
+def _is_text(head: bytes, size: int, least: int) -> bool:
+    if size < least or not 0x30 <= head[0] <= 0x37:
         return False
-    return len(payload) <= LONGEST_BINARY_TEXT or payload.isascii()
+    return size <= LONGEST_BINARY_TEXT or head.isascii()
 
 
-_CHECKS: dict[int, Callable[[bytes], bool]] = {
-    ord("B"): lambda p: 40 <= len(p) <= 256,
+_CHECKS: dict[int, Callable[[bytes, int], bool]] = {
+    ord("B"): lambda p, n: 40 <= n <= 256,
     ord("I"): _is_info,
-    ord("M"): lambda p: len(p) > 5 and p[0] <= 1 and _is_info(p[1:]),
-    ord("F"): lambda p: _FORMAT_START.match(p) is not None,
+    ord("M"): lambda p, n: n > 5 and p[0] <= 1 and _is_info(p, n, 1),
+    ord("F"): lambda p, n: _FORMAT_START.match(p) is not None,
     ord("P"): _is_parameter,
-    ord("Q"): lambda p: len(p) > 5 and p[0] <= 15 and _is_parameter(p[1:]),
-    ord("A"): lambda p: 3 < len(p) <= 3 + LONGEST_NAME and _TOPIC.fullmatch(p, 3) is not None,
-    ord("R"): lambda p: len(p) == 2,
-    ord("L"): lambda p: _is_text(p, 9),
-    ord("C"): lambda p: _is_text(p, 11),
-    ord("S"): lambda p: p == SYNC,
-    ord("O"): lambda p: len(p) == 2,
+    ord("Q"): lambda p, n: n > 5 and p[0] <= 15 and _is_parameter(p, n, 1),
+    ord("A"): lambda p, n: 3 < n <= 3 + LONGEST_NAME and _TOPIC.fullmatch(p, 3) is not None,
+    ord("R"): lambda p, n: n == 2,
+    ord("L"): lambda p, n: _is_text(p, n, 9),
+    ord("C"): lambda p, n: _is_text(p, n, 11),
+    ord("S"): lambda p, n: p == SYNC,
+    ord("O"): lambda p, n: n == 2,
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Table
+from attlog.formats.base import Field, Guard, Table
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes, Offsets
 from attlog.formats.ulog.layout import Layout
+from attlog.limits import MAX_LAYOUTS
 
 
 @dataclass(slots=True)
@@ -21,42 +22,69 @@ class Topic:
     """A topic's records so far; another layout (a second log in the same file) starts a new part."""
 
     layouts: list[Layout]
-    begins: list[int]
-    offsets: list[Offsets] = field(default_factory=list)
+    parts: list[tuple[int, Offsets]] = field(default_factory=list)
+    left_out: int = 0
 
     def add(self, layout: Layout, offsets: Offsets) -> None:
         """Take in records of one layout, starts in file order."""
         if self.layouts[-1] != layout:
+            if len(self.layouts) >= MAX_LAYOUTS:
+                self.left_out += len(offsets)
+                return
             self.layouts.append(layout)
-            self.begins.append(int(offsets[0]))
-        self.offsets.append(offsets)
+        self.parts.append((len(self.layouts) - 1, offsets))
 
-    def table(self, data: Bytes, name: str, multi: int) -> Table:
-        """The topic's table; fields are those that all its layouts share."""
-        parts, self.offsets = self.offsets, []
-        offsets = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        if any(after[0] < before[-1] for before, after in pairwise(parts)):
-            offsets.sort()
+    def table(self, data: Bytes, name: str, multi: int, guard: Guard) -> Table:
+        """The topic's table; fields are those that all its layouts share. Gives up the parts."""
+        parts, self.parts = self.parts, []
+        starts = parts[0][1] if len(parts) == 1 else np.concatenate([offsets for _, offsets in parts])
+        which = None
+        if len(self.layouts) > 1:
+            which = np.repeat(np.array([k for k, _ in parts], np.int8), [len(offsets) for _, offsets in parts])
+        if any(after[0] < before[-1] for (_, before), (_, after) in pairwise(parts)):
+            order = starts.argsort(kind="stable")
+            starts, which = starts[order], None if which is None else which[order]
+        decoder = _Decoder(data, self.layouts, starts, which)
+        return Table(name, multi, self._fields, starts, decoder, guard)
+
+    def _fields(self) -> dict[str, Field]:
         first, *others = self.layouts
-        fields = {n: f for n, f in first.fields.items() if all(o.fields.get(n) == f for o in others)}
-        return Table(name, multi, fields, offsets, _Decoder(data, self.layouts, self.begins))
+        if not others:
+            return first.fields
+        return {n: f for n, f in first.fields.items() if all(o.fields.get(n) == f for o in others)}
 
 
 class _Decoder:
-    """Gathers all bytes of a topic's records once; columns are views of them."""
+    """Gathers all bytes of a topic's records once; columns are views of them.
 
-    def __init__(self, data: Bytes, layouts: Sequence[Layout], begins: Sequence[int]) -> None:
-        self._data, self._begins = data, begins
-        self._records = [layout.record() for layout in layouts]
+    ``which`` (n,) is the layout of each of the topic's records, which start at ``starts``; None where there is one.
+    """
+
+    def __init__(
+        self, data: Bytes, layouts: Sequence[Layout], starts: Offsets, which: NDArray[np.int8] | None = None
+    ) -> None:
+        self._data, self._layouts, self._starts, self._which = data, layouts, starts, which
         self._of: Offsets | None = None
-        self._gathered: list[NDArray[np.void]] = []
+        self._gathered: list[tuple[NDArray[np.bool_] | slice, NDArray[np.void]]] = []
 
     def __call__(self, column: str, offsets: Offsets) -> NDArray[Any]:
         if self._of is not offsets:
-            cuts = np.searchsorted(offsets, self._begins[1:])
-            parts = zip(self._records, np.split(offsets, cuts), strict=True)
-            self._gathered = [gather(self._data[HEADER:], part, record) for record, part in parts]
+            self._gathered = list(self._gather(offsets))
             self._of = offsets
         if len(self._gathered) == 1:
-            return self._gathered[0][column]
-        return np.concatenate([rows[column] for rows in self._gathered])
+            return self._gathered[0][1][column]
+        first = self._gathered[0][1][column]
+        found = np.empty((len(offsets), *first.shape[1:]), first.dtype)
+        for here, rows in self._gathered:
+            found[here] = rows[column]
+        return found
+
+    def _gather(self, offsets: Offsets) -> Iterator[tuple[NDArray[np.bool_] | slice, NDArray[np.void]]]:
+        body = self._data[HEADER:]
+        if self._which is None:
+            yield slice(None), gather(body, offsets, self._layouts[0].record)
+            return
+        which = self._which[self._starts.searchsorted(offsets)]
+        for k, layout in enumerate(self._layouts):
+            here = which == k
+            yield here, gather(body, offsets[here], layout.record)

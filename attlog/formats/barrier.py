@@ -1,0 +1,43 @@
+"""The last barrier around one message type of a reader, see :mod:`attlog.barrier`: the rest of the log goes on.
+
+What nobody expected becomes a remark with the message, the kind of error and its place, and a traceback at log level
+debug.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from attlog.barrier import RAISE, sentence
+from attlog.errors import AttlogError
+from attlog.formats.base import Remark
+
+CODE = "part_failed"
+"""Code of the remarks made here; no log that is sound may have one."""
+
+
+class Barrier:
+    """Collects what failed into ``remarks``, one for each message type however often it fails."""
+
+    def __init__(self, remarks: list[Remark]) -> None:
+        self._remarks = remarks
+        self._failed: set[str] = set()
+
+    @contextmanager
+    def around(self, message: str, what: str, offset: int | None) -> Iterator[None]:
+        """Run the body; an unexpected error in it ends here. ``what`` of the message it reads, ``offset`` where."""
+        try:
+            yield
+        except (AttlogError, MemoryError):  # said on purpose; and no message's fault
+            raise
+        except Exception as error:
+            if os.environ.get(RAISE):
+                raise
+            logging.getLogger("attlog.formats").debug("%s, %s, byte %s", message, what, offset, exc_info=True)
+            if message not in self._failed:
+                self._failed.add(message)
+                at = "" if offset is None else f" from byte {offset} on"
+                self._remarks.append(Remark(CODE, sentence(f"{message}{at}", error), offset))
