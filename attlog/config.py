@@ -10,7 +10,7 @@ import difflib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
@@ -38,11 +38,13 @@ class Config(BaseModel):
     mag: int | Literal["none"] | None = None
     reference: str = "auto"
     window: str | None = None
-    score_from: float | None = Field(default=None, ge=0)
+    score_from: Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)] | None = None
     clock: Literal["sample", "publication"] = "sample"
-    declination: float | Literal["auto", "model", "param"] = "auto"
+    declination: Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)] | Literal["auto", "model", "param"] = (
+        "auto"
+    )
     trim: bool = True
-    input_delay: float | Literal["auto", "off"] = "auto"
+    input_delay: Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)] | Literal["auto", "off"] = "auto"
     gyro_bias: Literal["rest", "none", "onboard"] = "rest"
     boot: int | None = Field(default=None, ge=0)
     system: int | None = Field(default=None, ge=0, le=255)

@@ -125,3 +125,9 @@ MAX_SETS = 4096
 
 MAX_VALUES = 1000
 """Values of one range."""
+
+MAX_SETTINGS_BYTES = 8 << 20
+"""A file of options, parameters, gates or a scenario; the largest parameter files have 100 kB."""
+
+MAX_RESULT_BYTES = 1 << 30
+"""A result or a table that is read back; 20 filters over hours make 20 MB."""

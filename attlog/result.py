@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from attlog.errors import LogUnreadable, UsageError
+from attlog.errors import UsageError
 from attlog.flight.model import Problem
 from attlog.health.model import Check
+from attlog.limits import MAX_RESULT_BYTES
 from attlog.metrics.alike import Alike
 from attlog.metrics.answer import Answer
 from attlog.metrics.common_bias import CommonBias
@@ -27,6 +28,7 @@ from attlog.metrics.units import UnitValues
 from attlog.plain import IN_JSON, Misfit, plain, restored, without
 from attlog.reference.model import AlignmentStep
 from attlog.segments.model import Segment
+from attlog.settings_file import bytes_of
 
 if TYPE_CHECKING:
     import pandas
@@ -237,9 +239,7 @@ class Result:
 def _document(path: Path) -> dict[str, Any]:
     """The JSON object in a file, of the schema that this version writes. Errors as in ``Result.load``."""
     try:
-        text = path.read_bytes().decode("utf-8")
-    except OSError as error:
-        raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
+        text = bytes_of(path, MAX_RESULT_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
         raise UsageError(f"{path}: not a result of attlog: no UTF-8 text at byte {error.start}") from None
     try:

@@ -13,7 +13,7 @@ from attlog import __version__
 from attlog.cli import gates as gated
 from attlog.cli import options
 from attlog.cli.bar import Bar
-from attlog.cli.common import Boot, NoColor, Places, Quiet, System, Verbose, console, say, to_stderr
+from attlog.cli.common import Boot, NoColor, Places, Quiet, System, Verbose, console, finite, say, to_stderr
 from attlog.cli.signals import ended_by_signals
 from attlog.errors import INTERRUPTED, UsageError, exit_code, message, worst
 
@@ -43,12 +43,19 @@ def command(
         typer.Option("-j", "--workers", metavar="N", min=1, help="Logs at a time. [default: one for each core]"),
     ] = None,
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="S", min=0.0, help="Give up on a log after so long; 0: never.")
+        float,
+        typer.Option(
+            "--timeout", metavar="S", min=0.0, callback=finite, help="Give up on a log after so long; 0: never."
+        ),
     ] = TIMEOUT_S,
     memory: Annotated[
         float | None,
         typer.Option(
-            "--memory", metavar="MB", min=1.0, help="Give up on a log that needs more memory. [default: no limit]"
+            "--memory",
+            metavar="MB",
+            min=1.0,
+            callback=finite,
+            help="Give up on a log that needs more memory. [default: no limit]",
         ),
     ] = None,
     resume: Annotated[
@@ -70,7 +77,13 @@ def command(
     ] = False,
     settle: Annotated[
         float,
-        typer.Option("--settle", metavar="S", min=0.0, help="--watch: a file is whole if it stays the same so long."),
+        typer.Option(
+            "--settle",
+            metavar="S",
+            min=0.0,
+            callback=finite,
+            help="--watch: a file is whole if it stays the same so long.",
+        ),
     ] = SETTLE_S,
     estimators: options.Estimators = None,
     imu: options.ImuOption = None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import sys
 from collections.abc import Iterable
@@ -176,6 +177,16 @@ def number_or(text: str, words: tuple[str, ...], option: str) -> float | str:
     if text in words:
         return text
     try:
-        return float(text)
+        number = float(text)
     except ValueError:
-        raise UsageError(f"{option} {text!r}: use a number or {' or '.join(words)}") from None
+        number = math.nan
+    if not math.isfinite(number):
+        raise UsageError(f"{option} {text!r}: use a number or {' or '.join(words)}")
+    return number
+
+
+def finite(value: float | None) -> float | None:
+    """The value of an option that is a number, for its callback: "nan" and "inf" are none."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter("use a finite number")
+    return value

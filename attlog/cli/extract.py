@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli import completion
-from attlog.cli.common import Boot, Log, NoColor, Quiet, System, one_log, to_stderr, to_stdout
+from attlog.cli.common import Boot, Log, NoColor, Quiet, System, finite, one_log, to_stderr, to_stdout
 from attlog.errors import LogUnusable, UsageError
 
 if TYPE_CHECKING:
@@ -44,9 +44,13 @@ def command(
     ] = None,
     start: Annotated[
         float | None,
-        typer.Option("--from", metavar="T", help="From this time on (s, 0 = first IMU sample). [default: all]"),
+        typer.Option(
+            "--from", metavar="T", callback=finite, help="From this time on (s, 0 = first IMU sample). [default: all]"
+        ),
     ] = None,
-    end: Annotated[float | None, typer.Option("--to", metavar="T", help="Up to this time (s). [default: all]")] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="T", callback=finite, help="Up to this time (s). [default: all]")
+    ] = None,
     kind: Annotated[
         str | None,
         typer.Option("--format", metavar="csv|parquet", help="File format. [default: by the suffix of -o, else csv]"),

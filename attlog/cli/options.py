@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from attlog.cli import completion
-from attlog.cli.common import number_or
+from attlog.cli.common import finite, number_or
 from attlog.errors import UsageError
 
 if TYPE_CHECKING:
@@ -44,7 +44,9 @@ Window = Annotated[
         help="all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). [default: all]",
     ),
 ]
-ScoreFrom = Annotated[float | None, typer.Option(metavar="S", help="Compare from this time on. [default: 15 s]")]
+ScoreFrom = Annotated[
+    float | None, typer.Option(metavar="S", callback=finite, help="Compare from this time on. [default: 15 s]")
+]
 Clock = Annotated[
     str | None, typer.Option(metavar="sample|publication", help="Which time stamps count. [default: sample]")
 ]

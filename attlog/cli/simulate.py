@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -185,6 +186,6 @@ def _parameters(words: list[str]) -> dict[str, float | int]:
             found[name.strip()] = int(text) if text.strip().lstrip("+-").isdecimal() else float(text)
         except ValueError:
             equals = ""
-        if not equals or not name.strip():
+        if not equals or not name.strip() or not math.isfinite(found[name.strip()]):
             raise UsageError(f"--param {word}: write NAME=VALUE with a number, for example EKF2_MAG_DECL=20")
     return found

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from attlog.compare.paired import Direction, Scale
-from attlog.errors import LogUnreadable, UsageError
+from attlog.errors import UsageError
+from attlog.limits import MAX_RESULT_BYTES
 from attlog.plain import Misfit, plain, restored
+from attlog.settings_file import bytes_of
 
 SCHEMA = "attlog-comparison/1"
 
@@ -162,9 +164,7 @@ class Comparison:
     def load(cls, path: str | Path) -> Comparison:
         """What ``to_json`` wrote. LogUnreadable if the file cannot be opened, UsageError for what is no comparison."""
         try:
-            document = json.loads(Path(path).read_bytes().decode("utf-8"))
-        except OSError as error:
-            raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
+            document = json.loads(bytes_of(Path(path), MAX_RESULT_BYTES).decode("utf-8"))
         except (ValueError, RecursionError) as error:
             raise UsageError(f"{path}: not a comparison of attlog: no valid JSON: {error}") from None
         schema = document.get("schema") if isinstance(document, dict) else None

@@ -11,9 +11,11 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from attlog.errors import LogUnreadable, UsageError
+from attlog.errors import UsageError
 from attlog.flight.model import Problem
+from attlog.flight.parameter_limits import impossible
 from attlog.formats.base import Messages, ParamChange
+from attlog.settings_file import bytes_of
 
 SHOWN = 6
 """So many names stand in a sentence, so many bad lines of a file are told."""
@@ -21,10 +23,7 @@ SHOWN = 6
 
 def read_file(path: str | Path) -> dict[str, float]:
     """Values by name. LogUnreadable if the file cannot be opened, UsageError with every line that is no parameter."""
-    try:
-        lines = Path(path).read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    except OSError as error:
-        raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
+    lines = bytes_of(Path(path)).decode("utf-8-sig", "replace").splitlines()
     values: dict[str, float] = {}
     stands: dict[str, int] = {}
     wrong = []
@@ -34,8 +33,11 @@ def read_file(path: str | Path) -> dict[str, float]:
             continue
         name, text = (words[2], words[3]) if len(words) == 5 else (words[0], words[1]) if len(words) == 2 else ("", "")
         value = _number(text)
+        limits = impossible(name, value)
         if not name or not math.isfinite(value):
             wrong.append(f"{path}, line {number}: {line.strip()[:60]!r} is not NAME,VALUE")
+        elif limits is not None:
+            wrong.append(f"{path}, line {number}: {name} is {value:g}; a {limits.name} lies within {limits.limits}")
         elif values.setdefault(name, value) != value:
             wrong.append(f"{path}, line {number}: {name} is {value:g}, in line {stands[name]} it was {values[name]:g}")
         stands.setdefault(name, number)

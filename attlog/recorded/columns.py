@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import LogUnreadable, UsageError
+from attlog.errors import UsageError
+from attlog.limits import MAX_RESULT_BYTES
+from attlog.settings_file import text_of
 
 Array = NDArray[np.float64]
 
@@ -45,12 +47,7 @@ class Columns:
 
 def read(path: Path) -> Columns:
     """The time and attitude of a file. LogUnreadable if it cannot be opened, UsageError if they are not there."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise LogUnreadable(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path}: no UTF-8 text at byte {error.start}") from error
+    text = text_of(path, MAX_RESULT_BYTES)
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "%"))]
     if not lines:
         raise UsageError(f"{path}: holds no table")

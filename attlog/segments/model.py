@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,7 +65,7 @@ class Segments:
             span = (float(start), float(end)) if colon else None
         except ValueError:
             span = None
-        if span is None or not span[0] < span[1]:
+        if span is None or not -math.inf < span[0] < span[1] < math.inf:
             raise ValueError(f"window {window!r}: use {', '.join(WINDOWS)} or T0:T1 in seconds with T0 < T1")
         return [span]
 
