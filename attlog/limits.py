@@ -75,6 +75,12 @@ MAX_SENDERS = 1024
 MAX_BOOTS = 100
 """Power-ups told apart in one file of joined logs; what is behind belongs to the last."""
 
+VERIFY_S = 120.0
+"""An official library is given up after this time and :data:`VERIFY_S_PER_BYTE`: damaged logs can keep it for ever."""
+
+VERIFY_S_PER_BYTE = 2e-5
+"""20 s per MB; pymavlink takes 1 to 4 on a quiet machine."""
+
 LAST_TIME_US = 1 << 56
 """Boot clocks and even Unix clocks stay below 2000 years; random bytes hardly ever do."""
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from attlog.formats.base import Messages, Table
+from attlog.limits import VERIFY_S, VERIFY_S_PER_BYTE
 
 Key = tuple[str, int | None]
 """Message and instance; instance None where the library does not split by it."""
@@ -68,10 +69,15 @@ def read(path: Path, log_format: str) -> Columns:
                 unpack(path, file)
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(p or os.curdir for p in sys.path)}
         command = [sys.executable, "-m", __name__, log_format, str(log), str(answer)]
+        patience = VERIFY_S + VERIFY_S_PER_BYTE * log.stat().st_size
         with printed.open("wb") as sink:
-            done = subprocess.run(
-                command, stdin=subprocess.DEVNULL, stdout=sink, stderr=sink, env=environment, check=False
-            )
+            try:
+                done = subprocess.run(
+                    command, stdin=subprocess.DEVNULL, stdout=sink, stderr=sink, env=environment, check=False,
+                    timeout=patience,
+                )  # fmt: skip
+            except subprocess.TimeoutExpired:
+                raise OracleFailed(f"it is not done after {patience:.0f} s") from None
         if done.returncode != 0 or not answer.exists():
             last = printed.read_bytes().decode("utf-8", "replace").strip().rpartition("\n")[2]
             raise OracleFailed(f"its process ended with code {done.returncode}: {last}")

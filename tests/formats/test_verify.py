@@ -105,3 +105,32 @@ def test_the_oracles_print_nothing(short_log: Path, capfd: pytest.CaptureFixture
     damaged.write_bytes(raw[: len(raw) // 2] + b"\xff" * 300 + raw[len(raw) // 2 :])
     verify(damaged)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_short_packet_of_the_first_version_behind_one_of_the_second_is_no_difference(tmp_path: Path) -> None:
+    """Telling from the packet before, the library's parser would take the beginning of the next stamp with it."""
+    from pymavlink.dialects.v20 import ardupilotmega
+
+    sender = ardupilotmega.MAVLink(None, srcSystem=1, srcComponent=1)
+    packets = []
+    for k in range(30):
+        for message, old in [
+            (ardupilotmega.MAVLink_attitude_message(10 * k, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0), False),
+            (ardupilotmega.MAVLink_param_request_list_message(1, 1), True),
+            (ardupilotmega.MAVLink_mission_ack_message(1, 1, 0), True),
+            (ardupilotmega.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3), k % 2 == 0),
+        ]:
+            stamp = (1_700_000_000_000_000 + len(packets)).to_bytes(8, "big")
+            packets.append(stamp + message.pack(sender, force_mavlink1=old))
+    path = tmp_path / "mixed.tlog"
+    path.write_bytes(b"".join(packets))
+    result = verify(path)
+    assert (result.agrees, result.records, result.differences) == (True, 120, [])
+
+
+def test_a_library_that_never_ends_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(oracle, "VERIFY_S", 0.0)
+    monkeypatch.setattr(oracle, "VERIFY_S_PER_BYTE", 0.0)
+    result = verify(SAMPLES / "copter_steps_stabilize.tlog")
+    assert not result.agrees
+    assert "not done after 0 s" in result.text

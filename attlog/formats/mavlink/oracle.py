@@ -23,17 +23,29 @@ def read(path: Path, stamp: int) -> Columns:
 
 
 def _packets(parser: Any, data: bytes, stamp: int) -> Iterator[tuple[str, int | None, Any]]:
-    """Feed the parser as pymavlink's own log reader does: skip a stamp, then bytes until a packet is whole."""
+    """Give the parser one packet at a time, and skip the stamp before each.
+
+    The parser tells how many bytes it needs from the version of the packet before, which is too many where a short
+    packet of MAVLink 1 follows one of MAVLink 2: its first three bytes tell the length for sure.
+    """
     at = stamp
     while at < len(data):
-        need = max(parser.bytes_needed(), 1)
+        held = parser.buf_len()
+        need = _TELL_LENGTH - held if held < _TELL_LENGTH else max(parser.bytes_needed(), 1)
         message = parser.parse_char(data[at : at + need])
         at += need
         if message is None:
             continue
+        kind = message.get_type()
+        if kind == "BAD_DATA" and parser.buf_len():
+            continue  # foreign bytes before a packet that has begun
         at += stamp
-        if not message.get_type().startswith(("BAD_DATA", "UNKNOWN")):
-            yield message.get_type(), message.get_srcSystem() * 256 + message.get_srcComponent(), message
+        if not kind.startswith(("BAD_DATA", "UNKNOWN")):
+            yield kind, message.get_srcSystem() * 256 + message.get_srcComponent(), message
+
+
+_TELL_LENGTH = 3
+"""Marker, payload length and flags."""
 
 
 def keys(log: Messages) -> list[Key]:
