@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from attlog.flight import physics
 from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
 from attlog.flight.physics import Quantity
 from attlog.flight.timing import LATEST_US, Stamps, plausible
+from attlog.flight.witnesses import times_alone
 from attlog.formats.base import Messages, Table
 from attlog.limits import MAX_TIME_JUMP_S
 
@@ -124,7 +126,8 @@ class LogBuilder:
                 f"{source}: left out {values:,} of {len(t_us):,} records, {wrong}.",
                 count=values,
             )
-        kept = plausible(np.asarray(t_us, np.int64)[index])
+        whole = np.asarray(t_us, np.int64)
+        kept = plausible(whole[index], partial(times_alone, self.messages), whole)
         if kept.duplicates:
             self.problem(
                 "duplicate_times",
@@ -143,7 +146,7 @@ class LogBuilder:
             self.problem(
                 "false_times",
                 "warning",
-                f"{source}: left out {kept.false} of {len(t_us)} records, far from all others in time.",
+                f"{source}: left out {kept.false} of {len(t_us)} records: nothing else in the log has such times.",
                 count=kept.false,
             )
         if self.t0_us and len(kept.index) and not self.near(np.asarray(t_us, np.int64)[index[kept.index[:1]]])[0]:

@@ -7,6 +7,7 @@ log is known: float seconds of a Unix-epoch clock would lose the microseconds.
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +20,10 @@ from attlog.limits import MAX_TIME_JUMP_S
 Stamps = NDArray[np.int64]
 LATEST_US = int(physics.CLOCK_US.high)
 
-ISOLATED_S = 10.0
-"""Fewer than ISOLATED_MIN records this far away from all others are false records."""
-ISOLATED_MIN = 3
+ISOLATED_US = 10_000_000
+"""A gap that sets records apart from the others of their message."""
+ISOLATED_MOST = 64
+"""Records in a row that may be false: what a torn write or a damaged sector changes."""
 HELD_US = 1_000_000
 """A repeated value is kept once in this time."""
 GAP_FACTOR = 5.0
@@ -50,6 +52,10 @@ def on_a_clock(t_us: int) -> int:
     return int(t_us) if 0 <= t_us <= LATEST_US else 0
 
 
+Alone = Callable[[Stamps], NDArray[np.bool_]]
+"""For each time whether nothing else in the log has a record near it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Kept:
     """``index`` (k,) of the records with strictly rising, plausible stamps, and why the others went."""
@@ -65,20 +71,21 @@ class Kept:
         return self.duplicates + self.backward + self.false
 
 
-def plausible(t_us: Stamps) -> Kept:
-    """The records (n,) whose stamps rise strictly and lie near the others.
+def plausible(t_us: Stamps, alone: Alone | None = None, whole: Stamps | None = None) -> Kept:
+    """The records (n,) whose stamps rise strictly and are contradicted by nothing.
 
     Later records with an equal stamp are duplicates (two tasks log one message).
     Of stamps that go back, the longest rising subsequence stays, so that one record
-    with a false late time does not take the good ones after it with it.
+    with a false late time does not take the good ones after it with it. Records half a
+    day from most others are false. So are a few behind a gap at whose times, says
+    ``alone``, nothing else was logged; after a pause of the whole log they stay.
+    ``whole``: the stamps of the message with those records that are left out already.
     """
     t = np.asarray(t_us, np.int64)
     if len(t) == 0:
         return Kept(np.zeros(0, np.int64))
-    jump = int(MAX_TIME_JUMP_S * 1e6)
-    on_a_clock = (t >= 0) & (t <= LATEST_US)
-    middle = int(np.median(t[on_a_clock])) if on_a_clock.any() else 0
-    index = np.flatnonzero(on_a_clock & (t <= middle + jump) & (t >= middle - jump))
+    index = np.flatnonzero((t >= 0) & (t <= LATEST_US))
+    index = index[_within_half_a_day(t[index])]
     false = len(t) - len(index)
     duplicates = backward = 0
     steps = np.diff(t[index])
@@ -95,8 +102,18 @@ def plausible(t_us: Stamps) -> Kept:
             again = int((t[near] == t[lost]).sum())
             duplicates += again
             backward += len(lost) - again
-    index, isolated = without_isolated(t, index)
-    return Kept(index, duplicates, backward, false + isolated)
+    lone = np.zeros(0, np.int64) if alone is None else _contradicted(t[index], alone, t if whole is None else whole)
+    return Kept(np.delete(index, lone), duplicates, backward, false + len(lone))
+
+
+def _within_half_a_day(t: Stamps) -> NDArray[np.int64]:
+    """The positions of the largest group of times in which none is further than that from the next."""
+    jump = int(MAX_TIME_JUMP_S * 1e6)
+    if len(t) == 0 or int(t.max()) - int(t.min()) <= jump:
+        return np.arange(len(t))
+    order = np.argsort(t, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(t[order]) > jump) + 1)
+    return np.sort(max(groups, key=len))
 
 
 def longest_rising(t: Stamps) -> NDArray[np.int64]:
@@ -125,19 +142,20 @@ def longest_rising(t: Stamps) -> NDArray[np.int64]:
     return chain
 
 
-def without_isolated(t: Stamps, index: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
-    """The index without groups of very few records far from the rest, and how many went."""
-    if len(index) < 4 * ISOLATED_MIN:
-        return index, 0
-    cuts = np.flatnonzero(np.diff(t[index]) > ISOLATED_S * 1e6) + 1
-    if len(cuts) == 0:
-        return index, 0
-    edges = np.concatenate([[0], cuts, [len(index)]])
+def _contradicted(t: Stamps, alone: Alone, whole: Stamps) -> NDArray[np.int64]:
+    """The positions among rising times (n,) of the few that a gap sets apart and that have no witness."""
+    cuts = np.flatnonzero(np.diff(t) > ISOLATED_US) + 1
+    edges = np.concatenate([[0], cuts, [len(t)]])
     sizes = np.diff(edges)
-    if sizes.max() < ISOLATED_MIN:  # a slow message, not false records
-        return index, 0
-    keep = np.repeat(sizes >= ISOLATED_MIN, sizes)
-    return index[keep], int((~keep).sum())
+    few = np.flatnonzero(sizes <= min(ISOLATED_MOST, int(sizes.max()) - 1))
+    if len(few) == 0 or sizes.max() < 3:  # no gap, or a slow message
+        return np.zeros(0, np.int64)
+    first, last = t[edges[few]], t[edges[few + 1] - 1]
+    # records of the same message beside them that were left out for their values: no gap in truth
+    every = np.sort(whole)
+    beside = np.searchsorted(every, last + ISOLATED_US, side="right") - np.searchsorted(every, first - ISOLATED_US)
+    false = few[(beside <= sizes[few]) & alone(first) & alone(last)]
+    return np.concatenate([np.zeros(0, np.int64), *(np.arange(edges[k], edges[k + 1]) for k in false)])
 
 
 def only_new(x: NDArray[np.float64], t_us: Stamps) -> NDArray[np.bool_]:

@@ -40,10 +40,12 @@ def test_a_clock_of_ten_to_the_thirteen_seconds_is_false() -> None:
     assert plausible(t).false == 2
 
 
-def test_single_records_far_behind_the_end_are_false() -> None:
-    kept = plausible(np.append(EVEN, EVEN[-1] + 1_174_000_000))
-    assert kept.false == 1
-    assert kept.index[-1] == 99
+@pytest.mark.parametrize("alone", [True, False])
+def test_single_records_far_behind_the_end_are_false_where_nothing_else_was_logged(alone: bool) -> None:
+    late = np.append(EVEN, EVEN[-1] + 1_174_000_000)
+    kept = plausible(late, lambda t: np.full(len(t), alone))
+    assert (kept.false, kept.index[-1]) == ((1, 99) if alone else (0, 100))
+    assert plausible(late).dropped == 0, "one message alone cannot tell"
 
 
 def test_a_pause_between_two_flights_is_no_fault() -> None:
