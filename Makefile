@@ -7,7 +7,7 @@ CORES := $(shell $(PYTHON) -c "import os; print(len(os.sched_getaffinity(0)) if 
 install = (command -v uv >/dev/null 2>&1 && uv pip install --quiet --compile-bytecode --python $(BIN)/python -e $(1)) \
 	|| $(BIN)/python -m pip install --quiet --disable-pip-version-check -e $(1)
 
-.PHONY: demo test test-all test-rights check format docs benchmarks clean
+.PHONY: demo test test-all test-rights fuzz check format docs benchmarks clean
 
 demo: $(VENV)/installed
 	$(BIN)/attlog analyze sample_logs/copter_yaw_turns.bin -o reports
@@ -21,6 +21,11 @@ test-all: $(VENV)/installed-test
 # What depends on file permissions, as a user who has no special rights (root would skip it).
 test-rights: $(VENV)/installed-test
 	ATTLOG_REQUIRE_RIGHTS=1 $(BIN)/python -m pytest -m rights -p no:cacheprovider
+
+# Broken logs through every command for so many seconds; ATTLOG_CORPUS names a folder with more logs to break.
+SECONDS ?= 600
+fuzz: $(VENV)/installed-test
+	$(BIN)/python -m tests.fuzz.campaign --seconds $(SECONDS)
 
 check: $(VENV)/installed-check
 	$(BIN)/ruff check

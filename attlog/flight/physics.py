@@ -84,8 +84,8 @@ UTC_US = Quantity(
     "before 2000 there was no such autopilot, and 2100 is not yet",
 )  # fmt: skip
 
-RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 2_000.0
-"""Fastest records: a gyro's own samples (32 kHz), what an autopilot's loop makes of them (8 kHz), and aiding sensors.
+RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 500.0
+"""Fastest records: a gyro's own samples (32 kHz), what a loop makes of them (8 kHz), GNSS and battery (100 Hz).
 
 Faster ones have stamps of another unit: a log in ms read as us is a thousand times too fast.
 """

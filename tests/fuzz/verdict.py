@@ -44,7 +44,7 @@ def unphysical(value: Any, path: str = "", name: str = "", unit: str = "") -> It
     if name in UNKNOWN:
         return
     if isinstance(value, dict):
-        own = value.get("unit") if isinstance(value.get("unit"), str) else ""
+        own = str(value.get("unit", ""))
         for key, inner in value.items():
             yield from unphysical(inner, f"{path}.{key}", key, own if key in ("value", "each", "floor") else "")
     elif isinstance(value, list):
@@ -59,7 +59,7 @@ def unphysical(value: Any, path: str = "", name: str = "", unit: str = "") -> It
 
 @functools.cache
 def _validator() -> Any:
-    import jsonschema
+    import jsonschema  # type: ignore[import-untyped]
 
     return jsonschema.Draft202012Validator(schema())
 
