@@ -87,6 +87,11 @@ def trials(paths: Sequence[Path], seed: int, commands: Sequence[str] = COMMANDS)
             yield Trial(rng.choice(by_suffix[suffix]), rng.choice(("bytes", "columns")), number, rng.choice(commands))
 
 
+def with_flight(paths: Sequence[Path], folder: Path) -> list[Path]:
+    """Four of each log that can be analysed when it is whole, one of the others: most trials should get far."""
+    return [p for p in paths for _ in range(1 if run(Trial(p, "whole", 0, "analyze"), folder).code else 4)]
+
+
 def run(trial: Trial, folder: Path) -> Outcome:
     """The trial in a child process, with limits."""
     path = trial.log
@@ -222,7 +227,9 @@ def main() -> int:
         head = json.loads(chosen.again.read_text().splitlines()[0])
         todo: Iterator[Trial] = iter([Trial(Path(head["log"]), head["kind"], head["seed"], head["command"])])
     else:
-        todo = trials(logs(int(chosen.largest * 1e6)), chosen.seed, chosen.commands.split(","))
+        with tempfile.TemporaryDirectory() as name:
+            paths = with_flight(logs(int(chosen.largest * 1e6)), Path(name))
+        todo = trials(paths, chosen.seed, chosen.commands.split(","))
         print(f"seed {chosen.seed}, {chosen.seconds:.0f} s", flush=True)
     end, counts, failed = time.monotonic() + chosen.seconds, Counter[str](), 0
     for trial in todo:
