@@ -34,6 +34,7 @@ from attlog.metrics.alike import alike
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import common_bias
 from attlog.metrics.common_bias import none as no_bias
+from attlog.metrics.trace import Trace
 from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Row
 from attlog.result import EstimatorRow, ReferenceSummary, Result
@@ -116,6 +117,7 @@ def evaluate(
     settings = case.settings if specs is None else case.settings | {"estimators": list(map(str, specs))}
     clock = Stopwatch(case.timing)
     rows: list[Row] = []
+    lines: list[EstimatorRow] = []  # of those rows; a filter that failed has a line and no row
     estimator_rows: list[EstimatorRow] = []
     with clock("estimators"):
         chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
@@ -123,6 +125,7 @@ def evaluate(
             estimator_rows.append(table_row)
             if row is not None:
                 rows.append(row)
+                lines.append(table_row)
         contradiction = _contradicted(case, rows)
     if contradiction is not None:
         refused = _without_that_reference(case, *contradiction)
@@ -133,13 +136,19 @@ def evaluate(
     with clock("estimators"):
         for row in _onboard(case):
             rows.append(row)
-            estimator_rows.append(replay.table_row(row, title=row.estimator))
+            lines.append(replay.table_row(row, title=row.estimator))
+            estimator_rows.append(lines[-1])
     with clock("metrics"):
         seen = case.looked_at_with(rows)
-        by_name = {row.name: row for row in rows}
-        for table_row in estimator_rows:
-            if table_row.name in by_name:
-                table_row.metrics = metrics.compute(seen, by_name[table_row.name], case.windows, cost=cost)
+        drawing, drawn = metrics.Drawing.of(seen, rows), list[Trace]()
+        for row, line in zip(rows, lines, strict=True):
+            line.metrics = metrics.compute(seen, row, case.windows, cost=cost)
+            if traces:
+                drawn += _part(case.log, "Figures", partial(drawing.of_row, row), list[Trace])
+            seen.done_with(row)
+        if traces:
+            drawn = _part(case.log, "Figures", drawing.first, list[Trace]) + drawn
+            drawn += _part(case.log, "Figures", partial(drawing.last, rows), list[Trace])
         ranking = metrics.rank({r.name: r.metrics for r in estimator_rows}, rows)
     result = Result(
         attlog=versions(),
@@ -159,7 +168,7 @@ def evaluate(
             name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
             for name, m in metrics.definitions().items()
         },
-        traces=_part(case.log, "Figures", lambda: metrics.traces(seen, rows), list) if traces else [],
+        traces=drawn,
     )
     result.verdicts = _part(case.log, "The verdicts", lambda: verdicts(result), list)
     own = (

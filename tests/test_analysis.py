@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import attlog
-from attlog import analysis
+from attlog import analysis, metrics
 from attlog.errors import UsageError
 from attlog.estimators.base import Estimate
 from attlog.metrics.base import Case
+from attlog.reference.model import Row
 from attlog.result import Answer, Result
 
 LOG = Path(__file__).parent.parent / "sample_logs" / "copter_steps_stabilize.bin"
@@ -82,6 +84,25 @@ def test_traces_and_costs_come_when_asked_for(case: Case) -> None:
     assert (bare.traces, "cost_ns" in answers(bare, "mahony")["all"]) == ([], False)
     assert {"attitude", "difference"} <= {t.figure for t in full.traces}
     assert answers(full, "mahony")["all"]["cost_ns"].value
+
+
+def test_what_a_row_holds_beside_its_attitude_is_let_go_of(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of fifty configurations of a long log only the attitudes are held at once; what the onboard one has is kept."""
+    compute, measured = metrics.compute, list[tuple[Row, bool]]()
+
+    def measuring(case: Case, row: Row, *given: Any, **more: Any) -> Any:
+        found = compute(case, row, *given, **more)
+        measured.append((row, row.errors is not None and row in case.of_row))
+        return found
+
+    monkeypatch.setattr(metrics, "compute", measuring)
+    result = attlog.evaluate(case, "madgwick,mahony", traces=True)
+    assert [row.name for row, _ in measured][:3] == ["madgwick", "mahony", "onboard"]
+    assert all(had for _, had in measured)
+    gone = [row.name for row, _ in measured if row.errors is None and row not in case.of_row]
+    assert gone == ["madgwick", "mahony"]
+    assert {"madgwick", "mahony", "onboard"} <= {t.row for t in result.traces if t.figure == "difference"}
+    assert answers(result, "onboard") == answers(attlog.evaluate(case, "gyro"), "onboard")
 
 
 def test_analyze_is_both_halves() -> None:

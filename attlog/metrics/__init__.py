@@ -29,12 +29,13 @@ from attlog.metrics import (
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, HeadingReference, Metric
 from attlog.metrics.trace import Trace
-from attlog.metrics.traces import traces
+from attlog.metrics.traces import Drawing, traces
 from attlog.reference.model import Row
 
 __all__ = [
     "Answer",
     "Case",
+    "Drawing",
     "HeadingReference",
     "Metric",
     "Trace",

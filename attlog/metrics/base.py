@@ -84,6 +84,12 @@ class Case:
         """The same case with the rows of one evaluation; what was found of the log is shared, not computed again."""
         return replace(self, rows=rows)
 
+    def done_with(self, row: Row) -> None:
+        """Let go of what a replayed row holds beside its attitude: in a long log as much again, for each row."""
+        if row.kind == "replay":
+            self.of_row.pop(row, None)
+            row.errors = row.bias = None
+
     def forget(self) -> None:
         """Drop what was computed, after a change to the log or to a row."""
         self.of_log.clear()

@@ -7,13 +7,14 @@ window has an interval and two have a sensible one (Smyth 2004).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from attlog.metrics.quantiles import student, student_two_sided
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,23 +25,22 @@ class Prior:
     dof: float
 
 
-def _error(values: ArrayLike, prior: Prior) -> tuple[float, float, float]:
-    """Mean, its standard error and the degrees of freedom."""
-    x = np.asarray(values, np.float64)
-    k = len(x)
-    own = float(np.var(x, ddof=1)) if k > 1 else 0.0
+def _errors(values: Array, prior: Prior) -> tuple[Array, Array, float]:
+    """Means (m,) of values (m, k), k >= 1, their standard errors (m,) and the degrees of freedom."""
+    k = values.shape[1]
+    own = np.var(values, axis=1, ddof=1) if k > 1 else np.zeros(len(values))
     dof = prior.dof + k - 1
-    return float(np.mean(x)), math.sqrt((prior.dof * prior.variance + (k - 1) * own) / dof / k), dof
+    return np.mean(values, axis=1), np.sqrt((prior.dof * prior.variance + (k - 1) * own) / dof / k), dof
 
 
 def interval(values: ArrayLike, prior: Prior) -> tuple[float, float]:
     """The 95 % interval of the mean of values (k,), k >= 1."""
-    mean, error, dof = _error(values, prior)
-    half = student(0.975, dof) * error
+    means, errors, dof = _errors(np.asarray(values, np.float64)[None], prior)
+    mean, half = float(means[0]), student(0.975, dof) * float(errors[0])
     return mean - half, mean + half
 
 
-def p_value(values: ArrayLike, prior: Prior) -> float:
-    """Two-sided p that the mean of values (k,), k >= 1, is zero."""
-    mean, error, dof = _error(values, prior)
-    return student_two_sided(mean / error, dof)
+def p_values(values: Array, prior: Prior) -> Array:
+    """Two-sided p (m,) that the means of values (m, k), k >= 1, are zero."""
+    means, errors, dof = _errors(values, prior)
+    return np.array([student_two_sided(t, dof) for t in (means / errors).tolist()])

@@ -9,15 +9,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.metrics import follow, injection, level, moderated, quantisation
+from attlog.metrics import follow, injection, level, moderated, quantisation, windows
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_row
 from attlog.metrics.evidence import detrended, deviations, imu_of
 from attlog.metrics.moderated import Prior
-from attlog.metrics.settled import phase_of, why_none
+from attlog.metrics.settled import phase_of, phase_spans, why_none
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
-from attlog.metrics.windows import of_row
 from attlog.reference.model import Row
+from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
 
@@ -102,31 +102,56 @@ def typical(ids: Ids, values: Array, prior: Prior, correction: float, wanted: Id
     return Summary(sigma, (bottom, top))
 
 
-@per_row
 def measured(case: Case, row: Row, phase: str, window: str) -> Measured | None:
     """The windows of a row in a phase and their variances; None without a usable window."""
-    t0, variances, residuals, seconds, settled = [], [], [], 0.0, None
-    for group in of_row(case, row, phase, window):
-        found = []
-        for span, inside in group:
-            if phase == "rest":
-                residual: Array | None = detrended(row.t[inside], deviations(row.q[inside]))
-            else:
-                residual = injection.of_window(case, row, inside)
-            if residual is not None:
-                found.append((span, variance(residual), residual))
-        skip = unsettled(np.array([v for _, v, _ in found])) if phase == "rest" and len(found) > MIN_LATER else 0
-        if skip:
-            settled = found[skip][0][0] - row.start
-        for span, v, residual in found[skip:]:
-            t0.append(span[0])
-            variances.append(v)
-            residuals.append(residual)
-            seconds += span[1] - span[0]
-    if not t0:
+    return _in_spans(case, row, phase, phase_spans(case, phase, window))
+
+
+@per_row
+def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> Measured | None:
+    parts = [part for span in spans if (part := _of_span(case, row, phase, span)) is not None]
+    if not parts:
         return None
-    ends = np.quantile(np.concatenate(residuals), [0.001, 0.999], axis=0)
-    return Measured(np.array(t0), np.array(variances), seconds, ends[1] - ends[0], settled)
+    ends = np.quantile(np.concatenate([part.residuals for part in parts]), [0.001, 0.999], axis=0)
+    t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
+    settled = [part.settled_s for part in parts if part.settled_s is not None]
+    seconds = sum((length for part in parts for length in part.lengths), 0.0)
+    return Measured(t0, variances, seconds, ends[1] - ends[0], settled[-1] if settled else None)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What :class:`Measured` has of one span: the residuals (n, 3) in deg of its windows, their lengths (k) in s."""
+
+    t0: Array
+    variances: Array
+    residuals: Array
+    lengths: list[float]
+    settled_s: float | None
+
+
+@per_row
+def _of_span(case: Case, row: Row, phase: str, span: Span) -> Part | None:
+    """The windows of a row in one span, without those in which it settles: the same wherever the span is asked for."""
+    found = []
+    for within, inside in windows.of_span(case, row, phase, span):
+        if phase == "rest":
+            residual: Array | None = detrended(row.t[inside], deviations(row.q[inside]))
+        else:
+            residual = injection.of_window(case, row, inside)
+        if residual is not None:
+            found.append((within, variance(residual), residual))
+    skip = unsettled(np.array([v for _, v, _ in found])) if phase == "rest" and len(found) > MIN_LATER else 0
+    kept = found[skip:]
+    if not kept:
+        return None
+    return Part(
+        np.array([w[0] for w, _, _ in kept]),
+        np.array([v for _, v, _ in kept]),
+        np.concatenate([r for _, _, r in kept]),
+        [w[1] - w[0] for w, _, _ in kept],
+        kept[0][0][0] - row.start if skip else None,
+    )
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:

@@ -25,32 +25,34 @@ EXACT = 60
 
 def p_value(a: UnitValues, b: UnitValues, common: Ids) -> float:
     """Two-sided p that two rows are the same on common units (k,); 1 with too few of them or of different kinds."""
-    if len(common) < NEEDED[a.kind]:
+    if a.kind != b.kind or len(common) < NEEDED[a.kind]:
         return 1.0
-    return p_of(a.kind, b.kind, a.at(common), b.at(common))
+    return float(p_values(a.kind, a.at(common)[None], b.at(common)[None])[0])
 
 
-def p_of(kind: Kind, other: Kind, x: Array, y: Array) -> float:
-    """Two-sided p that two rows with values (k,) each on the same units are the same, as :func:`p_value`."""
-    if kind != other or len(x) < NEEDED[kind]:
-        return 1.0
+def p_values(kind: Kind, x: Array, y: Array) -> Array:
+    """The same of many pairs at once: values (m, k) of the one and the other rows on the same units; (m,)."""
+    if x.shape[1] < NEEDED[kind]:
+        return np.ones(len(x))
     if kind == "step_event":
-        return signed_rank(x - y)
+        return np.array([signed_rank(d) for d in x - y])
     if kind in ("slope_group", "lag_event"):
         # |x| > |y| exactly where (x - y)(x + y) > 0: both factors have to be told from zero
-        return max(_t_test(x - y), _t_test(x + y))
-    return moderated.p_value(x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind])
+        sizes = np.minimum(_t_of(x - y), _t_of(x + y))
+        return np.array([student_two_sided(t, x.shape[1] - 1) for t in sizes.tolist()])
+    return moderated.p_values(x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind])
 
 
 def _logarithms(squares: Array) -> Array:
     return np.asarray(np.log(np.maximum(squares, 1e-18)))
 
 
-def _t_test(d: Array) -> float:
-    error = float(np.std(d, ddof=1)) / math.sqrt(len(d))
-    if error == 0.0:
-        return 0.0 if np.any(d != 0.0) else 1.0
-    return student_two_sided(float(np.mean(d)) / error, len(d) - 1)
+def _t_of(d: Array) -> Array:
+    """Sizes (m,) of Student's t of differences (m, k); infinite where they differ from zero by one value alone."""
+    mean = np.abs(np.mean(d, axis=1))
+    error = np.std(d, axis=1, ddof=1) / math.sqrt(d.shape[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(error > 0.0, mean / error, np.where(np.any(d != 0.0, axis=1), np.inf, 0.0))
 
 
 def signed_rank(d: Array) -> float:

@@ -8,17 +8,18 @@ log resolves. The best rows are those that no row is told apart from as better.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.metrics import pairs
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Metric
-from attlog.metrics.units import Ids, Kind
+from attlog.metrics.units import Ids, Kind, UnitValues
 from attlog.reference.model import Row
 
 Table = Mapping[str, Mapping[str, Mapping[str, Answer]]]
@@ -26,6 +27,8 @@ Table = Mapping[str, Mapping[str, Mapping[str, Answer]]]
 Marks = dict[str, dict[str, list[str]]]
 """window -> metric id -> row names"""
 
+AT_ONCE = 4096
+"""Couples whose differences are held at once."""
 MIN_COVERAGE_PCT = 50.0
 MIN_UNITS = 0.5
 FEWEST: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
@@ -122,10 +125,23 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
         for name in rows:
             _restrict(ranked[name], common)
     couples = list(combinations(rows, 2))
-    values = {name: units[name].at(common) for name in rows}
-    p = np.array([pairs.p_of(units[a].kind, units[b].kind, values[a], values[b]) for a, b in couples])
+    p = _p_of_all([units[name] for name in rows], common)
     told = [couple for couple, stands in zip(couples, pairs.told_apart(p), strict=True) if stands]
     return Family(rows, _in_order(told, ranked, better))
+
+
+def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
+    """The p of all couples of rows on common units, in the order of ``combinations``; 1 for different kinds."""
+    kinds = [one.kind for one in units]
+    values = np.array([one.at(common) for one in units])
+    first, second = np.triu_indices(len(units), 1)
+    p = np.ones(len(first))
+    alike = np.array([kinds[i] == kinds[j] for i, j in zip(first, second, strict=True)], bool)
+    for kind in dict.fromkeys(kinds):
+        of_kind = np.flatnonzero(alike & np.array([kinds[i] == kind for i in first], bool))
+        for some in np.array_split(of_kind, len(of_kind) // AT_ONCE + 1):
+            p[some] = pairs.p_values(kind, values[first[some]], values[second[some]])
+    return p
 
 
 def _restrict(answer: Answer, common: Ids) -> None:

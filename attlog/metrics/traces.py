@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,24 +28,56 @@ def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
     A reference that is no row (truth, smoother) comes first, with its attitude alone; what is drawn
     of all rows together and of the sensors comes last. Long logs become envelopes.
     """
-    rows, reference = list(rows), case.reference
-    alone = reference.kind in ("truth", "smoother") and not any(row.is_reference for row in rows)
-    angles = Share.of([len(reference.t) if alone else 0, *(len(row.t) for row in rows)])
-    errors = Share.of(0 if row.errors is None else len(row.errors.t) for row in rows)
-    found = attitude(reference.kind, reference.t, reference.q, reference.gap_segment, angles) if alone else []
-    found += own_sigma(reference, angles) if alone else []
-    for row in rows:
-        found += [
-            *attitude(row.name, row.t, row.q, row.segment, angles),
-            *difference(row, errors),
+    rows = list(rows)
+    drawing = Drawing.of(case, rows)
+    return [*drawing.first(), *(trace for row in rows for trace in drawing.of_row(row)), *drawing.last(rows)]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """The traces of some rows in parts, so that each row can be let go of once it is drawn."""
+
+    case: Case
+    alone: bool
+    """Whether the reference is no row and is drawn for itself."""
+    angles: Share
+    errors: Share
+
+    @classmethod
+    def of(cls, case: Case, rows: Sequence[Row]) -> Drawing:
+        """What is to be drawn of rows, and how many points each may have."""
+        reference = case.reference
+        alone = reference.kind in ("truth", "smoother") and not any(row.is_reference for row in rows)
+        angles = Share.of([len(reference.t) if alone else 0, *(len(row.t) for row in rows)])
+        return cls(case, alone, angles, Share.of(0 if row.errors is None else len(row.errors.t) for row in rows))
+
+    def first(self) -> list[Trace]:
+        """The reference, where it is no row."""
+        if not self.alone:
+            return []
+        reference = self.case.reference
+        return [
+            *attitude(reference.kind, reference.t, reference.q, reference.gap_segment, self.angles),
+            *own_sigma(reference, self.angles),
+        ]
+
+    def of_row(self, row: Row) -> list[Trace]:
+        """One row, figure by figure."""
+        case = self.case
+        return [
+            *attitude(row.name, row.t, row.q, row.segment, self.angles),
+            *difference(row, self.errors),
             *drifts(case, row),
             *allan_curves(case, row),
             *step_traces(case, row),
-            *bias(row, angles),
+            *bias(row, self.angles),
             *onboard_bias(case, row),
             *setpoint(case, row),
         ]
-    return [*found, *rest_traces(case, rows), *sensor_traces(case)]
+
+    def last(self, rows: Sequence[Row]) -> list[Trace]:
+        """What is drawn of all rows together, from their attitudes alone, and of the sensors."""
+        return [*rest_traces(self.case, list(rows)), *sensor_traces(self.case)]
 
 
 def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Share) -> list[Trace]:

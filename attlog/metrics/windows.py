@@ -47,10 +47,13 @@ def samples(t: Array, x: Array, segment: NDArray[np.int64], window: Span) -> sli
 
 def of_row(case: Case, row: Row, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
     """The usable windows of a row in a phase, span by span: their times, which rows share, and the row's samples."""
-    start, segment = own_start(case, row), row_segments(case, row)
-    found = []
-    for span in phase_spans(case, phase, window):
-        laid = [w for w in lay(span, phase) if w[0] >= start - ROUND_S]
-        own = [(w, samples(row.t, row.q, segment, w)) for w in laid]
-        found.append([(w, s) for w, s in own if s is not None])
+    found = [of_span(case, row, phase, span) for span in phase_spans(case, phase, window)]
     return [group for group in found if group]
+
+
+def of_span(case: Case, row: Row, phase: str, span: Span) -> list[tuple[Span, slice]]:
+    """The same of one span."""
+    start, segment = own_start(case, row), row_segments(case, row)
+    laid = [w for w in lay(span, phase) if w[0] >= start - ROUND_S]
+    own = [(w, samples(row.t, row.q, segment, w)) for w in laid]
+    return [(w, s) for w, s in own if s is not None]

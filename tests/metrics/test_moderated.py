@@ -27,7 +27,7 @@ def test_the_interval_covers_95_percent_neither_less_nor_more(k):
 
 def test_p_values_of_equal_rows_are_uniform():
     rng = np.random.default_rng(5)
-    p = [moderated.p_value(of_the_model(rng, 3, PRIOR), PRIOR) for _ in range(RUNS)]
+    p = [moderated.p_values(of_the_model(rng, 3, PRIOR)[None], PRIOR)[0] for _ in range(RUNS)]
     assert stats.kstest(p, "uniform").pvalue > 1e-3
 
 
@@ -36,7 +36,7 @@ def test_the_interval_is_smyths():
     s2 = (4 * 0.25 + 2 * np.var(x, ddof=1)) / 6
     half = stats.t.ppf(0.975, 6) * np.sqrt(s2 / 3)
     assert moderated.interval(x, PRIOR) == pytest.approx((x.mean() - half, x.mean() + half))
-    assert moderated.p_value(x, PRIOR) == pytest.approx(2 * stats.t.sf(x.mean() / np.sqrt(s2 / 3), 6))
+    assert moderated.p_values(x[None], PRIOR)[0] == pytest.approx(2 * stats.t.sf(x.mean() / np.sqrt(s2 / 3), 6))
 
 
 def test_factors_of_noise_intervals_at_rest():

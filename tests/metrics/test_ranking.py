@@ -1,7 +1,9 @@
+from itertools import combinations
+
 import numpy as np
 import pytest
 
-from attlog.metrics import definitions, rank, ranking
+from attlog.metrics import definitions, pairs, rank, ranking
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Metric
 from attlog.metrics.units import Summary, UnitValues, ids_of
@@ -174,3 +176,17 @@ def test_rows_that_share_two_movements_are_not_compared_and_keep_their_own_value
     found = ranking.family(column, "zero")
     assert (found.rows, found.told) == (["a", "b"], [])
     assert (column["a"].n, column["b"].n) == (4, 4)
+
+
+def test_all_couples_are_compared_as_each_alone(monkeypatch):
+    """In blocks or at once, and rows of another kind of unit with nobody."""
+    monkeypatch.setattr(ranking, "AT_ONCE", 2)
+    rng = np.random.default_rng(3)
+    ids = ids_of(np.arange(8.0))
+    for kind in pairs.NEEDED:
+        rows = [UnitValues(kind, ids, rng.normal(0.3 * k, 1.0, 8) ** 2, None) for k in range(4)]
+        rows.insert(2, UnitValues("lag_event" if kind != "lag_event" else "step_event", ids, rng.normal(size=8), None))
+        alone = [pairs.p_value(a, b, ids) for a, b in combinations(rows, 2)]
+        assert ranking._p_of_all(rows, ids).tolist() == pytest.approx(alone, rel=1e-12)
+        assert [p == 1.0 for p in alone].count(True) >= 4
+        assert min(alone) < 1.0
