@@ -29,13 +29,22 @@ def kernels() -> Iterator[Kernel]:
     from attlog.estimators import get
     from attlog.estimators.engine.loop import kernel_of
     from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
-    from attlog.estimators.filters.navigation.kernels import BACKWARD_KERNEL, FORWARD_KERNEL
+    from attlog.estimators.filters.navigation.kernels import BACKWARD_KERNEL, CHAIN_KERNEL, FORWARD_KERNEL
     from attlog.estimators.registry import BUILT_IN
     from attlog.formats.mavlink.compiled import WALK
     from attlog.formats.ulog import index
 
     yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.step is not None)
-    yield from (FORWARD_KERNEL, BACKWARD_KERNEL, RECORD_KERNEL, index.WALK, index.COUNT, index.SCATTER, WALK)
+    yield from (
+        FORWARD_KERNEL,
+        BACKWARD_KERNEL,
+        CHAIN_KERNEL,
+        RECORD_KERNEL,
+        index.WALK,
+        index.COUNT,
+        index.SCATTER,
+        WALK,
+    )
     try:
         from attlog.simulate import controller, rigid_body, wind
         from attlog.simulate.sensors import imu

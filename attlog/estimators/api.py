@@ -69,7 +69,9 @@ def select(text: str, *, acc: bool = True, mag: bool = True) -> list[Row]:
     without them, rows that are named stay. A row that comes twice is kept once.
     UsageError as in :func:`parse`.
     """
-    sets = {"default": DEFAULT, "all": names()}
+    sets: dict[str, tuple[str, ...]] = {"default": DEFAULT}
+    if "all" in items(text):
+        sets["all"] = names()
     lacking = {sensor for sensor, there in (("acc", acc), ("mag", mag)) if not there}
     rows: dict[str, Row] = {}
     for item in items(text):

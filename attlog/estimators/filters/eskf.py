@@ -65,7 +65,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     looks = constants != "fixed" and fixes is not None and fixes.t[-1] - fixes.t[0] >= LEAST_GNSS_S
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=looks)
     tuned, gate = started(params), float(params["soft_gate"])
-    known = passes.solved(inputs, tuned, gate) if looks else None
+    known = passes.solved(inputs, tuned, gate, spread=False) if looks else None
     if known is not None:
         tuned = passes.held(known.next)
     found, begin = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])

@@ -16,16 +16,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from attlog.estimators.filters.navigation.layout import MOST_OPS, SUM_T, WANDER_TAU, N
-from attlog.estimators.filters.navigation.motion import backward_ops, even, flip, take, take_vector
+from attlog.estimators.filters.navigation.layout import ROW, SUM_T, WANDER_TAU, N
+from attlog.estimators.filters.navigation.motion import dot, undo
 
 CLIP = 9.0
 """A disturbance counts as at most three sigma: faults must not calibrate."""
 
 
 SCRATCH = {
-    "M": ("f8", (5, 3, 3)), "oi": ("i8", (MOST_OPS,)), "oj": ("i8", (MOST_OPS,)), "oc": ("f8", (MOST_OPS,)),
-    "Lk": ("f8", (N,)),
+    "M": ("f8", (5, 3, 3)), "Lk": ("f8", (3 * ROW,)), "w": ("f8", (3 * ROW,)), "h": ("f8", (3 * ROW,)),
 }  # fmt: skip
 """Kind and shape of what the function works with, by the argument's name."""
 
@@ -33,76 +32,95 @@ SCRATCH = {
 def backward(
     nodes: int, rest_of: Any, par: Any, P_rows: Any, sums: Any, update_of: Any, K: Any, H: Any, H_at: Any, wide_of:
     Any, s_of: Any, nu_of: Any, lam: Any, Lam: Any, d: Any, spread: Any, score: Any, scores: Any, gone: bool,
-    M: Any, oi: Any, oj: Any, oc: Any, Lk: Any,
+    wanted: bool, M: Any, Lk: Any, w: Any, h: Any,
 ) -> None:  # fmt: skip
-    """The nodes of a stored part of a run, last first; ``lam`` (39,) and ``Lam`` (39, 39) are carried on in place.
+    """The nodes of a stored part of a run, last first; ``lam`` (ROW,), ``Lam`` (39 * ROW,) are carried on in place.
 
-    Written: ``d`` (m, 6) smoothed error of attitude and gyro bias, ``spread`` (m, 3) smoothed variance of the attitude,
-    ``score`` (u,) u^2 / D of every update, ``scores`` (2, 39) sums of T min(lam^2, 9 Lam) and T Lam while moving.
+    Written: ``d`` (m, 6) smoothed error of attitude and gyro bias, where ``wanted`` ``spread`` (m, 3) smoothed variance
+    of the attitude, ``score`` (u,) u^2 / D of every update, ``scores`` (2, 39) sums of T min(lam^2, 9 Lam) and T Lam
+    while moving.
     ``gone`` tells whether node 0 is the first of the run, before which nothing moves. The last arguments are scratch.
     """
     for node in range(nodes - 1, -1, -1):
+        own = 6 * node * ROW
         for i in range(6):
-            sum_ = 0.0
-            for m in range(N):
-                sum_ += P_rows[node, i, m] * lam[m]
-            d[node, i] = -sum_
-        for i in range(3):
-            sum_ = 0.0
-            for m in range(N):
-                row = 0.0
-                for j in range(N):
-                    row += Lam[m, j] * P_rows[node, i, j]
-                sum_ += P_rows[node, i, m] * row
-            spread[node, i] = P_rows[node, i, i] - sum_
+            d[node, i] = -dot(P_rows, own + i * ROW, lam, 0)
+        if wanted:
+            times_three(Lam, P_rows, own, 3, Lk)
+            for i in range(3):
+                spread[node, i] = P_rows[own + i * ROW + i] - dot(P_rows, own + i * ROW, Lk, i * ROW)
         back_through_updates(
-            update_of[node], update_of[node + 1], K, H, H_at, wide_of, s_of, nu_of, lam, Lam, Lk, score
+            update_of[node], update_of[node + 1], K, H, H_at, wide_of, s_of, nu_of, lam, Lam, Lk, w, h, score
         )
         if gone and node == 0:
             break
         T = sums[node, SUM_T]
         if rest_of[node] == 0:
             for i in range(N):
-                scores[0, i] += T * min(lam[i] * lam[i], CLIP * Lam[i, i])
-                scores[1, i] += T * Lam[i, i]
-        n = backward_ops(sums[node], rest_of[node], par[WANDER_TAU], M, oi, oj, oc)
-        take_vector(lam, n, oi, oj, oc)
-        take(Lam, n, oi, oj, oc)
-        flip(Lam)
-        take(Lam, n, oi, oj, oc)
-        even(Lam)
+                scores[0, i] += T * min(lam[i] * lam[i], CLIP * Lam[(ROW + 1) * i])
+                scores[1, i] += T * Lam[(ROW + 1) * i]
+        undo(lam, Lam, sums[node], rest_of[node], par[WANDER_TAU], M)
+
+
+def times_three(L: Any, x: Any, at: int, count: int, out: Any) -> None:
+    """out = L x for up to three vectors x that stand one after the other from ``at`` on; L is symmetric."""
+    for m in range(3 * ROW):
+        out[m] = 0.0
+    for j in range(0, N, 3):
+        for c in range(count):
+            a, b, d = x[at + c * ROW + j], x[at + c * ROW + j + 1], x[at + c * ROW + j + 2]
+            for m in range(ROW):
+                out[c * ROW + m] += (a * L[j * ROW + m] + b * L[(j + 1) * ROW + m]) + d * L[(j + 2) * ROW + m]
 
 
 def back_through_updates(
-    a: int,
-    b: int,
-    K: Any,
-    H: Any,
-    H_at: Any,
-    wide_of: Any,
-    s_of: Any,
-    nu_of: Any,
-    lam: Any,
-    Lam: Any,
-    Lk: Any,
-    score: Any,
-) -> None:
-    """Scalar updates b - 1 down to a undone."""
-    for k in range(b - 1, a - 1, -1):
-        u, D = nu_of[k] / s_of[k], 1.0 / s_of[k]
-        for i in range(N):
-            u += K[k, i] * lam[i]
-            sum_ = 0.0
-            for j in range(N):
-                sum_ += Lam[i, j] * K[k, j]
-            Lk[i] = sum_
-            D += K[k, i] * sum_
-        score[k] = u * u / D
-        for n in range(wide_of[k]):
-            at, h = H_at[k, n], H[k, n]
-            lam[at] -= h * u
-            for j in range(N):
-                Lam[at, j] -= h * Lk[j]
-                Lam[j, at] -= h * Lk[j]
-            for m in range(wide_of[k]):
-                Lam[at, H_at[k, m]] += h * H[k, m] * D
+    a: int, b: int, K: Any, H: Any, H_at: Any, wide_of: Any, s_of: Any, nu_of: Any, lam: Any, Lam: Any, Lk: Any, w: Any,
+    h: Any, score: Any,
+) -> None:  # fmt: skip
+    """Scalar updates b - 1 down to a undone, up to three at once.
+
+    One changes Lam by ``h w^T + w h^T`` with ``w = -Lam K + D h / 2``; what the ones before it in a group change is
+    added to its ``Lam K``, and Lam itself is changed once for all of them.
+    """
+    last = b
+    while last > a:
+        count = min(last - a, 3)
+        first = last - count
+        times_three(Lam, K, first * ROW, count, Lk)
+        for c in range(count - 1, -1, -1):
+            k = first + c
+            at, own = k * ROW, c * ROW
+            for p in range(count - 1, c, -1):
+                by_w, by_h = dot(w, p * ROW, K, at), dot(h, p * ROW, K, at)
+                for m in range(ROW):
+                    Lk[own + m] += by_w * h[p * ROW + m] + by_h * w[p * ROW + m]
+            u = nu_of[k] / s_of[k] + dot(K, at, lam, 0)
+            D = 1.0 / s_of[k] + dot(K, at, Lk, own)
+            score[k] = u * u / D
+            for m in range(ROW):
+                h[own + m] = 0.0
+            for n in range(wide_of[k]):
+                h[own + H_at[k, n]] += H[k, n]
+            half = 0.5 * D
+            for m in range(ROW):
+                w[own + m] = half * h[own + m] - Lk[own + m]
+                lam[m] -= u * h[own + m]
+        for c in range(count, 3):
+            for m in range(ROW):
+                h[c * ROW + m] = 0.0
+                w[c * ROW + m] = 0.0
+        change(Lam, h, w)
+        last = first
+
+
+def change(L: Any, h: Any, w: Any) -> None:
+    """L += h w^T + w h^T for three pairs at once; what is symmetric stays so to the bit."""
+    for i in range(N):
+        h0, h1, h2 = h[i], h[ROW + i], h[2 * ROW + i]
+        w0, w1, w2 = w[i], w[ROW + i], w[2 * ROW + i]
+        for m in range(ROW):
+            L[i * ROW + m] += (
+                (h0 * w[m] + w0 * h[m])
+                + (h1 * w[ROW + m] + w1 * h[ROW + m])
+                + (h2 * w[2 * ROW + m] + w2 * h[2 * ROW + m])
+            )

@@ -25,7 +25,6 @@ from attlog.estimators.filters.navigation.layout import (
     LIKELIHOOD,
     MAG,
     MAG_MEAN,
-    MOST_OPS,
     OPENED,
     PHI,
     POS,
@@ -39,6 +38,7 @@ from attlog.estimators.filters.navigation.layout import (
     Q_HARD,
     Q_WANDER,
     RESTING,
+    ROW,
     SCALE,
     SEEN,
     SINCE_KICK,
@@ -57,7 +57,7 @@ from attlog.estimators.filters.navigation.layout import (
     N,
     V,
 )
-from attlog.estimators.filters.navigation.motion import even, flip, forward_ops, take
+from attlog.estimators.filters.navigation.motion import predict
 from attlog.estimators.filters.navigation.updates import (
     between,
     field_rows,
@@ -78,9 +78,8 @@ FAR_RAD = 0.1
 
 SCRATCH = {
     "R": ("f8", (3, 3)), "J": ("f8", (3, 3)), "L": ("f8", (3, 3)), "M": ("f8", (5, 3, 3)), "own": ("f8", (SUMS,)),
-    "oi": ("i8", (MOST_OPS,)), "oj": ("i8", (MOST_OPS,)), "oc": ("f8", (MOST_OPS,)), "hi": ("i8", (3, WIDE)),
-    "hv": ("f8", (3, WIDE)), "r": ("f8", (3,)), "ph": ("f8", (N,)), "dx": ("f8", (N,)), "work": ("f8", (4, 3)),
-    "w": ("f8", (3,)),
+    "hi": ("i8", (3, WIDE)), "hv": ("f8", (3, WIDE)), "r": ("f8", (3,)), "ph": ("f8", (3 * ROW,)),
+    "u": ("f8", (3 * ROW,)), "dx": ("f8", (ROW,)), "work": ("f8", (4, 3)), "w": ("f8", (3,)),
 }  # fmt: skip
 """Kind and shape of what the function works with, by the argument's name."""
 
@@ -89,27 +88,54 @@ def open_covariance(P: Any, kind: int, r: Any) -> None:
     """Additive noise where an aid was refused for long."""
     for i in range(3):
         if kind == VELOCITY:
-            P[V + i, V + i] += r[i] * r[i]
-            P[PHI + i, PHI + i] += OPEN_PHI * OPEN_PHI
+            P[(ROW + 1) * (V + i)] += r[i] * r[i]
+            P[(ROW + 1) * (PHI + i)] += OPEN_PHI * OPEN_PHI
         elif kind == POSITION:
-            P[POS + i, POS + i] += r[i] * r[i]
+            P[(ROW + 1) * (POS + i)] += r[i] * r[i]
         elif kind == MAG:
-            P[HARD + i, HARD + i] += OPEN_HARD_G * OPEN_HARD_G
+            P[(ROW + 1) * (HARD + i)] += OPEN_HARD_G * OPEN_HARD_G
     if kind == BARO:
-        P[BARO_BIAS, BARO_BIAS] += r[0] * r[0]
+        P[(ROW + 1) * BARO_BIAS] += r[0] * r[0]
 
 
-def worst(P: Any, r: Any, count: int, wide: int, hi: Any, hv: Any, sigma: Any) -> float:
-    """Largest marginal normalised innovation r^2 / s of an event's rows that are told."""
+def project(P: Any, count: int, wide: int, hi: Any, hv: Any, ph: Any) -> None:
+    """ph = P h of each row h of an event, one after the other in a flat array."""
+    for i in range(count):
+        for m in range(ROW):
+            ph[i * ROW + m] = 0.0
+        for k in range(wide):
+            at, v = hi[i, k] * ROW, hv[i, k]
+            for m in range(ROW):
+                ph[i * ROW + m] += v * P[at + m]
+
+
+def along_row(i: int, wide: int, hi: Any, hv: Any, x: Any, at: int) -> float:
+    """Row i of an event times the vector that begins at ``at``."""
+    total = 0.0
+    for k in range(wide):
+        total += hv[i, k] * x[at + hi[i, k]]
+    return total
+
+
+def worst(r: Any, count: int, wide: int, hi: Any, hv: Any, sigma: Any, ph: Any) -> float:
+    """Largest marginal normalised innovation r^2 / s of an event's rows that are told; ``ph`` is their P h."""
     c = 0.0
     for i in range(count):
         if sigma[i] > 0.0:
-            s = sigma[i] * sigma[i]
-            for k in range(wide):
-                for m in range(wide):
-                    s += hv[i, k] * hv[i, m] * P[hi[i, k], hi[i, m]]
-            c = max(c, r[i] * r[i] / s)
+            c = max(c, r[i] * r[i] / (sigma[i] * sigma[i] + along_row(i, wide, hi, hv, ph, i * ROW)))
     return c
+
+
+def shrink(P: Any, count: int, u: Any) -> None:
+    """P -= u u^T of one row or of three at once; what is symmetric stays so to the bit."""
+    for i in range(N):
+        a, b, c = u[i], u[ROW + i], u[2 * ROW + i]
+        if count == 1:
+            for m in range(ROW):
+                P[i * ROW + m] -= a * u[m]
+        else:
+            for m in range(ROW):
+                P[i * ROW + m] -= (a * u[m] + b * u[ROW + m]) + c * u[2 * ROW + m]
 
 
 def grow(P: Any, T: float, par: Any, rest: int) -> None:
@@ -117,16 +143,16 @@ def grow(P: Any, T: float, par: Any, rest: int) -> None:
     qg = 1e-12 if rest == 1 else par[Q_GYRO] * par[Q_GYRO]
     qa = par[Q_ACC_REST] * par[Q_ACC_REST] if rest == 1 else par[Q_ACC] * par[Q_ACC]
     for i in range(3):
-        P[PHI + i, PHI + i] += T * qg
-        P[V + i, V + i] += T * qa
-        P[POS + i, POS + i] += qa * T * T * T / 3.0
-        P[POS + i, V + i] += 0.5 * qa * T * T
-        P[V + i, POS + i] += 0.5 * qa * T * T
-        P[BG + i, BG + i] += T * par[Q_BG] * par[Q_BG]
-        P[BA + i, BA + i] += T * par[Q_BA] * par[Q_BA]
-        P[HARD + i, HARD + i] += T * par[Q_HARD] * par[Q_HARD]
-        P[WANDER + i, WANDER + i] += T * par[Q_WANDER] * par[Q_WANDER]
-    P[BARO_BIAS, BARO_BIAS] += T * par[Q_BARO] * par[Q_BARO]
+        P[(ROW + 1) * (PHI + i)] += T * qg
+        P[(ROW + 1) * (V + i)] += T * qa
+        P[(ROW + 1) * (POS + i)] += qa * T * T * T / 3.0
+        P[ROW * (POS + i) + V + i] += 0.5 * qa * T * T
+        P[ROW * (V + i) + POS + i] += 0.5 * qa * T * T
+        P[(ROW + 1) * (BG + i)] += T * par[Q_BG] * par[Q_BG]
+        P[(ROW + 1) * (BA + i)] += T * par[Q_BA] * par[Q_BA]
+        P[(ROW + 1) * (HARD + i)] += T * par[Q_HARD] * par[Q_HARD]
+        P[(ROW + 1) * (WANDER + i)] += T * par[Q_WANDER] * par[Q_WANDER]
+    P[(ROW + 1) * BARO_BIAS] += T * par[Q_BARO] * par[Q_BARO]
 
 
 def carry(
@@ -178,17 +204,17 @@ def forward(
     Any, z: Any, f_mean: Any, w_mean: Any, sigma: Any, par: Any, along: Any, use_along: bool, x0: Any, q: Any, x:
     Any, P: Any, memory: Any, q_all: Any, bias: Any, variance: Any, ratio: Any, keep: bool, P_rows: Any, sums: Any,
     update_of: Any, K: Any, H: Any, H_at: Any, wide_of: Any, s_of: Any, nu_of: Any, r_of: Any, group: Any, soft: Any,
-    R: Any, J: Any, L: Any, M: Any, own: Any, oi: Any, oj: Any, oc: Any, hi: Any, hv: Any, r: Any, ph: Any, dx: Any,
-    work: Any, w: Any,
+    R: Any, J: Any, L: Any, M: Any, own: Any, hi: Any, hv: Any, r: Any, ph: Any, u: Any, dx: Any, work: Any, w: Any,
 ) -> int:  # fmt: skip
     """Nodes ``first`` to ``last`` (exclusive) of a run; state, covariance and memory are carried on in place.
 
     Samples: ``dt`` (n,), ``gyr``, ``acc`` (n, 3), ``rest`` (n,). Nodes: ``node_at`` (m,) sample, ``node_event``
     (m + 1,) first event. Events: ``kind``, ``offset`` (e,) s, values ``z``, centred means ``f_mean``, ``w_mean``, noise
     ``sigma`` (e, 3), 0 where a component is not told. ``par`` see layout; ``along`` (m, 4) the trajectory of
-    linearisation where ``use_along``; ``x0`` (39,) the state at the start of the pass. Written always: ``q_all``
-    (n, 4), ``bias`` and ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where ``keep`` also what the
-    backward pass needs, counted from ``first``; the rest is scratch. Returns how many updates were kept.
+    linearisation where ``use_along``; ``P`` (39 * ROW,) flat; ``x0`` (39,) the state at the start of the pass. Written
+    always: ``q_all`` (n, 4), ``bias`` and ``variance`` of the attitude (m, 3), ``ratio`` (m, 4) test ratios; where
+    ``keep`` also what the backward pass needs, counted from ``first``; the rest is scratch. Returns how many updates
+    were kept.
     """
     used = 0
     for node in range(first, last):
@@ -216,11 +242,7 @@ def forward(
             fade = math.exp(-own[SUM_T] / par[WANDER_TAU])
             for i in range(3):
                 x[WANDER + i] *= fade
-            n = forward_ops(own, resting, par[WANDER_TAU], M, oi, oj, oc)
-            take(P, n, oi, oj, oc)
-            flip(P)
-            take(P, n, oi, oj, oc)
-            even(P)
+            predict(P, own, resting, par[WANDER_TAU], M)
             grow(P, own[SUM_T], par, resting)
             memory[SINCE_KICK] += own[SUM_T]
         if keep:
@@ -243,18 +265,20 @@ def forward(
                 wide = field_rows(x, x0, R, J, offset[e], w, z[e], follow, work, r, hi, hv)
             else:
                 wide = rows(what, x, R, offset[e], f_mean[e], w, z[e], par, work, r, hi, hv)
-            c = worst(P, r, count, wide, hi, hv, sigma[e])
+            project(P, count, wide, hi, hv, ph)
+            c = worst(r, count, wide, hi, hv, sigma[e], ph)
             if what <= MAG:
                 ratio[node, what] = c / (par[SOFT_GATE] * par[SOFT_GATE])
             if what == MAG:
                 memory[MAG_MEAN] += KICK_WEIGHT * (min(c, KICK_CLIP) - memory[MAG_MEAN])
                 if memory[MAG_MEAN] > KICK_MEAN and memory[SINCE_KICK] >= KICK_EVERY_S:
                     for i in range(3):
-                        P[HARD + i, HARD + i] += KICK_G * KICK_G
+                        P[(ROW + 1) * (HARD + i)] += KICK_G * KICK_G
                     memory[MAG_MEAN] = KICK_AFTER
                     memory[SINCE_KICK] = 0.0
                     memory[KICKED] += 1.0
-                    c = worst(P, r, count, wide, hi, hv, sigma[e])
+                    project(P, count, wide, hi, hv, ph)
+                    c = worst(r, count, wide, hi, hv, sigma[e], ph)
             if what == VELOCITY:
                 memory[SEEN] += 1.0
             if c > par[HARD_GATE] * par[HARD_GATE]:
@@ -264,44 +288,44 @@ def forward(
                 open_covariance(P, what, r)
                 memory[SKIPS + what] = 0.0
                 memory[OPENED] += 1.0
-                c = worst(P, r, count, wide, hi, hv, sigma[e])
+                project(P, count, wide, hi, hv, ph)
+                c = worst(r, count, wide, hi, hv, sigma[e], ph)
             else:
                 memory[SKIPS + what] = max(memory[SKIPS + what] - 2.0, 0.0)
             grown = max(c / (par[SOFT_GATE] * par[SOFT_GATE]), 1.0)
             if grown > 1.0 and what == VELOCITY:
                 memory[SOFTENED] += 1.0
-            for i in range(N):
+            for i in range(ROW):
                 dx[i] = 0.0
             for i in range(count):
                 if not sigma[e, i] > 0.0:
+                    for m in range(ROW):
+                        u[i * ROW + m] = 0.0
                     continue
+                # P h after the rows before it: P itself is changed once for all of them.
+                for k in range(i):
+                    share = along_row(i, wide, hi, hv, u, k * ROW)
+                    for m in range(ROW):
+                        ph[i * ROW + m] -= share * u[k * ROW + m]
                 noise = grown * sigma[e, i] * sigma[e, i]
-                nu, s = r[i], noise
-                for m in range(N):
-                    ph[m] = 0.0
-                for k in range(wide):
-                    at, v = hi[i, k], hv[i, k]
-                    nu -= v * dx[at]
-                    for m in range(N):
-                        ph[m] += v * P[at, m]
-                for k in range(wide):
-                    s += hv[i, k] * ph[hi[i, k]]
+                s = noise + max(along_row(i, wide, hi, hv, ph, i * ROW), 0.0)
+                nu = r[i] - along_row(i, wide, hi, hv, dx, 0)
                 gain = 1.0 / s
-                for m in range(N):
-                    dx[m] += ph[m] * gain * nu
-                    p = ph[m] * gain
-                    for j in range(N):
-                        P[m, j] -= p * ph[j]
+                root, step = math.sqrt(gain), gain * nu
+                for m in range(ROW):
+                    u[i * ROW + m] = ph[i * ROW + m] * root
+                    dx[m] += ph[i * ROW + m] * step
                 memory[LIKELIHOOD] -= 0.5 * (nu * nu * gain + math.log(s))
                 if keep:
-                    for m in range(N):
-                        K[used, m] = ph[m] * gain
+                    for m in range(ROW):
+                        K[used * ROW + m] = ph[i * ROW + m] * gain
                     for k in range(wide):
                         H[used, k], H_at[used, k] = hv[i, k], hi[i, k]
                     wide_of[used], s_of[used], nu_of[used], r_of[used] = wide, s, nu, noise
                     group[used] = group_of(what, i)
                     soft[used] = 1 if grown > 1.0 else 0
                     used += 1
+            shrink(P, count, u)
             turn_earth(q, dx[PHI], dx[PHI + 1], dx[PHI + 2])
             for i in range(V, N):
                 x[i] += dx[i]
@@ -309,12 +333,13 @@ def forward(
             q_all[b, i] = q[i]
         for i in range(3):
             bias[node, i] = x[BG + i]
-            variance[node, i] = P[PHI + i, PHI + i]
+            variance[node, i] = P[(ROW + 1) * (PHI + i)]
         if keep:
             for i in range(3):
-                for m in range(N):
-                    P_rows[node - first, i, m] = P[PHI + i, m]
-                    P_rows[node - first, 3 + i, m] = P[BG + i, m]
+                at = (6 * (node - first) + i) * ROW
+                for m in range(ROW):
+                    P_rows[at + m] = P[(PHI + i) * ROW + m]
+                    P_rows[at + 3 * ROW + m] = P[(BG + i) * ROW + m]
     if keep:
         update_of[last - first] = used
     total: int = used

@@ -1,4 +1,4 @@
-"""The two compiled functions of the model, kept between processes like all kernels."""
+"""The compiled functions of the model, kept between processes like all kernels."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from attlog.estimators.engine.loop import SOURCES
-from attlog.estimators.filters.navigation import backward, forward
+from attlog.estimators.filters.navigation import backward, chain, forward
 from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.obtain import obtained
 
-VECTOR, MATRIX, CUBE, INTS, SHORTS = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]", "i8[::1]", "i1[::1]"
+VECTOR, MATRIX, INTS, SHORTS = "f8[::1]", "f8[:, ::1]", "i8[::1]", "i1[::1]"
 FORWARD = {
     "first": "i8", "last": "i8", "dt": VECTOR, "gyr": MATRIX, "acc": MATRIX, "rest": SHORTS, "node_at": INTS,
     "node_event": INTS, "kind": INTS, "offset": VECTOR, "z": MATRIX, "f_mean": MATRIX, "w_mean": MATRIX,
     "sigma": MATRIX,
-    "par": VECTOR, "along": MATRIX, "use_along": "b1", "x0": VECTOR, "q": VECTOR, "x": VECTOR, "P": MATRIX,
+    "par": VECTOR, "along": MATRIX, "use_along": "b1", "x0": VECTOR, "q": VECTOR, "x": VECTOR, "P": VECTOR,
     "memory": VECTOR, "q_all": MATRIX, "bias": MATRIX, "variance": MATRIX, "ratio": MATRIX,
-    "keep": "b1", "P_rows": CUBE, "sums": MATRIX,
-    "update_of": INTS, "K": MATRIX, "H": MATRIX, "H_at": "i1[:, ::1]", "wide_of": SHORTS, "s_of": VECTOR,
+    "keep": "b1", "P_rows": VECTOR, "sums": MATRIX,
+    "update_of": INTS, "K": VECTOR, "H": MATRIX, "H_at": "i1[:, ::1]", "wide_of": SHORTS, "s_of": VECTOR,
     "nu_of": VECTOR, "r_of": VECTOR, "group": SHORTS, "soft": SHORTS,
 }  # fmt: skip
 BACKWARD = {
-    "nodes": "i8", "rest_of": SHORTS, "par": VECTOR, "P_rows": CUBE, "sums": MATRIX, "update_of": INTS, "K": MATRIX,
-    "H": MATRIX, "H_at": "i1[:, ::1]", "wide_of": SHORTS, "s_of": VECTOR, "nu_of": VECTOR, "lam": VECTOR, "Lam": MATRIX,
-    "d": MATRIX, "spread": MATRIX, "score": VECTOR, "scores": MATRIX, "gone": "b1",
+    "nodes": "i8", "rest_of": SHORTS, "par": VECTOR, "P_rows": VECTOR, "sums": MATRIX, "update_of": INTS, "K": VECTOR,
+    "H": MATRIX, "H_at": "i1[:, ::1]", "wide_of": SHORTS, "s_of": VECTOR, "nu_of": VECTOR, "lam": VECTOR, "Lam": VECTOR,
+    "d": MATRIX, "spread": MATRIX, "score": VECTOR, "scores": MATRIX, "gone": "b1", "wanted": "b1",
 }  # fmt: skip
 
 
@@ -49,6 +49,7 @@ def kernel_of(
 
 
 FORWARD_KERNEL = kernel_of(forward.forward, FORWARD, forward.SCRATCH, "i8")
+CHAIN_KERNEL = kernel_of(chain.chain, {"steps": MATRIX, "q": MATRIX}, {}, "void")
 BACKWARD_KERNEL = kernel_of(backward.backward, BACKWARD, backward.SCRATCH, "void")
 
 
@@ -62,6 +63,12 @@ def run_forward() -> Callable[..., Any]:
 def run_backward() -> Callable[..., Any]:
     """The compiled :func:`backward.backward`."""
     return _function(backward.backward, BACKWARD_KERNEL)
+
+
+@functools.lru_cache(maxsize=1)
+def run_chain() -> Callable[..., Any]:
+    """The compiled :func:`chain.chain`."""
+    return _function(chain.chain, CHAIN_KERNEL)
 
 
 def _function(function: Callable[..., Any], kernel: Kernel) -> Callable[..., Any]:

@@ -45,6 +45,8 @@ SUM_T, SUM_A, SUM_D, SUM_W = 0, 1, 4, 13
 SUMS = 22
 """Sums over the samples between two nodes: time, R f dt (3), R dt (9), R diag(w) dt (9)."""
 
-MOST_OPS = 84
+ROW = 40
+"""Numbers from one row of a covariance to the next: rows end with a zero and fill whole vector registers."""
+
 WIDE = 12
 """Most entries of a measurement's row that are not zero."""

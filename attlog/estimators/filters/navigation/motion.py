@@ -1,4 +1,4 @@
-"""How errors grow from node to node: the transition as a list of row operations, and its transpose.
+"""How errors grow from node to node: the transition, its transpose, and what they make of a covariance.
 
 With ``T, A, D, W`` the sums over the samples in between (time, R f dt, R dt, R diag(w) dt), in this order and with
 old values on the right:
@@ -8,8 +8,10 @@ old values on the right:
     phi += -D bg - W sg
     pb  *= exp(-T / tau)
 
-At rest the gyro is not integrated: no ``D bg`` and no ``W``. A covariance takes the list, is transposed and takes it
-again: some 5 N^2 multiplications instead of 2 N^3. Plain functions for the kernels.
+At rest the gyro is not integrated: no ``D bg`` and no ``W``. A covariance stands row by row, :data:`ROW` numbers each,
+in one flat array, exactly symmetric. Only 12 of 39 states move: their rows are multiplied from the left, the part where
+they meet from the right as well, and the rest is copied across the diagonal: some N^2 multiplications instead of 2 N^3.
+Plain functions for the kernels. No sum is reordered by the compiler, so every processor gives the same bits.
 """
 
 from __future__ import annotations
@@ -18,12 +20,14 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.estimators.filters.navigation.layout import (
     BA,
     BG,
     PHI,
     POS,
+    ROW,
     SCALE,
     SUM_A,
     SUM_D,
@@ -61,118 +65,203 @@ def matrices(sums: Any, rest: int, A: Any, D: Any, W: Any, AD: Any, AW: Any) -> 
             AW[i, j] *= 0.5
 
 
-def forward_ops(sums: Any, rest: int, tau: float, M: Any, oi: Any, oj: Any, oc: Any) -> int:
-    """Fill in target row, source row and factor of every operation of Phi; returns how many. ``M`` is (5, 3, 3)."""
+def dot(a: Any, i: int, b: Any, j: int) -> float:
+    """The product of two rows that begin at ``i`` and ``j``; four sums, since one waits for itself."""
+    s0 = s1 = s2 = s3 = 0.0
+    for m in range(0, ROW, 4):
+        s0 += a[i + m] * b[j + m]
+        s1 += a[i + m + 1] * b[j + m + 1]
+        s2 += a[i + m + 2] * b[j + m + 2]
+        s3 += a[i + m + 3] * b[j + m + 3]
+    return (s0 + s1) + (s2 + s3)
+
+
+def add_row(P: Any, to: int, at: int, c: float) -> None:
+    """Row ``to`` of P += c times row ``at``."""
+    for m in range(ROW):
+        P[to * ROW + m] += c * P[at * ROW + m]
+
+
+def add_rows(P: Any, to: int, at: int, a: float, b: float, c: float) -> None:
+    """Row ``to`` of P += a, b, c times the three rows from ``at`` on."""
+    for m in range(ROW):
+        P[to * ROW + m] += (a * P[at * ROW + m] + b * P[(at + 1) * ROW + m]) + c * P[(at + 2) * ROW + m]
+
+
+def three(P: Any, at: int, a: float, b: float, c: float) -> float:
+    """a, b, c times the three numbers from ``at`` on."""
+    value: float = (a * P[at] + b * P[at + 1]) + c * P[at + 2]
+    return value
+
+
+def forward_rows(P: Any, T: float, M: Any, rest: int) -> None:
+    """P <- Phi P, but for the wandering position error. ``M``: A, D, W, AD, AW, see :func:`matrices`."""
     A, D, W, AD, AW = M[0], M[1], M[2], M[3], M[4]
-    matrices(sums, rest, A, D, W, AD, AW)
-    T = sums[SUM_T]
-    n = 0
+    h = -0.5 * T
     for i in range(3):
-        oi[n], oj[n], oc[n] = POS + i, V + i, T
-        n += 1
-        for j in range(3):
-            if i != j:
-                oi[n], oj[n], oc[n] = POS + i, PHI + j, -0.5 * T * A[i, j]
-                n += 1
-            oi[n], oj[n], oc[n] = POS + i, BA + j, -0.5 * T * D[i, j]
-            n += 1
+        add_row(P, POS + i, V + i, T)
+        add_rows(P, POS + i, PHI, h * A[i, 0], h * A[i, 1], h * A[i, 2])
+        add_rows(P, POS + i, BA, h * D[i, 0], h * D[i, 1], h * D[i, 2])
     for i in range(3):
-        for j in range(3):
-            if i != j:
-                oi[n], oj[n], oc[n] = V + i, PHI + j, -A[i, j]
-                n += 1
-            oi[n], oj[n], oc[n] = V + i, BA + j, -D[i, j]
-            n += 1
+        add_rows(P, V + i, PHI, -A[i, 0], -A[i, 1], -A[i, 2])
+        add_rows(P, V + i, BA, -D[i, 0], -D[i, 1], -D[i, 2])
+        if rest == 0:
+            add_rows(P, V + i, BG, AD[i, 0], AD[i, 1], AD[i, 2])
+            add_rows(P, V + i, SCALE, AW[i, 0], AW[i, 1], AW[i, 2])
+    if rest == 0:
+        for i in range(3):
+            add_rows(P, PHI + i, BG, -D[i, 0], -D[i, 1], -D[i, 2])
+            add_rows(P, PHI + i, SCALE, -W[i, 0], -W[i, 1], -W[i, 2])
+
+
+def forward_columns(P: Any, row: int, T: float, M: Any, rest: int) -> None:
+    """The same from the right, for one row of attitude, velocity or position up to its diagonal."""
+    A, D, W, AD, AW = M[0], M[1], M[2], M[3], M[4]
+    o, h = row * ROW, -0.5 * T
+    if row >= POS:
+        for i in range(3):
+            P[o + POS + i] += (
+                T * P[o + V + i]
+                + three(P, o + PHI, h * A[i, 0], h * A[i, 1], h * A[i, 2])
+                + three(P, o + BA, h * D[i, 0], h * D[i, 1], h * D[i, 2])
+            )
+    if row >= V:
+        for i in range(3):
+            add = three(P, o + PHI, -A[i, 0], -A[i, 1], -A[i, 2]) + three(P, o + BA, -D[i, 0], -D[i, 1], -D[i, 2])
             if rest == 0:
-                oi[n], oj[n], oc[n] = V + i, BG + j, AD[i, j]
-                n += 1
-                oi[n], oj[n], oc[n] = V + i, SCALE + j, AW[i, j]
-                n += 1
+                add += three(P, o + BG, AD[i, 0], AD[i, 1], AD[i, 2])
+                add += three(P, o + SCALE, AW[i, 0], AW[i, 1], AW[i, 2])
+            P[o + V + i] += add
     if rest == 0:
         for i in range(3):
-            for j in range(3):
-                oi[n], oj[n], oc[n] = PHI + i, BG + j, -D[i, j]
-                n += 1
-                oi[n], oj[n], oc[n] = PHI + i, SCALE + j, -W[i, j]
-                n += 1
-    fade = math.exp(-T / tau) - 1.0
-    for i in range(3):
-        oi[n], oj[n], oc[n] = WANDER + i, WANDER + i, fade
-        n += 1
-    return n
+            P[o + PHI + i] += three(P, o + BG, -D[i, 0], -D[i, 1], -D[i, 2]) + three(
+                P, o + SCALE, -W[i, 0], -W[i, 1], -W[i, 2]
+            )
 
 
-def backward_ops(sums: Any, rest: int, tau: float, M: Any, oi: Any, oj: Any, oc: Any) -> int:
-    """The operations of Phi transposed, in an order that keeps old values on the right."""
-    A, D, W, AD, AW = M[0], M[1], M[2], M[3], M[4]
-    matrices(sums, rest, A, D, W, AD, AW)
+def predict(P: Any, sums: Any, rest: int, tau: float, M: Any) -> None:
+    """P <- Phi P Phi^T."""
+    matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
     T = sums[SUM_T]
-    n = 0
+    fade(P, math.exp(-T / tau))
+    forward_rows(P, T, M, rest)
+    for row in range(PHI, POS + 3):
+        forward_columns(P, row, T, M, rest)
+    for row in range(PHI, POS + 3):
+        for c in range(row):
+            P[c * ROW + row] = P[row * ROW + c]
+        for c in range(POS + 3, N):
+            P[c * ROW + row] = P[row * ROW + c]
+
+
+def fade(P: Any, share: float) -> None:
+    """The wandering position error decays: its rows and columns."""
+    for i in range(WANDER, WANDER + 3):
+        for m in range(ROW):
+            P[i * ROW + m] *= share
+    for m in range(N):
+        for i in range(WANDER, WANDER + 3):
+            P[m * ROW + i] *= share
+
+
+def backward_rows(L: Any, T: float, M: Any, rest: int) -> None:
+    """L <- Phi^T L, but for the wandering position error."""
+    A, D, W, AD, AW = M[0], M[1], M[2], M[3], M[4]
+    h = -0.5 * T
     if rest == 0:
         for i in range(3):
-            for j in range(3):
-                oi[n], oj[n], oc[n] = BG + i, V + j, AD[j, i]
-                n += 1
-                oi[n], oj[n], oc[n] = BG + i, PHI + j, -D[j, i]
-                n += 1
-                oi[n], oj[n], oc[n] = SCALE + i, V + j, AW[j, i]
-                n += 1
-                oi[n], oj[n], oc[n] = SCALE + i, PHI + j, -W[j, i]
-                n += 1
+            add_rows(L, BG + i, V, AD[0, i], AD[1, i], AD[2, i])
+            add_rows(L, BG + i, PHI, -D[0, i], -D[1, i], -D[2, i])
+            add_rows(L, SCALE + i, V, AW[0, i], AW[1, i], AW[2, i])
+            add_rows(L, SCALE + i, PHI, -W[0, i], -W[1, i], -W[2, i])
     for i in range(3):
-        for j in range(3):
-            if i != j:
-                oi[n], oj[n], oc[n] = PHI + i, POS + j, -0.5 * T * A[j, i]
-                n += 1
-                oi[n], oj[n], oc[n] = PHI + i, V + j, -A[j, i]
-                n += 1
-            oi[n], oj[n], oc[n] = BA + i, POS + j, -0.5 * T * D[j, i]
-            n += 1
-            oi[n], oj[n], oc[n] = BA + i, V + j, -D[j, i]
-            n += 1
+        add_rows(L, PHI + i, POS, h * A[0, i], h * A[1, i], h * A[2, i])
+        add_rows(L, PHI + i, V, -A[0, i], -A[1, i], -A[2, i])
+        add_rows(L, BA + i, POS, h * D[0, i], h * D[1, i], h * D[2, i])
+        add_rows(L, BA + i, V, -D[0, i], -D[1, i], -D[2, i])
     for i in range(3):
-        oi[n], oj[n], oc[n] = V + i, POS + i, T
-        n += 1
-    fade = math.exp(-T / tau) - 1.0
+        add_row(L, V + i, POS + i, T)
+
+
+def backward_columns(L: Any, o: int, last: int, T: float, M: Any, rest: int) -> None:
+    """The same from the right, for the row that begins at ``o``, up to the state ``last``; or for a vector."""
+    A, D, W, AD, AW = M[0], M[1], M[2], M[3], M[4]
+    h = -0.5 * T
+    if rest == 0 and last >= BG:
+        for i in range(3):
+            L[o + BG + i] += three(L, o + V, AD[0, i], AD[1, i], AD[2, i]) + three(
+                L, o + PHI, -D[0, i], -D[1, i], -D[2, i]
+            )
+    if rest == 0 and last >= SCALE:
+        for i in range(3):
+            L[o + SCALE + i] += three(L, o + V, AW[0, i], AW[1, i], AW[2, i]) + three(
+                L, o + PHI, -W[0, i], -W[1, i], -W[2, i]
+            )
     for i in range(3):
-        oi[n], oj[n], oc[n] = WANDER + i, WANDER + i, fade
-        n += 1
-    return n
+        L[o + PHI + i] += three(L, o + POS, h * A[0, i], h * A[1, i], h * A[2, i]) + three(
+            L, o + V, -A[0, i], -A[1, i], -A[2, i]
+        )
+    if last >= BA:
+        for i in range(3):
+            L[o + BA + i] += three(L, o + POS, h * D[0, i], h * D[1, i], h * D[2, i]) + three(
+                L, o + V, -D[0, i], -D[1, i], -D[2, i]
+            )
+    if last >= V:
+        for i in range(3):
+            L[o + V + i] += T * L[o + POS + i]
 
 
-def take(P: Any, n: int, oi: Any, oj: Any, oc: Any) -> None:
-    """Add rows of P to rows of P, operation by operation."""
-    for k in range(n):
-        i, j, c = oi[k], oj[k], oc[k]
-        for m in range(N):
-            P[i, m] += c * P[j, m]
+def undo(lam: Any, Lam: Any, sums: Any, rest: int, tau: float, M: Any) -> None:
+    """lam <- Phi^T lam, Lam <- Phi^T Lam Phi."""
+    matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
+    T = sums[SUM_T]
+    share = math.exp(-T / tau)
+    for i in range(WANDER, WANDER + 3):
+        lam[i] *= share
+    backward_columns(lam, 0, N, T, M, rest)
+    fade(Lam, share)
+    backward_rows(Lam, T, M, rest)
+    for row in range(PHI, POS):
+        backward_columns(Lam, row * ROW, row, T, M, rest)
+    for row in range(BG, BA + 3):
+        backward_columns(Lam, row * ROW, row, T, M, rest)
+    for row in range(SCALE, SCALE + 3):
+        backward_columns(Lam, row * ROW, row, T, M, rest)
+    # Positions, the field and what follows stay: their columns are the rows of what moves.
+    for row in range(PHI, POS):
+        across(Lam, row, 0, row)
+        across(Lam, row, POS, POS + 3)
+        across(Lam, row, BA + 3, SCALE)
+    for row in range(BG, BA + 3):
+        across(Lam, row, 0, row)
+        across(Lam, row, BA + 3, SCALE)
+    for row in range(SCALE, SCALE + 3):
+        across(Lam, row, 0, row)
 
 
-def take_vector(x: Any, n: int, oi: Any, oj: Any, oc: Any) -> None:
-    """The same operations on a vector."""
-    for k in range(n):
-        x[oi[k]] += oc[k] * x[oj[k]]
+def across(P: Any, row: int, first: int, last: int) -> None:
+    """Copy part of a row across the diagonal."""
+    for c in range(first, last):
+        P[c * ROW + row] = P[row * ROW + c]
 
 
-def flip(P: Any) -> None:
-    """Transpose in place."""
-    for i in range(N):
-        for j in range(i):
-            P[i, j], P[j, i] = P[j, i], P[i, j]
+def padded(P: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A covariance (39, 39) as the kernels take it, flat."""
+    out = np.zeros((N, ROW))
+    out[:, :N] = P
+    return out.ravel()
 
 
-def even(P: Any) -> None:
-    """Make symmetric in place."""
-    for i in range(N):
-        for j in range(i):
-            mean = 0.5 * (P[i, j] + P[j, i])
-            P[i, j] = mean
-            P[j, i] = mean
+def square(P: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A covariance of the kernels as (39, 39)."""
+    return P.reshape(N, ROW)[:, :N].copy()
 
 
 def transition_matrix(sums: Any, rest: int, tau: float) -> Any:
-    """The dense Phi (39, 39) that the operations stand for."""
-    M, Phi = np.zeros((5, 3, 3)), np.eye(N)
-    oi, oj, oc = np.zeros(84, np.int64), np.zeros(84, np.int64), np.zeros(84)
-    take(Phi, forward_ops(sums, rest, tau, M, oi, oj, oc), oi, oj, oc)
-    return Phi
+    """The dense Phi (39, 39)."""
+    M, Phi = np.zeros((5, 3, 3)), padded(np.eye(N))
+    matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
+    forward_rows(Phi, sums[SUM_T], M, rest)
+    dense = square(Phi)
+    dense[WANDER : WANDER + 3] *= math.exp(-sums[SUM_T] / tau)
+    return dense

@@ -65,8 +65,8 @@ class Solution:
     """u^2 / D of each group (8,) in the pass that is kept."""
 
 
-def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES) -> Solution:
-    """All passes of the smoother over one run."""
+def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES, spread: bool = True) -> Solution:
+    """All passes of the smoother over one run; ``spread``: whether the attitude's variance is asked for."""
     runner = Runner(inputs)
     begun = noise.first_guess(inputs, begun)
     tuned, flight = begun, float(np.sum(inputs.dt[inputs.rest == 0]))
@@ -83,7 +83,7 @@ def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES) -> S
         use = along if number >= OWN_LINEARISATION and not kicked else None
         if use is not None and schedule_of is not None:
             use = _at_nodes(use, schedule_of, schedule, inputs)
-        found = runner.both(schedule, begin, tuned.packed(inputs.gravity, gate), use)
+        found = runner.both(schedule, begin, tuned.packed(inputs.gravity, gate), use, spread)
         better = best is None or found.likelihood >= best.found.likelihood - WORSE * abs(best.found.likelihood)
         ratios = noise.ratios(found)
         following = noise.calibrated(found, tuned, begun, flight, number < 2)

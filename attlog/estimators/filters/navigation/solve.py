@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.kernels import run_backward, run_forward
-from attlog.estimators.filters.navigation.layout import FROZEN, LIKELIHOOD, MEMORY, SUMS, WIDE, N
+from attlog.estimators.filters.navigation.layout import FROZEN, LIKELIHOOD, MEMORY, ROW, SUMS, WIDE, N
 from attlog.estimators.filters.navigation.measured import Inputs
+from attlog.estimators.filters.navigation.motion import padded, square
 from attlog.estimators.filters.navigation.schedule import Schedule
 from attlog.estimators.filters.navigation.start import Start
 
@@ -67,8 +68,13 @@ class Runner:
         self._run(0, len(schedule.node_at), found, state, begin, par, along, None)
         return found
 
-    def both(self, schedule: Schedule, begin: Start, par: Array, along: Array | None = None) -> Pass:
-        """Forth and back. ``along`` (m, 4): attitudes at the nodes about which it is linearised."""
+    def both(
+        self, schedule: Schedule, begin: Start, par: Array, along: Array | None = None, spread: bool = True
+    ) -> Pass:
+        """Forth and back. ``along`` (m, 4): attitudes at the nodes about which it is linearised.
+
+        ``spread``: whether the smoothed variance of the attitude is asked for; else it is not found.
+        """
         found, state = self._new(schedule, begin)
         m = len(schedule.node_at)
         parts = [(a, min(a + PART_NODES, m)) for a in range(0, m, PART_NODES)]
@@ -78,7 +84,7 @@ class Runner:
             if b < m:
                 self._run(a, b, found, state, begin, par, along, None)
         found.d, found.spread = np.empty((m, 6)), np.empty((m, 3))
-        lam, Lam = np.zeros(N), np.zeros((N, N))
+        lam, Lam = np.zeros(ROW), np.zeros(N * ROW)
         told: list[tuple[Array, Array, Array]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
             store = self._storage(schedule, a, b)
@@ -89,12 +95,12 @@ class Runner:
             run_backward()(
                 b - a, np.ascontiguousarray(schedule.rest_of[a:b]), par, store["P_rows"], store["sums"],
                 store["update_of"], store["K"], store["H"], store["H_at"], store["wide_of"], store["s_of"],
-                store["nu_of"], lam, Lam, found.d[a:b], found.spread[a:b], score, found.scores, a == 0,
+                store["nu_of"], lam, Lam, found.d[a:b], found.spread[a:b], score, found.scores, a == 0, spread,
             )  # fmt: skip
             told.append((score, store["group"][:used].copy(), store["soft"][:used].copy()))
         # lam and Lam now stand before the updates of the first node, whose covariance is the prior's.
-        found.first = -begin.P @ lam
-        found.first_spread = np.diag(begin.P) - np.einsum("ij,jk,ki->i", begin.P, Lam, begin.P)
+        found.first = -begin.P @ lam[:N]
+        found.first_spread = np.diag(begin.P) - np.einsum("ij,ij->i", begin.P @ square(Lam), begin.P)
         found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(told), strict=True))
         return found
 
@@ -105,7 +111,7 @@ class Runner:
         found = Pass(
             schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory
         )  # fmt: skip
-        return found, [begin.q.copy(), begin.x.copy(), begin.P.copy(), memory]
+        return found, [begin.q.copy(), begin.x.copy(), padded(begin.P), memory]
 
     def _run(
         self, a: int, b: int, found: Pass, state: list[Array], begin: Start, par: Array, along: Array | None,
@@ -128,8 +134,8 @@ class Runner:
         """Arrays large enough for the nodes a to b; used again."""
         nodes, updates = max(b - a, 1), max(int(s.scalars[b] - s.scalars[a]), 1)
         shapes: dict[str, tuple[tuple[int, ...], type, Callable[..., Array]]] = {
-            "P_rows": ((nodes, 6, N), np.float64, np.empty), "sums": ((nodes, SUMS), np.float64, np.empty),
-            "update_of": ((nodes + 1,), np.int64, np.zeros), "K": ((updates, N), np.float64, np.empty),
+            "P_rows": ((nodes * 6 * ROW,), np.float64, np.empty), "sums": ((nodes, SUMS), np.float64, np.empty),
+            "update_of": ((nodes + 1,), np.int64, np.zeros), "K": ((updates * ROW,), np.float64, np.empty),
             "H": ((updates, WIDE), np.float64, np.empty), "H_at": ((updates, WIDE), np.int8, np.empty),
             "wide_of": ((updates,), np.int8, np.empty), "s_of": ((updates,), np.float64, np.empty),
             "nu_of": ((updates,), np.float64, np.empty), "r_of": ((updates,), np.float64, np.empty),

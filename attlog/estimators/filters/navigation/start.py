@@ -22,6 +22,7 @@ import numpy as np
 
 from attlog import rotation
 from attlog.estimators.base import Array
+from attlog.estimators.filters.navigation.kernels import run_chain
 from attlog.estimators.filters.navigation.layout import (
     ARM,
     BA,
@@ -218,16 +219,8 @@ def _pairs(inputs: Inputs, tuned: Tuned, force: Running, end: float) -> tuple[Ar
 
 def turned_by_gyro(gyr: Array, dt: Array) -> Array:
     """Attitudes (n, 4) relative to the first sample, from the gyro alone."""
-    steps = rotation.from_rotvec(gyr * dt[:, None])
     q = np.empty((len(dt), 4))
-    q[0] = 1.0, 0.0, 0.0, 0.0
-    a, b, c, d = 1.0, 0.0, 0.0, 0.0
-    for k, (w, x, y, z) in enumerate(steps[1:].tolist(), 1):
-        a, b, c, d = (
-            a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
-            a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w,
-        )  # fmt: skip
-        q[k] = a, b, c, d
+    run_chain()(rotation.from_rotvec(gyr * dt[:, None]), q)
     return rotation.normalize(q)
 
 

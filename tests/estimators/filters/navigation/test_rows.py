@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from attlog import rotation
-from attlog.estimators.filters.navigation.forward import carry
+from attlog.estimators.filters.navigation.backward import back_through_updates
+from attlog.estimators.filters.navigation.forward import carry, shrink
 from attlog.estimators.filters.navigation.layout import (
     BARO,
     EARTH,
@@ -16,6 +17,7 @@ from attlog.estimators.filters.navigation.layout import (
     MAG_DELAY,
     NO_RATE,
     POSITION,
+    ROW,
     SETTINGS,
     SOFT,
     STILL,
@@ -24,7 +26,7 @@ from attlog.estimators.filters.navigation.layout import (
     WIDE,
     N,
 )
-from attlog.estimators.filters.navigation.motion import backward_ops, take, transition_matrix
+from attlog.estimators.filters.navigation.motion import padded, predict, square, transition_matrix, undo
 from attlog.estimators.filters.navigation.start import field_matrix
 from attlog.estimators.filters.navigation.updates import field_rows, rows, to_matrix3
 
@@ -129,11 +131,64 @@ def test_the_transition_is_the_derivative_of_the_motion():
         assert slope == pytest.approx(phi[:, i], abs=4e-3), i
 
 
-def test_the_way_back_through_the_transition_is_its_transpose():
-    sums = RANDOM.standard_normal(SUMS)
+def random_covariance():
+    root = RANDOM.standard_normal((N, N))
+    P = root @ root.T
+    return 0.5 * (P + P.T)
+
+
+@pytest.mark.parametrize("rest", [0, 1])
+def test_a_covariance_moves_by_the_transition_and_stays_symmetric_to_the_bit(rest):
+    sums, M = RANDOM.standard_normal(SUMS), np.zeros((5, 3, 3))
     sums[0] = 0.02
-    for rest in (0, 1):
-        back = np.eye(N)
-        oi, oj, oc = np.zeros(84, np.int64), np.zeros(84, np.int64), np.zeros(84)
-        take(back, backward_ops(sums, rest, 100.0, np.zeros((5, 3, 3)), oi, oj, oc), oi, oj, oc)
-        assert back == pytest.approx(transition_matrix(sums, rest, 100.0).T, abs=1e-12)
+    phi, P = transition_matrix(sums, rest, 0.1), random_covariance()
+    moved_on = padded(P)
+    predict(moved_on, sums, rest, 0.1, M)
+    assert square(moved_on) == pytest.approx(phi @ P @ phi.T, abs=1e-10)
+    assert np.array_equal(square(moved_on), square(moved_on).T)
+    lam, back = RANDOM.standard_normal(ROW), padded(P)
+    expected = phi.T @ lam[:N]
+    undo(lam, back, sums, rest, 0.1, M)
+    assert square(back) == pytest.approx(phi.T @ P @ phi, abs=1e-10)
+    assert np.array_equal(square(back), square(back).T)
+    assert lam[:N] == pytest.approx(expected, abs=1e-12)
+
+
+def test_three_updates_at_once_are_three_one_after_the_other():
+    P, hi = random_covariance(), np.array([[0, 5, 20], [1, 5, 38], [2, 20, 30]])
+    hv, u = RANDOM.standard_normal((3, 3)), np.zeros(3 * ROW)
+    expected = P.copy()
+    for i in range(3):
+        h = np.zeros(N)
+        h[hi[i]] = hv[i]
+        ph = expected @ h
+        s = h @ ph + 0.5
+        u[i * ROW : i * ROW + N] = ph / np.sqrt(s)
+        expected -= np.outer(ph, ph) / s
+    flat = padded(P)
+    shrink(flat, 3, u)
+    assert square(flat) == pytest.approx(expected, abs=1e-12)
+    assert np.array_equal(square(flat), square(flat).T)
+
+
+def test_updates_are_undone_one_by_one_whatever_the_group():
+    """Five updates, two and three at once, against the equations of the file's head."""
+    count, hi = 5, np.array([[0, 5, 20], [1, 5, 38], [2, 20, 30], [3, 4, 5], [0, 1, 2]], np.int8)
+    H, K, lam = RANDOM.standard_normal((count, 3)), RANDOM.standard_normal((count, N)), RANDOM.standard_normal(N)
+    s, nu, L = RANDOM.uniform(1, 2, count), RANDOM.standard_normal(count), random_covariance()
+    rows = np.zeros((count, ROW))
+    rows[:, :N] = K
+    flat_lam, flat, score = np.append(lam, 0.0), padded(L), np.zeros(count)
+    back_through_updates(
+        0, count, rows.ravel(), H, hi, np.full(count, 3, np.int8), s, nu, flat_lam, flat, np.zeros(3 * ROW),
+        np.zeros(3 * ROW), np.zeros(3 * ROW), score,
+    )  # fmt: skip
+    for k in range(count - 1, -1, -1):
+        h = np.zeros(N)
+        h[hi[k]] = H[k]
+        u, D, Lk = nu[k] / s[k] + K[k] @ lam, 1 / s[k] + K[k] @ L @ K[k], L @ K[k]
+        assert score[k] == pytest.approx(u * u / D)
+        lam, L = lam - h * u, L - np.outer(h, Lk) - np.outer(Lk, h) + D * np.outer(h, h)
+    assert flat_lam[:N] == pytest.approx(lam)
+    assert square(flat) == pytest.approx(L, rel=1e-9, abs=1e-9)
+    assert np.array_equal(square(flat), square(flat).T)

@@ -1,0 +1,187 @@
+"""What is compiled when the package is built: which kernels, for which wheel, and what a failure costs."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.util
+import inspect
+import json
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+import attlog
+from attlog import prebuilt
+from attlog.kernels import obtain, processor, sources, store
+from attlog.kernels.kernel import Kernel
+from attlog.kernels.obtain import at_hand
+
+ROOT = Path(attlog.__file__).parent.parent
+KERNELS = {k.name: k for k in prebuilt.kernels()}
+
+
+@pytest.fixture
+def hook() -> Any:
+    """The build hook as a module, without building anything."""
+    pytest.importorskip("hatchling")
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def building(hook: Any, target: str = "wheel") -> tuple[Any, dict[str, Any], list[str]]:
+    """A hook that builds a target, what it tells the builder, and its warnings."""
+    warnings: list[str] = []
+    made = hook.BundleHook.__new__(hook.BundleHook)
+    for name, value in {
+        "_BuildHookInterface__root": str(ROOT),
+        "_BuildHookInterface__target_name": target,
+        "_BuildHookInterface__app": SimpleNamespace(display_warning=warnings.append),
+    }.items():
+        setattr(made, name, value)
+    return made, {"artifacts": [], "pure_python": True}, warnings
+
+
+def test_a_wheel_with_kernels_is_for_one_system_and_every_python(hook: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+    monkeypatch.setenv("ATTLOG_BUNDLE", "full")
+    monkeypatch.setattr(hook, "compile_kernels", lambda root, editable: asked.append(editable))
+    made, data, warnings = building(hook)
+    made.initialize("standard", data)
+    assert (asked, warnings, data["pure_python"]) == ([False], [], False)
+    assert data["tag"] == f"py3-none-{hook.system()}"
+    assert data["tag"].endswith(platform.machine().lower())
+    assert any("kernels/objects" in a for a in data["artifacts"])
+    assert any("numba" in d for d in made.dependencies())
+
+
+def test_an_editable_install_compiles_for_its_machine_and_an_sdist_nothing(
+    hook: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[bool] = []
+    monkeypatch.setenv("ATTLOG_BUNDLE", "full")
+    monkeypatch.setattr(hook, "compile_kernels", lambda root, editable: asked.append(editable))
+    made, data, _ = building(hook)
+    made.initialize("editable", data)
+    assert asked == [True]
+    assert "tag" not in data
+    sdist, data, _ = building(hook, "sdist")
+    sdist.initialize("standard", data)
+    assert asked == [True]
+    assert (data["artifacts"], sdist.dependencies()) == ([], [])
+
+
+def test_without_a_compiler_the_install_succeeds_and_says_what_is_left_out(
+    hook: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> None:
+        raise RuntimeError("no numba here")
+
+    monkeypatch.setenv("ATTLOG_BUNDLE", "full")
+    monkeypatch.setattr(hook, "run", fails)
+    made, data, warnings = building(hook)
+    made.initialize("standard", data)
+    assert data == {"artifacts": [], "pure_python": True}
+    assert "no numba here" in warnings[0]
+    monkeypatch.setenv("ATTLOG_KERNELS", "none")
+    made.initialize("standard", data)
+    assert len(warnings) == 1
+    assert made.dependencies() == []
+    monkeypatch.setenv("ATTLOG_KERNELS", "all")
+    with pytest.raises(RuntimeError, match="no numba here"):
+        made.initialize("standard", data)
+
+
+def test_objects_and_index_are_written_for_a_level_and_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One kernel, for the best level of this machine, in a process of its own as the hook does it."""
+    chosen = "simulate filtered"
+    code = (
+        "import sys; from attlog import prebuilt; every = list(prebuilt.kernels());"
+        f"prebuilt.kernels = lambda: iter([k for k in every if k.name == {chosen!r}]); prebuilt.main(sys.argv[1:])"
+    )
+    level = processor.levels()[0]
+    environment = {**os.environ, prebuilt.LEVEL: level}
+    told = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path), "0/1"], env=environment, capture_output=True, text=True, check=True
+    ).stdout
+    (file,) = tmp_path.glob(f"{processor.machine()}-{level}/*.o")
+    (tmp_path / store.INDEX).write_text(json.dumps({"format": store.FORMAT, "keys": json.loads(told)}))
+    monkeypatch.setattr(store, "SHIPPED", tmp_path)
+    monkeypatch.setattr(store, "folder", lambda: None)
+    monkeypatch.setattr(obtain, "made_object", lambda *_: pytest.fail("compiled"))
+    store._shipped.cache_clear()
+    try:
+        assert store.known_key(KERNELS[chosen]) == file.stem
+        assert at_hand(KERNELS[chosen]) is not None
+        assert file.stat().st_mode & 0o444 == 0o444
+    finally:
+        store._shipped.cache_clear()
+
+
+def test_the_shipped_index_tells_what_the_sources_say() -> None:
+    """Where objects were built for just these sources, each name leads to the kernel's present text."""
+    known = {k.name: store._shipped().get(sources.state(k.sources), {}).get(k.name) for k in KERNELS.values()}
+    if not any(known.values()):
+        pytest.skip("no objects were built from these sources")
+    assert {name: key for name, key in known.items() if key} == {
+        name: store.key_of(KERNELS[name]) for name, key in known.items() if key
+    }
+
+
+def below(module: ModuleType) -> set[Path]:
+    """The files of the package that a module imports, with those that they import."""
+    found: set[Path] = set()
+    waiting = [module.__name__]
+    while waiting:
+        name = waiting.pop()
+        try:
+            file = Path(str(importlib.import_module(name).__file__))
+        except ModuleNotFoundError:
+            continue  # a function, not a module
+        if file in found:
+            continue
+        found.add(file)
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("attlog"):
+                waiting += [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
+    return found
+
+
+@pytest.mark.parametrize("name", [n for n in KERNELS if n.startswith(("loop attlog.estimators.filters.m", "navig"))])
+def test_every_file_that_a_kernel_may_depend_on_is_watched(name: str) -> None:
+    kernel = KERNELS[name]
+    module = importlib.import_module(name.split()[1] if name.startswith("loop") else owner(kernel))
+    watched = set(sources._files(kernel.sources))
+    package = {sources.PACKAGE / "__init__.py"}  # defines nothing that a kernel uses
+    assert {p.resolve() for p in below(module)} - watched - package == set()
+
+
+def owner(kernel: Kernel) -> str:
+    return f"attlog.estimators.filters.navigation.{kernel.entry}"
+
+
+def test_the_kernels_of_all_built_in_filters_are_built() -> None:
+    from attlog.estimators import get
+    from attlog.estimators.registry import BUILT_IN
+
+    stepping = {get(n).step for n in BUILT_IN if get(n).step is not None}
+    built = {name.split()[1] for name in KERNELS if name.startswith("loop")}
+    assert {inspect.getmodule(step).__name__ for step in stepping} == built  # type: ignore[union-attr]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KERNELS)
+def test_every_kernel_of_the_package_runs_without_numba(name: str, caplog: pytest.LogCaptureFixture) -> None:
+    obtain.obtained(KERNELS[name])
+    assert "cannot run without numba" not in caplog.text
+    assert at_hand(KERNELS[name]) is not None
