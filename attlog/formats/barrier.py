@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 from attlog.barrier import RAISE, sentence
 from attlog.errors import AttlogError
@@ -41,3 +41,8 @@ class Barrier:
                 self._failed.add(message)
                 at = "" if offset is None else f" from byte {offset} on"
                 self._remarks.append(Remark(CODE, sentence(f"{message}{at}", error), offset))
+
+
+def unguarded(message: str, what: str, offset: int | None) -> AbstractContextManager[None]:
+    """No barrier: for what is read on behalf of a reader that has its own around it."""
+    return nullcontext()

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
-from attlog.formats.base import Field, Messages, Table
+from attlog.formats.barrier import Barrier
+from attlog.formats.base import Field, Messages, Remark, Table
 from attlog.formats.clock import boots, false_times
 from attlog.formats.dataflash.content import is_integer, is_text, params
 from attlog.formats.dataflash.detect import formats
@@ -42,7 +43,9 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     path = Path(path)
     data = map_bytes(path) if data is None else data
     index = index_records(data)
-    tables = build_tables(data, index, by_instance=False)
+    remarks: list[Remark] = []
+    around = Barrier(remarks).around
+    tables = build_tables(data, index, by_instance=False, guard=around)
     clock = tables.get(("TIME", 0))
     if clock is None or not is_integer(clock, "StartTime"):
         blank = not any(fmt.columns for fmt in index.layouts[1:])
@@ -54,11 +57,12 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     at, time = clock.offsets, _possible(clock, index.losses)
     messages = Messages(
         path, "px4log", len(data), {key: _timed(table, at, time) for key, table in tables.items()},
-        damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
+        remarks=remarks, damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
     )  # fmt: skip
     known = time >= 0
     timeline = at[known], time[known]
-    messages.params = params(messages, timeline)
+    with around("PARM", "parameters", None):
+        messages.params = params(messages, timeline)
     version = messages.first("VER")
     if version is not None:
         messages.info["VER"] = {

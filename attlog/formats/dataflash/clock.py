@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +48,12 @@ def timeline(data: NDArray[np.uint8], index: Index) -> tuple[Offsets, NDArray[np
 
 def timeline_of_tables(messages: Messages, formats: Mapping[str, Format]) -> Timeline:
     """The same from the tables of a text log, whose ``formats`` stand by message name."""
-    timed = [(table, column) for (name, _), table in messages.items() if (column := time_column(formats[name]))]
-    at, time = in_file_order((table.offsets, _microseconds(table[column], factor)) for table, (column, factor) in timed)
+    found = []
+    for (name, _), table in messages.items():
+        if column := time_column(formats[name]):
+            with suppress(KeyError):  # a column that could not be decoded is told among the remarks
+                found.append((table.offsets, _microseconds(table[column[0]], column[1])))
+    at, time = in_file_order(found)
     possible = (time >= 0) & (time <= LAST_TIME_US)
     return at[possible], time[possible]
 

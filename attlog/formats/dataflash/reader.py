@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
-from attlog.formats.base import Boot, Messages
+from attlog.formats.barrier import Barrier
+from attlog.formats.base import Boot, Messages, Remark
 from attlog.formats.clock import boots_between, restarts
 from attlog.formats.dataflash.clock import drop_false_times, timeline
 from attlog.formats.dataflash.content import params, texts
 from attlog.formats.dataflash.index import HEADER_LENGTH, Index, index_records
 from attlog.formats.dataflash.tables import build_tables, tell_unreadable
-from attlog.formats.dataflash.units import units_of
+from attlog.formats.dataflash.units import Units, units_of
 from attlog.formats.mapping import Offsets, gather, map_bytes, text_of
 
 __all__ = ["read"]
@@ -47,19 +48,26 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
         )
     at, time = timeline(data, index)
     at, time = drop_false_times(index, at, time)
-    units = units_of(data, index)
-    tables = build_tables(data, index, units)
+    remarks: list[Remark] = []
+    around = Barrier(remarks).around
+    units: Units = {}
+    with around("FMTU", "units and instances", None):
+        units = units_of(data, index)
+    tables = build_tables(data, index, units, guard=around)
     tell_unreadable(index)
     messages = Messages(
-        path, "dataflash", len(data), tables,
+        path, "dataflash", len(data), tables, remarks=remarks,
         damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
     )  # fmt: skip
-    messages.params = params(messages, (at, time))
-    messages.texts = texts(messages, (at, time))
+    with around("PARM", "parameters", None):
+        messages.params = params(messages, (at, time))
+    with around("MSG", "texts", None):
+        messages.texts = texts(messages, (at, time))
     messages.boots = _boots(data, index, at, time)
     version = messages.first("VER")
     if version is not None:
-        messages.info["VER"] = {name: _plain(version[name][0]) for name in version.fields}
+        with around("VER", "versions", int(version.offsets[0])):
+            messages.info["VER"] = {name: _plain(version[name][0]) for name in version.fields}
     return messages
 
 

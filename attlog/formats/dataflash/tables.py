@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Field, Table
+from attlog.formats.barrier import unguarded
+from attlog.formats.base import Field, Guard, Table
 from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index
 from attlog.formats.mapping import Records, gather
 from attlog.limits import MAX_INSTANCES
@@ -49,10 +50,11 @@ def build_tables(
     index: Index,
     units: dict[int, tuple[str, tuple[str | None, ...]]] | None = None,
     by_instance: bool = True,
+    guard: Guard = unguarded,
 ) -> dict[tuple[str, int], Table]:
     """The tables of an index by (name, instance), in the order in which their first records stand in the file.
 
-    ``units`` gives for a layout its unit ids and the unit of each column.
+    ``units`` gives for a layout its unit ids and the unit of each column; ``guard`` goes around each message.
     """
     units = units or {}
     order = np.argsort(index.layout, kind="stable")
@@ -61,24 +63,36 @@ def build_tables(
     for k, fmt in enumerate(index.layouts):
         if bounds[k] == bounds[k + 1] or not fmt.readable:
             continue
-        offsets = index.offsets[order[bounds[k] : bounds[k + 1]]].astype(np.int64, copy=False)
-        ids, texts = units.get(k, ("", ()))
-        fields, record = fields_of(fmt, texts)
-        whole = Table(fmt.name, 0, fields, offsets, _decoder(data, record))
-        column = instance_column(fmt, ids) if by_instance else None
-        if column is None:
-            parts.setdefault((fmt.name, 0), []).append(whole)
-            continue
+        with guard(fmt.name, "its records", fmt.offset):
+            offsets = index.offsets[order[bounds[k] : bounds[k + 1]]].astype(np.int64, copy=False)
+            for part in _parts(data, fmt, offsets, units.get(k, ("", ())), by_instance, guard):
+                parts.setdefault((fmt.name, part.instance), []).append(part)
+    tables = {}
+    for key, found in parts.items():
+        with guard(key[0], "its layouts", int(found[0].offsets[0])):
+            tables[key] = found[0] if len(found) == 1 else MixedTable(found, guard)
+    return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+
+
+def _parts(
+    data: NDArray[np.uint8],
+    fmt: Format,
+    offsets: NDArray[np.int64],
+    described: tuple[str, tuple[str | None, ...]],
+    by_instance: bool,
+    guard: Guard,
+) -> list[Table]:
+    """The records of one layout, a table for each instance."""
+    ids, texts = described
+    fields, record = fields_of(fmt, texts)
+    column = instance_column(fmt, ids) if by_instance else None
+    split = None
+    if column is not None:
         place = fmt.place(fmt.columns.index(column))
         split = by_instance_number(gather(data[place:], offsets, fields[column].dtype))
-        if split is None:
-            parts.setdefault((fmt.name, 0), []).append(whole)
-            continue
-        for instance, mine in split:
-            part = Table(fmt.name, instance, fields, offsets[mine], _decoder(data, record))
-            parts.setdefault((fmt.name, instance), []).append(part)
-    tables = {key: found[0] if len(found) == 1 else MixedTable(found) for key, found in parts.items()}
-    return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+    if split is None:
+        return [Table(fmt.name, 0, fields, offsets, _decoder(data, record), guard)]
+    return [Table(fmt.name, number, fields, offsets[mine], _decoder(data, record), guard) for number, mine in split]
 
 
 def by_instance_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
@@ -110,7 +124,7 @@ class MixedTable(Table):
     one layout gives that layout's plain table.
     """
 
-    def __init__(self, parts: list[Table]) -> None:
+    def __init__(self, parts: list[Table], guard: Guard = unguarded) -> None:
         self._parts = parts
         fields: dict[str, Field] = {}
         for part in parts:
@@ -128,7 +142,7 @@ class MixedTable(Table):
         # of each record in file order: which part holds it, and at which place
         self._part = np.repeat(np.arange(len(parts)), [len(p) for p in parts])[order]
         self._place = np.concatenate([np.arange(len(p)) for p in parts])[order]
-        super().__init__(parts[0].name, parts[0].instance, fields, every[order], self._mixed)
+        super().__init__(parts[0].name, parts[0].instance, fields, every[order], self._mixed, guard)
 
     def _mixed(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
         """A column of all records; a table only ever decodes its own offsets."""
@@ -151,7 +165,7 @@ class MixedTable(Table):
         which, place = self._part[select], self._place[select]
         chosen = [(part, np.sort(place[which == k])) for k, part in enumerate(self._parts)]
         parts = [part.rows(mine) for part, mine in chosen if len(mine)] or [self._parts[0].rows(slice(0))]
-        return parts[0] if len(parts) == 1 else MixedTable(parts)
+        return parts[0] if len(parts) == 1 else MixedTable(parts, self._around or unguarded)
 
 
 def tell_unreadable(index: Index) -> None:

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
-from attlog.formats.base import Field, Messages, Table, Text
+from attlog.formats.barrier import Barrier
+from attlog.formats.base import Field, Guard, Messages, Remark, Table, Text
 from attlog.formats.clock import boots
 from attlog.formats.dataflash.clock import timeline_of_tables
 from attlog.formats.dataflash.content import INFO, params, texts
@@ -57,13 +58,18 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     lines = _Lines(data.tobytes())
     if not lines.formats:
         raise LogUnusable(f"{path}: no FMT line describes the values, so the text cannot be read as a log.")
-    messages = Messages(path, "dataflash_text", len(data), lines.tables())
+    remarks: list[Remark] = []
+    around = Barrier(remarks).around
+    messages = Messages(path, "dataflash_text", len(data), lines.tables(around), remarks=remarks)
     losses = lines.losses
     messages.damage, messages.damage_bytes, messages.damage_places = losses.listed, losses.bytes, losses.places
     messages.info["banner"] = lines.banner
     timeline = timeline_of_tables(messages, lines.formats)
-    messages.params = params(messages, timeline)
-    messages.texts = [*(Text(line, INFO, None, 0) for line in lines.banner), *texts(messages, timeline)][:MAX_TEXTS]
+    with around("PARM", "parameters", None):
+        messages.params = params(messages, timeline)
+    messages.texts = [Text(line, INFO, None, 0) for line in lines.banner]
+    with around("MSG", "texts", None):
+        messages.texts = [*messages.texts, *texts(messages, timeline)][:MAX_TEXTS]
     messages.boots = boots(timeline, len(data))
     return messages
 
@@ -142,25 +148,28 @@ class _Lines:
     def _lose(self, offset: int, line: bytes, lost: str) -> None:
         self.losses.add(offset, len(line), lost, "next line")
 
-    def tables(self) -> dict[tuple[str, int], Table]:
+    def tables(self, guard: Guard) -> dict[tuple[str, int], Table]:
         """The tables by (name, instance), in the order in which their first lines stand in the file."""
         tables: dict[tuple[str, int], Table] = {}
         for name, (offsets, lengths) in self._found.items():
-            if not offsets:
-                continue
-            fmt = self.formats[name]
-            at, length = np.frombuffer(offsets, np.int64), np.frombuffer(lengths, np.int64)
-            fields = _fields(fmt)
-            decode = _decoder(fmt, at, length, self.raw)
-            whole = Table(name, 0, fields, at, decode)
-            column = instance_column(fmt, "")
-            split = None if column is None else by_instance_number(whole[column])
-            if split is None:
-                tables[name, 0] = whole
-                continue
-            for instance, mine in split:
-                tables[name, instance] = Table(name, instance, fields, at[mine], decode)
+            if offsets:
+                with guard(name, "its lines", offsets[0]):
+                    at, length = np.frombuffer(offsets, np.int64), np.frombuffer(lengths, np.int64)
+                    tables.update(self._of_message(name, at, length, guard))
         return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
+
+    def _of_message(
+        self, name: str, at: NDArray[np.int64], length: NDArray[np.int64], guard: Guard
+    ) -> dict[tuple[str, int], Table]:
+        fmt = self.formats[name]
+        fields = _fields(fmt)
+        decode = _decoder(fmt, at, length, self.raw)
+        whole = Table(name, 0, fields, at, decode, guard)
+        column = instance_column(fmt, "")
+        split = None if column is None else by_instance_number(whole[column])
+        if split is None:
+            return {(name, 0): whole}
+        return {(name, number): Table(name, number, fields, at[mine], decode, guard) for number, mine in split}
 
 
 def _pattern(fmt: Format) -> re.Pattern[bytes]:

@@ -19,7 +19,11 @@ from attlog.formats.mapping import text_of
 _PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
 
 
-def units_of(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tuple[str | None, ...]]]:
+Units = dict[int, tuple[str, tuple[str | None, ...]]]
+"""By layout its unit ids, and the unit text of every column."""
+
+
+def units_of(data: NDArray[np.uint8], index: Index) -> Units:
     """For each layout that FMTU describes: its unit ids, and the unit text of every column."""
     describes = np.array([f.name in ("FMTU", "UNIT", "MULT") for f in index.layouts])
     chosen = describes[index.layout].nonzero()[0]
@@ -45,7 +49,7 @@ def units_of(data: NDArray[np.uint8], index: Index) -> dict[int, tuple[str, tupl
             for letter, u, m in zip(letters, ids, mults.ljust(len(ids), "-"), strict=False)
         )
 
-    result = {}
+    result: Units = {}
     rows = zip(*(described[c].tolist() for c in ("FmtType", "UnitIds", "MultIds")), described.offsets.tolist(),
                strict=True)  # fmt: skip
     for kind, unit_ids, mult_ids, offset in rows:

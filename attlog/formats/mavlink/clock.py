@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from attlog.formats.base import Messages, Table
@@ -19,11 +21,11 @@ def of_system(messages: Messages, name: str, system: int) -> list[Table]:
 def timeline(messages: Messages, system: int) -> Timeline:
     """Offset and boot time (us) of the clock messages of a system's autopilot, in file order."""
     component = messages.info["systems"].get(system, {}).get("component")
-    at, time = in_file_order(
-        (table.offsets, table["time_boot_ms"].astype(np.int64) * 1000)
-        for name in CLOCK_MESSAGES
-        for table in of_system(messages, name, system)
-        if component is None or table.instance & 0xFF == component
-    )
+    found = []
+    for table in (t for name in CLOCK_MESSAGES for t in of_system(messages, name, system)):
+        if component is None or table.instance & 0xFF == component:
+            with suppress(KeyError):  # a column that could not be decoded is told among the remarks
+                found.append((table.offsets, table["time_boot_ms"].astype(np.int64) * 1000))
+    at, time = in_file_order(found)
     told = time > 0  # SYSTEM_TIME of a ground station that answers under the vehicle's id is zero
     return at[told], time[told]

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
-from attlog.formats.base import Boot, Field, Messages, ParamChange, Table, Text
+from attlog.formats.barrier import Barrier
+from attlog.formats.base import Boot, Field, Guard, Messages, ParamChange, Remark, Table, Text
 from attlog.formats.clock import Timeline, boots, times_before
 from attlog.formats.mapping import Records, gather, map_bytes, text_of
 from attlog.formats.mavlink.clock import CLOCK_MESSAGES, of_system, timeline
@@ -48,8 +49,10 @@ def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8]
     packets = index_packets(data, catalogue())
     if len(packets.offsets) == 0:
         raise LogUnusable(f"{path}: no MAVLink packet with a right checksum, so there is nothing to decode.")
+    remarks: list[Remark] = []
+    around = Barrier(remarks).around
     messages = Messages(
-        path, "tlog" if packets.stamped else "mavlink", len(data), _tables(data, packets),
+        path, "tlog" if packets.stamped else "mavlink", len(data), _tables(data, packets, around), remarks=remarks,
         damage=packets.losses.listed, damage_bytes=packets.losses.bytes, damage_places=packets.losses.places,
     )  # fmt: skip
     messages.info["systems"] = systems_of(messages)
@@ -59,8 +62,10 @@ def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8]
     messages.boots = [Boot(0, len(data))]
     if chosen is not None:
         clock = timeline(messages, chosen)
-        messages.params = _params(messages, chosen, clock)
-        messages.texts = _texts(messages, chosen, clock)
+        with around("PARAM_VALUE", "parameters", None):
+            messages.params = _params(messages, chosen, clock)
+        with around("STATUSTEXT", "texts", None):
+            messages.texts = _texts(messages, chosen, clock)
         messages.boots = boots(clock, len(data))
     return messages
 
@@ -68,7 +73,7 @@ def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8]
 # --- tables -----------------------------------------------------------------------------------------------------
 
 
-def _tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], Table]:
+def _tables(data: NDArray[np.uint8], packets: Packets, guard: Guard) -> dict[tuple[str, int], Table]:
     """The tables by message name and sender, in the order in which their first packets stand in the file."""
     numbers, number = _ranked(packets.ids)
     senders, sender = _ranked(packets.senders)
@@ -86,7 +91,7 @@ def _tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], 
         name, fields, record = layout(int(numbers[k // len(senders)]))
         if packets.stamped:
             fields = {STAMP: Field(STAMP, np.dtype(np.int64), "us"), **fields}
-        tables[name, instance] = Table(name, instance, fields, offsets, _decoder(data, record))
+        tables[name, instance] = Table(name, instance, fields, offsets, _decoder(data, record), guard)
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
