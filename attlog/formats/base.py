@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,9 +127,11 @@ class Table:
         return Table(self.name, self.instance, self._fields, self.offsets[select], self._decode, self._around)
 
 
-@dataclass(frozen=True, slots=True)
-class ParamChange:
-    """A parameter value as the log states it. ``t_us`` is None for values from before the first data."""
+class ParamChange(NamedTuple):
+    """A parameter value as the log states it. ``t_us`` is None for values from before the first data.
+
+    A tuple because logs state thousands, and these are made four times as fast.
+    """
 
     name: str
     value: float | int

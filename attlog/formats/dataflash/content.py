@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
+from itertools import repeat
+from math import isfinite
 
 from attlog.formats.base import Messages, ParamChange, Table, Text
 from attlog.formats.clock import Timeline, times_before
@@ -21,14 +22,14 @@ def params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
     table = table.rows(slice(MAX_PARAM_CHANGES))
     names = [text_of(name) for name in table["Name"].tolist()]
     values = table["Value"].tolist()
-    defaults = table["Default"].tolist() if is_number(table, "Default") else [np.nan] * len(values)
-    result = []
-    rows = zip(names, values, defaults, _times_of(table, timeline), table.offsets.tolist(), strict=True)
-    for name, value, default, t_us, offset in rows:
-        if np.isfinite(default):
-            result.append(ParamChange(name, default, t_us, True, offset))
-        result.append(ParamChange(name, value, t_us, False, offset))
-    return result
+    times, offsets = _times_of(table, timeline), table.offsets.tolist()
+    changes = map(ParamChange, names, values, times, repeat(False), offsets)
+    if not is_number(table, "Default"):
+        return list(changes)
+    told: list[float] = table["Default"].tolist()
+    defaults = map(ParamChange, names, told, times, repeat(True), offsets)
+    pairs = zip(defaults, changes, strict=True)
+    return [c for default, change in pairs for c in ((default, change) if isfinite(default.value) else (change,))]
 
 
 def texts(messages: Messages, timeline: Timeline) -> list[Text]:

@@ -13,6 +13,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -55,9 +56,7 @@ class Format:
     @property
     def readable(self) -> bool:
         """True when the letters are known and their sizes add up to the declared length."""
-        if not self.letters or not LETTER_DTYPES.keys() >= set(self.letters):
-            return False
-        return self.place(len(self.letters)) == self.length
+        return _length_of(self.letters) == self.length
 
     def place(self, k: int) -> int:
         """Where the k-th column begins in the record (bytes)."""
@@ -68,6 +67,14 @@ class Format:
         return (self.length, self.name, self.letters, self.columns) == (
             other.length, other.name, other.letters, other.columns,
         )  # fmt: skip
+
+
+@lru_cache(1 << 12)
+def _length_of(letters: str) -> int | None:
+    """Bytes of a record with columns of these letters; None where one is unknown or there are none."""
+    if not letters or not LETTER_DTYPES.keys() >= set(letters):
+        return None
+    return HEADER_LENGTH + sum(map(_LETTER_SIZES.__getitem__, letters))
 
 
 FMT_FORMAT = Format(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"), 0)
@@ -124,23 +131,28 @@ def _printable(raw: bytes) -> str | None:
 
 def parse_format(raw: bytes, offset: int) -> Format | None:
     """The Format in the 89 bytes of an FMT record, None if they cannot be one."""
+    told = _parsed(raw)
+    return told if told is None or isinstance(told, Format) else Format(*told, offset)
+
+
+@lru_cache(1 << 10)
+def _parsed(raw: bytes) -> tuple[int, int, str, str, tuple[str, ...]] | Format | None:
+    """The same without its place; logs of one firmware, and the recogniser before the reader, ask for the same ones."""
     name, letters, columns = _printable(raw[5:9]), _printable(raw[9:25]), _printable(raw[25:89])
     if not name or letters is None or columns is None or raw[4] < HEADER_LENGTH:
         return None
     if raw[3] == FMT_TYPE:
         return None if raw[4] != FMT_LENGTH else FMT_FORMAT
     names = column_names(columns.split(",")) if columns else ()
-    return Format(raw[3], raw[4], name, letters, names, offset)
+    return raw[3], raw[4], name, letters, names
 
 
 def column_names(listed: Iterable[str]) -> tuple[str, ...]:
     """The names without blanks around them; the second column of a name has none, as there is no way to ask for it."""
-    names: dict[str, None] = {}
-    columns = []
-    for name in map(str.strip, listed):
-        columns.append("" if name in names else name)
-        names[name] = None
-    return tuple(columns)
+    names = tuple(map(str.strip, listed))
+    if len(set(names)) == len(names):
+        return names
+    return tuple("" if name in names[:k] else name for k, name in enumerate(names))
 
 
 def _formats(data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8], losses: Losses) -> list[Format]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,8 +42,23 @@ def fields_of(fmt: Format, units: tuple[str | None, ...] = ()) -> tuple[dict[str
     return fields, record
 
 
-def _decoder(data: NDArray[np.uint8], record: np.dtype[Any]) -> Records:
-    return Records(lambda offsets: gather(data, offsets, record))
+class _Described:
+    """What a format says of its columns, found out when the first of its tables is asked."""
+
+    def __init__(self, data: NDArray[np.uint8], fmt: Format, units: tuple[str | None, ...]) -> None:
+        self._data = data
+        self._given = fmt, units
+
+    @cached_property
+    def _found(self) -> tuple[dict[str, Field], np.dtype[Any]]:
+        return fields_of(*self._given)
+
+    def fields(self) -> dict[str, Field]:
+        return self._found[0]
+
+    def table(self, instance: int, offsets: NDArray[np.int64], guard: Guard) -> Table:
+        decode = Records(lambda at: gather(self._data, at, self._found[1]))
+        return Table(self._given[0].name, instance, self.fields, offsets, decode, guard)
 
 
 def build_tables(
@@ -84,15 +100,15 @@ def _parts(
 ) -> list[Table]:
     """The records of one layout, a table for each instance."""
     ids, texts = described
-    fields, record = fields_of(fmt, texts)
+    layout = _Described(data, fmt, texts)
     column = instance_column(fmt, ids) if by_instance else None
     split = None
     if column is not None:
-        place = fmt.place(fmt.columns.index(column))
-        split = by_instance_number(gather(data[place:], offsets, fields[column].dtype))
+        k = fmt.columns.index(column)
+        split = by_instance_number(gather(data[fmt.place(k) :], offsets, LETTER_DTYPES[fmt.letters[k]]))
     if split is None:
-        return [Table(fmt.name, 0, fields, offsets, _decoder(data, record), guard)]
-    return [Table(fmt.name, number, fields, offsets[mine], _decoder(data, record), guard) for number, mine in split]
+        return [layout.table(0, offsets, guard)]
+    return [layout.table(number, offsets[mine], guard) for number, mine in split]
 
 
 def by_instance_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:

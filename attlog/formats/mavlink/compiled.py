@@ -7,6 +7,7 @@ bytes a step (slicing-by-8; Kounavis and Berry 2005).
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from typing import Any
 
@@ -18,15 +19,19 @@ from attlog.formats.mapping import Offsets, offset_type
 from attlog.formats.mavlink.crc import slicing_tables
 from attlog.kernels.obtain import obtained
 
-WORTH_COMPILED = 16 << 20
-"""Below this many bytes loading compiled code costs more than it saves."""
+WORTH_COMPILED = 12 << 20
+"""Below this many bytes loading compiled code costs more than it saves (40 ms against 4 ms per MB)."""
+
+WORTH_ONCE_LOADED = 1 << 18
+"""The same in a process that has compiled code loaded already."""
 
 _BLOCK = 1 << 16
 
 
 def pays(data: NDArray[np.uint8]) -> bool:
     """Whether :func:`compiled_packets` can be used and is worth it."""
-    return len(data) >= WORTH_COMPILED and _walk() is not None
+    least = WORTH_ONCE_LOADED if "llvmlite" in sys.modules else WORTH_COMPILED
+    return len(data) >= least and _walk() is not None
 
 
 def compiled_packets(
