@@ -16,6 +16,8 @@ from attlog.errors import AttlogError, UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
     from attlog.cli.layout import Line
+    from attlog.compare.configuration import Configuration
+    from attlog.compare.many import OnLog, Wanted
     from attlog.compare.sweep import Sweep
     from attlog.config import Config
     from attlog.metrics.base import Case
@@ -91,13 +93,13 @@ def command(
         raise UsageError("\n".join(wrong))
     settings = analysis_settings(config, reference)
     with progress(quiet, verbose > 0):
-        cases, errors = cases_of(given.logs, settings)
+        logs = Prepared(given.logs, settings)
         found = sweep(
             given.filter,
             grid(given.axes, base.row.estimator),
-            [many.OnLog(c, base, many.wanted(metric or METRICS)) for c in cases],
+            _asked(logs, base, many.wanted(metric or METRICS)),
         )
-        told = about(cases)
+        told = logs.about()
         files = _written(found, output, told)
     if table is not None:
         write_table(table, *sweep_words.rows(found))
@@ -105,7 +107,7 @@ def command(
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if not quiet:
         say(_told(found, files, told, bool(verbose)), console(stderr=json))
-    end(errors)
+    end(logs.errors)
 
 
 def analysis_settings(config: Path | None, reference: str | None) -> Config:
@@ -119,23 +121,65 @@ def analysis_settings(config: Path | None, reference: str | None) -> Config:
     return found
 
 
-def cases_of(paths: Sequence[Path], settings: Config) -> tuple[list[Case], list[AttlogError]]:
-    """The logs made ready, and what is wrong with the others, which is told. The first error if none is left."""
-    from attlog.analysis import prepare
-    from attlog.fleet.find import find
+def _asked(logs: Prepared, base: Configuration, metrics: Sequence[Wanted]) -> Iterator[OnLog]:
+    """The logs with what is asked of them; each is let go of with the one who takes it."""
+    from attlog.compare.many import OnLog
 
-    logs, errors = find(paths)
-    cases = []
-    for log in logs:
-        try:
-            cases.append(prepare(log, settings))
-        except AttlogError as error:
-            errors.append(error)
-    for wrong in errors if cases else errors[1:]:
-        to_stderr(message(wrong, __version__))
-    if not cases:
-        raise errors[0]
-    return cases, errors
+    for case in logs:
+        yield OnLog(case, base, metrics)
+        del case
+
+
+class Prepared:
+    """Logs made ready one after the other; what is wrong with one is told as it comes and kept in ``errors``."""
+
+    def __init__(self, paths: Sequence[Path], settings: Config) -> None:
+        from attlog.fleet.find import find
+
+        self._settings = settings
+        self._logs, self.errors = find(paths)
+        self._told: list[dict[str, Any]] = []
+
+    def __iter__(self) -> Iterator[Case]:
+        """The cases; the first error is raised after the last log if there was none."""
+        from attlog.analysis import prepare
+
+        late = list(self.errors)
+        for log in self._logs:
+            try:
+                case = prepare(log, self._settings)
+            except AttlogError as error:
+                self.errors.append(error)
+                late.append(error)
+                continue
+            for wrong in late:
+                to_stderr(message(wrong, __version__))
+            late.clear()
+            self._told.append(_about_log(case))
+            yield case
+            del case
+        for wrong in late if self._told else late[1:]:
+            to_stderr(message(wrong, __version__))
+        if not self._told:
+            raise self.errors[0]
+
+    def about(self) -> dict[str, Any]:
+        """What a JSON says of the version, the command and the logs."""
+        from attlog.analysis import versions
+
+        settings = self._settings.resolved()
+        return {"attlog": versions(), "command": command_line(), "config": settings, "logs": self._told}
+
+
+def _about_log(case: Case) -> dict[str, Any]:
+    from attlog.analysis import summarize
+    from attlog.summary import sha256
+
+    log = case.log
+    return {
+        "name": log.path.name, "sha256": sha256(log.path), "vehicle": log.vehicle, "firmware": log.firmware.version,
+        "reference": case.reference.kind, "reference_text": summarize(case.reference).text,
+    }  # fmt: skip
 
 
 def end(errors: Sequence[AttlogError]) -> None:
@@ -143,22 +187,6 @@ def end(errors: Sequence[AttlogError]) -> None:
     code = worst(exit_code(error) for error in errors)
     if code:
         raise typer.Exit(code)
-
-
-def about(cases: Sequence[Case]) -> dict[str, Any]:
-    """What a JSON says of the version, the command and the logs."""
-    from attlog.analysis import summarize, versions
-    from attlog.summary import sha256
-
-    logs = [
-        {
-            "name": c.log.path.name, "sha256": sha256(c.log.path), "vehicle": c.log.vehicle,
-            "firmware": c.log.firmware.version, "reference": c.reference.kind,
-            "reference_text": summarize(c.reference).text,
-        }
-        for c in cases
-    ]  # fmt: skip
-    return {"attlog": versions(), "command": command_line(), "config": cases[0].settings, "logs": logs}
 
 
 def stem(command: str, filter_name: str) -> str:

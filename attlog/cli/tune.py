@@ -10,7 +10,7 @@ import typer
 
 from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
 from attlog.cli.progress import progress
-from attlog.cli.sweep import ConfigFile, ReferenceName, about, aligned, analysis_settings, cases_of, end, stem
+from attlog.cli.sweep import ConfigFile, Prepared, ReferenceName, aligned, analysis_settings, end, stem
 from attlog.errors import UsageError
 
 if TYPE_CHECKING:
@@ -95,11 +95,12 @@ def command(
     settings = analysis_settings(config, reference)
     firmware = firmware_names(base.row.estimator)
     with progress(quiet, verbose > 0):
-        cases, errors = cases_of(given.logs, settings)
+        prepared = Prepared(given.logs, settings)
+        cases = list(prepared)
         logs = [many.OnLog(c, base, [t.metric for t in terms], guarded=True) for c in cases]
         others = [many.OnLog(c, base, many.wanted(ELSEWHERE)) for c in cases]
         found = tune(given.filter, free, terms, logs, others, _start(free, logs[0]), generations, seed)
-        told = about(cases)
+        told = prepared.about()
         files = _written(found, output, told, firmware)
     if table is not None:
         write_table(table, *tune_words.judged_rows(found))
@@ -107,7 +108,7 @@ def command(
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if not quiet:
         say(_told(found, files, told, firmware), console(stderr=json))
-    end(errors)
+    end(prepared.errors)
 
 
 def _start(free: Sequence[Free], log: OnLog) -> dict[str, float | str]:

@@ -12,7 +12,7 @@ the others by the random-effects mean of the logs' paired differences (:mod:`att
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,14 +87,23 @@ class Sweep:
         return len(self.settings) - 1
 
 
-def sweep(filter_name: str, grid: Grid, logs: Sequence[OnLog]) -> Sweep:
-    """Run a grid over logs, each with the same metrics asked for. Errors as in ``replay.batch``."""
+def sweep(filter_name: str, grid: Grid, logs: Iterable[OnLog]) -> Sweep:
+    """Run a grid over logs, one or more, each with the same metrics asked for. Errors as in ``replay.batch``.
+
+    But for the first, each log is let go of before the next is asked for.
+    """
     settings: list[Setting] = [*grid, {}]
-    by_log = [log(settings) for log in logs]
+    coming = iter(logs)
+    first = next(coming)
+    names, by_log = [first.name], [first(settings)]
+    for log in coming:
+        names.append(log.name)
+        by_log.append(log(settings))
+        del log
     cells = [[of_log[k] for of_log in by_log] for k in range(len(settings))]
-    _unsound_winners(settings, cells, logs)
-    columns = [column(metric, cells) for metric in logs[0].asked]
-    return Sweep(filter_name, grid, settings, [log.name for log in logs], cells, columns)
+    _unsound_winners(settings, cells, first)
+    columns = [column(metric, cells) for metric in first.asked]
+    return Sweep(filter_name, grid, settings, names, cells, columns)
 
 
 def column(metric: Wanted, cells: Sequence[Sequence[Settled]]) -> Column:
@@ -218,17 +227,17 @@ def _told(found: Sequence[tuple[Beside, float]]) -> list[Beside]:
     return told
 
 
-def _unsound_winners(settings: Sequence[Setting], cells: Sequence[Sequence[Settled]], logs: Sequence[OnLog]) -> None:
+def _unsound_winners(settings: Sequence[Setting], cells: Sequence[Sequence[Settled]], log: OnLog) -> None:
     """Settings that gravity does not correct win nothing: told of those that would, until none of them is."""
     checked: set[int] = set()
     while True:
-        columns = [column_of_sizes(metric, cells) for metric in logs[0].asked]
+        columns = [column_of_sizes(metric, cells) for metric in log.asked]
         leaders = {k for best in columns for k in best} - checked
         if not leaders:
             return
         for k in leaders:
             checked.add(k)
-            why = logs[0].why_not_best(settings[k])
+            why = log.why_not_best(settings[k])
             for cell in cells[k] if why else ():
                 cell.unsound = why
 

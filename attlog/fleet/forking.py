@@ -31,7 +31,11 @@ from pathlib import Path
 from typing import Any
 
 HEADER = struct.Struct("!Q")
-PRELOADED = ("attlog.analysis", "attlog.fleet.child", "attlog.report.page", "jinja2", "llvmlite.binding", "vqf")
+PRELOADED = (
+    "attlog.analysis", "attlog.fleet.child", "attlog.flight.ardupilot.reader", "attlog.flight.px4.reader",
+    "attlog.formats.dataflash.reader", "attlog.formats.ulog.reader", "attlog.report.page", "attlog.report.templates",
+    "llvmlite.binding", "numpy.fft", "numpy.ma", "pygeomag", "tomli_w", "vqf",
+)  # fmt: skip
 """What nearly every log needs; what is left out is imported by the child that needs it."""
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
+from weakref import WeakSet
 
 import numpy as np
 import pytest
@@ -68,6 +70,25 @@ def test_on_one_log_the_best_is_told_from_settings_that_are_worse_and_not_from_i
     assert found.beside[3].told
     low, high = found.beside[3].ci95 or (0.0, 0.0)
     assert low < 1.5 < high
+
+
+def test_each_log_is_let_go_of_before_the_next() -> None:
+    """But the first, which is asked again; a sweep over many logs holds two of them at once."""
+    alive: WeakSet[Made] = WeakSet()
+    held = []
+
+    def coming() -> Iterator[Made]:
+        for name in ("a", "bb", "ccc", "dddd"):
+            log = Made(name, 0.2)
+            alive.add(log)
+            held.append(len(alive))
+            yield log
+            del log
+
+    axes = grid(["kp=" + ",".join(map(str, KP))], get("mahony"))
+    found = sweep("mahony", axes, coming())  # type: ignore[arg-type]
+    assert found.logs == ["a", "bb", "ccc", "dddd"]
+    assert held == [1, 2, 2, 2]
 
 
 def test_over_logs_one_setting_is_best_for_all_beside_the_own_optimum_of_each() -> None:
