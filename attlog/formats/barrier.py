@@ -31,16 +31,18 @@ class Barrier:
         """Run the body; an unexpected error in it ends here. ``what`` of the message it reads, ``offset`` where."""
         try:
             yield
-        except (AttlogError, MemoryError):  # said on purpose; and no message's fault
-            raise
         except Exception as error:
-            if os.environ.get(RAISE):
-                raise
-            logging.getLogger("attlog.formats").debug("%s, %s, byte %s", message, what, offset, exc_info=True)
-            if message not in self._failed:
-                self._failed.add(message)
-                at = "" if offset is None else f" from byte {offset} on"
-                self._remarks.append(Remark(CODE, sentence(f"{message}{at}", error), offset))
+            self.caught(error, message, what, offset)
+
+    def caught(self, error: Exception, message: str, what: str, offset: int | None) -> None:
+        """The same for an error at hand; raises it where it was meant, or is no message's fault, or under test."""
+        if isinstance(error, (AttlogError, MemoryError)) or os.environ.get(RAISE):
+            raise error
+        logging.getLogger("attlog.formats").debug("%s, %s, byte %s", message, what, offset, exc_info=error)
+        if message not in self._failed:
+            self._failed.add(message)
+            at = "" if offset is None else f" from byte {offset} on"
+            self._remarks.append(Remark(CODE, sentence(f"{message}{at}", error), offset))
 
 
 def unguarded(message: str, what: str, offset: int | None) -> AbstractContextManager[None]:

@@ -8,7 +8,6 @@ layer never knows how a byte was stored.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Guard = Callable[[str, str, int | None], AbstractContextManager[None]]
-"""A message, what of it is read and where: around what may fail, see :mod:`attlog.formats.barrier`."""
+Caught = Callable[[Exception, str, str, int | None], None]
+"""What becomes of an error in a message, what of it was read and where, see :mod:`attlog.formats.barrier`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,24 +51,25 @@ class Table:
         fields: dict[str, Field] | Callable[[], dict[str, Field]],
         offsets: NDArray[np.int64],
         decode: Callable[[str, NDArray[np.int64]], NDArray[Any]],
-        guard: Guard | None = None,
+        barrier: Caught | None = None,
     ) -> None:
         self.name = name
         self.instance = instance
         self.offsets = offsets
         self._fields = fields
         self._decode = decode
-        self._around = guard
+        self._barrier = barrier
         self._columns: dict[str, NDArray[Any]] = {}
 
     @property
     def fields(self) -> dict[str, Field]:
         """The columns by name, in stored order; a reader may leave finding them to the first who asks."""
         if callable(self._fields):
-            found: dict[str, Field] = {}
-            with self._guard("its fields"):
-                found = self._fields()
-            self._fields = found
+            try:
+                self._fields = self._fields()
+            except Exception as error:
+                self._fields = {}
+                self._caught(error, "its fields")
         return self._fields
 
     def __len__(self) -> int:
@@ -92,18 +92,18 @@ class Table:
                 return self[element[0]][:, element[1]]
             if column not in self.fields:
                 raise KeyError(f"{self.name} has no field {column!r}; it has {', '.join(self.fields)}")
-            with self._guard(column):
+            try:
                 self._columns[column] = self._decode(column, self.offsets)
-            if column not in self._columns:
+            except Exception as error:
+                self._caught(error, column)
                 self._fields = {name: field for name, field in self.fields.items() if name != column}
-                raise KeyError(f"{self.name}: {column} cannot be decoded")
+                raise KeyError(f"{self.name}: {column} cannot be decoded") from None
         return self._columns[column]
 
-    def _guard(self, what: str) -> AbstractContextManager[None]:
-        if self._around is None:
-            return nullcontext()
-        place = int(self.offsets[0]) if len(self.offsets) else None
-        return self._around(self.name, what, place)
+    def _caught(self, error: Exception, what: str) -> None:
+        if self._barrier is None:
+            raise error
+        self._barrier(error, self.name, what, int(self.offsets[0]) if len(self.offsets) else None)
 
     def value(self, column: str) -> NDArray[np.float64]:
         """The column as float64 in the unit that the format prints."""
@@ -124,7 +124,7 @@ class Table:
 
     def rows(self, select: NDArray[Any] | slice) -> Table:
         """The same message, only the selected records (mask, indices or slice)."""
-        return Table(self.name, self.instance, self._fields, self.offsets[select], self._decode, self._around)
+        return Table(self.name, self.instance, self._fields, self.offsets[select], self._decode, self._barrier)
 
 
 class ParamChange(NamedTuple):

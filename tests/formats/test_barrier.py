@@ -72,12 +72,13 @@ def test_the_flight_goes_on_without_the_topic(monkeypatch: pytest.MonkeyPatch) -
 def test_a_fault_in_one_type_of_record_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(RAISE, raising=False)
 
-    def broken(kind: str, raw: bytes) -> float:
+    def broken(*_: object) -> float:
         raise Planted("boom")
 
     monkeypatch.setattr(content, "parameter_value", broken)
+    monkeypatch.setattr(content, "ParamChange", broken)
     log = formats.open(LOG)
-    assert {r.text[:17] for r in log.remarks} == {"Records of type P", "Records of type Q"}
+    assert {r.text[:10] for r in log.remarks} == {"Parameters", "Records of"}
     monkeypatch.undo()
     whole = formats.open(LOG)
     assert (log.params, log.texts, list(log)) == ([], whole.texts, list(whole))

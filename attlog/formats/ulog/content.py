@@ -12,6 +12,10 @@ from attlog.formats.base import ParamChange, Remark, Text
 from attlog.formats.ulog.records import info_value, keyed, parameter_value, text
 from attlog.limits import MAX_DROPOUTS, MAX_INFO, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
+RUN = 1 << 16
+"""Bytes of parameters looked at together."""
+PARAMETER, DEFAULT = b"PQ"
+_INT, _FLOAT = struct.Struct("<i").unpack_from, struct.Struct("<f").unpack_from
 LATEST_US = 2**63
 """Times from here on do not fit the clocks of a flight; no logger ever ran so long."""
 
@@ -105,6 +109,39 @@ class Content:
         changed = self.in_data and not is_default
         t_us = (self._time_before(position) or self._start_us) if changed else None
         self.params.append(ParamChange(name, value, t_us, is_default, position))
+
+    def take_parameters(self, raw: memoryview, position: int, stop: int) -> int:
+        """Take in parameters that stand one behind the other, all but the last; the position of that one.
+
+        Each looks as strictly as :func:`attlog.formats.ulog.records.is_record` demands and is followed by one that
+        does: most definitions of a log are parameters, and taken one by one they cost more than all its data.
+        """
+        chunk = bytes(raw[position : min(position + RUN, stop)])
+        before = (self._time_before(position) or self._start_us) if self.in_data else None
+        found: list[ParamChange] = []
+        at, length, whole = 0, len(chunk), 0
+        while at + 12 < length:
+            is_default = chunk[at + 2] == DEFAULT
+            if chunk[at + 2] != PARAMETER and not is_default:
+                break
+            key = at + 4 if is_default else at + 3
+            end, behind_name = at + 3 + (chunk[at] | chunk[at + 1] << 8), key + 1 + chunk[key]
+            if not 6 < chunk[key] < 64 or end != behind_name + 4 or end > length or (is_default and chunk[at + 3] > 15):
+                break
+            if chunk.startswith(b"int32_t ", key + 1):
+                name, (value,) = chunk[key + 9 : behind_name], _INT(chunk, behind_name)
+            elif chunk.startswith(b"float ", key + 1):
+                name, (value,) = chunk[key + 7 : behind_name], _FLOAT(chunk, behind_name)
+            else:
+                break
+            t_us = None if is_default else before
+            found.append(ParamChange(name.decode("utf-8", "replace"), value, t_us, is_default, position + at))
+            whole, at = at, end
+        room = max(MAX_PARAM_CHANGES - len(self.params), 0)
+        taken = [change for change in found[:-1] if change.name]
+        self.params += taken[:room]
+        self._left_out["parameters"] += len(taken[room:])
+        return position + whole
 
     def _take_text(self, kind: int, payload: bytes, position: int) -> None:
         self.in_data = True

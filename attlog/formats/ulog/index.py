@@ -10,6 +10,7 @@ its machine code is at hand, since compiling it costs more than it saves on one 
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from typing import Any, Protocol
 
@@ -33,8 +34,11 @@ FEW = 8
 """Records that are walked one by one before a block is compared."""
 SEGMENT = 1 << 19
 """Records that a compiled walk takes at once: large buffers, which the system maps in large pages."""
-WORTH_COMPILED = 32 << 20
-"""Below this many bytes loading compiled code costs more than it saves."""
+WORTH_COMPILED, WORTH_IF_READY = 32 << 20, 4 << 20
+"""Below this many bytes loading compiled code costs more than it saves; the second where kernels run already."""
+DATA = ord("D")
+SYNC_MARK = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+"""A record of its own, which the logger writes now and then so that the places behind damage are found."""
 HEADER = 5
 """Bytes before the payload of a data record: size, type, id."""
 
@@ -90,7 +94,7 @@ class Chain(Protocol):
 class NumpyChain:
     """Segments of data records by whole-block comparison."""
 
-    group = 1 << 17
+    group = 1 << 15
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data = data
@@ -132,7 +136,7 @@ class NumpyChain:
         raw, smallest, spread = self._data.data, self._sizes.smallest, self._sizes.spread
         starts: list[int] = []
         ids: list[int] = []
-        while len(starts) < FEW and position + HEADER <= stop and raw[position + 2] == ord("D"):
+        while len(starts) < FEW and position + HEADER <= stop and raw[position + 2] == DATA:
             size, identifier = raw[position] | raw[position + 1] << 8, identifier_at(raw, position)
             least = int(smallest[identifier])
             if not 0 < least <= size <= least + int(spread[identifier]) or position + 3 + size > stop:
@@ -146,24 +150,44 @@ class NumpyChain:
         """All places in the next block that look like a data record, and where their chain breaks."""
         self._begin, self._end = position, min(position + self._block, len(self._data))
         self._block = min(4 * self._block, BLOCK)
+        length = self._end - position
         block = self._data[position : self._end + HEADER - 1]
-        if len(block) < self._end - position + HEADER - 1:
-            block = np.concatenate([block, np.zeros(HEADER - 1, np.uint8)])
-        starts = (block[2 : self._end - position + 2] == ord("D")).nonzero()[0]
-        size = block.take(starts) | (block.take(starts + 1).astype(np.uint16) << 8)
-        ids = block.take(starts + 3) | (block.take(starts + 4).astype(np.uint16) << 8)
+        if len(block) < length + HEADER - 1:
+            block = np.concatenate([block, np.zeros(length + HEADER - 1 - len(block), np.uint8)])
+        at = (block[2 : length + 2] == DATA).nonzero()[0]
+        size, ids = _numbers(block, at), _numbers(block, at + 3)
         smallest = self._sizes.smallest.take(ids)
         fits = size - smallest <= self._sizes.spread.take(ids)
         fits &= smallest > 0
-        starts, size = starts[fits], size[fits]
+        kept = fits.nonzero()[0]
+        starts, size = at.take(kept), size.take(kept)
         starts += position
-        ends = starts + 3
-        ends += size
+        ends = starts + size
+        ends += 3
         inside = len(ends) if not len(ends) or ends[-1] <= len(self._data) else int((ends <= len(self._data)).argmin())
-        self._starts, self._ends, self._ids = starts[:inside], ends[:inside], ids[fits][:inside]
+        self._starts, self._ends, self._ids = starts[:inside], ends[:inside], ids.take(kept[:inside])
         broken = np.ones(inside, bool)
         np.not_equal(self._ends[:-1], self._starts[1:], out=broken[:-1])
-        self._breaks = broken.nonzero()[0]
+        breaks = broken.nonzero()[0]
+        self._breaks = breaks[~self._leads_over_a_mark(breaks)]
+
+    def _leads_over_a_mark(self, breaks: Offsets) -> NDArray[np.bool_]:
+        """Which breaks are synchronisation marks with the next record behind them."""
+        over = np.zeros(len(breaks), bool)
+        if len(breaks) > 1:
+            marks = self._ends[breaks[:-1]]
+            over[:-1] = self._starts[breaks[:-1] + 1] - marks == len(SYNC_MARK)
+            for k in over.nonzero()[0].tolist():
+                over[k] = self._data[marks[k] : marks[k] + len(SYNC_MARK)].tobytes() == SYNC_MARK
+        return over
+
+
+def _numbers(block: Bytes, at: Offsets) -> NDArray[np.uint16]:
+    """The u16 at each place."""
+    found = block.take(at + 1).astype(np.uint16)
+    found <<= 8
+    found |= block.take(at)
+    return found
 
 
 class NumbaChain:
@@ -206,6 +230,9 @@ class NumbaChain:
         return [(i, sorted_starts[ends[i] - counts[i] : ends[i]]) for i in counts.nonzero()[0].tolist()]
 
 
+# Places are unsigned in these loops: a signed one could count from the end, and asking costs a third of the time.
+
+
 def count(ids, counts):  # type: ignore[no-untyped-def]
     """Add how often each id stands in a segment."""
     for i in range(len(ids)):
@@ -215,30 +242,35 @@ def count(ids, counts):  # type: ignore[no-untyped-def]
 def scatter(starts, ids, places, out):  # type: ignore[no-untyped-def]
     """Put each start at the next free place of its id."""
     for i in range(len(starts)):
-        out[places[ids[i]]] = starts[i]
-        places[ids[i]] += 1
+        place = places[ids[i]]
+        out[np.uint64(place)] = starts[i]
+        places[ids[i]] = place + 1
 
 
 def walk(data, position, stop, smallest, spread, starts, ids):  # type: ignore[no-untyped-def]
     """Starts and ids of consecutive data records from ``position`` on; returns how many."""
-    n = 0
-    while n < len(starts) and position + 5 <= stop:
-        size = np.int64(data[position]) | np.int64(data[position + 1]) << 8
-        is_sync = data[position + 2] == 83 and size == 8 and data[position + 3] == 0x2F
-        if is_sync and n and position + 11 <= stop and data[position + 10] == 0x12:
-            position += 11
-            continue
-        identifier = np.int64(data[position + 3]) | np.int64(data[position + 4]) << 8
-        least = np.int64(smallest[identifier])
-        if data[position + 2] != 68 or least == 0 or size < least or size > least + spread[identifier]:
-            break
-        if position + 3 + size > stop:
-            break
-        starts[n] = position
-        ids[n] = identifier
-        n += 1
-        position += 3 + size
-    return n
+    n, room = np.uint64(0), np.uint64(len(starts))
+    at, end = np.uint64(position), np.uint64(stop)
+    while n < room and at + np.uint64(5) <= end:
+        size = np.uint64(data[at]) | np.uint64(data[at + np.uint64(1)]) << np.uint64(8)
+        kind = data[at + np.uint64(2)]
+        first = np.uint64(data[at + np.uint64(3)])
+        if kind == 68:
+            identifier = first | np.uint64(data[at + np.uint64(4)]) << np.uint64(8)
+            least = np.uint64(smallest[identifier])
+            behind = at + np.uint64(3) + size
+            if least == 0 or size < least or size > least + np.uint64(spread[identifier]) or behind > end:
+                break
+            starts[n] = at
+            ids[n] = identifier
+            n += np.uint64(1)
+            at = behind
+        else:
+            mark = at + np.uint64(11)
+            if kind != 83 or n == 0 or size != 8 or first != 0x2F or mark > end or data[mark - np.uint64(1)] != 0x12:
+                break
+            at = mark
+    return np.int64(n)
 
 
 SOURCE = "formats/ulog/index.py"
@@ -254,5 +286,6 @@ def _compiled(kernel: Kernel) -> Any:
 
 def chain(data: Bytes, sizes: Sizes) -> Chain:
     """The follower that is faster now: compiled where that is at hand, else numpy."""
-    pays = len(data) >= WORTH_COMPILED and all(_compiled(k) for k in (WALK, COUNT, SCATTER))
+    worth = WORTH_IF_READY if "llvmlite" in sys.modules else WORTH_COMPILED
+    pays = len(data) >= worth and all(_compiled(k) for k in (WALK, COUNT, SCATTER))
     return NumbaChain(data, sizes) if pays else NumpyChain(data, sizes)

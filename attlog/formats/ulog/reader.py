@@ -111,7 +111,7 @@ class _Reader:
                 break
             columns |= {id(layout): layout.columns for layout in topic.layouts}
             with self.barrier.around(name, "its table", offset):
-                table = topic.table(self.data, name, multi, self.barrier.around)
+                table = topic.table(self.data, name, multi, self.barrier.caught)
                 if self.damaged:
                     table = self._without_doubtful(table)
                 if len(table):
@@ -142,6 +142,9 @@ class _Reader:
             if raw[position] == SYNC_MARK[0] and raw[position : position + len(SYNC_MARK)] == SYNC_MARK:
                 position += len(SYNC_MARK)
                 continue
+            if position + HEADER < stop and raw[position + 2] in b"PQ":
+                with self.barrier.around("Parameters", "a run of them", position):
+                    position = self.content.take_parameters(raw, position, stop)
             following = self._record(position, stop)
             position = self._resume(position, stop) if following is None else following
         return position
@@ -292,20 +295,21 @@ class _Reader:
         self.chain.forget()
 
     def _take(self, kind: int, position: int, end: int) -> None:
-        with self.barrier.around(f"Records of type {chr(kind)}", "one of them", position):
-            payload = bytes(self.raw[position + 3 : end])
-            try:
-                match chr(kind):
-                    case "F":
-                        self.definitions.declare(text(payload))
-                    case "A":
-                        self._take_subscription(payload)
-                    case "B":
-                        self._take_flags(payload, position)
-                    case _:
-                        self.content.take(kind, payload, position)
-            except (IndexError, struct.error):
-                self._damaged(position, end, f"a malformed {chr(kind)} record", "behind it")
+        payload = bytes(self.raw[position + 3 : end])
+        try:
+            match chr(kind):
+                case "F":
+                    self.definitions.declare(text(payload))
+                case "A":
+                    self._take_subscription(payload)
+                case "B":
+                    self._take_flags(payload, position)
+                case _:
+                    self.content.take(kind, payload, position)
+        except (IndexError, struct.error):
+            self._damaged(position, end, f"a malformed {chr(kind)} record", "behind it")
+        except Exception as error:
+            self.barrier.caught(error, f"Records of type {chr(kind)}", "one of them", position)
 
     def _take_subscription(self, payload: bytes) -> None:
         self.content.in_data = True
