@@ -8,6 +8,7 @@ layer never knows how a byte was stored.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Caught = Callable[[Exception, str, str, int | None], None]
-"""What becomes of an error in a message, what of it was read and where, see :mod:`attlog.formats.barrier`."""
+Guard = Callable[[str, str, int | None], AbstractContextManager[None]]
+"""A message, what of it is read and where: around what may fail, see :mod:`attlog.formats.barrier`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,14 +52,14 @@ class Table:
         fields: dict[str, Field] | Callable[[], dict[str, Field]],
         offsets: NDArray[np.int64],
         decode: Callable[[str, NDArray[np.int64]], NDArray[Any]],
-        barrier: Caught | None = None,
+        guard: Guard | None = None,
     ) -> None:
         self.name = name
         self.instance = instance
         self.offsets = offsets
         self._fields = fields
         self._decode = decode
-        self._barrier = barrier
+        self._around = guard
         self._columns: dict[str, NDArray[Any]] = {}
 
     @property
@@ -101,9 +102,11 @@ class Table:
         return self._columns[column]
 
     def _caught(self, error: Exception, what: str) -> None:
-        if self._barrier is None:
+        """What the barrier makes of an error; it is asked only now because columns are read by the thousand."""
+        if self._around is None:
             raise error
-        self._barrier(error, self.name, what, int(self.offsets[0]) if len(self.offsets) else None)
+        with self._around(self.name, what, int(self.offsets[0]) if len(self.offsets) else None):
+            raise error
 
     def value(self, column: str) -> NDArray[np.float64]:
         """The column as float64 in the unit that the format prints."""
@@ -124,7 +127,7 @@ class Table:
 
     def rows(self, select: NDArray[Any] | slice) -> Table:
         """The same message, only the selected records (mask, indices or slice)."""
-        return Table(self.name, self.instance, self._fields, self.offsets[select], self._decode, self._barrier)
+        return Table(self.name, self.instance, self._fields, self.offsets[select], self._decode, self._around)
 
 
 class ParamChange(NamedTuple):

@@ -111,7 +111,7 @@ class _Reader:
                 break
             columns |= {id(layout): layout.columns for layout in topic.layouts}
             with self.barrier.around(name, "its table", offset):
-                table = topic.table(self.data, name, multi, self.barrier.caught)
+                table = topic.table(self.data, name, multi, self.barrier.around)
                 if self.damaged:
                     table = self._without_doubtful(table)
                 if len(table):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Caught, Field, Table
+from attlog.formats.base import Field, Guard, Table
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes, Offsets
 from attlog.formats.ulog.layout import Layout
@@ -34,7 +34,7 @@ class Topic:
             self.layouts.append(layout)
         self.parts.append((len(self.layouts) - 1, offsets))
 
-    def table(self, data: Bytes, name: str, multi: int, caught: Caught) -> Table:
+    def table(self, data: Bytes, name: str, multi: int, guard: Guard) -> Table:
         """The topic's table; fields are those that all its layouts share. Gives up the parts."""
         parts, self.parts = self.parts, []
         starts = parts[0][1] if len(parts) == 1 else np.concatenate([offsets for _, offsets in parts])
@@ -45,7 +45,7 @@ class Topic:
             order = starts.argsort(kind="stable")
             starts, which = starts[order], None if which is None else which[order]
         decoder = _Decoder(data, self.layouts, starts, which)
-        return Table(name, multi, self._fields, starts, decoder, caught)
+        return Table(name, multi, self._fields, starts, decoder, guard)
 
     def _fields(self) -> dict[str, Field]:
         first, *others = self.layouts
