@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import stat
 import tempfile
 from pathlib import Path
 
 
-@functools.lru_cache
 def private_folder(kind: str, version: str) -> Path | None:
     """The folder for things of this kind and version: in the user's cache, else a temporary one; None if neither is.
 

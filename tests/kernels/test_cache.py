@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from attlog import private_folder
 from attlog.kernels import cache, folder
 
 SOURCE = "@njit('f8(f8)', cache=KEEP, error_model='numpy')\ndef f(x):\n    return x + {0}\n"
@@ -70,15 +71,8 @@ def test_without_a_user_folder_a_private_temporary_one_serves(home: Path, monkey
     assert "attlog-kernels-" in str(kept)
 
 
-def test_a_folder_that_others_may_write_is_not_used(home: Path) -> None:
-    place = home / "shared"
-    assert folder.usable(place / "a")
-    place.chmod(0o777)
-    assert not folder.usable(place / "a")
-
-
 def test_without_any_folder_nothing_is_kept(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(folder, "usable", lambda place: False)
+    monkeypatch.setattr(private_folder, "usable", lambda place: False)
     assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
     assert machine_code(home) == []
 
