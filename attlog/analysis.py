@@ -124,6 +124,7 @@ def evaluate(
         for row, table_row in replay.replays(case, chosen):
             estimator_rows.append(table_row)
             if row is not None:
+                row.aux.clear()  # no metric looks at it, and in a long log it is as large as the attitude
                 rows.append(row)
                 lines.append(table_row)
         contradiction = _contradicted(case, rows)

@@ -193,6 +193,8 @@ def replayed(
         aids=aids,
         log=told,
     )
+    if np.array_equal(estimate.t, t):
+        estimate.t = t  # one array for all rows: in long logs copies add up
     row = reference.replayed(
         log,
         case.segments,
@@ -215,7 +217,9 @@ def replayed(
 def _add_common_bias(row: Row, taken: CommonBias) -> None:
     """The row's bias as all that it takes off the logged gyro: what was subtracted for everybody, and its own."""
     row.estimates_bias = row.bias is not None and bool(np.any(row.bias))
-    if row.bias is not None and taken.taken != "none":
+    if row.bias is not None and not row.estimates_bias:
+        row.bias = taken.at(row.t)  # a constant takes no memory
+    elif row.bias is not None and taken.taken != "none":
         row.bias = row.bias + taken.at(row.t)
 
 

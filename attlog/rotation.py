@@ -31,7 +31,7 @@ def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]
         @functools.wraps(function)
         def blocked(*args: P.args, **named: P.kwargs) -> Array:
             given: tuple[Any, ...] = args
-            n = max((len(x) for x in given if np.ndim(x) > 1), default=0)
+            n = max([len(x) for x in given if isinstance(x, np.ndarray) and x.ndim == 2], default=0)
             if n <= BLOCK or named or any(np.ndim(x) > 2 or (np.ndim(x) == 2 and len(x) != n) for x in given):
                 return function(*args, **named)
             out, rows = np.empty((n, *shape)), cast(Callable[..., Array], function)

@@ -30,6 +30,7 @@ from attlog.metrics.base import Case, per_case, per_row
 from attlog.metrics.evidence import imu_of, logged_unit
 from attlog.metrics.turning import Stack, Turning, summed
 from attlog.reference.model import Row
+from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 Columns = Array | tuple[Array, Array, Array]
@@ -147,12 +148,12 @@ def _of_own_samples(case: Case, row: Row) -> Samples | None:
 
 def _samples(case: Case, unit: Imu) -> Samples | None:
     t = unit.gyro.t_best if case.reference.clock == "sample" else unit.gyro.t
-    good = np.isfinite(t) & np.isfinite(unit.gyro.x).all(axis=1) & np.isfinite(unit.acc.x).all(axis=1)
+    good = np.isfinite(t) & rotation.finite(unit.gyro.x) & rotation.finite(unit.acc.x)
     good[1:] &= t[1:] > np.maximum.accumulate(np.where(good, t, -np.inf))[:-1]
     if good.sum() < 2:
         return None
-    t, w = t[good], unit.gyro.x[good]
-    found = Samples(t, unit.acc.x[good], np.zeros((len(t), 3)), np.zeros(len(t)), float(np.median(np.diff(t))))
+    t, w, f = gaps.only(good, t, unit.gyro.x, unit.acc.x)
+    found = Samples(t, f, np.zeros((len(t), 3)), np.zeros(len(t)), float(np.median(np.diff(t))))
     if case.log.mag is not None:
         field = case.log.mags[case.log.mag].field
         mean = np.concatenate([w[:1], w[1:] if unit.gyro.sampling == "interval" else 0.5 * (w[1:] + w[:-1])])
@@ -184,7 +185,7 @@ class Sensors:
         self.slow = track.step > 1.5 * seen.step
         self.trim = case.reference.trim if row.kind == "replay" else None
         self.uses_mag = row.uses_mag and bool(seen.m.any())
-        self.bias = row.bias[np.isfinite(row.q).all(axis=1)] if row.bias is not None else None
+        self.bias = gaps.only(rotation.finite(row.q), row.bias)[0] if row.bias is not None else None
         self.north = self._north() if self.uses_mag else 0.0
         self.impulse = _impulse(seen) if self.slow else None
 

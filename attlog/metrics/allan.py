@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 SHORTEST_S = 60.0
 POINTS_PER_DECADE = 12
+BLOCK = 1 << 14
 WALK_TAU_S = (0.3, 3.0)
 WALK_SLOPE = (-0.7, -0.3)
 """White rate noise falls as tau^-1/2; outside these slopes the number would not be an angle random walk."""
@@ -67,11 +68,20 @@ def deviation(phase: Array, step: float) -> Deviation:
         return Deviation(*(np.zeros(0) for _ in range(5)))
     count = max(2, round(POINTS_PER_DECADE * math.log10(largest / 2.0)) + 1)
     m = np.unique(np.geomspace(2, largest, count).round().astype(int))
-    second = [phase[2 * k :] - 2.0 * phase[k:-k] + phase[: -2 * k] for k in m]
-    sigma = np.array([math.sqrt(float(np.mean(d**2)) / 2.0) for d in second]) / (m * step)
+    sigma = np.sqrt([0.5 * _mean_square(phase, int(k)) for k in m]) / (m * step)
     dof = (3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
     bounds = np.array([interval.of_sigma_chi_square(s, round(max(d, 1.0), 3)) for s, d in zip(sigma, dof, strict=True)])
     return Deviation(m * step, sigma, bounds[:, 0], bounds[:, 1], dof)
+
+
+def _mean_square(phase: Array, k: int) -> float:
+    """The mean square of the second differences over ``k`` samples of a phase (n,), in blocks to stay in the cache."""
+    count, total = len(phase) - 2 * k, 0.0
+    for a in range(0, count, BLOCK):
+        b = min(a + BLOCK, count)
+        d = phase[a + 2 * k : b + 2 * k] - 2.0 * phase[a + k : b + k] + phase[a:b]
+        total += float(d @ d)
+    return total / count
 
 
 def of_average(angle: Array, step: float) -> Deviation:

@@ -9,20 +9,23 @@ flew), or what the onboard estimator itself took off.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.flight.model import FlightLog, Imu
+from attlog.flight.model import FlightLog, Imu, Stream
 from attlog.metrics import interval
 from attlog.plain import IN_JSON
+from attlog.segments import gaps
 from attlog.segments.model import Segments
-from attlog.segments.spans import Span, intersect
+from attlog.segments.spans import Span, between, intersect
 
 Array = NDArray[np.float64]
 Choice = Literal["rest", "none", "onboard"]
+Samples = tuple[Array, Array]
+"""Rising times (n,) s and finite vectors (n, 3)."""
 
 REST_S = 30.0
 """So much rest is used at most: what is nearest to take-off; the rest of the rests can still show a drift."""
@@ -67,7 +70,7 @@ class CommonBias:
         if self.over_time is not None:
             known, x = self.over_time
             return np.asarray(x[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)])
-        return np.tile(np.zeros(3) if self.dps is None else np.radians(self.dps), (len(t), 1))
+        return np.broadcast_to(np.zeros(3) if self.dps is None else np.radians(self.dps), (len(t), 3))
 
 
 def none(why: str = "") -> CommonBias:
@@ -96,24 +99,23 @@ def _onboard(log: FlightLog, imu: Imu) -> CommonBias:
 
 
 def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
-    t, x = imu.gyro.t_best, imu.gyro.x
+    t, x = gaps.rising(imu.gyro.t_best, imu.gyro.x)
     takeoff, landing = _flight(segments)
     rests = segments.spans("rest")
     before = intersect(rests, [(-np.inf, takeoff)])
-    still = [span for span in before if not turned(log, imu, span)]
+    seen = _vectors(log, imu)
+    still = [span for span in before if not turned((t, x), seen, span)]
     chosen = _nearest(still, latest=np.isfinite(takeoff))
-    good = np.isfinite(x).all(axis=1)
-    inside = [good & (t >= a) & (t <= b) for a, b in chosen]
+    inside = [between(t, a, b) for a, b in chosen]
     seconds = sum(b - a for a, b in chosen)
-    if seconds < SHORTEST_S or not any(m.sum() >= FEWEST_BLOCKS for m in inside):
+    if seconds < SHORTEST_S or not any(_enough(m) for m in inside):
         told = "; --gyro-bias onboard would take off the autopilot's own" if log.onboard_gyro_bias is not None else ""
         return none(_why_no_rest(before, rests, np.isfinite(takeoff)) + told)
-    means = np.degrees(np.concatenate([_blocks(t[m], x[m]) for m in inside if m.sum() >= FEWEST_BLOCKS]))
+    means = np.degrees(np.concatenate([_blocks(t[m], x[m]) for m in inside if _enough(m)]))
     mean = np.degrees(np.mean(np.concatenate([x[m] for m in inside]), axis=0))
     half = [0.5 * (ends[1] - ends[0]) for ends in (interval.of_mean(axis) for axis in means.T) if ends is not None]
-    landed = np.zeros(len(t), bool)
-    for a, b in intersect(rests, [(landing, np.inf)]) if np.isfinite(landing) else []:
-        landed |= good & (t >= a) & (t <= b)
+    later = intersect(rests, [(landing, np.inf)]) if np.isfinite(landing) else []
+    landed = np.concatenate([np.zeros((0, 3)), *(x[between(t, a, b)] for a, b in later)])
     return CommonBias(
         "rest",
         "rest",
@@ -122,7 +124,7 @@ def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
         seconds=float(seconds),
         t0_s=float(chosen[0][0]),
         t1_s=float(chosen[-1][1]),
-        landed_dps=[float(v) for v in np.degrees(np.mean(x[landed], axis=0))] if landed.any() else None,
+        landed_dps=[float(v) for v in np.degrees(np.mean(landed, axis=0))] if len(landed) else None,
         flew=bool(np.isfinite(takeoff)),
     )
 
@@ -159,17 +161,24 @@ def _why_no_rest(before: list[Span], rests: list[Span], flew: bool) -> str:
     return "the log holds no rest" + (" before take-off" if flew else "")
 
 
-def turned(log: FlightLog, imu: Imu, span: Span) -> bool:
+def _enough(inside: slice) -> bool:
+    """Whether there is a sample at least for each block."""
+    return bool(inside.stop - inside.start >= FEWEST_BLOCKS)
+
+
+def _vectors(log: FlightLog, imu: Imu) -> list[Samples]:
+    """What shows a turn beside the gyro: specific force and field."""
+    streams: list[Stream] = [imu.acc] if log.mag is None else [imu.acc, log.mags[log.mag].field]
+    told = [(s.t_best, s.x, s.x.any(axis=1)) for s in streams]
+    return [gaps.rising(t[there], x[there]) for t, x, there in told]
+
+
+def turned(gyro: Samples, vectors: list[Samples], span: Span) -> bool:
     """Whether the vehicle turned steadily, as a boat at anchor does: gravity or field turned as the gyro shows it."""
-    t, x = imu.gyro.t_best, imu.gyro.x
-    inside = (t >= span[0]) & (t <= span[1]) & np.isfinite(x).all(axis=1)
-    if inside.sum() < FEWEST_BLOCKS:
+    inside = between(gyro[0], *span)
+    if not _enough(inside):
         return False
-    rate = np.mean(x[inside], axis=0)
-    vectors: list[tuple[Any, Array]] = [(imu.acc.t_best, imu.acc.x)]
-    if log.mag is not None:
-        field = log.mags[log.mag].field
-        vectors.append((field.t_best, field.x))
+    rate = np.mean(gyro[1][inside], axis=0)
     return any(_follows(at, v, rate, span) for at, v in vectors)
 
 
@@ -177,9 +186,8 @@ def _follows(t: Array, v: Array, rate: Array, span: Span) -> bool:
     """Whether vectors (n, 3) turn in the span as a body that turns at ``rate`` (3,) would see them turn."""
     size = float(np.sqrt(rate @ rate))
     length = min(span[1] - span[0], np.radians(SEEN_DEG) / max(size, 1e-9))
-    good = np.isfinite(v).all(axis=1) & v.any(axis=1)
-    ends = [good & (t >= a) & (t <= a + 0.2 * length) for a in (span[0], span[0] + 0.8 * length)]
-    if not all(end.any() for end in ends):
+    ends = [between(t, a, a + 0.2 * length) for a in (span[0], span[0] + 0.8 * length)]
+    if any(end.stop <= end.start for end in ends):
         return False
     first, last = (np.mean(v[end], axis=0) for end in ends)
     seconds = float(np.mean(t[ends[1]]) - np.mean(t[ends[0]]))

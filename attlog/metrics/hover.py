@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 BAND_HZ = (0.5, 5.0)
 WINDOW_S = 4.0
+TOGETHER = 64
+"""Windows that are transformed at once."""
 MIN_RATE_HZ = 2.0 * BAND_HZ[1]
 HUANG_DEG = 5.0
 
@@ -36,15 +38,13 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
-def band_power(x: Array, step: float) -> float:
-    """Power of a signal (n,), sampled every ``step`` s, between 0.5 and 5 Hz; straight line removed, Hann window."""
-    n = len(x)
-    taper = np.hanning(n)
-    power = (
-        np.abs(np.fft.rfft(detrended(np.arange(n, dtype=float), x) * taper)) ** 2 * 2.0 / (n * float(np.sum(taper**2)))
-    )
-    frequency = np.fft.rfftfreq(n, step)
-    return float(np.sum(power[(frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])]))
+def band_power(x: Array, step: float) -> Array:
+    """Power (...) of signals (..., n), sampled every ``step`` s, between 0.5 and 5 Hz; straight line removed, Hann."""
+    n = x.shape[-1]
+    taper, frequency = np.hanning(n), np.fft.rfftfreq(n, step)
+    flat = detrended(np.arange(n, dtype=float), x.reshape(-1, n).T).T.reshape(x.shape)
+    power = np.abs(np.fft.rfft(flat * taper, axis=-1)) ** 2 * 2.0 / (n * float(np.sum(taper**2)))
+    return np.asarray(np.sum(power[..., (frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])], axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +70,11 @@ def _powers(case: Case, row: Row, spans: list[Span]) -> Powers:
         near += int(np.sum(np.abs(away).max(axis=1) <= HUANG_DEG))
         total += len(away)
         size = round(WINDOW_S / step)
-        for begin in range(0, len(t) - size + 1, size // 2):
-            part = away[begin : begin + size]
-            powers.append(band_power(part[:, 0], step) + band_power(part[:, 1], step))
+        if len(away) < size:
+            continue
+        windows = np.lib.stride_tricks.sliding_window_view(away, size, axis=0)[:: size // 2]
+        for a in range(0, len(windows), TOGETHER):
+            powers += band_power(windows[a : a + TOGETHER], step).sum(axis=1).tolist()
     return Powers(powers, seconds(row.t, pieces), 100.0 * near / max(total, 1))
 
 

@@ -81,7 +81,7 @@ def residual(t: Array, q: Array, gyro: Integrated, turn_deg: float) -> Array | N
         q_g = rotation.slerp(gyro.t[i : j + 2], gyro.q[i : j + 2], t)
     if not np.isfinite(q_g).all():
         return None
-    if np.degrees(np.max(rotation.total_angle(rotation.error(q_g, rotation.mean(q_g))))) > turn_deg:
+    if np.min(np.abs(q_g @ rotation.mean(q_g))) < np.cos(0.5 * np.radians(turn_deg)):
         return None
     e = rotation.error(q, q_g)
     x = rotation.to_rotvec(rotation.error(e, rotation.mean(e)))
@@ -101,15 +101,14 @@ def of_window(case: Case, row: Row, inside: slice) -> Array | None:
 
 def _turned(t: Array, q: Array) -> Array:
     """The integral of R(q) over time (n, 3, 3), trapezoid, centred."""
-    matrices = rotation.to_matrix(q)
-    area = 0.5 * np.diff(t)[:, None, None] * (matrices[1:] + matrices[:-1])
-    found = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(area, axis=0)])
-    return np.asarray(found - np.mean(found, axis=0))
+    matrices = rotation.to_matrix(q).reshape(-1, 9)
+    found = np.zeros_like(matrices)
+    np.cumsum(0.5 * np.diff(t)[:, None] * (matrices[1:] + matrices[:-1]), axis=0, out=found[1:])
+    return np.asarray(found - np.mean(found, axis=0)).reshape(-1, 3, 3)
 
 
 def _fit(x: Array, turned: Array) -> Array:
     """The least-squares fit (n, 3) of an offset and of ``turned`` (n, 3, 3, centred) times a constant vector."""
-    mean = np.mean(x, axis=0)
-    normal = np.einsum("nji,njk->ik", turned, turned)
-    slope = np.linalg.lstsq(normal, np.einsum("nji,nj->i", turned, x - mean), rcond=None)[0]
-    return np.asarray(mean + turned @ slope)
+    mean, columns = np.mean(x, axis=0), turned.reshape(-1, 3)
+    slope = np.linalg.lstsq(columns.T @ columns, columns.T @ (x - mean).ravel(), rcond=None)[0]
+    return np.asarray(mean + (columns @ slope).reshape(-1, 3))

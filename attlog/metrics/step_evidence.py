@@ -43,17 +43,11 @@ def events_in(case: Case, row: Row, window: str) -> list[steps.Event]:
 
 @per_row
 def _of_events(case: Case, row: Row, events: list[steps.Event]) -> Evidence | None:
-    track = turning(case, row)
+    track = Turning(row.t, row.q, row.segment)
     seen = aiding.seen_by(case, row)
     sensors = None if seen is None else aiding.Sensors(case, row, track, seen)
     columns = step_columns.build(track, reference_turning(case), events, sensors)
     return None if columns is None else Evidence(step_fit.fit(columns), columns.events)
-
-
-@per_row
-def turning(case: Case, row: Row) -> Turning:
-    """The row's attitude as summed turning."""
-    return Turning(row.t, row.q, row.segment)
 
 
 @per_case

@@ -84,7 +84,8 @@ def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Share
     """Roll, pitch, heading of attitudes (n, 4) at their own times; NaN after a gap or restart breaks the line."""
     if len(t) == 0:
         return []
-    euler = np.degrees(rotation.to_euler(q))
+    euler = rotation.to_euler(q)
+    np.degrees(euler, out=euler)  # in place, as the gaps are: in long logs copies add up
     return [_enveloped("attitude", name, t, _broken(euler, run), ("roll", "pitch", "heading"), share)]
 
 
@@ -179,6 +180,6 @@ def _enveloped(figure: str, name: str, t: Array, columns: Array, names: tuple[st
 
 
 def _broken(columns: Array, run: NDArray[np.int64]) -> Array:
-    columns = columns.copy()
+    """The columns (n, k) themselves with NaN where a segment begins, which breaks the line there."""
     columns[np.flatnonzero(np.diff(run) != 0) + 1] = np.nan
     return columns

@@ -35,7 +35,7 @@ class Turning:
     def __post_init__(self) -> None:
         good = rotation.finite(self.q)
         lost = np.cumsum(~good)[good].astype(np.int64)
-        self.t, self.q = self.t[good], self.q[good]
+        self.t, self.q = gaps.only(good, self.t, self.q)
         self.segment = gaps.renumber(gaps.number(self.t), self.segment[good], lost)
         self.step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else math.inf
         turns = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(self.q[:-1]), self.q[1:])))

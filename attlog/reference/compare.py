@@ -67,7 +67,8 @@ def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> Erro
         q_ref, _ = interpolate(reference.t, reference.q, reference.segment, at)
         where = np.clip(np.searchsorted(reference.t, at, side="right") - 1, 0, max(len(reference.t) - 1, 0))
     good = rotation.finite(q_est) & rotation.finite(q_ref)
-    at, q_est, q_ref, mine, where = at[good], q_est[good], q_ref[good], mine[good], where[good]
+    at, q_est, q_ref = gaps.only(good, at, q_est, q_ref)
+    mine, where = gaps.only(good, mine, where)
     gap_segment, segment = (
         gaps.renumber(mine, reference.gap_segment[where]),
         gaps.renumber(mine, reference.segment[where]),

@@ -12,7 +12,7 @@ from attlog.flight.model import Imu
 from attlog.reference import trim
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, Reference
-from attlog.segments import Segments
+from attlog.segments import Segments, gaps, spans
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,8 @@ def check(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[st
     """
     if imu is None:
         return "", []
-    quiet = [q for kind in WHERE for s in segments.of(kind) if (q := _quiet(reference, imu, kind, s.t0, s.t1))]
+    force = gaps.rising(imu.acc.t_best, imu.acc.x)
+    quiet = [q for kind in WHERE for s in segments.of(kind) if (q := _quiet(reference, *force, kind, s.t0, s.t1))]
     kind = next((k for k in WHERE if any(q.kind == k for q in quiet)), None)
     if kind is None:
         return "", []
@@ -78,14 +79,12 @@ def _sometimes(reference: Reference, quiet: list[Quiet]) -> str:
     )
 
 
-def _quiet(reference: Reference, imu: Imu, kind: str, t0: float, t1: float) -> Quiet | None:
+def _quiet(reference: Reference, t: Array, force: Array, kind: str, t0: float, t1: float) -> Quiet | None:
     """The mean specific force over a segment, turned to earth by the reference; None without both."""
-    t = imu.acc.t_best
-    inside = np.flatnonzero((t >= t0) & (t <= t1))
-    inside = inside[:: max(1, len(inside) // ACC_SAMPLES)]
-    q, _ = interpolate(reference.t, reference.q, reference.segment, t[inside])
-    force = imu.acc.x[inside]
-    good = np.isfinite(q).all(axis=1) & np.isfinite(force).all(axis=1)
+    inside = spans.between(t, t0, t1)
+    some = slice(inside.start, inside.stop, max(1, (inside.stop - inside.start) // ACC_SAMPLES))
+    q, _ = interpolate(reference.t, reference.q, reference.segment, t[some])
+    force, good = force[some], np.isfinite(q).all(axis=1)
     if not good.any():
         return None
     if reference.trim is not None:

@@ -90,7 +90,8 @@ def _measure(
     row.start = first if row.kind == "replay" else max(first, row.start)
     lost = np.flatnonzero(~good & (row.t > max(row.start, reference.scoring_start)))
     if reference.kind != "none" and good.any():
-        row.errors = compare.errors(row.t[good], row.q[good], row.segment[good], reference)
+        t, q = gaps.only(good, row.t, row.q)
+        row.errors = compare.errors(t, q, row.segment[good], reference)
         row.errors.scored &= row.errors.t >= row.start
         for t0, t1 in unknown:
             row.errors.scored &= (row.errors.t < t0) | (row.errors.t >= t1)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import rotation
 from attlog.segments.model import Segment
 
 Array = NDArray[np.float64]
+T = TypeVar("T", bound=np.generic)
 
 GAP_MEDIANS = 5.0
 GAP_SECONDS = 0.05
@@ -59,12 +62,18 @@ def slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(bounds) if inside[a]]
 
 
+def only(good: NDArray[np.bool_], *arrays: NDArray[T]) -> tuple[NDArray[T], ...]:
+    """The good samples of arrays (n, ...); the arrays themselves where all are good, because copies add up."""
+    return arrays if good.all() else tuple(x[good] for x in arrays)
+
+
 def rising(t: Array, x: Array) -> tuple[Array, Array]:
     """The samples (m,), (m, k) that are finite and later than all before them; the arrays themselves if all are."""
-    good = np.isfinite(t) & np.isfinite(x).all(axis=1)
+    good = np.isfinite(t) & rotation.finite(x)
     highest = np.maximum.accumulate(np.where(good, t, -np.inf))
     good[1:] &= highest[1:] > highest[:-1]
-    return (t, x) if good.all() else (t[good], x[good])
+    t, x = only(good, t, x)
+    return t, x
 
 
 def find(t: Array) -> list[Segment]:
