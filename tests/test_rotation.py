@@ -154,3 +154,41 @@ def test_the_total_error_contains_heading_and_tilt(q):
 def test_zero_length_is_no_attitude():
     assert np.isnan(rotation.normalize([0, 0, 0, 0])).all()
     np.testing.assert_allclose(rotation.normalize([[2, 0, 0, 0]]), [[1, 0, 0, 0]])
+
+
+def test_many_rows_are_turned_as_each_alone():
+    """Long logs go through in blocks: nothing may happen where one ends."""
+    n = 2 * rotation.BLOCK + 17
+    rng = np.random.default_rng(8)
+    a, b = (rotation.normalize(rng.standard_normal((n, 4))) for _ in range(2))
+    v = rng.standard_normal((n, 3))
+    ends = [0, rotation.BLOCK - 1, rotation.BLOCK, 2 * rotation.BLOCK, n - 1]
+    for function, rows in (
+        (rotation.multiply, (a, b)),
+        (rotation.multiply, (a[0], b)),
+        (rotation.multiply, (a, b[:1])),
+        (rotation.rotate, (a, v)),
+        (rotation.rotate, (a, v[0])),
+        (rotation.to_rotvec, (a,)),
+        (rotation.from_rotvec, (v,)),
+        (rotation.to_euler, (a,)),
+        (rotation.to_matrix, (a,)),
+        (rotation.normalize, (3.0 * a,)),
+    ):
+        whole = function(*rows)
+        assert len(whole) == n
+        for k in ends:
+            alone = function(*(x[min(k, len(x) - 1)] if x.ndim == 2 else x for x in rows))
+            np.testing.assert_allclose(whole[k], alone, rtol=1e-14, atol=1e-15)
+    t = np.arange(float(n))
+    at = np.linspace(0.0, n - 1.0, n)
+    np.testing.assert_allclose(rotation.slerp(t, a, at)[ends], [rotation.slerp(t, a, x)[0] for x in at[ends]])
+
+
+def test_means_of_groups_are_those_of_each_group():
+    q = rotation.normalize(np.random.default_rng(9).standard_normal((30, 4)))
+    q[4] = np.nan
+    found = rotation.means(q, np.array([0, 3, 4, 5, 30]))
+    for k, (a, b) in enumerate(((0, 3), (3, 4), (5, 30))):
+        same(found[k if k < 2 else 3], np.roll(scipy_of(q[a:b]).mean().as_quat(), 1), 1e-9)
+    assert np.isnan(found[2]).all()

@@ -64,3 +64,11 @@ def test_the_rate_does_not_count_the_time_lost_in_gaps():
     assert gaps.rate(np.concatenate([at_rate(50, 10), at_rate(50, 10, 100)])) == pytest.approx(50.0)
     assert gaps.rate(np.array([0.0, 0.1, 0.3, 0.4])) == pytest.approx(7.5)
     assert gaps.rate(np.zeros(1)) == 0.0
+
+
+def test_good_samples_are_copied_only_where_some_are_bad():
+    x, y = np.arange(5.0), np.arange(10.0).reshape(5, 2)
+    assert gaps.only(np.ones(5, bool), x, y) == (x, y)
+    some = gaps.only(np.array([True, False, True, True, False]), x, y)
+    np.testing.assert_array_equal(some[0], [0.0, 2.0, 3.0])
+    np.testing.assert_array_equal(some[1], y[[0, 2, 3]])

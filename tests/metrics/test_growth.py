@@ -1,0 +1,168 @@
+"""What judges rows costs no more than the log is long: by counts, memory, and CPU time of two sizes side by side."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from attlog import rotation
+from attlog.flight.model import Imu, Stream
+from attlog.metrics import allan, bias, common_bias, drift_rest, step_columns, step_curves, step_fit, steps
+from attlog.reference import gravity, scoring
+from attlog.segments.model import Segment
+from tests.metrics import flights
+from tests.metrics.motions import motion, sampled
+
+HZ = 100.0
+SPANS = [(10.0 + k, 10.8 + k) for k in range(60)]
+"""The same short spans in a short and in a long log."""
+SHORT_S, LONG_S = 100.0, 10_000.0
+
+
+def cost(work: Callable[[], object]) -> float:
+    """CPU seconds, the least of some runs."""
+    taken = []
+    for _ in range(4):
+        begin = time.process_time()
+        work()
+        taken.append(time.process_time() - begin)
+    return min(taken)
+
+
+def row_of(seconds: float):
+    """A filter at rest with a bias estimate."""
+    t = np.arange(0.0, seconds, 1.0 / HZ)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    return flights.row(t, q, bias=np.zeros((len(t), 3)))
+
+
+def errors_of_bias(seconds: float) -> Callable[[], object]:
+    row = row_of(seconds)
+    windows = [slice(int(a * HZ), int(b * HZ)) for a, b in SPANS]
+    return lambda: bias.window_errors(row.t, row.bias, row, windows)
+
+
+def own_bias(seconds: float) -> Callable[[], object]:
+    row = row_of(seconds)
+    return lambda: drift_rest.bias_beside(row, 0.1, SPANS)
+
+
+def turned(seconds: float) -> Callable[[], object]:
+    row = row_of(seconds)
+    gyro, force = (row.t, row.bias), (row.t, row.bias + np.array([0.0, 0.0, -9.8]))
+    return lambda: [common_bias.turned(gyro, [force], span) for span in SPANS]
+
+
+def curves(seconds: float) -> Callable[[], object]:
+    t, q = motion("steps", 60.0)
+    seconds = min(seconds, 3000.0)
+    more = np.arange(t[-1], seconds, t[1])[1:]
+    t, q = np.concatenate([t, more]), np.concatenate([q, np.tile(q[-1], (len(more), 1))])
+    row = flights.row(t[::2], q[::2])
+    case = flights.case([row], [Segment("continuous", 0, seconds)], (t[::4], q[::4]))
+    events = tuple(steps.of_reference(case))
+    assert len(events) > 20
+    step_curves._curves(case, row, events)  # what the log itself costs is found and kept
+
+    def anew() -> object:
+        case.of_row.clear()
+        return step_curves._curves(case, row, events)
+
+    return anew
+
+
+def unscored(seconds: float) -> Callable[[], object]:
+    t = np.arange(0.0, seconds, 1.0 / HZ)
+    reference = flights.case([], [], (t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))).reference
+    reference.unscored, few = SPANS * 20, SPANS[:1]
+    many = cost(lambda: scoring.scored(reference, t))
+    reference.unscored = few
+    one = cost(lambda: scoring.scored(reference, t))
+    assert many < 8 * one + 0.005
+    return lambda: None
+
+
+@pytest.mark.parametrize("of_log", [errors_of_bias, own_bias, turned, curves, unscored], ids=lambda f: f.__name__)
+def test_short_spans_cost_the_same_in_a_log_a_hundred_times_as_long(of_log):
+    """A mask over the whole log for each span would cost a hundred times as much."""
+    assert cost(of_log(LONG_S)) < 8 * cost(of_log(SHORT_S)) + 0.005
+
+
+def test_the_check_of_gravity_turns_only_what_lies_in_the_quiet_spans(monkeypatch):
+    """Sixty spans of 0.8 s are 4,800 samples, however long the log is."""
+    t = np.arange(0.0, 1000.0, 1.0 / HZ)
+    reference = flights.case([], [], (t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))).reference
+    stream = Stream(t, np.tile([0.0, 0.0, -9.8], (len(t), 1)), "m/s^2", "FRD", "made")
+    looked_at = []
+    monkeypatch.setattr(gravity, "interpolate", lambda *a: (looked_at.append(len(a[3])), (a[1][: len(a[3])], None))[1])
+    found, _ = gravity.check(reference, Imu(0, stream, stream), flights.case([], [
+        Segment("rest.short", *span) for span in SPANS]).segments)  # fmt: skip
+    assert found == ""
+    assert sum(looked_at) == pytest.approx(60 * 80, abs=120)
+
+
+def test_events_of_a_log_in_eight_times_as_many_segments_cost_in_proportion():
+    """Looking for each segment's samples in the whole log would cost 64 times as much."""
+
+    def of(count: int) -> Callable[[], object]:
+        t = np.arange(0.0, 3.0 * count, 0.05)
+        q = rotation.from_euler(0.1 * np.sin(t), 0 * t, 0 * t)
+        segment = (t // 3.0).astype(np.int64)
+        return lambda: steps.find(t, q, segment)
+
+    assert cost(of(400)) < 24 * cost(of(50))
+
+
+def test_leaving_out_each_event_solves_once_and_not_event_by_event(monkeypatch):
+    solved = []
+    real = np.linalg.solve
+    monkeypatch.setattr(np.linalg, "solve", lambda a, b: (solved.append(1), real(a, b))[1])
+    counts = []
+    for seconds in (20.0, 100.0):
+        t, q = motion("steps", seconds)
+        row, ref = sampled(t, q, 100.0, 0.005), sampled(t, q, 50.0)
+        columns = step_columns.build(row, ref, steps.find(ref.t, ref.q, ref.segment), None)
+        solved.clear()
+        found = step_fit.fit(columns)["all"]
+        counts.append((len(found.events), len(solved)))
+    assert counts[1][0] > 4 * counts[0][0]
+    assert counts[1][1] < counts[0][1] + 12  # an iteration more, not a solution for each event
+
+
+def peak(work: Callable[[], object]) -> int:
+    """Most bytes allocated at a time."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_allan_deviations_of_a_long_rest_take_no_memory():
+    """All 50 differences at once would be 50 times the record."""
+    phase = np.cumsum(np.random.default_rng(0).standard_normal(50_000))
+    assert peak(lambda: allan.deviation(phase, 0.01)) < phase.nbytes
+
+
+def test_rotations_of_a_long_log_take_the_memory_of_their_answer():
+    q = rotation.normalize(np.random.default_rng(0).standard_normal((200_000, 4)))
+    for work in (rotation.multiply, lambda a, b: rotation.rotate(a, b[:, 1:]), lambda a, _: rotation.to_euler(a)):
+        assert peak(lambda work=work: work(q, q)) < 1.3 * q.nbytes
+
+
+def test_rows_share_what_they_need_not_copy():
+    """A row that is compared at its own times, or at the reference's, keeps no second copy of them."""
+    from attlog.reference import compare
+
+    t = np.arange(0.0, 100.0, 1.0 / HZ)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    reference = flights.case([], [], (t, q)).reference
+    reference.rate = HZ
+    found = compare.errors(t, q, np.zeros(len(t), np.int64), reference)
+    assert found.t is t
+    assert found.q_est is q

@@ -1,0 +1,33 @@
+"""Means of groups and quantiles of ordered values are numpy's."""
+
+import numpy as np
+import pytest
+
+from attlog.metrics import interval
+from attlog.metrics.step_traces import of_known
+
+
+def test_means_of_groups_are_those_of_each_group_wherever_it_lies():
+    x = np.random.default_rng(0).standard_normal(50)
+    groups = [slice(3, 10), slice(10, 11), slice(20, 50)]
+    np.testing.assert_allclose(interval.means(x, groups), [x[g].mean() for g in groups], rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 100])
+def test_a_quantile_of_ordered_values_is_that_of_numpy(n):
+    x = np.random.default_rng(n).standard_normal(n)
+    for p in (0.0, 0.1, 0.5, 0.95, 1.0):
+        assert interval.quantile(np.sort(x), p) == pytest.approx(np.quantile(x, p), rel=1e-12, abs=1e-12)
+
+
+def test_the_interval_of_a_quantile_needs_no_second_sorting():
+    x = np.random.default_rng(2).standard_normal(400)
+    groups = interval.equal_groups(400, 10)
+    assert interval.of_quantile(x, 0.9, groups, np.sort(x)) == interval.of_quantile(x, 0.9, groups)
+
+
+def test_quantiles_of_what_is_known_are_those_of_numpy():
+    x = np.random.default_rng(1).standard_normal((9, 40))
+    x[np.random.default_rng(2).random(x.shape) < 0.5] = np.nan
+    x[0] = 1.0
+    np.testing.assert_allclose(of_known(x, (0.1, 0.5, 0.9)), np.nanquantile(x, (0.1, 0.5, 0.9), axis=0), rtol=1e-12)
