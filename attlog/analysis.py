@@ -24,7 +24,7 @@ import attlog
 from attlog import estimators, metrics, reference, replay, segments
 from attlog.barrier import guarded
 from attlog.config import Config
-from attlog.errors import LogUnusable, UsageError
+from attlog.errors import AttlogError, LogUnusable, PluginTimeout, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem
@@ -37,7 +37,7 @@ from attlog.metrics.common_bias import none as no_bias
 from attlog.metrics.trace import Trace
 from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Row
-from attlog.result import EstimatorRow, ReferenceSummary, Result
+from attlog.result import TIMED_OUT, EstimatorRow, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
 
@@ -119,9 +119,10 @@ def evaluate(
     rows: list[Row] = []
     lines: list[EstimatorRow] = []  # of those rows; a filter that failed has a line and no row
     estimator_rows: list[EstimatorRow] = []
+    failed: dict[str, AttlogError] = {}
     with clock("estimators"):
         chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
-        for row, table_row in replay.replays(case, chosen):
+        for row, table_row in replay.replays(case, chosen, failed):
             estimator_rows.append(table_row)
             if row is not None:
                 row.aux.clear()  # no metric looks at it, and in a long log it is as large as the attitude
@@ -173,7 +174,7 @@ def evaluate(
     )
     result.verdicts = _part(case.log, "The verdicts", lambda: verdicts(result), list)
     own = (
-        _problems(case.reference, estimator_rows)
+        _problems(case.reference, estimator_rows, failed)
         + _unmeasured(estimator_rows)
         + _slow(chosen, rows)
         + _late_field(rows)
@@ -277,10 +278,13 @@ def _unanswered(case: Case, result: Result) -> list[Open]:
     return found
 
 
-def _problems(ref: Reference, rows: list[EstimatorRow]) -> list[Problem]:
+def _problems(ref: Reference, rows: list[EstimatorRow], failed: Mapping[str, AttlogError]) -> list[Problem]:
     """What the analysis itself found wrong: a reference that physics contradicts, estimators that failed."""
+    late = {name for name, error in failed.items() if isinstance(error, PluginTimeout)}
     return contradiction(ref) + [
-        Problem("estimator_failed", "error", f"{r.name}: {r.reason}") for r in rows if r.status == "failed"
+        Problem(TIMED_OUT if r.name in late else "estimator_failed", "error", f"{r.name}: {r.reason}")
+        for r in rows
+        if r.status == "failed"
     ]
 
 

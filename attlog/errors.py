@@ -50,6 +50,12 @@ class PluginError(AttlogError):
     exit_code = 2
 
 
+class PluginTimeout(PluginError):
+    """A user's estimator took longer than it was given."""
+
+    exit_code = 75
+
+
 class ClusterError(AttlogError):
     """A cluster does not answer, or not any more; later it may."""
 

@@ -93,8 +93,13 @@ def smoother(log: FlightLog, segments: Segments, options: reference.Options) -> 
     return reference.joined([piece(span) for span in pieces], whatever=asked)
 
 
-def replays(case: Case, specs: Mapping[str, Chosen]) -> Iterator[tuple[Row | None, EstimatorRow]]:
-    """Each chosen estimator as a row; one that fails is a table row with status ``failed``."""
+def replays(
+    case: Case, specs: Mapping[str, Chosen], failed: dict[str, AttlogError] | None = None
+) -> Iterator[tuple[Row | None, EstimatorRow]]:
+    """Each chosen estimator as a row; one that fails is a table row with status ``failed``.
+
+    ``failed`` takes the errors by the rows' names.
+    """
     for suffix, imu in case.imus.items():
         for name, spec in specs.items():
             try:
@@ -102,6 +107,8 @@ def replays(case: Case, specs: Mapping[str, Chosen]) -> Iterator[tuple[Row | Non
                     raise spec
                 yield guarded(name, partial(_run, case, imu, spec, suffix), partial(_bug, name + suffix))
             except AttlogError as error:
+                if failed is not None:
+                    failed[name + suffix] = error
                 yield None, _failed(name + suffix, error)
 
 

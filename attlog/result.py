@@ -68,6 +68,10 @@ KEPT_OUT = {
 """Fields that are not in the JSON, by class."""
 
 
+TIMED_OUT = "estimator_timed_out"
+"""The code of the problem that a user's filter took longer than it was given; its row has failed."""
+
+
 @dataclass(slots=True)
 class ParameterValue:
     """A parameter as it was used. ``origin``: default, preset, option, config, log, file."""

@@ -32,7 +32,7 @@ from attlog.cli.common import (
 )
 from attlog.cli.progress import progress
 from attlog.cli.streams import is_of_a_stream
-from attlog.errors import BUG, INTERRUPTED, exit_code, message, worst
+from attlog.errors import BUG, INTERRUPTED, PluginTimeout, exit_code, message, worst
 
 if TYPE_CHECKING:
     from attlog.config import Config
@@ -75,6 +75,7 @@ def command(
     summary: gated.Summary = None,
     boot: Boot = None,
     system: System = None,
+    filter_timeout: options.FilterTimeout = None,
     no_color: NoColor = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -99,9 +100,13 @@ def command(
     for error in wrong:
         to_stderr(message(error, __version__))
     results: list[Result] = []
+    late: set[int] = set()
 
     def show(log: str, result: Result, report: Path) -> None:
+        from attlog.result import TIMED_OUT
+
         results.append(result)
+        late.update(PluginTimeout.exit_code for problem in result.problems if problem.code == TIMED_OUT)
         if json:
             json_to_stdout(_json_text(result, deterministic, one_line=max(len(logs), len(found)) > 1))
         if not quiet:
@@ -117,8 +122,10 @@ def command(
         codes = {_one(source, task) for source in found}
     if table and results:
         _write_tables(table, results, settings)
-    codes |= {exit_code(error) for error in wrong} | held.finish(
-        report_names([s.file_name for s in found]), wrong, interrupted=INTERRUPTED in codes
+    codes |= (
+        late
+        | {exit_code(error) for error in wrong}
+        | held.finish(report_names([s.file_name for s in found]), wrong, interrupted=INTERRUPTED in codes)
     )
     if worst(codes):
         raise typer.Exit(worst(codes))

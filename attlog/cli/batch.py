@@ -106,6 +106,7 @@ def command(
     strict: gated.Strict = None,
     junit: gated.Junit = None,
     summary: gated.Summary = None,
+    filter_timeout: options.FilterTimeout = None,
     no_color: NoColor = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,

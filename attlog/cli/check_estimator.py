@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.cli import completion
+from attlog.cli import completion, options
 from attlog.cli.common import NoColor, terminal
 
 if TYPE_CHECKING:
@@ -21,9 +21,10 @@ Name = Annotated[
 ]
 
 
-def command(name: Name, no_color: NoColor = False) -> None:
+def command(name: Name, filter_timeout: options.FilterTimeout = None, no_color: NoColor = False) -> None:
     """Run the conformance checks on a filter; exit code 1 if one fails."""
     from attlog.estimators import parse
+    from attlog.present.text import for_terminal
     from attlog.testing import about, check_estimator, speed_ns
 
     out = terminal()
@@ -35,7 +36,7 @@ def command(name: Name, no_color: NoColor = False) -> None:
         mark = "[green]pass[/]" if outcome.passed else "[red]FAIL[/]"
         out.print(f"{mark}  {outcome.name.replace('_', ' ').replace('[', ' in ').replace(']', '')}", soft_wrap=True)
         if not outcome.passed:
-            out.print(f"      {outcome.message}", style="dim", markup=False, soft_wrap=True)
+            out.print(f"      {for_terminal(outcome.message)}", style="dim", markup=False, soft_wrap=True)
 
     outcomes = check_estimator(subject, show)
     failed = sum(not o.passed for o in outcomes)

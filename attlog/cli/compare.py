@@ -12,6 +12,7 @@ from attlog import __version__
 from attlog.cli import completion
 from attlog.cli.arguments import command_line
 from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
+from attlog.cli.options import FilterTimeout
 from attlog.cli.progress import progress
 from attlog.errors import UsageError, exit_code, message, worst
 
@@ -74,6 +75,7 @@ def command(
     plotly: Annotated[str, typer.Option(metavar="inline|shared", help="shared: plotly.js beside the page.")] = "inline",
     json: Json = False,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
+    filter_timeout: FilterTimeout = None,
     no_color: NoColor = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,

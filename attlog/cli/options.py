@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,13 @@ from attlog.errors import UsageError
 
 if TYPE_CHECKING:
     from attlog.config import Config
+
+
+def _filter_timeout(seconds: float | None) -> None:
+    """The processes of filters, at whatever depth they are started, ask the environment."""
+    if seconds is not None:
+        os.environ["ATTLOG_FILTER_TIMEOUT"] = f"{seconds:g}"
+
 
 Estimators = Annotated[
     str | None,
@@ -82,6 +90,13 @@ ConfigFile = Annotated[
         help="Options from a file or from an earlier result; options here win. [default: none]",
     ),
 ]
+FilterTimeout = Annotated[
+    float | None,
+    typer.Option(
+        "--filter-timeout", metavar="S", min=0, callback=_filter_timeout, show_default=False,
+        help="Seconds that one run of a filter from a file may take; 0: any time. [default: 60]",
+    ),
+]  # fmt: skip
 Plotly = Annotated[str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")]
 Deterministic = Annotated[
     bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")

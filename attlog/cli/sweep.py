@@ -11,6 +11,7 @@ import typer
 from attlog import __version__
 from attlog.cli.arguments import command_line
 from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
+from attlog.cli.options import FilterTimeout
 from attlog.cli.progress import progress
 from attlog.errors import AttlogError, UsageError, exit_code, message, worst
 
@@ -67,6 +68,7 @@ def command(
     reference: ReferenceName = None,
     config: ConfigFile = None,
     json: Json = False,
+    filter_timeout: FilterTimeout = None,
     no_color: NoColor = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
+from attlog.cli.options import FilterTimeout
 from attlog.cli.progress import progress
 from attlog.cli.sweep import ConfigFile, Prepared, ReferenceName, aligned, analysis_settings, end, stem
 from attlog.errors import UsageError
@@ -63,6 +64,7 @@ def command(
     reference: ReferenceName = None,
     config: ConfigFile = None,
     json: Json = False,
+    filter_timeout: FilterTimeout = None,
     no_color: NoColor = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -129,6 +130,12 @@ def estimate(
     """
     row = parse(name) if isinstance(name, str) else name if isinstance(name, Row) else Row(name)
     estimator = row.estimator
+    if estimator.apart is not None:
+        told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
+        return estimator.apart.call(
+            _there, row.preset, {**row.params, **params}, (t, gyr, acc, mag), sampling=sampling, q0=q0,
+            declination=declination, dt=dt, every=every, aids=aids, log=told,
+        )  # fmt: skip
     for sensor, data in (("acc", acc), ("mag", mag)):
         if sensor in estimator.needs and data is None:
             raise UsageError(f"{estimator.name} needs {sensor}, which was not given")
@@ -143,7 +150,18 @@ def estimate(
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
     if estimator.run is not None:
         aids = replace(aids or Aids(), sampling=sampling)
-    return loop.run(estimator, samples, values, q0, int(every), aids)
+    return loop.with_line(estimator, lambda: loop.run(estimator, samples, values, q0, int(every), aids))
+
+
+def _there(
+    estimator: Estimator,
+    preset: str | None,
+    params: Mapping[str, float | str],
+    data: tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None],
+    **options: Any,
+) -> Estimate:
+    """:func:`estimate` in the process of a file."""
+    return estimate(Row(estimator, preset, params), *data, **options)
 
 
 def _split(text: str) -> tuple[str, list[str]]:

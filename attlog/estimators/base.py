@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from attlog.errors import AttlogError, PluginError, UsageError
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 VectorsAt = Literal["start", "end"]
 """With the attitude at which end of its time a step compares vectors: the one it is given, or the one it has turned."""
 
@@ -130,6 +131,13 @@ AIDS = frozenset({"gnss", "baro", "airspeed", "at_rest"})
 """What ``uses`` may name beside the sensors."""
 
 
+class Elsewhere(Protocol):
+    """A process that runs an estimator's functions, see :mod:`attlog.estimators.apart`."""
+
+    def call(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
+        """``function(estimator, *arguments, **options)`` there."""
+
+
 @dataclass(frozen=True, slots=True)
 class Estimator:
     """A registered estimator.
@@ -147,7 +155,8 @@ class Estimator:
     ``from_log(params, info) -> values`` gives the
     filter's own parameters that follow from a log (:class:`LogInfo`); a step whose ``uses``
     names aids takes one argument more (:mod:`attlog.estimators.aids`). Filters with one ``equation``
-    differ in gains and numerics alone.
+    differ in gains and numerics alone. ``apart``: the process that runs its functions, which then only stand for those
+    that are there; None where this one does.
     """
 
     name: str
@@ -169,6 +178,7 @@ class Estimator:
     vectors_at: VectorsAt = "start"
     from_log: Callable[..., Any] | None = None
     equation: str = ""
+    apart: Elsewhere | None = None
 
     @property
     def aided(self) -> bool:

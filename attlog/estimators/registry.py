@@ -28,7 +28,7 @@ from types import ModuleType
 from typing import Any
 
 from attlog.errors import AttlogError, PluginError, UsageError
-from attlog.estimators import recorded
+from attlog.estimators import apart, recorded
 from attlog.estimators.base import (
     AIDS,
     COMMON,
@@ -76,10 +76,14 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> Estimator:
     """The estimator of that name, or of the file ``name`` if it ends in ``.py``, or ``.csv`` for an attitude.
 
+    A file's own code runs in a process of its own (:mod:`attlog.estimators.apart`), its import included.
+
     UsageError for an unknown name; PluginError with file and line for a broken plug-in.
     """
     if name.endswith(".py"):
-        return from_file(Path(name))
+        if not Path(name).is_file():
+            raise UsageError(f"{name}: there is no such estimator file")
+        return apart.from_file(Path(name))
     if recorded.is_recorded(name):
         return recorded.from_file(Path(name))
     if name in BUILT_IN:
@@ -96,7 +100,10 @@ def get(name: str) -> Estimator:
 
 
 def from_file(path: Path) -> Estimator:
-    """The estimator that a Python file defines, named like the file. PluginError with file and line if it cannot be."""
+    """The estimator that a Python file defines, named like the file, in this process.
+
+    PluginError with file and line if it cannot be loaded.
+    """
     if not path.is_file():
         raise UsageError(f"{path}: there is no such estimator file")
     spec = importlib.util.spec_from_file_location(f"attlog_plugin_{path.stem}", path)

@@ -15,7 +15,8 @@ import importlib.util
 import logging
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -29,6 +30,19 @@ HEADER = "import math\n\nimport numpy as np\n"
 def jit_wanted() -> bool:
     """False where ATTLOG_NO_JIT asks for the plain Python twin."""
     return os.environ.get("ATTLOG_NO_JIT", "") in ("", "0")
+
+
+@contextmanager
+def plainly() -> Iterator[None]:
+    """A block in which kernels are plain Python, which tells the line that raises; for processes of one thread."""
+    before = os.environ.get("ATTLOG_NO_JIT")
+    os.environ["ATTLOG_NO_JIT"] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop("ATTLOG_NO_JIT")
+        if before is not None:
+            os.environ["ATTLOG_NO_JIT"] = before
 
 
 def plain(source: str, name: str, known: Mapping[str, Any]) -> Callable[..., Any]:

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog import rotation
 from attlog.errors import UsageError
-from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse
+from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse, registry
 from attlog.estimators.aids import (
     ALT,
     AT_REST,
@@ -72,6 +73,8 @@ TRUTH = "truth"
 def stepping(text: str) -> Row:
     """The estimator ``NAME[@PRESET][:k=v,...]`` that can fly. UsageError for unknown ones and those that cannot."""
     row = parse(text)
+    if row.estimator.apart is not None:  # it flies within the simulation's own loop
+        row = replace(row, estimator=registry.from_file(Path(row.estimator.origin)))
     if row.estimator.step is None:
         why = "looks at samples that a vehicle does not have yet" if not row.estimator.causal else "has no step"
         raise UsageError(

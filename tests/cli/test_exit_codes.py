@@ -7,6 +7,8 @@ import os
 
 import pytest
 
+from tests.fleet.harm import harm, installed
+
 LOGS = ("px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog")
 
 
@@ -142,21 +144,24 @@ def breaks(monkeypatch, name, error):
     monkeypatch.setattr(analysis, "analyze", broken)
 
 
-def broken_filter(folder, name, what):
-    """A filter file that does ``what`` to the process of the log of this name, just before its report is drawn."""
-    file = folder / "filters" / "broken.py"
-    file.parent.mkdir()
-    file.write_text(
-        f"import os, signal, time\nimport attlog.report.page as page\nrender = page.render\n"
-        f"def broken(result, *a, **k):\n    if result.log['name'] == {name!r}:\n        {what}\n"
-        "    return render(result, *a, **k)\n"
-        "page.render = broken\nfrom attlog.estimators.filters.gyro import *\n"
-    )
-    return file
+@pytest.fixture
+def harmful():
+    """A way to make the filter of an installed package do something to its log's process, never to that of the test."""
+    with installed():
+
+        def broken_filter(name, what):
+            """A filter that does ``what`` to the process of the log of this name, just before its report is drawn."""
+            return harm(
+                "import os, signal, time\nimport attlog.report.page as page\nrender = page.render\n"
+                f"def broken(result, *a, **k):\n    if result.log['name'] == {name!r}:\n        {what}\n"
+                f"    return render(result, *a, **k)\nif os.getpid() != {os.getpid()}:\n    page.render = broken\n"
+            )
+
+        yield broken_filter
 
 
-def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path):
-    filter_file = broken_filter(tmp_path, LOGS[0], "raise ZeroDivisionError('inside')")
+def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path, harmful):
+    filter_file = harmful(LOGS[0], "raise ZeroDivisionError('inside')")
     logs = [samples / LOGS[0], tmp_path / "none.ulg", samples / LOGS[1]]
     done = attlog("analyze", *logs, "-o", tmp_path / "out", "--estimators", filter_file, "--json", "-")
     expect(done, 70, f"{LOGS[0]}: a bug in attlog", "ZeroDivisionError: inside", "none.ulg: no such file")
@@ -164,21 +169,20 @@ def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path):
     assert [json.loads(line)["log"]["name"] for line in done.out.strip().splitlines()] == [LOGS[1]]
 
 
-def test_a_bug_in_one_of_several_logs_shows_its_traceback_with_vv(attlog, samples, tmp_path):
-    filter_file = broken_filter(tmp_path, LOGS[0], "raise ZeroDivisionError('inside')")
+def test_a_bug_in_one_of_several_logs_shows_its_traceback_with_vv(attlog, samples, tmp_path, harmful):
+    filter_file = harmful(LOGS[0], "raise ZeroDivisionError('inside')")
     done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", filter_file, "-vv")
     assert (done.code, "Traceback" in done.err) == (70, True)
     assert (tmp_path / f"{LOGS[1]}.json").exists()
 
 
-def interrupting_filter(folder, name):
-    """A filter file that stops the whole run, as Ctrl-C does, when the report of that log is due."""
-    return broken_filter(folder, name, f"os.kill({os.getpid()}, signal.SIGINT); time.sleep(60)")
+INTERRUPT = f"os.kill({os.getpid()}, signal.SIGINT); time.sleep(60)"
+"""Stops the whole run, as Ctrl-C does."""
 
 
-def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path):
+def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, harmful):
     logs = [samples / LOGS[0], samples / LOGS[1], samples / LOGS[2]]
-    filter_file = interrupting_filter(tmp_path, LOGS[1])
+    filter_file = harmful(LOGS[1], INTERRUPT)
     assert attlog("analyze", *logs, "-o", tmp_path / "out", "--estimators", filter_file).code == 130
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"{LOGS[0]}.html", f"{LOGS[0]}.json"]
 
@@ -213,8 +217,8 @@ def test_no_command_prints_help(attlog):
     assert "analyze" in done.out + done.err
 
 
-def test_an_interrupt_says_what_was_kept(attlog, samples, tmp_path, monkeypatch):
-    out, filter_file = tmp_path / "out", interrupting_filter(tmp_path, LOGS[1])
+def test_an_interrupt_says_what_was_kept(attlog, samples, tmp_path, monkeypatch, harmful):
+    out, filter_file = tmp_path / "out", harmful(LOGS[1], INTERRUPT)
     done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", out, "--estimators", filter_file)
     expect(done, 130, f"kept 1 of 2 reports in {out}: {LOGS[0]}.html")
     breaks(monkeypatch, LOGS[1], KeyboardInterrupt())

@@ -23,6 +23,7 @@ from attlog.fleet.lock import locked
 from attlog.fleet.nursery import Closed, Nursery
 from attlog.fleet.record import Record
 from attlog.fleet.run import run_one
+from tests.fleet.harm import harm, installed
 from tests.fleet.test_run import LOG, gone, plugin, work
 
 ROOT = Path(__file__).parents[2]
@@ -40,9 +41,10 @@ def nursery(monkeypatch: pytest.MonkeyPatch) -> Iterator[Nursery]:
     for module, names in POSIX_ALONE.items():
         for name in names:
             monkeypatch.delattr(module, name)
-    kept = Nursery()
-    yield kept
-    kept.close()
+    with installed():
+        kept = Nursery()
+        yield kept
+        kept.close()
 
 
 def unmeasured(record: Record) -> Record:
@@ -74,9 +76,7 @@ def test_a_fresh_process_writes_what_a_forked_one_does(tmp_path: Path, request: 
 def test_a_fresh_process_that_fails_is_one_record(
     tmp_path: Path, nursery: Nursery, body: str, code: int, words: str
 ) -> None:
-    task = replace(
-        work(tmp_path, specs=plugin(tmp_path, body)), timeout=3.0 if "sleep" in body else 300.0, memory=600.0
-    )
+    task = replace(work(tmp_path, specs=harm(body)), timeout=3.0 if "sleep" in body else 300.0, memory=600.0)
     record = run_one(task, nursery)
     assert record.code == code
     assert words in record.message
@@ -85,7 +85,7 @@ def test_a_fresh_process_that_fails_is_one_record(
 
 def test_an_interrupt_is_left_to_the_parent(tmp_path: Path, nursery: Nursery) -> None:
     body = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
-    assert run_one(work(tmp_path, specs=plugin(tmp_path, body)), nursery).code == 0
+    assert run_one(work(tmp_path, specs=harm(body)), nursery).code == 0
 
 
 def test_closing_ends_fresh_processes_too(tmp_path: Path, nursery: Nursery) -> None:

@@ -23,15 +23,17 @@ from attlog.fleet.run import run_one
 from attlog.fleet.sources import Source
 from attlog.fleet.work import Work, settings_key
 from tests.conftest import SAMPLES
+from tests.fleet.harm import harm, installed
 
 LOG = SAMPLES / "copter_yaw_turns.bin"
 
 
 @pytest.fixture(scope="module")
 def nursery() -> Iterator[Nursery]:
-    kept = Nursery()
-    yield kept
-    kept.close()
+    with installed():
+        kept = Nursery()
+        yield kept
+        kept.close()
 
 
 def work(folder: Path, log: Path = LOG, specs: str = "gyro", **more: Any) -> Work:
@@ -110,7 +112,7 @@ def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
 ])  # fmt: skip
 def test_a_process_that_fails_is_one_record(tmp_path: Path, nursery: Nursery, body: str, code: int, words: str) -> None:
     limits: dict[str, Any] = {"timeout": 1.5 if code == 75 and "MB" not in words else 300.0, "memory": 600.0}
-    record = run_one(work(tmp_path, specs=plugin(tmp_path, body), **limits), nursery)
+    record = run_one(work(tmp_path, specs=harm(body), **limits), nursery)
     assert record.code == code
     assert words in record.message
     assert str(LOG) in record.message
@@ -120,11 +122,17 @@ def test_a_process_that_fails_is_one_record(tmp_path: Path, nursery: Nursery, bo
     assert run_one(work(tmp_path), nursery).code == 0
 
 
+def test_memory_of_a_filter_from_a_file_is_counted(tmp_path: Path, nursery: Nursery) -> None:
+    file = plugin(tmp_path, "x = bytearray(10**9)\nwhile True: pass")
+    record = run_one(work(tmp_path, specs=file, memory=600.0), nursery)
+    assert (record.code, "more than 600 MB" in record.message) == (75, True)
+
+
 def test_a_log_that_is_cut_while_it_is_mapped_is_unreadable(tmp_path: Path, nursery: Nursery) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
     body = f"import os; os.truncate({str(log)!r}, 1000)"
-    record = run_one(work(tmp_path, log, specs=plugin(tmp_path, body)), nursery)
+    record = run_one(work(tmp_path, log, specs=harm(body)), nursery)
     assert record.code == 66
     assert "changed while it was read" in record.message
 
@@ -140,7 +148,7 @@ def test_a_log_that_grows_while_it_is_read_is_unreadable(tmp_path: Path, nursery
 
 def test_a_bug_is_told_with_its_traceback(tmp_path: Path, nursery: Nursery) -> None:
     body = "import attlog.report.page as page\ndef broken(*a, **k): raise ZeroDivisionError('x')\npage.render = broken"
-    record = run_one(work(tmp_path, specs=plugin(tmp_path, body)), nursery)
+    record = run_one(work(tmp_path, specs=harm(body)), nursery)
     assert (record.code, "a bug in attlog" in record.message) == (70, True)
     assert "ZeroDivisionError" in record.trace
 
@@ -155,20 +163,22 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, nursery: Nurser
 
 
 def test_the_death_of_the_nursery_costs_its_children_alone(tmp_path: Path) -> None:
-    nursery = Nursery()
-    pid = tmp_path / "pid"
-    kills_the_nursery = (
-        f"import os, signal, time\nopen({str(pid)!r}, 'w').write(str(os.getpid()))\n"
-        "os.kill(os.getppid(), signal.SIGKILL)\ntime.sleep(100)"
-    )
-    record = run_one(work(tmp_path, specs=plugin(tmp_path, kills_the_nursery)), nursery)
-    assert record.code == 70
-    assert "so is the one that started it" in record.message
-    assert gone(int(pid.read_text()))
-    assert run_one(work(tmp_path), nursery).code == 0
-    nursery.close()
-    with pytest.raises(Closed):
-        run_one(work(tmp_path), nursery)
+    with installed():
+        nursery = Nursery()
+        assert run_one(work(tmp_path / "first"), nursery).code == 0  # it loads the filters of its first log itself
+        pid = tmp_path / "pid"
+        kills_the_nursery = (
+            f"import os, signal, time\nopen({str(pid)!r}, 'w').write(str(os.getpid()))\n"
+            "os.kill(os.getppid(), signal.SIGKILL)\ntime.sleep(100)"
+        )
+        record = run_one(work(tmp_path, specs=harm(kills_the_nursery)), nursery)
+        assert record.code == 70
+        assert "so is the one that started it" in record.message
+        assert gone(int(pid.read_text()))
+        assert run_one(work(tmp_path), nursery).code == 0
+        nursery.close()
+        with pytest.raises(Closed):
+            run_one(work(tmp_path), nursery)
 
 
 def gone(pid: int) -> bool:

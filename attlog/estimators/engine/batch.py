@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -123,14 +124,23 @@ def estimate_batch(
     """
     if dtype not in WIDTH:
         raise UsageError(f"dtype={dtype} is not known; give float64 or float32")
+    if estimator.apart is not None:
+        told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
+        return estimator.apart.call(
+            estimate_batch, [dict(p) for p in params], t, gyr, acc, mag, preset=preset, sampling=sampling, q0=q0, dt=dt,
+            every=every, aids=aids, log=told, dtype=dtype,
+        )  # fmt: skip
     resolved = [{k: v for k, (v, _) in estimator.resolve(preset, p, log=log).items()} for p in params]
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
     results: list[Estimate | None] = [None] * len(resolved)
     for members in _alike(estimator, resolved):
-        values = [resolved[i] for i in members]
         for begin in range(0, len(members), WIDTH[dtype]):
-            some = values[begin : begin + WIDTH[dtype]]
-            for i, one in zip(members[begin:], _run(estimator, some, samples, q0, every, aids, dtype), strict=False):
+            some = [resolved[i] for i in members[begin : begin + WIDTH[dtype]]]
+            found = loop.with_line(
+                estimator,
+                lambda some=some: _run(estimator, some, samples, q0, every, aids, dtype),  # type: ignore[misc]
+            )
+            for i, one in zip(members[begin:], found, strict=False):
                 results[i] = one
     return [r for r in results if r is not None]
 

@@ -13,15 +13,15 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog import rotation
-from attlog.errors import PluginError
+from attlog.errors import AttlogError, PluginError
 from attlog.estimators.aids import Aids
-from attlog.estimators.base import Array, Estimate, Estimator, plugin_errors
+from attlog.estimators.base import Array, Estimate, Estimator, broken, plugin_errors
 from attlog.estimators.engine.events import events
 from attlog.estimators.engine.late import in_pieces, late_field, without_heading
 from attlog.estimators.engine.samples import NEW, Samples, handed
@@ -31,6 +31,7 @@ from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.obtain import by_numba, obtained
 
+T = TypeVar("T")
 LOOP = """
 def advance(state, params, dt, substeps, gyr, acc, mag, use, every, out{events}, a, m):
     row = 0
@@ -143,6 +144,24 @@ def run(
     return estimate
 
 
+def with_line(estimator: Estimator, run: Callable[[], T]) -> T:
+    """What ``run`` gives. An exception in a plug-in's compiled step becomes a PluginError with file and line.
+
+    Machine code knows no line of the file, so the run is repeated in plain Python; where that raises nothing, the
+    exception is told without.
+    """
+    try:
+        return run()
+    except AttlogError:
+        raise
+    except Exception as error:
+        if estimator.origin == "attlog":
+            raise
+        with cache.plainly():
+            run()
+        raise broken(estimator.origin, error) from error
+
+
 def collect(
     estimator: Estimator,
     samples: Samples,
@@ -184,6 +203,8 @@ def not_compiled(estimator: Estimator) -> str:
 
     PluginError as in :func:`kernel`.
     """
+    if estimator.apart is not None:
+        return estimator.apart.call(not_compiled)
     if estimator.step is None or not cache.jit_wanted():
         return ""
     return _kernel(estimator)[1]

@@ -1,0 +1,306 @@
+"""A filter from a file that is not ours, in a process of its own: whatever it does, it does to that process alone.
+
+Its code may raise, loop for ever, write beyond its arrays, end its process, take all memory or print. The process that
+asked goes on: what came of it is a value, or a PluginError that says what happened. What the file prints, at whatever
+moment, goes to standard error; it reads nothing. A process serves one file and many requests, so that a filter is
+loaded and compiled once; it is a fresh interpreter, which takes a few tenths of a second and works in threads, on a
+cluster and on Windows alike. Requests and answers are pickles, because the file is chosen by the user: what is kept
+out is accident, not malice, which the user's own rights already allow.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import weakref
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import IO, Any, TypeVar
+
+from attlog.errors import AttlogError, PluginError, PluginTimeout
+from attlog.estimators.base import Estimator, LogInfo, broken
+from attlog.limits import FILTER_S, MAX_FILTER_BYTES
+
+T = TypeVar("T")
+LIMIT = "ATTLOG_FILTER_TIMEOUT"
+"""Seconds that a request may take; 0: any time. An environment variable, because processes within processes ask."""
+START = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); sys.path[:] = {path!r}; "
+    "from attlog.estimators import apart, registry; apart.main(registry.from_file)"
+)
+"""An interrupt is for whoever asked, who then ends this process."""
+SIZE = struct.Struct("!Q")
+GRACE_S = 10
+"""After so much more the process ends itself: whoever would have ended it is gone."""
+
+
+def limit_s() -> float:
+    """How many seconds a filter from a file is given for one run; 0: any time."""
+    try:
+        return max(float(os.environ.get(LIMIT, FILTER_S)), 0.0)
+    except ValueError:
+        return FILTER_S
+
+
+def from_file(path: Path) -> Estimator:
+    """The estimator that a Python file defines, its functions in another process. PluginError if it cannot be loaded.
+
+    :func:`attlog.estimators.registry.from_file` loads a file into this process.
+    """
+    found = path.stat()
+    return _described(os.path.abspath(path), str(path), found.st_mtime_ns, found.st_size)
+
+
+@functools.lru_cache(maxsize=8)
+def _described(place: str, name: str, changed_ns: int, size: int) -> Estimator:
+    """The same, once for every state of the file: metrics ask for a filter again by its name."""
+    apart = Apart(name)
+    told = apart.call(_description)
+    return replace(
+        told,
+        start=None if told.start is None else Elsewhere(apart, "start"),
+        step=None if told.step is None else Elsewhere(apart, "step"),
+        run=None if told.run is None else Elsewhere(apart, "run"),
+        from_log=None if told.from_log is None else FromLog(apart),
+        apart=apart,
+    )
+
+
+class Apart:
+    """The process of one file; started when it is first asked, and again after it died."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+        self._answers: SimpleQueue[bytes] = SimpleQueue()
+        self._end: Callable[[], Any] = _nothing
+        self._lock = threading.RLock()
+        self._too_long = ""
+
+    def call(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
+        """``function(estimator, *arguments, **options)`` there. Functions, arguments and results must pickle.
+
+        PluginError says what the file did: its own exceptions with file and line, or how its process ended;
+        PluginTimeout where it took longer than :func:`limit_s`, and from then on without trying again.
+        """
+        with self._lock:
+            if self._too_long:
+                raise PluginTimeout(self._too_long)
+            limit = limit_s()
+            try:
+                answer = self._asked(pickle.dumps((limit, function, arguments, options), 5), limit)
+                fine, value = pickle.loads(answer)
+            except AttlogError:
+                raise
+            except Exception as error:  # not even that came whole: its memory is spoilt
+                self._stop()
+                raise PluginError(f"{self._file}: its process answers nonsense ({type(error).__name__})") from error
+        if fine:
+            return value  # type: ignore[no-any-return]
+        raise value
+
+    def _asked(self, request: bytes, limit: float) -> bytes:
+        process = self._started()
+        assert process.stdin is not None
+        threading.Thread(target=_tell, args=(process.stdin, request), daemon=True).start()
+        try:
+            answer = self._answers.get(timeout=limit or None)
+        except Empty:
+            self._stop()
+            self._too_long = (
+                f"{self._file}: took longer than {limit:g} s and was ended; --filter-timeout allows more, 0 any time"
+            )
+            raise PluginTimeout(self._too_long) from None
+        except BaseException:  # interrupted too: an answer that comes later would be taken for that of another request
+            self._stop()
+            raise
+        if not answer:
+            status = process.wait()
+            self._stop()
+            raise PluginError(f"{self._file}: {_died(status)}")
+        return answer
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        """The process, begun where there is none; one that a fork inherited belongs to another."""
+        if self._process is not None and self._owner == os.getpid() and self._process.poll() is None:
+            return self._process
+        path = [os.path.abspath(p) if p else os.getcwd() for p in sys.path]
+        self._process = process = subprocess.Popen(
+            [sys.executable, "-c", START.format(path=path)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=_environment(),
+        )  # fmt: skip
+        self._owner = os.getpid()
+        self._answers = answers = SimpleQueue[bytes]()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._end = weakref.finalize(self, _ended, process, self._owner)
+        threading.Thread(target=_listen, args=(process.stdout, answers), daemon=True).start()
+        with suppress(OSError):
+            process.stdin.write(pickle.dumps(self._file))
+        return process
+
+    def _stop(self) -> None:
+        self._end()
+        self._process = None
+
+
+class Elsewhere:
+    """Stands for a function of a file that runs in another process: that it exists is all that this process knows."""
+
+    def __init__(self, apart: Apart, name: str) -> None:
+        self._apart, self._name = apart, name
+
+    def __call__(self, *_: Any) -> Any:
+        raise TypeError(f"{self._name} of a filter from a file runs in its own process, by attlog.estimators.estimate")
+
+
+class FromLog(Elsewhere):
+    """``from_log`` of a file, asked there."""
+
+    def __init__(self, apart: Apart) -> None:
+        super().__init__(apart, "from_log")
+
+    def __call__(self, params: Mapping[str, float], info: LogInfo) -> dict[str, float | str]:
+        return self._apart.call(_from_log, dict(params), info)
+
+
+def _from_log(estimator: Estimator, params: dict[str, float], info: LogInfo) -> dict[str, float | str]:
+    from types import MappingProxyType
+
+    assert estimator.from_log is not None
+    return dict(estimator.from_log(MappingProxyType(params), info))
+
+
+def _description(estimator: Estimator) -> Estimator:
+    """An estimator without what cannot travel: its functions become a sign that they are there."""
+    return replace(
+        estimator,
+        presets={name: dict(values) for name, values in estimator.presets.items()},
+        slices=dict(estimator.slices),
+        start=estimator.start and _nothing,
+        step=estimator.step and _nothing,
+        run=estimator.run and _nothing,
+        from_log=estimator.from_log and _nothing,
+    )
+
+
+def _nothing() -> None:
+    """Stands for a function that is somewhere else."""
+
+
+def _tell(requests: IO[bytes], request: bytes) -> None:
+    """Send a request, in a thread: whoever does not read it must not stop the clock."""
+    with suppress(OSError, ValueError):  # it died before it could read, which the answer's end tells
+        requests.write(SIZE.pack(len(request)))
+        requests.write(request)
+        requests.flush()
+
+
+def _listen(answers: IO[bytes], told: SimpleQueue[bytes]) -> None:
+    """Hand on whole answers; an empty one at the end. A thread: not every system can wait for a pipe and a clock."""
+    with suppress(OSError, ValueError), answers:
+        while len(head := answers.read(SIZE.size)) == SIZE.size:
+            (size,) = SIZE.unpack(head)
+            body = answers.read(size)
+            if len(body) < size or not body:
+                break
+            told.put(body)
+    told.put(b"")
+
+
+def _ended(process: subprocess.Popen[bytes], owner: int) -> None:
+    """End a process. A program that was forked leaves it to whoever started it."""
+    if os.getpid() != owner:
+        return
+    with suppress(OSError):
+        process.kill()
+    with suppress(OSError, ChildProcessError):
+        process.wait()
+    if process.stdin is not None:
+        with suppress(OSError):
+            process.stdin.close()
+
+
+def _died(status: int) -> str:
+    """How a process ended that gave no answer, in words."""
+    name = {-known.value: known.name for known in signal.Signals}.get(status, "")
+    if name == "SIGKILL":
+        return "its process was killed from outside (signal 9), as systems do when memory runs out"
+    if name == "SIGALRM":
+        return "took too long and was ended"
+    if name or status >= 0xC0000000:  # from here on exit statuses of Windows are crashes
+        return f"its process crashed ({name or hex(status)}): look for indices beyond an array and endless recursion"
+    return f"it ended its process (exit status {status})"
+
+
+def _environment() -> dict[str, str]:
+    return dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1") | os.environ
+
+
+def main(load: Callable[[Path], Estimator]) -> None:
+    """The other side: load the file, then answer requests until nobody asks any more."""
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    _with_less_memory()
+    file = pickle.load(requests)
+    asked: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_hear, args=(requests, asked), daemon=True).start()
+    estimator: Estimator | None = None
+    while True:
+        limit, function, arguments, options = pickle.loads(asked.get())
+        _ends_by_itself(limit)
+        try:
+            if estimator is None:
+                estimator = load(Path(file))
+            answer = (True, function(estimator, *arguments, **options))
+        except AttlogError as error:
+            answer = (False, error)
+        except BaseException as error:
+            answer = (False, broken(file, error))
+        _ends_by_itself(0.0)
+        sys.stdout.flush()
+        try:
+            told = pickle.dumps(answer, 5)
+        except Exception as error:
+            told = pickle.dumps((False, PluginError(f"{file}: its result cannot be handed on ({error})")))
+        answers.write(SIZE.pack(len(told)))
+        answers.write(told)
+        answers.flush()
+
+
+def _hear(requests: IO[bytes], asked: SimpleQueue[bytes]) -> None:
+    """Take requests; when nobody is there to ask any more this process ends, whatever it is doing."""
+    while len(head := requests.read(SIZE.size)) == SIZE.size:
+        asked.put(requests.read(SIZE.unpack(head)[0]))
+    os._exit(0)
+
+
+def _ends_by_itself(limit: float) -> None:
+    """A compiled loop lets no thread run, so the system is asked to end the process then; 0: not any more."""
+    if hasattr(signal, "alarm"):
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(int(limit) + GRACE_S if limit else 0)
+
+
+def _with_less_memory() -> None:
+    """Let an allocation beyond the limit fail in the file's own line; what is mapped by now does not count."""
+    try:
+        import resource
+    except ImportError:
+        return
+    with suppress(OSError, ValueError):
+        held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        wanted = held + MAX_FILTER_BYTES
+        resource.setrlimit(resource.RLIMIT_AS, (wanted if hard < 0 else min(wanted, hard), hard))

@@ -1,0 +1,46 @@
+"""Filters from files on the command line: reports are written whatever the files do, standard output stays clean."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+RUN = '''"""One."""
+import numpy as np
+from attlog.estimators import Estimate
+{top}
+def run(t, gyr, acc, mag, aids, params):
+    {body}
+    return Estimate(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))
+'''
+FILES = {
+    "raises": ("", "raise ValueError('bad run')"),
+    "loops": ("", "while True: pass"),
+    "prints": ("print('at import')", "print('in run')"),
+    "ends": ("import os", "os._exit(0)"),
+}
+
+
+def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
+    for name, (top, body) in FILES.items():
+        (tmp_path / f"{name}.py").write_text(RUN.format(top=top, body=body))
+    filters = ",".join(["gyro", *(str(tmp_path / f"{name}.py") for name in FILES)])
+    done = subprocess.run(
+        [sys.executable, "-m", "attlog", "analyze", samples / "copter_steps_stabilize.bin", "-o", tmp_path,
+         "--estimators", filters, "--filter-timeout", "6", "--reference", "onboard", "--json"],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 75, done.stderr[-2000:]
+    assert "Traceback" not in done.stderr
+    document = json.loads(done.stdout)
+    rows = {row["name"]: row for row in document["estimators"]}
+    assert rows["gyro"]["status"] != "failed"
+    assert (tmp_path / "copter_steps_stabilize.bin.html").stat().st_size > 10_000
+    assert "raises.py, line 6: ValueError: bad run" in rows["raises"]["reason"]
+    assert "took longer than 6 s" in rows["loops"]["reason"]
+    assert "ended its process" in rows["ends"]["reason"]
+    assert rows["prints"]["status"] != "failed"
+    assert "at import" in done.stderr
+    assert "in run" in done.stderr
+    assert {p["code"] for p in document["problems"]} >= {"estimator_failed", "estimator_timed_out"}

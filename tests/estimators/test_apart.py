@@ -1,0 +1,176 @@
+"""A filter from a file runs in a process of its own: whatever it does, this one goes on and says what happened."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import estimators
+from attlog.errors import PluginError, PluginTimeout
+from attlog.estimators import Estimate, LogFacts, LogInfo, apart
+from attlog.estimators.engine.batch import estimate_batch
+from attlog.estimators.registry import from_file
+
+HOW = {
+    "raise": "raise ValueError('no good')",
+    "exit": "sys.exit(4)",
+    "end": "os._exit(3)",
+    "abort": "os.abort()",
+    "crash": "ctypes.string_at(0)",
+    "kill": "os.kill(os.getpid(), signal.SIGKILL)",
+    "recurse": "deep(0)",
+    "overflow": "ctypes.memset(ctypes.addressof(ctypes.create_string_buffer(8)), 255, 1 << 24)",
+    "fill": "np.ones(1 << 36)",
+    "ask": "input()",
+    "nonsense": "return 'an estimate'",
+    "strange": "return attlog.estimators.Estimate(t, np.zeros((len(t), 4)), quality={'x': lambda: 0})",
+}
+WHOLE = """import ctypes, os, signal, sys
+import numpy as np
+import attlog.estimators
+print("at import")
+os.system("echo from a shell")
+
+def deep(n):
+    return deep(n + 1) + 1
+
+PARAMETERS = (attlog.estimators.Parameter("how", "well", "", 0, 1, "what it does", "test", ("well", {names})),)
+def run(t, gyr, acc, mag, aids, params):
+    print("in run", flush=True)
+    how = params["how"]
+    if how == "well":
+        return attlog.estimators.Estimate(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))
+    if how == "loop":
+        while True:
+            pass
+{branches}
+"""
+STEPPING = '''"""Gyro alone."""
+import numpy as np
+from attlog.estimators import Parameter
+from attlog.estimators.engine.vectors import turn
+PARAMETERS = (Parameter("scale", 1.0, "", 0, 2, "of the rates", "test"),)
+def from_log(params, info):
+    return {"scale": params.get("SCALE", 1.0)}
+def start(params, acc, mag, q0):
+    return q0.copy()
+def step(state, params, dt, gyr, acc, mag):
+    if acc[0] > 100.0:
+        raise ValueError("beyond")
+    turn(state, params[0] * gyr[0], params[0] * gyr[1], params[0] * gyr[2], dt, 0.0)
+'''
+T = 0.01 * np.arange(200)
+GYR = np.tile([0.1, 0.2, 0.3], (200, 1))
+ACC = np.tile([0.0, 0.0, -9.8], (200, 1))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("plug") / "whole.py"
+    branches = "\n".join(f"    if how == {name!r}:\n        {body}" for name, body in HOW.items())
+    path.write_text(WHOLE.format(names=", ".join(map(repr, [*HOW, "loop"])), branches=branches))
+    return path
+
+
+@pytest.fixture(scope="module")
+def stepping(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("plug") / "stepping.py"
+    path.write_text(STEPPING)
+    return path
+
+
+def run(path: Path, how: str = "well") -> Estimate:
+    return estimators.estimate(f"{path}:how={how}", T, GYR, ACC)
+
+
+SAYS = {
+    "raise": "ValueError: no good", "exit": "SystemExit", "end": "exit status 3", "abort": "SIGABRT",
+    "crash": "SIGSEGV", "kill": "signal 9", "recurse": "RecursionError", "fill": "emoryError", "ask": "EOFError",
+    "nonsense": "must return", "strange": "cannot be handed on",
+}  # fmt: skip
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits and signals as Linux knows them")
+@pytest.mark.parametrize("how", HOW)
+def test_whatever_a_file_does_is_an_error_of_that_filter(whole: Path, how: str) -> None:
+    with pytest.raises(PluginError) as told:
+        run(whole, how)
+    assert str(whole) in str(told.value)
+    assert SAYS.get(how, "") in str(told.value)
+    if how == "raise":
+        line = WHOLE.format(names="", branches="").count("\n") + 1
+        assert f"line {line}:" in str(told.value)
+
+
+def test_it_serves_again_after_it_died(whole: Path) -> None:
+    with pytest.raises(PluginError):
+        run(whole, "end")
+    assert len(run(whole).q) == 200
+
+
+def test_what_a_file_prints_goes_to_standard_error(whole: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    os.utime(whole)  # loaded again
+    run(whole)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.splitlines() == ["at import", "from a shell", "in run"]
+
+
+def test_an_endless_one_is_ended_and_not_tried_again(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.utime(whole)
+    row = estimators.parse(f"{whole}:how=loop")
+    monkeypatch.setenv(apart.LIMIT, "0.5")
+    with pytest.raises(PluginTimeout, match=r"took longer than 0\.5 s"):
+        estimators.estimate(row, T, GYR, ACC)
+    began = time.monotonic()
+    with pytest.raises(PluginTimeout):
+        estimators.estimate(row, T, GYR, ACC)
+    assert time.monotonic() - began < 0.2
+    os.utime(whole)
+
+
+def test_what_a_compiled_step_raises_has_file_and_line(stepping: Path) -> None:
+    acc = ACC.copy()
+    acc[100, 0] = 101.0
+    with pytest.raises(
+        PluginError,
+        match=rf"stepping\.py, line {STEPPING[: STEPPING.index('raise')].count(chr(10)) + 1}: ValueError: beyond",
+    ):
+        estimators.estimate(str(stepping), T, GYR, acc)
+
+
+def test_results_are_those_of_this_process_to_the_bit(stepping: Path) -> None:
+    here, there = from_file(stepping), estimators.get(str(stepping))
+    assert (here.apart, there.apart is None) == (None, False)
+    for sampling in ("interval", "instant"):
+        one, other = (estimators.estimate(e, T, GYR, ACC, sampling=sampling, scale=0.9) for e in (here, there))
+        assert np.array_equal(one.q, other.q)
+        assert np.array_equal(one.t, other.t)
+    sets = [{"scale": 0.8}, {"scale": 1.1}]
+    for one, other in zip(
+        estimate_batch(here, sets, T, GYR, ACC), estimate_batch(there, sets, T, GYR, ACC), strict=True
+    ):
+        assert np.array_equal(one.q, other.q)
+    facts = LogFacts({"SCALE": 1.5}, LogInfo())
+    assert there.resolve(log=facts) == here.resolve(log=facts)
+    assert there.resolve(log=facts)["scale"] == (1.5, "log")
+
+
+def test_a_file_that_never_loads_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "slow.py").write_text("import time\ntime.sleep(100)\n")
+    monkeypatch.setenv(apart.LIMIT, "0.3")
+    with pytest.raises(PluginTimeout):
+        estimators.get(str(tmp_path / "slow.py"))
+
+
+def test_built_in_filters_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbidden(*_: object, **__: object) -> None:
+        raise AssertionError("a process")
+
+    monkeypatch.setattr(apart.subprocess, "Popen", forbidden)
+    assert estimators.estimate("gyro", T, GYR, ACC).q.shape == (200, 4)
