@@ -31,6 +31,7 @@ def kernels() -> Iterator[Kernel]:
     from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
     from attlog.estimators.filters.navigation.kernels import BACKWARD_KERNEL, CHAIN_KERNEL, FORWARD_KERNEL
     from attlog.estimators.registry import BUILT_IN
+    from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink.compiled import WALK
     from attlog.formats.ulog import index
 
@@ -44,6 +45,7 @@ def kernels() -> Iterator[Kernel]:
         index.COUNT,
         index.SCATTER,
         WALK,
+        dataflash.WALK,
     )
     try:
         from attlog.simulate import controller, rigid_body, wind

@@ -64,12 +64,17 @@ def false_times(time_us: NDArray[np.int64]) -> NDArray[np.int64]:
     and goes on from there is no contradiction: a pause, or a restart. Beside the beginning and the end stand no two
     neighbours; there a few times are false that are further from the rest than any pause.
     """
-    impossible = (time_us.view(np.uint64) > LAST_TIME_US).nonzero()[0]  # a negative time is a very large one
-    possible = None
+    if len(time_us) == 0:
+        return np.zeros(0, np.int64)
+    impossible, possible = np.zeros(0, np.int64), None
+    if int(time_us.min()) < 0 or int(time_us.max()) > LAST_TIME_US:
+        impossible = ((time_us < 0) | (time_us > LAST_TIME_US)).nonzero()[0]
     if len(impossible):
         possible = np.delete(np.arange(len(time_us)), impossible)
         time_us = time_us[possible]
     change = np.diff(time_us)
+    if len(change) == 0 or -FALSE_TIME_US <= int(change.min()) <= int(change.max()) <= FALSE_TIME_US:
+        return impossible
     edges = (np.abs(change, out=change) > FALSE_TIME_US).nonzero()[0] + 1
     if not 0 < len(edges) <= len(time_us) * MOST_STEPS:
         return impossible

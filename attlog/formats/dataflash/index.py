@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.formats.dataflash import compiled
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import Offsets, gather, offset_type
 from attlog.limits import MAX_FORMATS, MAX_LAYOUTS_OF_A_NAME
@@ -27,7 +28,9 @@ FMT_TYPE = 128
 FMT_LENGTH = 89
 HEADER_LENGTH = 3
 STAMP_LENGTH = 8
+_FMT_MARK = bytes([0xA3, 0x95, FMT_TYPE])
 _HEADER = 0x95A3  # a3 95 read as little-endian u16
+_MOST_STOPS = 1 << 13  # FMT records that are walked over one by one
 _CHUNK = 1 << 17  # bytes scanned at once, keeps the temporaries in cache
 
 LETTER_DTYPES: dict[str, np.dtype[Any]] = {
@@ -155,48 +158,58 @@ def column_names(listed: Iterable[str]) -> tuple[str, ...]:
     return tuple("" if name in names[:k] else name for k, name in enumerate(names))
 
 
-def _formats(data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8], losses: Losses) -> list[Format]:
+class _Definitions:
     """The formats in file order, repetitions left out.
 
     A log may define only so many. A type whose new definition is refused has a Format without letters from there
     on, so that its records are framed and given up, never read by an older definition.
     """
-    size = len(data)
-    at = headers[types == FMT_TYPE]
-    at = at[at + FMT_LENGTH <= size]
-    first = data[at + 5]
-    at = at[(first >= 0x30) & (first <= 0x7A)]  # a name begins with a letter or digit
-    layouts = [FMT_FORMAT]
-    current: dict[int, Format] = {FMT_TYPE: FMT_FORMAT}
-    current_bytes: dict[int, bytes] = {}
-    of_name: Counter[str] = Counter()
-    refused: list[int] = []
-    for offset in at.tolist():
-        raw = data[offset : offset + FMT_LENGTH].tobytes()
-        if current_bytes.get(raw[3]) == raw:
-            continue  # said again
+
+    def __init__(self) -> None:
+        self.layouts = [FMT_FORMAT]
+        self.refused: list[int] = []
+        self._current: dict[int, Format] = {FMT_TYPE: FMT_FORMAT}
+        self._bytes: dict[int, bytes] = {}
+        self._of_name: Counter[str] = Counter()
+
+    def take(self, raw: bytes, offset: int) -> None:
+        """The 89 bytes of an FMT record at this place."""
+        if self._bytes.get(raw[3]) == raw or not 0x30 <= raw[5] <= 0x7A:  # a name begins with a letter or digit
+            return
         fmt = parse_format(raw, offset)
         if fmt is None or fmt.type == FMT_TYPE:
-            continue
-        current_bytes[fmt.type] = raw
-        known = current.get(fmt.type)
+            return
+        self._bytes[fmt.type] = raw
+        known = self._current.get(fmt.type)
         if known is not None and known.same_layout(fmt):
-            continue
-        of_name[fmt.name] += 1
-        if of_name[fmt.name] > MAX_LAYOUTS_OF_A_NAME or len(layouts) >= MAX_FORMATS:
-            refused.append(offset)
-            if known is None or not known.letters or len(layouts) >= MAX_FORMATS + 256:
-                continue
+            return
+        self._of_name[fmt.name] += 1
+        if self._of_name[fmt.name] > MAX_LAYOUTS_OF_A_NAME or len(self.layouts) >= MAX_FORMATS:
+            self.refused.append(offset)
+            if known is None or not known.letters or len(self.layouts) >= MAX_FORMATS + 256:
+                return
             fmt = Format(fmt.type, fmt.length, fmt.name, "", (), offset)
-        current[fmt.type] = fmt
-        layouts.append(fmt)
-    if refused:
-        lost = (
-            f"{len(refused)} definitions beyond the {MAX_LAYOUTS_OF_A_NAME} of one message or the {MAX_FORMATS} of a "
-            "log that are read"
-        )
-        losses.add_kind(refused[0], FMT_LENGTH * len(refused), lost, "next definition")
-    return layouts
+        self._current[fmt.type] = fmt
+        self.layouts.append(fmt)
+
+    def tell(self, losses: Losses) -> None:
+        """What was refused."""
+        if self.refused:
+            lost = (
+                f"{len(self.refused)} definitions beyond the {MAX_LAYOUTS_OF_A_NAME} of one message or the "
+                f"{MAX_FORMATS} of a log that are read"
+            )
+            losses.add_kind(self.refused[0], FMT_LENGTH * len(self.refused), lost, "next definition")
+
+
+def _formats(data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8], losses: Losses) -> list[Format]:
+    """The formats that FMT records anywhere in the file define."""
+    at = headers[types == FMT_TYPE]
+    found = _Definitions()
+    for offset in at[at + FMT_LENGTH <= len(data)].tolist():
+        found.take(data[offset : offset + FMT_LENGTH].tobytes(), offset)
+    found.tell(losses)
+    return found.layouts
 
 
 def _layout_of(types: NDArray[np.uint8], headers: Offsets, layouts: list[Format]) -> NDArray[np.int16]:
@@ -218,7 +231,51 @@ def _layout_of(types: NDArray[np.uint8], headers: Offsets, layouts: list[Format]
 
 
 def index_records(data: NDArray[np.uint8]) -> Index:
-    """The index of a whole file (bytes as uint8 array); no formats means no records.
+    """The index of a whole file (bytes as uint8 array); no formats means no records."""
+    walked = _walked(data) if compiled.pays(data) else None
+    return searched(data) if walked is None else walked
+
+
+def _walked(data: NDArray[np.uint8]) -> Index | None:
+    """The index of a file whose records follow each other from first to last; None for any other file."""
+    found, chain, position = _Definitions(), compiled.Follower(data), 0
+    for _ in range(_MOST_STOPS):
+        head = data[position : position + FMT_LENGTH].tobytes()
+        if head[:3] == _FMT_MARK and len(head) == FMT_LENGTH:
+            known = len(found.layouts)
+            found.take(head, position)
+            for k in range(known, len(found.layouts)):
+                fmt = found.layouts[k]
+                chain.lengths[fmt.type], chain.layouts[fmt.type] = fmt.length, k
+            chain.add(position, head)
+            position += FMT_LENGTH
+            continue
+        before, position = position, chain.follow(position)
+        if position == before:
+            # a last record that is too short for the walk
+            length = int(chain.lengths[head[2]]) if head[:2] == _FMT_MARK[:2] and len(head) > 2 else 0
+            if not 0 < length <= len(head):
+                break
+            chain.add(position, head)
+            position += length
+    rest = data[position : position + 256].tobytes()  # no record is longer
+    if position + len(rest) < len(data) or not _is_cut(rest, chain.lengths) or found.refused:
+        return None
+    index = Index(found.layouts, *chain.found)
+    if rest:
+        index.losses.add(position, len(rest), f"{len(rest)} bytes at the end of the file", "end of file")
+    return index
+
+
+def _is_cut(rest: bytes, lengths: NDArray[np.int32]) -> bool:
+    """Whether the end of a file is nothing, or the beginning of one record of a known type."""
+    if rest[:2] != _FMT_MARK[: min(len(rest), 2)] or _FMT_MARK[:2] in rest[2:]:
+        return False
+    return len(rest) < HEADER_LENGTH or rest[2] == FMT_TYPE or bool(lengths[rest[2]] > len(rest))
+
+
+def searched(data: NDArray[np.uint8]) -> Index:
+    """The index of a whole file by its marks, also of one that is damaged.
 
     A header inside a payload is passed over because the chain of lengths does
     not lead to it. A record whose end is no header is given up: nothing tells

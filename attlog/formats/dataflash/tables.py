@@ -186,6 +186,8 @@ class MixedTable(Table):
 
 def tell_unreadable(index: Index) -> None:
     """Adds to the losses what formats cost whose letters do not give their length; framing goes on by the length."""
+    if all(fmt.readable for fmt in index.layouts):
+        return
     counts = np.bincount(index.layout, minlength=len(index.layouts)).tolist()
     for fmt, count in zip(index.layouts, counts, strict=True):
         if count and not fmt.readable:

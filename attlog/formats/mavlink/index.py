@@ -145,7 +145,7 @@ def _without_embedded(start: Offsets, end: Offsets) -> NDArray[np.bool_]:
     return keep
 
 
-def _packets(data: NDArray[np.uint8], catalogue: Catalogue) -> tuple[Offsets, Offsets, NDArray[np.int32]]:
+def searched(data: NDArray[np.uint8], catalogue: Catalogue) -> tuple[Offsets, Offsets, NDArray[np.int32]]:
     """Begin, end and message id of the packets with a right checksum, in file order."""
     width = offset_type(len(data))
     starts: list[Offsets] = []
@@ -175,7 +175,7 @@ def index_packets(data: NDArray[np.uint8], catalogue: Catalogue) -> Packets:
     if pays(data):
         start, end, ids = compiled_packets(data, catalogue.seeds, catalogue.sizes)
     else:
-        start, end, ids = _packets(data, catalogue)
+        start, end, ids = searched(data, catalogue)
     gaps = start[1:] - end[:-1]
     if len(gaps):
         stamped = bool(np.count_nonzero(gaps == STAMP_LENGTH) > np.count_nonzero(gaps == 0))
