@@ -7,7 +7,7 @@ CORES := $(shell $(PYTHON) -c "import os; print(len(os.sched_getaffinity(0)) if 
 install = (command -v uv >/dev/null 2>&1 && uv pip install --quiet --compile-bytecode --python $(BIN)/python -e $(1)) \
 	|| $(BIN)/python -m pip install --quiet --disable-pip-version-check -e $(1)
 
-.PHONY: demo test test-all test-rights fuzz check format docs benchmarks clean
+.PHONY: demo test test-all test-rights fuzz check format docs bench bench-page bench-guard clean
 
 demo: $(VENV)/installed
 	$(BIN)/attlog analyze sample_logs/copter_yaw_turns.bin -o reports
@@ -40,8 +40,12 @@ format: $(VENV)/installed-check
 docs: $(VENV)/installed-check
 	$(BIN)/mkdocs build --strict --site-dir site
 
-benchmarks: $(VENV)/installed-test
-	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+# Every aim about speed and memory against its peer, with verdict: minutes. bench-page also writes docs/speed.md.
+bench: $(VENV)/installed-test
+	$(BIN)/python benchmarks/bench.py
+
+bench-page: $(VENV)/installed-test
+	$(BIN)/python benchmarks/bench.py --page docs/speed.md
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

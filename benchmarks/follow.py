@@ -56,6 +56,8 @@ def main() -> None:
     parser.add_argument("--estimators", default="ap_dcm,px4_q,mahony,madgwick,vqf,ukf")
     parser.add_argument("logs", nargs="*", type=Path)
     options = parser.parse_args()
+    if not (options.logs or options.corpus):
+        parser.error("which logs? Name them, or a folder with --corpus")
     rows = options.estimators.split(",")
     print(f"{'log':44}{'bias':>6}", *(f"{row:>15}" for row in rows), sep="")
     found: dict[str, list[tuple[float, float]]] = {row: [] for row in rows}

@@ -10,6 +10,7 @@ if the intervals are right. The same for the mean over flights: halves of the se
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 from collections import defaultdict
@@ -116,8 +117,10 @@ def over(flights: dict[str, dict[tuple[str, str], UnitValues]]) -> None:
         print(f"{'over flights':22} {key:37} {len(held[key]):6} {100.0 * float(np.mean(held[key])):6.1f} %")
 
 
-def main(folder: Path) -> None:
-    """Print a table."""
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="FOLDER_WITH_FLIGHTS")
+    folder = parser.parse_args(arguments).folder
     flights = {}
     for flight in sorted(p for p in folder.rglob("*") if p.suffix in (".ulg", ".bin")):
         try:
@@ -130,4 +133,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main()

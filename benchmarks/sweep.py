@@ -2,6 +2,7 @@
 
     python benchmarks/sweep.py [LOG ...]
 
+Without LOGs: three of ``sample_logs``.
 Both prepare the log once. ``one by one`` is ``attlog.evaluate(case, ["mahony:kp=..."])`` for each setting, which
 answers every metric; ``alone`` runs each setting by itself and asks only what the sweep asks; ``sweep`` is the whole
 command's work: batches, metrics, comparison with the best, page, JSON, CSV. CPU seconds of this process, kernels
@@ -10,7 +11,7 @@ compiled before.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from pathlib import Path
 
@@ -27,10 +28,13 @@ from attlog.metrics import rmse
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
 AXES = ("kp=0.1..2/16", "ki=0..0.05/8")
 FEW = 6
+FEW_LOGS = ("px4_steps.ulg", "px4_hover.ulg", "copter_yaw_turns.bin")
 
 
-def main(paths: list[str]) -> None:
-    """Print a line for each log."""
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", nargs="*", metavar="LOG", default=[SAMPLES / name for name in FEW_LOGS])
+    paths = parser.parse_args(arguments).logs
     base, asked = parse("mahony"), wanted(["inclination_rmse_deg", "heading_rmse_deg"])
     settings = grid(AXES, base.row.estimator)
     print(f"{len(settings)} settings; ms of CPU for each\n")
@@ -61,4 +65,4 @@ def main(paths: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or [str(SAMPLES / name) for name in ("px4_steps.ulg", "px4_hover.ulg", "copter_yaw_turns.bin")])
+    main()

@@ -1,0 +1,74 @@
+"""What writing figures costs: attlog's packed arrays against plotly's own objects and JSON.
+
+    python benchmarks/figures.py [--runs 15]
+
+Eight figures of ten lines with 4000 points each. Ours: quantised, stored, gzipped and in base64, as the page holds
+them; the peer's: ``go.Figure`` and ``to_json``. CPU seconds by turns in one process, medians, imports outside.
+"""
+
+from __future__ import annotations
+
+import argparse
+from statistics import median
+
+import numpy as np
+from measured import Pair, apart, by_turns, cpu
+from table import Target, Task, of_pair
+
+FIGURES, LINES, POINTS = 8, 10, 4000
+
+
+def lines() -> list[list[tuple[np.ndarray, np.ndarray]]]:
+    """Times and angles of every line: smooth motion and noise."""
+    rng = np.random.default_rng(1)
+    t = np.arange(POINTS) / 25.0
+    return [
+        [(t, 20 * np.sin(0.3 * t + line) + rng.normal(0, 0.2, POINTS)) for line in range(LINES)] for _ in range(FIGURES)
+    ]
+
+
+def compared(runs: int = 15) -> Pair:
+    """Both, from arrays to text."""
+    import plotly.graph_objects as go
+
+    from attlog.report.figure import Rows, series
+    from attlog.report.pack import Store
+    from attlog.result import Trace
+
+    drawn = lines()
+    rows = Rows({str(i): str(i) for i in range(LINES)})
+    traces = [
+        [
+            Trace(figure=str(f), row=str(i), key="", t=t, columns={"roll": y}, ratio=1.0)
+            for i, (t, y) in enumerate(figure)
+        ]
+        for f, figure in enumerate(drawn)
+    ]
+
+    def ours() -> str:
+        store = Store()
+        return store.pack({i: series(figure, ("roll",), rows, store, 0.01)[0] for i, figure in enumerate(traces)})
+
+    def theirs() -> list[str]:
+        return [go.Figure([go.Scatter(x=t, y=y) for t, y in figure]).to_json() for figure in drawn]
+
+    ours(), theirs()
+    return by_turns(lambda: cpu(ours), lambda: cpu(theirs), runs)
+
+
+def tasks(runs: int = 15) -> list[Task]:
+    """The row about writing figures."""
+    what = f"{FIGURES} figures of {LINES} lines, {POINTS} points each, from arrays to text"
+    return [Task("Report", what, Target("≥", 5), lambda: of_pair(apart(compared, runs), "plotly", faster=True))]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=15)
+    pair = compared(parser.parse_args(arguments).runs)
+    print(f"attlog {1e3 * median(pair.ours):.0f} ms, plotly {1e3 * median(pair.peer):.0f} ms: "
+          f"{1 / pair.ratio:.1f} times faster")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

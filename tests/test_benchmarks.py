@@ -1,0 +1,189 @@
+"""The benchmark scripts run: at a tiny size, where only their figures of quality can be judged, not speed."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import runpy
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from attlog import formats
+from tests.conftest import ROOT, SAMPLES
+
+BENCHMARKS = ROOT / "benchmarks"
+Script = Callable[[str], ModuleType]
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> Iterator[Script]:
+    """Imports a script as its neighbours do: its folder on the path."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    yield importlib.import_module
+    for name in [path.stem for path in BENCHMARKS.glob("*.py")]:
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("path", sorted(BENCHMARKS.glob("*.py")), ids=lambda path: path.stem)
+def test_asked_for_help_a_script_prints_it_and_runs_nothing(
+    path: Path, script: Script, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script(path.stem)
+    assert capsys.readouterr() == ("", ""), "importing it ran something"
+    if '"__main__"' not in path.read_text(encoding="utf-8"):
+        return
+    monkeypatch.setattr(sys, "argv", [path.name, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(path), run_name="__main__")
+    assert not ended.value.code
+    assert capsys.readouterr().out.startswith("usage: ")
+
+
+NAMES = ["px4_steps.ulg", "px4_hover.ulg", "copter_steps_stabilize.bin", "copter_yaw_turns.bin",
+         "copter_steps_stabilize.tlog"]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_made_log_is_sound_for_attlog(name: str, script: Script, tmp_path: Path) -> None:
+    """Not a byte is damaged, records stand as often as passes were made, times go on rising."""
+    made = script("made_logs")
+    size = (SAMPLES / name).stat().st_size
+    source, log = formats.open(SAMPLES / name), formats.open(made.repeated(SAMPLES / name, tmp_path / name, 3 * size))
+    assert abs(log.size - 3 * size) < size
+    assert not log.damage
+    assert len(log.boots) == 1
+    message, clock = {
+        "ulog": ("sensor_combined", "timestamp"), "dataflash": ("IMU", "TimeUS"), "tlog": ("RAW_IMU", "time_usec")
+    }[log.format]  # fmt: skip
+    long, short = log.first(message), source.first(message)
+    assert long is not None
+    assert short is not None
+    assert len(long) % len(short) == 0
+    assert len(long) >= 3 * len(short)
+    assert (np.diff(long[clock].astype(np.int64)) > 0).all()
+    assert len(log.params) == len(source.params)
+
+
+def test_a_made_ulog_is_sound_for_pyulog(script: Script, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    from pyulog import ULog
+
+    made = script("made_logs").repeated(SAMPLES / "px4_steps.ulg", tmp_path / "x.ulg", 6_000_000)
+    long, short = ULog(str(made)), ULog(str(SAMPLES / "px4_steps.ulg"))
+    assert not long.file_corruption
+    assert capfd.readouterr() == ("", "")
+    lengths = [{d.name: len(d.data["timestamp"]) for d in log.data_list} for log in (long, short)]
+    assert lengths[0].keys() == lengths[1].keys()
+    assert lengths[0]["sensor_combined"] == 2 * lengths[1]["sensor_combined"]
+
+
+def test_a_made_dataflash_log_is_sound_for_pymavlink(
+    script: Script, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Each record is found by its header, none is skipped: a damaged one would be said on standard error."""
+    from pymavlink.DFReader import DFReader_binary
+
+    made = script("made_logs").repeated(SAMPLES / "copter_yaw_turns.bin", tmp_path / "x.bin", 2_600_000)
+    found = {"FMT": 0, "FMTU": 0, "IMU": 0}
+    log = DFReader_binary(str(made))
+    while (message := log.recv_msg()) is not None:
+        if message.get_type() in found:
+            found[message.get_type()] += 1
+    assert capfd.readouterr() == ("", "")
+    source = formats.open(SAMPLES / "copter_yaw_turns.bin")
+    assert found == {
+        "FMT": len(source["FMT", 0]), "FMTU": len(source["FMTU", 0]), "IMU": 2 * len(source["IMU", 0])
+    }  # fmt: skip
+
+
+def test_a_made_tlog_is_sound_for_pymavlink(script: Script, tmp_path: Path) -> None:
+    """Every checksum is right."""
+    from pymavlink import mavutil
+
+    made = script("made_logs").repeated(SAMPLES / "copter_steps_stabilize.tlog", tmp_path / "x.tlog", 1_700_000)
+    log, found = mavutil.mavlink_connection(str(made), dialect="ardupilotmega"), {"RAW_IMU": 0, "BAD_DATA": 0}
+    while (message := log.recv_msg()) is not None:
+        if message.get_type() in found:
+            found[message.get_type()] += 1
+    assert found == {"RAW_IMU": 2 * 4256, "BAD_DATA": 0}
+
+
+def test_a_made_log_is_as_dense_and_as_slow_as_was_asked(script: Script, tmp_path: Path) -> None:
+    """Megabytes in a second of flight within a tenth; the IMU thinned, its neighbours as they were paced."""
+    made = script("made_logs")
+    for how, rate in (({"mb_per_second": 0.1}, None), ({"imu_hz": 25.0}, 25.0)):
+        log = formats.open(made.repeated(SAMPLES / "px4_hover.ulg", tmp_path / "x.ulg", 1, **how))
+        t = log["sensor_combined", 0]["timestamp"].astype(np.int64) / 1e6
+        assert not log.damage
+        if rate is None:
+            assert log.size / 1e6 / (t[-1] - t[0]) == pytest.approx(0.1, rel=0.1)
+        else:
+            assert (len(t) - 1) / (t[-1] - t[0]) == pytest.approx(rate, rel=0.2)
+        assert all((np.diff(log[key]["timestamp"].astype(np.int64)) >= 0).all() for key in log)
+
+
+def test_both_readers_run_equally_often(script: Script) -> None:
+    """The reader's benchmark gives the peer as many runs as attlog, first logs of a process too."""
+    found = script("readers").compared(SAMPLES / "px4_steps.ulg", False, runs=3)
+    assert len(found.later.ours) == len(found.later.peer) == 3
+    assert len(found.first.ours) == len(found.first.peer) == 3
+    assert found.times_faster > 1
+
+
+def test_works_by_turns_change_who_is_first(script: Script) -> None:
+    order: list[str] = []
+
+    def work(name: str, took: float) -> Callable[[], float]:
+        return lambda: order.append(name) or took  # type: ignore[func-returns-value]
+
+    pair = script("measured").by_turns(work("a", 2.0), work("b", 1.0), runs=3)
+    assert order == ["a", "b", "b", "a", "a", "b"]
+    assert pair.ratio == 2.0
+
+
+def test_memory_of_a_child_is_its_own_not_that_of_a_mapped_file(script: Script, tmp_path: Path) -> None:
+    """A child that maps and touches 64 MB and allocates 32 MB held 32 MB and a little Python."""
+    big = tmp_path / "big"
+    big.write_bytes(bytes(64 << 20))
+    code = (
+        "import mmap, sys, time; f = open(sys.argv[1]); m = mmap.mmap(f.fileno(), 0, access=mmap.ACCESS_READ); "
+        "sum(m[i] for i in range(0, len(m), 4096)); x = bytearray(b'1') * (32 << 20); time.sleep(0.1)"
+    )
+    child = script("measured").child([sys.executable, "-c", code, str(big)])
+    if math.isnan(child.anonymous_mb):
+        pytest.skip("this system does not tell")
+    assert 32 < child.anonymous_mb < 64
+    assert child.resident_mb > 96
+
+
+def test_a_verdict_says_met_missed_or_why_not(script: Script) -> None:
+    table = script("table")
+
+    def broken() -> None:
+        raise ModuleNotFoundError("No module named 'ahrs'")
+
+    def task(measure: Callable[[], object], large: bool = False) -> object:
+        return table.Task("group", "what", table.Target("≤", 1.2, earlier=0.8), measure, large)
+
+    works = [1.0, 1.3, 0.5]
+    tasks = [task(lambda value=value: table.Measured(value, "ours")) for value in works]
+    rows = list(table.rows([*tasks, task(broken), task(broken, True)], quick=True))
+    assert [row.verdict for row in rows] == [
+        "met (earlier aim 0.8: missed)", "missed", "met",
+        "not measured because ModuleNotFoundError: No module named 'ahrs'",
+        "not measured because --quick leaves large logs out",
+    ]  # fmt: skip
+    assert [row.missed for row in rows] == [False, True, False, False, False]
+    assert "| what | ours |" in table.as_markdown(rows)
+
+
+@pytest.mark.slow
+def test_salvage_keeps_99_percent_and_under_one_false_record_a_file(script: Script) -> None:
+    for row in script("salvage").main(["--seconds", "4", "--seeds", "1"]):
+        if row.reader == "attlog":
+            assert row.kept_pct > 99, row
+            assert row.false <= row.files, row
