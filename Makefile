@@ -47,6 +47,10 @@ bench: $(VENV)/installed-test
 bench-page: $(VENV)/installed-test
 	$(BIN)/python benchmarks/bench.py --page docs/speed.md
 
+# Fails where a ratio to a peer got worse than committed; no test, holds on a busy machine.
+bench-guard: $(VENV)/installed-test
+	$(BIN)/python benchmarks/guard.py
+
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 

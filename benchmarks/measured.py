@@ -124,11 +124,17 @@ def anonymous_mb(pid: int | None = None) -> float:
 
 def apart(work: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
     """What a function of a module returns in a fresh process, where nothing is imported or compiled yet."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
+    with environment(**ONE_THREAD), ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(work, *given, **named).result()
+
+
+@contextmanager
+def environment(**values: str) -> Iterator[None]:
+    """Variables that processes started meanwhile see."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
     try:
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            return pool.submit(work, *given, **named).result()
+        yield
     finally:
         for name, value in before.items():
             os.environ.pop(name, None) if value is None else os.environ.update({name: value})

@@ -3,9 +3,9 @@
     python benchmarks/readers.py [--megabytes 60] [--slow-megabytes 10] [--runs 5] [--corpus DIR]
 
 Both readers run by turns in one process that reads nothing else, as often as each other, imports outside, file in the
-page cache; CPU seconds, medians. *first* is the first log of a fresh process, *later* are further ones with numba
-loaded, which is when attlog's compiled loops run. "Wanted" are IMU, magnetometer, attitude and GNSS, every column of
-them. Logs of ``sample_logs`` and of ``--corpus`` (default $ATTLOG_CORPUS) as they are, and sample logs repeated to
+page cache; CPU seconds, medians. *first* is the first log of a fresh process, which loads the machine code of attlog's
+loops from where it is kept, *later* are further ones of the process. "Wanted" are IMU, magnetometer, attitude and GNSS,
+every column of them. Logs of ``sample_logs`` and of ``--corpus`` (default $ATTLOG_CORPUS) as they are, and sample logs repeated to
 ``--megabytes``, ``--slow-megabytes`` where the official library is slow.
 """
 
@@ -21,7 +21,7 @@ from statistics import median
 
 import numpy as np
 from made_logs import SAMPLES, kept
-from measured import Pair, anonymous_mb, apart, by_turns, cpu, quiet
+from measured import Pair, anonymous_mb, apart, by_turns, cpu, environment, quiet
 from table import Measured, Target, Task, of_pair, seconds
 
 from attlog import formats
@@ -56,7 +56,7 @@ class Reading:
 
     @property
     def times_faster(self) -> float:
-        """The peer's time over ours, kernels loaded."""
+        """The peer's time over ours, machine code loaded."""
         return 1.0 / self.later.ratio
 
     @property
@@ -65,22 +65,38 @@ class Reading:
         return 1.0 / self.first.ratio
 
 
-def compared(path: Path, everything: bool = False, runs: int = 5, seconds: float = 60.0) -> Reading:
-    """Read a log with both readers, each time in fresh processes for the first log."""
-    first, later = Pair(), Pair()
-    for turn in range(min(runs, 3)):
-        cold, warm = apart(_by_turns, path, everything, turn, runs if turn == 0 else 0, seconds / 2)
-        first.ours += cold.ours
-        first.peer += cold.peer
-        if turn == 0:
-            later = warm
-        if sum(first.ours + first.peer) * (turn + 2) / (turn + 1) > seconds / 2:
-            break
+def compared(
+    path: Path, everything: bool = False, runs: int = 5, seconds: float = 60.0, *, compiled: bool = True
+) -> Reading:
+    """Read a log with both readers, each time in fresh processes for the first log.
+
+    ``compiled`` False: attlog reads by numpy alone, as it does where no machine code is at hand.
+    """
+    with environment(ATTLOG_NO_JIT="" if compiled else "1"):
+        if compiled:
+            apart(_kept, path)
+        first, later = Pair(), Pair()
+        for turn in range(min(runs, 3)):
+            cold, warm = apart(_by_turns, path, everything, turn, runs if turn == 0 else 0, seconds / 2)
+            first.ours += cold.ours
+            first.peer += cold.peer
+            if turn == 0:
+                later = warm
+            if sum(first.ours + first.peer) * (turn + 2) / (turn + 1) > seconds / 2:
+                break
     return Reading(path, everything, first, later)
 
 
+def _kept(path: Path) -> None:
+    """Have the loops of this log's reader compiled and kept, as the first analysis of a user does."""
+    import numba  # noqa: F401  (readers have their loops compiled only where the compiler is loaded)
+
+    with quiet():
+        columns(formats.open(path), WANTED[path.suffix.lower()])
+
+
 def _by_turns(path: Path, everything: bool, turn: int, runs: int, seconds: float) -> tuple[Pair, Pair]:
-    """One reading each in a process that has read nothing, then ``runs`` by turns with numba loaded."""
+    """One reading each in a process that has read nothing, then ``runs`` by turns."""
     names = None if everything else WANTED[path.suffix.lower()]
     read = _peer(path.suffix.lower())
     with quiet():
@@ -91,12 +107,7 @@ def _by_turns(path: Path, everything: bool, turn: int, runs: int, seconds: float
         path.read_bytes()  # the page cache
         times = [work() for work in (works if turn % 2 == 0 else works[::-1])]
         first = Pair([times[turn % 2]], [times[1 - turn % 2]])
-        if not runs:
-            return first, Pair()
-        import numba  # noqa: F401  (readers use compiled loops where it is loaded)
-
-        columns(formats.open(path), names)
-        return first, by_turns(*works, runs, seconds)
+        return first, by_turns(*works, runs, seconds) if runs else Pair()
 
 
 def columns(log: Messages, names: list[str] | None) -> None:
@@ -131,8 +142,6 @@ def _peer(suffix: str) -> Callable[[Path, list[str] | None], object]:
 
 def index_against_copy(path: Path, runs: int = 5) -> Pair:
     """The bare pass of a ULog that finds every data record, against a plain copy of the mapped file."""
-    import numba  # noqa: F401  (readers use compiled loops where it is loaded)
-
     from attlog.formats.ulog import index
 
     mapped = np.memmap(path, np.uint8, "r")
@@ -159,8 +168,6 @@ def index_against_copy(path: Path, runs: int = 5) -> Pair:
 def peak_share(path: Path) -> float:
     """Most anonymous memory that opening and the wanted columns take, as a share of the file; NaN where not told."""
     import threading
-
-    import numba  # noqa: F401  (what it takes is not the reader's)
 
     base = most = anonymous_mb()
     done = threading.Event()
@@ -223,6 +230,9 @@ def tasks(runs: int = 5, corpus: Path | None = None, megabytes: float = 60, slow
     def short(suffix: str) -> str:
         return "pyulog" if suffix == ".ulg" else "pymavlink"
 
+    def numpy_alone() -> Measured:
+        return of_pair(compared(ulog(), False, runs, compiled=False).later, "pyulog", faster=True)
+
     def of_several(suffix: str) -> Callable[[], Measured]:
         """Real logs: all their times together."""
 
@@ -255,7 +265,8 @@ def tasks(runs: int = 5, corpus: Path | None = None, megabytes: float = 60, slow
 
     return [
         Task(speed, f"ULog wanted, {megabytes:g} MB", Target("≥", 40, earlier=50), later(ulog), True),
-        Task(speed, f"ULog wanted, {megabytes:g} MB, first log of a process", Target("≥", 12), first(ulog), True),
+        Task(speed, f"ULog wanted, {megabytes:g} MB, first log of a process", None, first(ulog), True),
+        Task(speed, f"ULog wanted, {megabytes:g} MB, numpy alone", Target("≥", 12), numpy_alone, True),
         Task(speed, f"ULog all topics, {megabytes:g} MB", Target("≥", 25), later(ulog, True), True),
         Task(speed, f"ULog wanted, {names('.ulg')}", None, of_several(".ulg")),
         Task(speed, "ULog index", Target("≥", 0.7), against_copy, True),
