@@ -77,8 +77,8 @@ def many(analyses: int, corpus: Path | None) -> Iterator[Seen]:
         if i + 1 == max(analyses // 5, min(len(logs), analyses)):
             first = held(temporary)
         if (i + 1) % 50 == 0:
-            now = held(temporary)
-            print(f"  {i + 1} analyses, {ended} refused: " + ", ".join(f"{k} {v:.0f}" for k, v in now.items()), flush=True)
+            now = ", ".join(f"{name} {value:.0f}" for name, value in held(temporary).items())
+            print(f"  {i + 1} analyses, {ended} refused: {now}", flush=True)
     last = held(temporary)
     tempfile.tempdir = None
     shutil.rmtree(temporary)
