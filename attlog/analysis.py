@@ -11,7 +11,7 @@ import logging
 import math
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -103,12 +103,14 @@ def evaluate(
     *,
     traces: bool = False,
     cost: bool = False,
+    only: Collection[str] = (),
     command: str = "",
 ) -> Result:
     """What the filters of ``specs`` (those of the configuration if None) are worth on a prepared log.
 
     ``traces``: keep the arrays that figures are drawn from. ``cost``: measure what each
-    filter costs, which takes longer than running it. UsageError for an unknown
+    filter costs, which takes longer than running it. ``only``: the metrics that are wanted (as in
+    ``metrics.compute``); the result then has neither verdicts nor problems. UsageError for an unknown
     estimator or parameter; a plug-in that fails becomes a row with ``status =
     "failed"``, the others finish. One case may be evaluated many times.
     """
@@ -131,7 +133,7 @@ def evaluate(
         contradiction = _contradicted(case, rows)
     if contradiction is not None:
         refused = _without_that_reference(case, *contradiction)
-        return evaluate(refused, specs, traces=traces, cost=cost, command=command)
+        return evaluate(refused, specs, traces=traces, cost=cost, only=only, command=command)
     with clock("audit"):
         checks = _checks(case)
         _withhold(hopeless(checks), rows, estimator_rows)
@@ -144,7 +146,7 @@ def evaluate(
         seen = case.looked_at_with(rows)
         drawing, drawn = metrics.Drawing.of(seen, rows), list[Trace]()
         for row, line in zip(rows, lines, strict=True):
-            line.metrics = metrics.compute(seen, row, case.windows, cost=cost)
+            line.metrics = metrics.compute(seen, row, case.windows, cost=cost, only=only)
             if traces:
                 drawn += _part(case.log, "Figures", partial(drawing.of_row, row), list[Trace])
             seen.done_with(row)
@@ -172,6 +174,9 @@ def evaluate(
         },
         traces=drawn,
     )
+    result.timing = clock.seconds
+    if only:
+        return result
     result.verdicts = _part(case.log, "The verdicts", lambda: verdicts(result), list)
     own = (
         _problems(case.reference, estimator_rows, failed)
@@ -180,7 +185,6 @@ def evaluate(
         + _late_field(rows)
     )
     result.problems = findings(case.log, checks, own, _unanswered(case, result))
-    result.timing = clock.seconds
     return result
 
 

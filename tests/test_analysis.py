@@ -105,6 +105,18 @@ def test_what_a_row_holds_beside_its_attitude_is_let_go_of(case: Case, monkeypat
     assert answers(result, "onboard") == answers(attlog.evaluate(case, "gyro"), "onboard")
 
 
+def test_only_what_is_wanted_is_measured_and_has_the_same_answers(case: Case) -> None:
+    whole = attlog.evaluate(case, "mahony,madgwick")
+    some = attlog.evaluate(case, "mahony,madgwick", only={"lag_ms", "drift_air_deg_per_min"})
+    assert (some.verdicts, some.problems) == ([], [])
+    for name in ("mahony", "madgwick", "onboard"):
+        every, wanted = answers(whole, name), answers(some, name)
+        assert {m for found in wanted.values() for m in found} >= {"lag_ms", "drift_air_deg_per_min.onboard"}
+        assert not {m for found in wanted.values() for m in found if m.startswith(("noise_", "inclination_"))}
+        assert all(every[w][m] == a for w, found in wanted.items() for m, a in found.items())
+    assert {m: some.best["airborne"][m] for m in some.best["airborne"]}.items() <= whole.best["airborne"].items()
+
+
 def test_analyze_is_both_halves() -> None:
     whole, halves = attlog.analyze(LOG, {"estimators": "mahony"}), attlog.evaluate(attlog.prepare(LOG), "mahony")
     assert whole.traces

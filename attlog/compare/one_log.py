@@ -61,7 +61,7 @@ def failed(log: Path, name: str, error: Exception) -> Measured:
 
 def _measured(log: Path, name: str, plan: Plan) -> Measured:
     runs = [Run(parse(text, called)) for called, text in plan.configurations]
-    result = evaluate(prepare(log, plan.options), runs)
+    result = evaluate(prepare(log, plan.options), runs, only={question.metric for question in plan.questions})
     told = result.log
     line = LogLine(
         name, str(log), str(told.get("sha256") or ""), str(told.get("vehicle") or ""),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from types import ModuleType
 
 from attlog.barrier import guarded
@@ -61,19 +61,23 @@ def definitions() -> dict[str, Metric]:
     return {metric.name: metric for question in QUESTIONS for metric in question.METRICS}
 
 
-def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) -> dict[str, dict[str, Answer]]:
+def compute(
+    case: Case, row: Row, windows: Sequence[str], *, cost: bool = True, only: Collection[str] = ()
+) -> dict[str, dict[str, Answer]]:
     """Answers of one row: window -> metric id -> Answer. A metric that means nothing in a window is left out there.
 
-    ``cost=False`` leaves out what has to be measured by running the filter again.
+    ``cost=False`` leaves out what has to be measured by running the filter again. ``only``: the metrics that are
+    wanted, by id or by what their ids begin with before a dot; others come where one question answers both.
     ``coverage_pct`` stands beside comparisons of a row that was scored on less than 95 % of
     its time. A row that gravity does not correct is a baseline: it is ranked nowhere.
     """
     table: dict[str, dict[str, Answer]] = {}
+    asked = [q for q in QUESTIONS if (cost or q is not MEASURED) and (not only or _is_of(q, only))]
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
     uncorrected = level.why_not(case, row)
     for window in windows:
         answers = table.setdefault(window, {})
-        for question in QUESTIONS if cost else [q for q in QUESTIONS if q is not MEASURED]:
+        for question in asked:
             answers |= _asked(question, case, row, window)
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):
@@ -81,6 +85,10 @@ def compute(case: Case, row: Row, windows: Sequence[str], *, cost: bool = True) 
             if uncorrected and answer.ranked:
                 answer.ranked, answer.reason = False, uncorrected
     return table
+
+
+def _is_of(question: ModuleType, wanted: Collection[str]) -> bool:
+    return any(m.name in wanted or m.name.partition(".")[0] in wanted for m in question.METRICS)
 
 
 def _asked(question: ModuleType, case: Case, row: Row, window: str) -> dict[str, Answer]:
