@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.flight.model import Imu
-from attlog.metrics.base import Case
+from attlog.metrics.base import Case, per_row
 from attlog.reference import clock
 from attlog.reference.model import Row
 from attlog.segments import gaps, resets
@@ -39,6 +39,7 @@ def seconds(t: Array, pieces: list[slice]) -> float:
     return float(sum(t[s.stop - 1] - t[s.start] for s in pieces))
 
 
+@per_row
 def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
     """Segments of a row (n,) between restarts, and for onboard rows between resets of that attitude."""
     attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None

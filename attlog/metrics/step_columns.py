@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,11 @@ class Part:
     low: Array
     """(events,) first and last time of each event."""
     high: Array
+    about: Array = field(init=False)
+    """The first column (n,), the turning about the events' axes, without the others between its values."""
+
+    def __post_init__(self) -> None:
+        self.about = np.ascontiguousarray(self.x[:, 0])
 
 
 @dataclass(slots=True)
@@ -78,7 +83,7 @@ class Columns:
         at = self.slow.t[first:last] + shift
         moved_at = _interpolated(self.fast, at, self.fast.x)
         moved = (moved_at[end - first] - moved_at[begin - first]) / span
-        main = self.fast.x[:, 0] if self.slow_row else self.fast.x[:, 0] - self.fast.x[:, 1:] @ aids
+        main = self.fast.about if self.slow_row else self.fast.about - self.fast.x[:, 1:] @ aids
         ahead, behind = (np.interp(at + s, self.fast.t, main) for s in (slope_s, -slope_s))
         steep = (ahead - behind) / (2.0 * slope_s)
         slope = (steep[end - first] - steep[begin - first]) / span[:, 0]
@@ -101,9 +106,9 @@ class Columns:
         shift = -delay if self.slow_row else delay
         step = max(1, len(self.begin) // (THINNED * len(self.events)))
         begin, end, of = self.begin[::step], self.end[::step], self.of[::step]
-        a, b = (np.interp(self.slow.t[k] + shift, self.fast.t, self.fast.x[:, 0]) for k in (begin, end))
+        a, b = (np.interp(self.slow.t[k] + shift, self.fast.t, self.fast.about) for k in (begin, end))
         span = self.slow.t[end] - self.slow.t[begin]
-        x, y = (b - a) / span, (self.slow.x[end, 0] - self.slow.x[begin, 0]) / span
+        x, y = (b - a) / span, (self.slow.about[end] - self.slow.about[begin]) / span
         count = np.maximum(np.bincount(of, minlength=len(self.events)), 1)
         x, y = (v - (np.bincount(of, v, len(self.events)) / count)[of] for v in (x, y))
         size = math.sqrt(float(x @ x) * float(y @ y))

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from attlog import rotation
-from attlog.flight.model import Imu, Stream
+from attlog.flight.model import Attitude, Imu, Stream
 from attlog.metrics import allan, bias, common_bias, drift_rest, step_columns, step_curves, step_fit, steps
-from attlog.reference import gravity, scoring
+from attlog.reference import clock, gravity, scoring
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.metrics.motions import motion, sampled
@@ -131,6 +131,22 @@ def test_leaving_out_each_event_solves_once_and_not_event_by_event(monkeypatch):
         counts.append((len(found.events), len(solved)))
     assert counts[1][0] > 4 * counts[0][0]
     assert counts[1][1] < counts[0][1] + 12  # an iteration more, not a solution for each event
+
+
+def test_segments_of_an_onboard_row_are_found_once_and_not_for_each_rest(monkeypatch):
+    t = np.arange(0.0, 200.0, 1.0 / HZ)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    row = flights.row(t, q, estimator="made")
+    row.kind = "onboard"
+    rests = [Segment("rest.short", *span) for span in SPANS[::2]]
+    case = flights.case([row], [Segment("continuous", 0.0, 200.0), *rests])
+    case.log.attitudes["made"] = Attitude(t, q, "made")
+    found = []
+    real = clock.usable
+    monkeypatch.setattr(clock, "usable", lambda *a: (found.append(1), real(*a))[1])
+    for span in SPANS[::2]:
+        drift_rest.rest_blocks(case, row, (span,))
+    assert len(found) == 1
 
 
 def peak(work: Callable[[], object]) -> int:
