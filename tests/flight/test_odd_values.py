@@ -8,7 +8,8 @@ import numpy as np
 
 from attlog.flight.mavlink.clock import unix_minus_boot
 from attlog.flight.model import FlightLog
-from attlog.flight.px4 import reader
+from attlog.flight.px4 import reader, sdlog2
+from attlog.flight.record_time import clock_of
 from tests.flight.fake import gravity, level, messages, micros
 
 N = 400
@@ -87,3 +88,31 @@ def test_one_of_a_thing_is_no_plural() -> None:
     log = read({("sensor_combined", 0): combined() | {"timestamp": stamps}})
     told = [p.text for p in log.problems if p.code == "duplicate_times"]
     assert told == [f"sensor_combined: left out 1 of {N} records, which repeat a time stamp."]
+
+
+def test_a_log_that_starts_beyond_all_clocks_starts_at_nothing() -> None:
+    tables = {
+        ("TIME", 0): {"StartTime": np.full(5, 2**64 - 1, np.uint64), "_t_us": np.full(5, -1, np.int64)},
+        ("ATT", 0): {"_t_us": micros(N, 50.0).astype(np.int64), "Roll": np.zeros(N), "Pitch": np.zeros(N),
+                     "Yaw": np.zeros(N)},
+    }  # fmt: skip
+    log = sdlog2.read(messages("px4log", tables, params={"MAV_TYPE": 2.0}))
+    assert log.t0_us == 0
+    assert log.params["MAV_TYPE"].value == [2.0]
+
+
+def test_a_time_of_another_kind_is_no_time_of_a_record() -> None:
+    for wrong in (np.array([b"12"] * N), np.zeros((N, 3), np.uint64)):
+        tables = {("sensor_combined", 0): combined(), ("vehicle_air_data", 0): {"timestamp": wrong}}
+        log = messages("ulog", tables)
+        of = clock_of(log)
+        assert of(log["vehicle_air_data", 0]) is None
+        assert of(log["sensor_combined", 0]) is not None
+
+
+def test_the_unit_that_flew_is_told_by_one_number_per_record_or_not_at_all() -> None:
+    odd = {"timestamp": np.zeros((N, 2), np.uint64), "gyro_device_id": np.ones(N, np.uint32)}
+    imu = {"gyro_device_id": np.ones(N, np.uint32), "timestamp": micros(N, 100.0)}
+    log = read({("sensor_combined", 0): combined(), ("sensor_selection", 0): odd, ("vehicle_imu_status", 0): imu})
+    assert log.imu == 0
+    assert "unreadable_message" in [p.code for p in log.problems]
