@@ -35,9 +35,11 @@ def build(
     ``place`` (n, 3): latitude and longitude in deg, height in m. ``velocity`` (n, 3) m/s NED.
     ``accuracy``: horizontal and vertical in m, of the speed in m/s, each (n,). ``yaw`` (n,) rad,
     ``utc_us`` (n,) Unix time. Where records tell of no fix, place and velocity become NaN
-    and nothing in them counts as wrong. ``repeats``: the last record is sent again until there
+    and nothing in them counts as wrong. ValueError where definitions make arrays of numbers. ``repeats``: the last record is sent again until there
     is a new one, with its stamp or none, so that times tell no fault.
     """
+    if not all(len(t_us) == len(x) and x.ndim == 1 for x in (fix, *accuracy, yaw, utc_us) if x is not None):
+        raise ValueError(f"{source} does not hold one value per record")
     own = LogBuilder(builder.messages, t0_us=builder.t0_us)
     index = own.keep(t_us, source, on_earth(place), wrong=NOT_ON_EARTH, fastest_hz=physics.AIDING_HZ)
     builder.problems += [p for p in own.problems if not repeats or p.code in OF_VALUES]

@@ -9,7 +9,7 @@ import numpy as np
 from attlog.metrics.base import Case, per_case
 from attlog.reference.model import Row
 from attlog.segments import gaps
-from attlog.segments.spans import Span, complement, intersect
+from attlog.segments.spans import Span, clipped, complement, intersect
 
 PHASES = ("rest", "hover", "cruise", "idle")
 """Never pooled: the same filter is up to ten times as noisy in one as in another. In the order of the sentences."""
@@ -60,16 +60,13 @@ def phase_of(case: Case, window: str) -> str | None:
 @per_case
 def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
     """Spans of a phase inside a window, within continuous segments, settled; in the air also scored."""
-    spans: list[Span] = []
     allowed = complement(settling(case, phase), -math.inf, math.inf)
     if phase in ("hover", "cruise"):
         reference = case.reference
         allowed = intersect(allowed, complement(reference.unscored, reference.scoring_start, reference.end))
     if ":" in window or window == "rest.long":
         allowed = intersect(allowed, case.segments.spans(window))
-    for segment in case.segments.of("continuous"):
-        spans += intersect(intersect(case.segments.spans(phase), [(segment.t0, segment.t1)]), allowed)
-    return spans
+    return clipped(intersect(case.segments.spans(phase), allowed), case.segments.spans("all"))
 
 
 def rest_spans(case: Case, row: Row, window: str) -> list[Span]:

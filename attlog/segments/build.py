@@ -61,7 +61,8 @@ def build(log: FlightLog) -> Segments:
         lost = impact.losses(log, imu, airborne, lies, [b for _, b in whole])
         found += [Segment("loss_of_control", loss.t0, loss.t1, loss.why) for loss in lost]
         found += impact.find(log, imu, airborne, lies, lost, t1)
-    found = [s for whole in found for s in _cut_at_impact(whole, found)]
+    blow = min((s.t0 for s in found if s.kind == "impact"), default=np.inf)
+    found = [s for whole in found for s in _cut_at_impact(whole, blow)]
     found += _cruise(found)
     if onboard is not None:
         found += [
@@ -79,9 +80,8 @@ def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
     )
 
 
-def _cut_at_impact(whole: Segment, found: list[Segment]) -> list[Segment]:
-    """A rest is none after an impact but a wreck, and flight, hover and idling end with it."""
-    blow = min((s.t0 for s in found if s.kind == "impact"), default=np.inf)
+def _cut_at_impact(whole: Segment, blow: float) -> list[Segment]:
+    """A rest is none after an impact at ``blow`` s but a wreck, and flight, hover and idling end with it."""
     if whole.t1 <= blow or whole.kind not in ("rest.long", "rest.short", "idle", "airborne", "hover"):
         return [whole]
     if whole.kind.startswith("rest"):

@@ -37,6 +37,19 @@ def intersect(a: Iterable[Span], b: Iterable[Span]) -> list[Span]:
     return common
 
 
+def clipped(spans: Iterable[Span], pieces: Iterable[Span]) -> list[Span]:
+    """The spans within each of the pieces, which ascend and may touch: no span goes from one piece to the next."""
+    a, found, i = merge(spans), [], 0
+    for t0, t1 in (p for p in pieces if p[1] > p[0]):
+        while i < len(a) and a[i][1] <= t0:
+            i += 1
+        k = i
+        while k < len(a) and a[k][0] < t1:
+            found.append((max(a[k][0], t0), min(a[k][1], t1)))
+            k += 1
+    return found
+
+
 def complement(spans: Iterable[Span], t0: float, t1: float) -> list[Span]:
     """The time of [t0, t1] that lies in none of the segments."""
     edges = [t0]

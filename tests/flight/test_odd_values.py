@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
 
+from attlog.flight.ardupilot import events
+from attlog.flight.ardupilot.clock import Clock
+from attlog.flight.builder import LogBuilder
 from attlog.flight.mavlink.clock import unix_minus_boot
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader, sdlog2
@@ -116,3 +120,27 @@ def test_the_unit_that_flew_is_told_by_one_number_per_record_or_not_at_all() -> 
     log = read({("sensor_combined", 0): combined(), ("sensor_selection", 0): odd, ("vehicle_imu_status", 0): imu})
     assert log.imu == 0
     assert "unreadable_message" in [p.code for p in log.problems]
+
+
+def test_a_hundred_thousand_kinds_of_reports_take_no_time_and_are_not_all_told() -> None:
+    n = 100_000
+    errors = {
+        "TimeUS": micros(n, 1000.0), "Subsys": np.arange(n, dtype=np.int64), "ECode": np.arange(n, dtype=np.int64) + 1,
+    }  # fmt: skip
+    builder = LogBuilder(messages("dataflash", {("ERR", 0): errors}), t0_us=10_000_000)
+    begin = time.process_time()
+    events.report(builder, Clock(builder.messages))
+    assert time.process_time() - begin < 2.0
+    assert len(builder.problems) == events.MOST_KINDS + 1
+    assert builder.problems[-1].code == "damaged_reports"
+
+
+def test_a_hundred_thousand_devices_take_no_time() -> None:
+    n = 100_000
+    tables = {
+        ("sensor_combined", 0): combined(), ("sensor_gyro", 0): {"device_id": np.full(N, 7, np.uint32)},
+        ("sensor_selection", 0): {"timestamp": micros(n, 1000.0), "gyro_device_id": np.arange(n, dtype=np.uint32)},
+    }  # fmt: skip
+    begin = time.process_time()
+    assert read(tables).imu == 0
+    assert time.process_time() - begin < 2.0

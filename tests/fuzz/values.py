@@ -158,7 +158,9 @@ def text(x: Column, rng: random.Random) -> Column:
 
 def wide(x: Column, rng: random.Random) -> Column:
     """Several numbers per record where one stood, or the other way."""
-    return x.reshape(len(x), -1)[:, 0] if x.ndim > 1 else np.repeat(x[:, None], rng.choice((0, 1, 3, 4)), axis=1)
+    if x.ndim > 1 and x.size:
+        return x.reshape(len(x), -1)[:, 0]
+    return np.repeat(x[:, None], rng.choice((0, 1, 3, 4)), axis=1)
 
 
 def gone(x: Column, rng: random.Random) -> Column:

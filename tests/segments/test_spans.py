@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -46,3 +48,10 @@ def test_what_lies_between_two_times_is_what_a_mask_says():
     t = np.cumsum(np.random.default_rng(0).uniform(0.1, 1.0, 200))
     for t0, t1 in ((0.0, 5.0), (float(t[10]), float(t[20])), (50.0, 50.01), (-2.0, -1.0), (1e3, 2e3)):
         np.testing.assert_array_equal(t[spans.between(t, t0, t1)], t[(t >= t0) & (t <= t1)])
+
+
+@given(a=segments, edges=st.lists(st.integers(0, END), max_size=12))
+def test_clipping_to_pieces_that_touch_is_cutting_each_of_them_out(a, edges):
+    pieces = [(float(x), float(y)) for x, y in pairwise(sorted(edges))]
+    expected = [s for piece in pieces for s in spans.intersect(a, [piece])]
+    assert spans.clipped(a, pieces) == expected

@@ -17,6 +17,8 @@ from attlog.flight.builder import LogBuilder
 from attlog.flight.model import Problem, Severity
 
 EKF_PRIMARY, FLIGHT_MODE = 24, 10
+MOST_KINDS = 100
+"""A firmware has about 70 kinds of reports in all; a flight has a few."""
 DOUBT = "From here on the onboard attitude is in doubt, and agreement with it proves little."
 NO_MATTER = "Filters that are run again do not need it."
 AIDED = "Filters that use it go without there; the others do not need it."
@@ -137,16 +139,25 @@ def report(builder: LogBuilder, clock: Clock) -> None:
         near = builder.near(stamps)
         table, t = table.rows(near), builder.seconds(stamps[near])
         numbers = np.column_stack([table[c].astype(np.int64) for c in columns])
-        for key in dict.fromkeys(map(tuple, numbers.tolist())):
+        kinds, first, counts = np.unique(numbers, axis=0, return_index=True, return_counts=True)
+        told = 0
+        for k in np.argsort(first):
+            key = tuple(kinds[k].tolist())
             meaning = of_error(*key) if record == "ERR" else EVENTS.get(key[0])
             if meaning is None:
                 continue
-            at = t[(numbers == key).all(axis=1)]
+            told += 1
+            if told > MOST_KINDS:
+                text = (
+                    f"{record} holds {len(kinds):,} kinds of reports, more than firmwares have; {MOST_KINDS} are told."
+                )
+                builder.problem("damaged_reports", "warning", text, count=len(kinds))
+                break
             what = f"{record} {'/'.join(map(str, key))}"
             builder.problems.append(
                 Problem(
                     meaning.code or what.lower().replace(" ", "_").replace("/", "_"), meaning.severity,
-                    f"{meaning.text} ({what}).", t=float(at[0]), count=len(at), cause=meaning.cause,
+                    f"{meaning.text} ({what}).", t=float(t[first[k]]), count=int(counts[k]), cause=meaning.cause,
                     remedy=meaning.remedy, means=meaning.means,
                 )
             )  # fmt: skip

@@ -130,7 +130,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
         log.gnss += [] if one is None else [one]
     if not log.gnss:
         log.gnss = builder.attempt("RGPJ", lambda: replay_receivers(builder), [])
-    log.utc_offset = utc_offset(log.gnss)
+    log.utc_offset = builder.attempt("The date", lambda: utc_offset(log.gnss), None)
     log.baro = builder.attempt("BARO", lambda: baro(builder, clock), [])
     log.airspeed = builder.attempt("ARSP", lambda: airspeed(builder, clock), None)
     log.throttle = builder.attempt("Throttle", lambda: throttle(builder, clock, family), None)

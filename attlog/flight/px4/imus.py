@@ -252,14 +252,19 @@ def device(table: Table) -> int:
 
 def unit_of_device(builder: LogBuilder, device_id: int) -> int | None:
     """The instance of ``vehicle_imu`` (or its status) whose gyro has this device id."""
+    return units_of_devices(builder, {device_id}).get(device_id)
+
+
+def units_of_devices(builder: LogBuilder, wanted: set[int]) -> dict[int, int]:
+    """:func:`unit_of_device` of many devices that are not 0; those that no message tells of are absent."""
+    found: dict[int, int] = {}
     for name in ("vehicle_imu", "vehicle_imu_status"):
         for i in builder.messages.instances(name):
-            if int(builder.messages[name, i]["gyro_device_id"][-1]) == device_id:
-                return i
-    for i in builder.messages.instances("sensor_gyro"):
-        if device(builder.messages["sensor_gyro", i]) == device_id:
-            return i
-    return None
+            found.setdefault(int(builder.messages[name, i]["gyro_device_id"][-1]), i)
+    if not wanted <= {0, *found}:
+        for i in builder.messages.instances("sensor_gyro"):
+            found.setdefault(device(builder.messages["sensor_gyro", i]), i)
+    return {i: unit for i, unit in found.items() if i and i in wanted}
 
 
 def selected_units(builder: LogBuilder) -> tuple[Stamps, list[int], str]:
@@ -269,8 +274,9 @@ def selected_units(builder: LogBuilder) -> tuple[Stamps, list[int], str]:
         if table is None or "gyro_device_id" not in table:
             continue
         t, units = [], []
+        known = units_of_devices(builder, {int(i) for i in table["gyro_device_id"].tolist()})
         for at, device_id in zip(stamps(table).tolist(), table["gyro_device_id"].tolist(), strict=True):
-            unit = unit_of_device(builder, int(device_id)) if device_id else None
+            unit = known.get(int(device_id))
             if unit is not None:
                 t.append(at)
                 units.append(unit)

@@ -144,7 +144,7 @@ def aids(builder: LogBuilder, log: FlightLog) -> None:
     """Add GNSS, barometer, battery, throttle and rate set-points to the log."""
     one = builder.attempt("GPS", lambda: one_receiver(builder), None)
     log.gnss = [] if one is None else [one]
-    log.utc_offset = utc_offset(log.gnss)
+    log.utc_offset = builder.attempt("The date", lambda: utc_offset(log.gnss), None)
     altitude = column(builder, "SENS", ("BaroAlt",), "m", physics.BARO)
     log.baro = [] if altitude is None else [altitude]
     log.battery = builder.attempt("BATT", lambda: battery(builder), None)

@@ -46,7 +46,7 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
     log.mode = builder.attempt("The flight mode", lambda: mode(builder, status), None)
     log.landed = builder.attempt("The land detector", lambda: landed(builder), None)
     log.gnss = builder.attempt("GNSS", lambda: gnss(builder), [])
-    log.utc_offset = utc_offset(log.gnss)
+    log.utc_offset = builder.attempt("The date", lambda: utc_offset(log.gnss), None)
     log.baro = builder.attempt("The barometer", lambda: baro(builder), [])
     log.airspeed = builder.attempt("Airspeed", lambda: airspeed(builder), None)
     log.throttle = builder.attempt("Throttle", lambda: throttle(builder), None)
