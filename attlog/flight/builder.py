@@ -23,7 +23,6 @@ from attlog.flight.physics import Quantity
 from attlog.flight.timing import LATEST_US, Stamps, plausible
 from attlog.flight.witnesses import times_alone
 from attlog.formats.base import Messages, Table
-from attlog.limits import MAX_TIME_JUMP_S
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -94,14 +93,14 @@ class LogBuilder:
         return np.where(beyond, np.nan, x)
 
     def near(self, t_us: Stamps) -> NDArray[np.bool_]:
-        """Which stamps (n,) may belong to this flight: events, texts and parameters a day away from it do not."""
+        """Which stamps (n,) may belong to this flight: events, texts and parameters days away from it do not."""
         t = np.asarray(t_us, np.int64)
-        near: NDArray[np.bool_] = (t >= 0) & (t <= LATEST_US) & (np.abs(t - self.t0_us) <= 2e6 * MAX_TIME_JUMP_S)
+        near: NDArray[np.bool_] = (t >= 0) & (t <= LATEST_US) & (np.abs(t - self.t0_us) <= 1e6 * physics.LONGEST_S)
         return near
 
     def is_near(self, t_us: int) -> bool:
         """:meth:`near` for one stamp."""
-        return 0 <= t_us <= LATEST_US and abs(t_us - self.t0_us) <= 2e6 * MAX_TIME_JUMP_S
+        return 0 <= t_us <= LATEST_US and abs(t_us - self.t0_us) <= 1e6 * physics.LONGEST_S
 
     def keep(
         self,
@@ -149,19 +148,23 @@ class LogBuilder:
                 f"{source}: left out {kept.false} of {len(t_us)} records: nothing else in the log has such times.",
                 count=kept.false,
             )
-        if self.t0_us and len(kept.index) and not self.near(np.asarray(t_us, np.int64)[index[kept.index[:1]]])[0]:
-            text = (
-                f"{source}: left out all {len(kept.index):,} records: their times are more than a day from the flight."
-            )
-            self.problem("false_times", "warning", text, count=len(kept.index))
-            return np.zeros(0, np.int64)
-        rate = burst_rate(np.asarray(t_us, np.int64)[index[kept.index]])
+        index = index[kept.index]
+        if self.t0_us:
+            near = self.near(np.asarray(t_us, np.int64)[index])
+            if not near.all():
+                far = int(np.count_nonzero(~near))
+                text = (
+                    f"{source}: left out {far:,} of {len(t_us):,} records, whose times are days away from the flight."
+                )
+                self.problem("false_times", "warning", text, count=far)
+                index = index[near]
+        rate = burst_rate(np.asarray(t_us, np.int64)[index])
         if rate > fastest_hz:
-            text = f"{source}: its {len(kept.index):,} records follow each other at {rate:,.0f} Hz; more than "
+            text = f"{source}: its {len(index):,} records follow each other at {rate:,.0f} Hz; more than "
             text += f"{fastest_hz:,.0f} Hz is not possible. Their stamps are false, and none is used."
-            self.problem("rate_impossible", "warning", text, count=len(kept.index))
+            self.problem("rate_impossible", "warning", text, count=len(index))
             return np.zeros(0, np.int64)
-        return index[kept.index]
+        return index
 
     def stream(
         self,

@@ -89,5 +89,7 @@ RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 500.0
 
 Faster ones have stamps of another unit: a log in ms read as us is a thousand times too fast.
 """
+LONGEST_S = 3 * 86_400.0
+"""What lies further from the first sample is of another flight, or its time is false: boats run for a day."""
 ENOUGH_FOR_A_RATE = 20
 """Fewer records in a burst tell no rate."""

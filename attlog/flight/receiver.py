@@ -35,8 +35,9 @@ def build(
     ``place`` (n, 3): latitude and longitude in deg, height in m. ``velocity`` (n, 3) m/s NED.
     ``accuracy``: horizontal and vertical in m, of the speed in m/s, each (n,). ``yaw`` (n,) rad,
     ``utc_us`` (n,) Unix time. Where records tell of no fix, place and velocity become NaN
-    and nothing in them counts as wrong. ValueError where definitions make arrays of numbers. ``repeats``: the last record is sent again until there
-    is a new one, with its stamp or none, so that times tell no fault.
+    and nothing in them counts as wrong. ``repeats``: the last record is sent again until there
+    is a new one, with its stamp or none, so that times tell no fault. ValueError where the log's
+    definitions make arrays of single numbers.
     """
     if not all(len(t_us) == len(x) and x.ndim == 1 for x in (fix, *accuracy, yaw, utc_us) if x is not None):
         raise ValueError(f"{source} does not hold one value per record")

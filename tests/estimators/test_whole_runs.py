@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.estimators import Aids, estimate
+from attlog.estimators import Aids, Estimate, estimate
+from attlog.estimators.engine.loop import joined_aux
 from attlog.testing import still
 
 PLUGIN = '''"""Says what it was told."""
@@ -50,3 +51,16 @@ def test_what_a_run_says_of_itself_stands_in_the_result(plugin: str, tmp_path: P
     file.write_text(result.to_json())
     row = next(r for r in attlog.Result.load(file).estimators if r.name == "says")
     assert row.quality["sampling"] == "instant"
+
+
+def test_what_only_some_segments_tell_is_missing_in_the_others() -> None:
+    def told(n: int, **aux: int) -> Estimate:
+        t = np.arange(n) * 0.01
+        q = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+        return Estimate(t=t, q=q, aux={name: np.full((n, k), 1.0) for name, k in aux.items()})
+
+    found = joined_aux([told(3, velocity=2), told(2), told(4, height=1, velocity=2)])
+    assert list(found) == ["velocity", "height"]
+    np.testing.assert_array_equal(np.isfinite(found["velocity"][:, 0]), [1, 1, 1, 0, 0, 1, 1, 1, 1])
+    np.testing.assert_array_equal(np.isfinite(found["height"][:, 0]), [0, 0, 0, 0, 0, 1, 1, 1, 1])
+    assert joined_aux([]) == {}

@@ -83,13 +83,13 @@ def test_only_what_is_possible_reaches_the_flight(name: str) -> None:
             assert not quantity.outside(x).any(), (where, what, quantity.limits)
         for source, t, fastest in streams(log):
             assert (np.diff(t) > 0).all(), (where, source, "times rise")
-            assert len(t) == 0 or np.abs(t).max() < 3 * 86_400, (where, source, "a flight is no month")
+            assert len(t) == 0 or np.abs(t).max() < 4 * 86_400, (where, source, "a flight is no month")
             if len(t) > physics.ENOUGH_FOR_A_RATE and t[-1] - t[0] < 1.0:
                 assert (len(t) - 1) / (t[-1] - t[0]) <= fastest * (1 + 1e-9), (where, source, "rate")
         for attitude in log.attitudes.values():
             np.testing.assert_allclose(np.linalg.norm(attitude.q, axis=1), 1.0, atol=1e-9)
-        assert all(np.isfinite(t) and abs(t) < 3 * 86_400 for t, _, _ in log.texts), where
-        assert all(p.t is None or abs(p.t) < 3 * 86_400 for p in log.problems), where
+        assert all(np.isfinite(t) and abs(t) < 4 * 86_400 for t, _, _ in log.texts), where
+        assert all(p.t is None or abs(p.t) < 4 * 86_400 for p in log.problems), where
         told += any(p.code == "values_out_of_range" for p in log.problems)
     assert told > 5, "the damage was seen"
 

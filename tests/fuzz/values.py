@@ -39,7 +39,9 @@ def hostile(messages: Messages, seed: int | str) -> Messages:
     if params and rng.random() < 0.4:
         params = list(params)
         for k in rng.sample(range(len(params)), min(len(params), rng.choice((1, 3, 50)))):
-            params[k] = replace(params[k], value=rng.choice([x for x in REALS if np.isfinite(x)]))
+            own = params[k]
+            value = rng.choice([x for x in REALS if np.isfinite(x)])
+            params[k] = ParamChange(own.name, value, own.t_us, own.is_default, own.offset)
     params = [*params, *_own(rng)] if rng.random() < 0.4 else params
     texts = [*messages.texts, Text("\x1b]0;x\x07<b>" + "x" * 500, 9, 2**62)] if rng.random() < 0.1 else messages.texts
     return replace(messages, tables=tables, params=params, texts=texts)

@@ -11,7 +11,7 @@ from typing import Any
 from attlog.flight import physics
 from attlog.schema import schema
 
-DAY_S = 2 * 86_400.0
+DAY_S = physics.LONGEST_S
 BY_UNIT = {
     "deg": 720.0, "rad": 4 * math.pi, "deg/s": 6000.0, "rad/s": 110.0, "m/s^2": 4000.0, "uT": 1e4, "T": 1e-2,
     "Hz": physics.RAW_HZ, "s": DAY_S, "ms": 1e3 * DAY_S, "1": 1e6, "%": 1e6, "deg/min": 1e6, "m": 2e5, "m/s": 3e3,

@@ -300,6 +300,14 @@ def _try_plainly(estimator: Estimator) -> None:
     _twin(estimator)(state, params, *data, *extra)
 
 
+def joined_aux(found: list[Estimate]) -> dict[str, Array]:
+    """What segments tell beside attitude and bias, end to end; NaN where one does not tell what another does."""
+    shapes = {name: x.shape[1:] for e in reversed(found) for name, x in e.aux.items()}
+    first = found[0].aux if found else {}
+    names = dict.fromkeys([*first, *shapes])
+    return {n: np.concatenate([e.aux.get(n, np.full((len(e.q), *shapes[n]), np.nan)) for e in found]) for n in names}
+
+
 def _whole_segments(
     estimator: Estimator, s: Samples, values: Mapping[str, float | str], q0: ArrayLike | None, aids: Aids
 ) -> Estimate:
@@ -342,7 +350,7 @@ def _whole_segments(
         t=s.t,
         q=q,
         bias=np.concatenate(biases) if biases and len(biases) == len(found) else None,
-        aux={n: np.concatenate([e.aux[n] for e in found]) for n in (found[0].aux if found else {})},
+        aux=joined_aux(found),
         segment=s.segment,
         skipped=dict(skipped),
         ns_per_update=1e9 * spent / max(len(s.t), 1),
