@@ -145,8 +145,11 @@ class OnLog:
         waiting = list(new.items())
         for begin in range(0, len(waiting), AT_A_TIME):
             some = waiting[begin : begin + AT_A_TIME]
-            for (text, _), row in zip(some, self._samples.rows([s for _, s in some]), strict=True):
+            rows = self._samples.rows([s for _, s in some])
+            for text, _ in reversed(some):
+                row = rows.pop()
                 self._known[text] = self._settled(row)
+                self.case.done_with(row)
         return [self._known[text_of(s)] for s in settings]
 
     def why_not_best(self, setting: Setting) -> str:

@@ -7,6 +7,7 @@ movements or reference, they refuse to every filter.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -29,7 +30,6 @@ Array = NDArray[np.float64]
 
 AIR, REST = ("airborne", "all", "armed"), ("rest", "rest.long", "all")
 """Windows in which a question is looked up, as the verdicts do."""
-BLOCK = 1024
 STAND_IN = "gyro"
 WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
 ONBOARD = drift_air.HEADING_REFERENCES["onboard"]
@@ -83,13 +83,14 @@ def levelled(acc: Array) -> Array:
 
 
 def products(q: Array) -> Array:
-    """q[0], q[0] q[1], q[0] q[1] q[2] ... of (n, 4), in blocks side by side."""
+    """q[0], q[0] q[1], q[0] q[1] q[2] ... of (n, 4): in blocks side by side, about as many as each is long."""
     n = len(q)
-    padded = np.zeros((-(-n // BLOCK) * BLOCK, 4))
+    size = math.isqrt(n) + 1
+    padded = np.zeros((-(-n // size) * size, 4))
     padded[:, 0] = 1.0
     padded[:n] = q
-    blocks = padded.reshape(-1, BLOCK, 4)
-    for k in range(1, BLOCK):
+    blocks = padded.reshape(-1, size, 4)
+    for k in range(1, size):
         blocks[:, k] = rotation.multiply(blocks[:, k - 1], blocks[:, k])
     for b in range(1, len(blocks)):
         blocks[b] = rotation.normalize(rotation.multiply(blocks[b - 1, -1], blocks[b]))
