@@ -74,6 +74,42 @@ def test_a_record_with_a_changed_time_is_left_out(raw: bytes, clean: Index, tmp_
     assert after.boots == before.boots
 
 
+@pytest.mark.parametrize("message", ["IMU", "ATT", "all"])
+@pytest.mark.parametrize("run", [1, 2, 30])
+@pytest.mark.parametrize("moved_s", [7.0, -9.0, 3600.0])
+def test_runs_of_false_times_are_left_out_and_no_others(
+    raw: bytes, clean: Index, tmp_path: Path, message: str, run: int, moved_s: float
+) -> None:
+    """Neighbours in the file tell; a pause and a restart of the clock are no contradiction."""
+    before = reader.read(written(tmp_path, raw))
+    timed = sorted(
+        int(at) for (name, _), t in before.items() if "TimeUS" in t and message in (name, "all") for at in t.offsets
+    )
+    log, first = Damaged.of(raw), len(timed) // 2
+    planted = timed[first : first + run] if message == "all" else timed[first : first + min(run, 3)]
+    for offset in planted:
+        time = int.from_bytes(log.data[offset + 3 : offset + 11].tobytes(), "little") + round(moved_s * 1e6)
+        log.data[offset + 3 : offset + 11] = np.frombuffer(max(time, 0).to_bytes(8, "little"), np.uint8)
+    after = reader.read(written(tmp_path, log.data.tobytes()))
+    assert [d.offset for d in after.damage if "time is far" in d.lost] == planted
+    assert sum(map(len, before.values())) - sum(map(len, after.values())) == len(planted)
+    assert after.boots == before.boots
+
+
+def test_a_pause_of_the_logger_is_no_false_time(raw: bytes, clean: Index, tmp_path: Path) -> None:
+    before = reader.read(written(tmp_path, raw))
+    log = Damaged.of(raw)
+    half = len(raw) // 2
+    for table in before.values():
+        for offset in table.offsets[table.offsets > half].tolist() if "TimeUS" in table else []:
+            time = int.from_bytes(log.data[offset + 3 : offset + 11].tobytes(), "little") + 600_000_000
+            log.data[offset + 3 : offset + 11] = np.frombuffer(time.to_bytes(8, "little"), np.uint8)
+    after = reader.read(written(tmp_path, log.data.tobytes()))
+    assert (after.damage, {k: len(t) for k, t in after.items()}) == (
+        before.damage, {k: len(t) for k, t in before.items()},
+    )  # fmt: skip
+
+
 def test_a_message_with_a_clock_of_its_own_is_kept(tmp_path: Path) -> None:
     time = np.arange(200, dtype=np.uint64) * 20_000 + 10**9
     other = {"TimeUS": time[::20], "Unix": time[::20] + np.uint64(1_700_000_000_000_000)}

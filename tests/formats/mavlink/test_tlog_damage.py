@@ -15,6 +15,7 @@ from attlog.errors import LogUnusable
 from attlog.formats.mavlink import reader
 from attlog.formats.mavlink.dialect import catalogue
 from attlog.formats.mavlink.index import index_packets
+from attlog.limits import MAX_SENDERS
 from tests.formats.damage import KINDS, damage
 
 START = 1_700_000_000_000_000
@@ -240,3 +241,15 @@ def test_megabytes_of_nonsense_take_no_time(raw: bytes, tmp_path: Path, filler: 
     assert time.process_time() - begin < 5
     clean = index_packets(np.frombuffer(raw, np.uint8), catalogue())
     assert sum(len(table) for table in log.values()) >= len(clean.offsets) - 1
+
+
+def test_packets_of_more_senders_than_any_network_has_are_told_and_the_busiest_read(tmp_path: Path) -> None:
+    link = Link()
+    link.attitudes(50)
+    for number in range(MAX_SENDERS + 200):
+        link.mav.srcSystem, link.mav.srcComponent = 2 + number // 250, number % 250
+        link.attitudes(1)
+    log = link.read(tmp_path)
+    assert len({instance for _, instance in log}) == MAX_SENDERS
+    assert len(log["ATTITUDE", 257]) == 50
+    assert (log.damage_places, "201 packets of 201 senders" in log.damage[0].lost) == (1, True)
