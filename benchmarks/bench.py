@@ -1,6 +1,7 @@
 """Every aim about speed and memory with its verdict, as one table: what attlog takes, what the peer takes, the ratio.
 
-    python benchmarks/bench.py [--quick] [--runs 5] [--corpus DIR] [--only TEXT] [--page docs/speed.md]
+    python benchmarks/bench.py [--quick] [--runs 5] [--minutes 30] [--only TEXT] [--corpus DIR]
+        [--page docs/speed.md]
 
 Runs on a clean clone: long logs are made from ``sample_logs`` and kept in the temporary folder; real logs come from
 ``--corpus`` (default $ATTLOG_CORPUS) where there is one. Ten minutes on a quiet machine with two cores, ``--quick``
@@ -47,6 +48,7 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="no logs of 60 MB")
+    parser.add_argument("--minutes", type=float, default=30, help="rows after that are not measured")
     parser.add_argument("--corpus")
     parser.add_argument("--only", default="", help="rows whose group or name holds this")
     parser.add_argument("--page", type=Path, help="write the page of the docs")
@@ -54,7 +56,8 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     before, begin = load(), time.monotonic()
     chosen = tasks(3 if options.quick else options.runs, readers.corpus_of(options.corpus))
     group, found = "", []
-    for row in rows([t for t in chosen if options.only.lower() in f"{t.group} {t.what}".lower()], options.quick):
+    chosen = [t for t in chosen if options.only.lower() in f"{t.group} {t.what}".lower()]
+    for row in rows(chosen, options.quick, options.minutes):
         if row.task.group != group:
             group = row.task.group
             print(f"\n{group}", flush=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from statistics import median
@@ -105,9 +106,13 @@ def of_pair(pair: Pair, peer: str, *, faster: bool = False, note: str = "") -> M
     return Measured(value, seconds(median(pair.ours)), f"{peer} {seconds(median(pair.peer))}", len(pair.ours), note)
 
 
-def rows(tasks: list[Task], quick: bool) -> Iterator[Row]:
-    """Measure one task after the other; what raises is a row that was not measured."""
+def rows(tasks: list[Task], quick: bool, minutes: float = math.inf) -> Iterator[Row]:
+    """Measure one task after the other; what raises, and what is left after so many minutes, is not measured."""
+    begin = time.monotonic()
     for task in tasks:
+        if time.monotonic() - begin > 60 * minutes:
+            yield Row(task, None, f"{minutes:g} minutes were over")
+            continue
         if quick and task.large:
             yield Row(task, None, "--quick leaves large logs out")
             continue

@@ -179,6 +179,9 @@ def test_a_verdict_says_met_missed_or_why_not(script: Script) -> None:
     ]  # fmt: skip
     assert [row.missed for row in rows] == [False, True, False, False, False]
     assert "| what | ours |" in table.as_markdown(rows)
+    assert [row.verdict for row in table.rows([task(broken)], quick=False, minutes=-1)] == [
+        "not measured because -1 minutes were over"
+    ]
 
 
 @pytest.mark.slow
