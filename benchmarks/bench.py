@@ -57,12 +57,13 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     chosen = tasks(3 if options.quick else options.runs, readers.corpus_of(options.corpus))
     group, found = "", []
     chosen = [t for t in chosen if options.only.lower() in f"{t.group} {t.what}".lower()]
-    for row in rows(chosen, options.quick, options.minutes):
+    for row in rows(sorted(chosen, key=lambda t: t.large), options.quick, options.minutes):  # small ones first
         if row.task.group != group:
             group = row.task.group
             print(f"\n{group}", flush=True)
         print(as_text(row), flush=True)
         found.append(row)
+    found.sort(key=lambda row: chosen.index(row.task))
     minutes = (time.monotonic() - begin) / 60
     machine = [*described(), ("load", f"{before} before, {load()} after {minutes:.0f} min (1, 5, 15 min)")]
     print("\n" + "\n".join(f"{name}: {value}" for name, value in machine) + "\n" + counted(found))
