@@ -28,7 +28,7 @@ from attlog.flight.model import FlightLog
 from attlog.flight.record_time import clock_of
 from attlog.formats import Messages
 from attlog.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
-from attlog.output import write_atomic
+from attlog.output import write_atomic, write_together
 from attlog.summary import sha256
 
 if TYPE_CHECKING:
@@ -212,9 +212,11 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
     for table, name in zip(listed, file_names(table.name for table in listed), strict=True):
         target = path if single else path / f"{name}.{kind}"
         about = meta | {"table": table.name, "units": table.units, "source": table.note}
-        write_atomic(target, _csv(table) if kind == "csv" else _parquet(table, about))
         if kind == "csv":
-            write_atomic(target.with_name(target.name + ".json"), json.dumps(about, indent=1) + "\n")
+            beside = target.with_name(target.name + ".json")
+            write_together({target: _csv(table), beside: json.dumps(about, indent=1) + "\n"})
+        else:
+            write_atomic(target, _parquet(table, about))
         written.append(target)
     return written
 

@@ -84,6 +84,9 @@ VERIFY_S_PER_BYTE = 2e-5
 LAST_TIME_US = 1 << 56
 """Boot clocks and even Unix clocks stay below 2000 years; random bytes hardly ever do."""
 
+READ_BYTES = 256 << 20
+"""Logs up to this size are read into memory, larger ones are memory-mapped: some hours at full rate."""
+
 MAX_UNPACKED_BYTES = 4 << 30
 """What a gzip file may hold: autopilots log to FAT cards, whose files end at 4 GiB."""
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import os
 import re
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,6 +16,7 @@ from attlog.errors import OutputError
 
 KEPT = 40
 """Characters of a file's name that stand in the name of its temporary file."""
+STAGE = "attlog-unfinished"
 UNFINISHED = re.compile(r"\.(.*)\.[0-9a-f]{12}")
 NO_ROOM = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO))
 
@@ -33,24 +36,67 @@ def write_atomic(path: Path, data: str | bytes) -> None:
         file.write(data.encode("utf-8") if isinstance(data, str) else data)
 
 
+def write_together(files: Mapping[Path, str | bytes]) -> None:
+    """Write several files that belong together: all are written before the first takes its name, so that either the
+    old ones stay or all are new. OutputError as of :func:`write_atomic`."""
+    with ExitStack() as open_files:
+        for path, data in files.items():
+            file = open_files.enter_context(writing(path))
+            file.write(data.encode("utf-8") if isinstance(data, str) else data)
+            file.flush()
+            if path.is_dir():  # renaming would fail when another has its name already
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+
+
+@contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """The same for files that others write: a folder inside, whose files move into this one when the block ends well.
+
+    OutputError names files where they were to be.
+    """
+    stage = None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stage = folder / f".{STAGE}.{secrets.token_hex(6)}"
+        stage.mkdir()
+        yield stage
+        made = sorted(stage.iterdir(), key=lambda path: (path.suffix == ".json", path.name))
+        for path in made:
+            if (folder / path.name).is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / path.name))
+        for path in made:
+            path.replace(folder / path.name)
+    except OSError as error:
+        place = error.filename if isinstance(error, IsADirectoryError) else folder
+        raise _cannot(Path(place), error) from error
+    except OutputError as error:
+        raise OutputError(str(error).replace(str(stage), str(folder))) from error.__cause__
+    finally:
+        if stage is not None:
+            shutil.rmtree(stage, ignore_errors=True)
+
+
 @contextmanager
 def writing(path: Path) -> Iterator[BinaryIO]:
     """The same for what is written bit by bit: a file that takes its name when the block ends well, else none."""
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        file, temporary = _new_file_beside(path)
+        file = None
+        while file is None:
+            temporary = path.with_name(f".{path.name[:KEPT]}.{secrets.token_hex(6)}")
+            with suppress(FileExistsError):
+                file = temporary.open("xb")  # the system itself applies umask and inherited rights, unlike ``mkstemp``
         with file:
             yield file
-        temporary.replace(path)
+        if temporary is not None:
+            temporary.replace(path)
     except BaseException as error:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
         if not isinstance(error, OSError):
             raise
-        raise OutputError(
-            f"{path}: cannot be written ({error.strerror or error}); choose another place with -o"
-        ) from error
+        raise _cannot(path, error) from error
 
 
 def remove_unfinished(folder: Path, *names: str) -> None:
@@ -58,15 +104,11 @@ def remove_unfinished(folder: Path, *names: str) -> None:
     know that nobody is writing them now."""
     for path in folder.glob(".*"):
         found = UNFINISHED.fullmatch(path.name)
-        if found and path.is_file() and (not names or found[1] in {name[:KEPT] for name in names}):
+        if found and found[1] == STAGE and path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        elif found and path.is_file() and (not names or found[1] in {name[:KEPT] for name in names}):
             path.unlink(missing_ok=True)
 
 
-def _new_file_beside(path: Path) -> tuple[BinaryIO, Path]:
-    """A file that did not exist before; the system itself applies umask and inherited rights, unlike ``mkstemp``."""
-    while True:
-        place = path.with_name(f".{path.name[:KEPT]}.{secrets.token_hex(6)}")
-        try:
-            return place.open("xb"), place
-        except FileExistsError:
-            continue
+def _cannot(path: Path, error: OSError) -> OutputError:
+    return OutputError(f"{path}: cannot be written ({error.strerror or error}); choose another place with -o")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from attlog.errors import OutputError
-from attlog.output import write_atomic, writing
+from attlog.output import staged, write_atomic, write_together, writing
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="rights as POSIX knows them")
 
@@ -92,3 +92,39 @@ def test_what_is_written_bit_by_bit_appears_when_it_is_whole(tmp_path: Path) -> 
         fails_halfway()
     assert path.read_bytes() == b"first second"
     assert [p.name for p in path.parent.iterdir()] == ["file"]
+
+
+def test_files_that_belong_together_are_all_new_or_all_old(tmp_path: Path) -> None:
+    one, other = tmp_path / "a.html", tmp_path / "a.json"
+    write_together({one: "old", other: b"old"})
+    (tmp_path / "folder").mkdir()
+    for missing in (tmp_path / "folder", one / "below"):
+        with pytest.raises(OutputError):
+            write_together({one: "new", other: "new", missing: "new"})
+        assert (one.read_text(), other.read_text()) == ("old", "old")
+    write_together({one: "new", other: "new"})
+    assert (one.read_text(), other.read_text()) == ("new", "new")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.html", "a.json", "folder"]
+
+
+def test_files_of_a_stage_move_together_and_errors_name_their_places(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text("old")
+
+    def refused() -> None:
+        with staged(tmp_path) as stage:
+            write_atomic(stage / "a.json", "new")
+            (stage / "b").mkdir()
+            write_atomic(stage / "b", "new")
+
+    def interrupted() -> None:
+        with staged(tmp_path) as stage:
+            write_atomic(stage / "a.json", "new")
+            raise KeyboardInterrupt
+
+    with pytest.raises(OutputError, match=f"^{tmp_path}/b: cannot be written"):
+        refused()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+    assert (tmp_path / "a.json").read_text() == "old"
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a.json", "old")]

@@ -16,6 +16,8 @@ from attlog import __version__
 from attlog.cli import streams
 from attlog.cli.commands import Commands
 from attlog.cli.common import to_stderr
+from attlog.cli.guard import guarded
+from attlog.cli.signals import ended_by_signals
 from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
 
 app = typer.Typer(
@@ -53,7 +55,13 @@ def main() -> None:
     """Entry point: run the command, print expected errors as one message, end with the documented exit code."""
     gc.set_threshold(COLLECTED_AFTER)
     streams.show_everything()
-    sys.exit(streams.flushed(_code()))
+    sys.exit(guarded(_ended, sys.argv[1:]))
+
+
+def _ended() -> int:
+    """The exit code; a signal that ends the program does so in order, temporary files removed."""
+    with ended_by_signals():
+        return streams.flushed(_code())
 
 
 def _code() -> int:

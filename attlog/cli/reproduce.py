@@ -48,7 +48,7 @@ def command(
     """Run a PAPER's experiments again: each of its claims with a verdict, by how much, over how many flights."""
     from attlog.fleet.find import find
     from attlog.fleet.locally import cores
-    from attlog.output import write_atomic
+    from attlog.output import write_together
     from attlog.reproduce import page
     from attlog.reproduce.document import as_json
     from attlog.reproduce.paper import Options
@@ -70,8 +70,7 @@ def command(
             shown.before = f"{name}: "
             found = reproduce(name, options, command_line())
             place = output / f"reproduce-{name}.html"
-            page.write(found, place)
-            write_atomic(place.with_suffix(".json"), as_json(found, indent=1))
+            write_together({place: page.render(found), place.with_suffix(".json"): as_json(found, indent=1)})
         if json:
             json_to_stdout(as_json(found))
         if not quiet:

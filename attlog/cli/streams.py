@@ -10,7 +10,7 @@ import sys
 
 from attlog.errors import OutputError
 
-FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE))
+FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE, errno.EBADF))
 
 
 def show_everything() -> None:
@@ -18,9 +18,24 @@ def show_everything() -> None:
     from attlog.present.stand_ins import on_encode_error
 
     codecs.register_error("attlog", on_encode_error)
+    _reopen_closed()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="attlog")
+
+
+def _reopen_closed() -> None:
+    """Standard streams that were closed (``>&-``) get places of their own, or the first file opened would take theirs.
+
+    What is printed to a closed output fails like on a full disk; what a closed error output would say is lost.
+    """
+    while (place := os.open(os.devnull, os.O_RDONLY)) <= 2:
+        continue
+    os.close(place)
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")
 
 
 def is_of_a_stream(error: BaseException) -> bool:

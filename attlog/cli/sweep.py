@@ -204,13 +204,17 @@ def _written(found: Sweep, folder: Path, told: dict[str, Any]) -> tuple[Path, Pa
 
     from attlog.compare import sweep_words
     from attlog.compare.sweep_page import sweep_page
-    from attlog.output import write_atomic
+    from attlog.output import write_together
 
     name = stem("sweep", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json", folder / f"{name}.csv"
-    write_atomic(paths[0], sweep_page(found, told))
-    write_atomic(paths[1], json.dumps(sweep_words.document(found, told), indent=1, allow_nan=False) + "\n")
-    write_atomic(paths[2], sweep_words.csv_text(found))
+    write_together(
+        {
+            paths[0]: sweep_page(found, told),
+            paths[1]: json.dumps(sweep_words.document(found, told), indent=1, allow_nan=False) + "\n",
+            paths[2]: sweep_words.csv_text(found),
+        }
+    )
     return paths
 
 

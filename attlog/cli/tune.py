@@ -125,12 +125,16 @@ def _written(found: Tuned, folder: Path, told: dict[str, Any], firmware: dict[st
 
     from attlog.compare import tune_words
     from attlog.compare.tune_page import tune_page
-    from attlog.output import write_atomic
+    from attlog.output import write_together
 
     name = stem("tune", found.filter)
     paths = folder / f"{name}.html", folder / f"{name}.json"
-    write_atomic(paths[0], tune_page(found, told, firmware))
-    write_atomic(paths[1], json.dumps(tune_words.document(found, told, firmware), indent=1, allow_nan=False) + "\n")
+    write_together(
+        {
+            paths[0]: tune_page(found, told, firmware),
+            paths[1]: json.dumps(tune_words.document(found, told, firmware), indent=1, allow_nan=False) + "\n",
+        }
+    )
     return paths
 
 

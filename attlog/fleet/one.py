@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from attlog import file_names
+from attlog.fleet.unchanged import unchanged
+from attlog.output import staged
 
 if TYPE_CHECKING:
     from attlog.config import Config
@@ -36,18 +38,22 @@ def analyze_to_files(
 ) -> Written:
     """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder; ``name`` is the file's own by default.
 
-    Each file appears whole or not at all, and nothing is written of a log that fails.
-    Errors as in :func:`attlog.analyze`; OutputError if a file cannot be written.
+    Both files appear whole or the old ones stay, and nothing is written of a log that fails.
+    Errors as in :func:`attlog.analyze`; LogUnreadable where the log changed meanwhile; OutputError if a file cannot
+    be written.
     ``deterministic`` leaves measured times out of both files. The logger ``attlog.stages`` tells the stage.
     """
     from attlog.analysis import analyze
 
     name = name or log.name
-    written = Written(analyze(log, config, command=command), folder / f"{name}.html", folder / f"{name}.json")
+    with unchanged(log):
+        result = analyze(log, config, command=command)
+    written = Written(result, folder / f"{name}.html", folder / f"{name}.json")
     logging.getLogger("attlog.stages").info("writing the report")
-    document = written.result.to_dict(deterministic)  # large: made once for both
-    written.result.to_html(written.report, plotly=plotly, deterministic=deterministic, document=document)
-    written.result.to_json(written.json, document=document)
+    document = result.to_dict(deterministic)  # large: made once for both
+    with staged(folder) as stage:
+        result.to_html(stage / written.report.name, plotly=plotly, deterministic=deterministic, document=document)
+        result.to_json(stage / written.json.name, document=document)
     return written
 
 
