@@ -16,18 +16,17 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 import attlog
 from attlog import estimators, metrics, reference, replay, segments
-from attlog.barrier import guarded
 from attlog.config import Config
 from attlog.errors import AttlogError, LogUnusable, PluginTimeout, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight import read
-from attlog.flight.model import FlightLog, Imu, Problem
+from attlog.flight.model import FlightLog, Imu, Problem, part_of
 from attlog.health import Check, answerable, audit
 from attlog.health.findings import Open, contradiction, findings, hopeless
 from attlog.metrics.alike import alike
@@ -41,7 +40,6 @@ from attlog.result import TIMED_OUT, EstimatorRow, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
 from attlog.summary import describe
 
-T = TypeVar("T")
 STAGES = logging.getLogger("attlog.stages")
 """Tells what is being done; who wants to know adds a handler."""
 SAID = {
@@ -74,12 +72,12 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
         windows = _windows(config, phases)
     with clock("reference"):
         options = reference_options(config)
-        ref = _part(
+        ref = part_of(
             log, "The reference",
             lambda: reference.choose(log, phases, options, smooth=_smoothing(log, phases, options, clock)),
             lambda: reference.choose(log, phases, replace(options, reference="none")),
         )  # fmt: skip
-        headings = _part(log, "Other headings", lambda: reference.heading_references(log, phases, ref), _no_headings)
+        headings = part_of(log, "Other headings", lambda: reference.heading_references(log, phases, ref), _no_headings)
     imus = _imus(log, config)
     return Case(
         log,
@@ -88,7 +86,7 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
         heading_references=headings,
         imus=imus,
         gyro_bias={
-            imu.index: _part(log, "The gyro bias", partial(common_bias, log, phases, imu, config.gyro_bias), no_bias)
+            imu.index: part_of(log, "The gyro bias", partial(common_bias, log, phases, imu, config.gyro_bias), no_bias)
             for imu in imus.values()
         },
         windows=windows,
@@ -148,11 +146,11 @@ def evaluate(
         for row, line in zip(rows, lines, strict=True):
             line.metrics = metrics.compute(seen, row, case.windows, cost=cost, only=only)
             if traces:
-                drawn += _part(case.log, "Figures", partial(drawing.of_row, row), list[Trace])
+                drawn += part_of(case.log, "Figures", partial(drawing.of_row, row), list[Trace])
             seen.done_with(row)
         if traces:
-            drawn = _part(case.log, "Figures", drawing.first, list[Trace]) + drawn
-            drawn += _part(case.log, "Figures", partial(drawing.last, rows), list[Trace])
+            drawn = part_of(case.log, "Figures", drawing.first, list[Trace]) + drawn
+            drawn += part_of(case.log, "Figures", partial(drawing.last, rows), list[Trace])
         ranking = metrics.rank({r.name: r.metrics for r in estimator_rows}, rows)
     result = Result(
         attlog=versions(),
@@ -164,7 +162,7 @@ def evaluate(
         reference=summarize(case.reference),
         gyro_bias=list(case.gyro_bias.values()),
         estimators=estimator_rows,
-        alike=_part(case.log, "Which rows are alike", lambda: alike(rows), list),
+        alike=part_of(case.log, "Which rows are alike", lambda: alike(rows), list),
         best=ranking.best,
         worst=ranking.worst,
         ranked=ranking.ranked,
@@ -177,7 +175,7 @@ def evaluate(
     result.timing = clock.seconds
     if only:
         return result
-    result.verdicts = _part(case.log, "The verdicts", lambda: verdicts(result), list)
+    result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
     own = (
         _problems(case.reference, estimator_rows, failed)
         + _unmeasured(estimator_rows)
@@ -294,16 +292,6 @@ def _problems(ref: Reference, rows: list[EstimatorRow], failed: Mapping[str, Att
 
 def _no_headings() -> dict[str, HeadingReference]:
     return {}
-
-
-def _part(log: FlightLog, what: str, make: Callable[[], T], otherwise: Callable[[], T]) -> T:
-    """A part of an analysis; where it ends in a bug that is a problem of the log, and ``otherwise`` stands in."""
-
-    def without(sentence: str) -> T:
-        log.problems.append(Problem("part_failed", "error", sentence))
-        return otherwise()
-
-    return guarded(what, make, without)
 
 
 def _unmeasured(rows: Sequence[EstimatorRow]) -> list[Problem]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from attlog import formats, reference, segments
 from attlog.flight import flight_in
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, part_of
 from attlog.flight.record_time import clock_of
 from attlog.health import answerable, audit
 from attlog.health.findings import contradiction, findings
@@ -39,9 +40,14 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
     phases = segments.build(log) if log.imu is not None else None
-    chosen = reference.choose(log, phases) if phases is not None else None
-    case = None if phases is None or chosen is None else _case(log, phases, chosen)
+    chosen, case = (None, None) if phases is None else part_of(
+        log, "The reference", partial(_compared, log, phases), partial(_alone, log, phases)
+    )  # fmt: skip
     checks = audit(log, phases, chosen)
+    answers = part_of(log, "What can be answered", lambda: answerable(log, case), list)
+    compared = ""
+    if phases is not None and chosen is not None:
+        compared = part_of(log, "The reference", partial(reference.foreseen, log, phases, chosen), str)
     part = messages.boot(log.boot)
     stamps = clock_of(part, system)
     verification = None
@@ -61,9 +67,9 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
             }
             for table in part.values()
         ],
-        "compared_with": "" if phases is None or chosen is None else reference.foreseen(log, phases, chosen),
+        "compared_with": compared,
         "audit": plain(checks),
-        "answerable": plain(answerable(log, case)),
+        "answerable": plain(answers),
         "gyro_bias": None if case is None else plain(list(case.gyro_bias.values())),
         "problems": plain(findings(log, checks, [] if chosen is None else contradiction(chosen))),
         "damage": {
@@ -73,6 +79,18 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
         },
         "verify": verification,
     }
+
+
+def _compared(log: FlightLog, phases: Segments) -> tuple[Reference | None, Case | None]:
+    """What an analysis would compare with, and the log as the metrics see it."""
+    chosen = reference.choose(log, phases)
+    return chosen, _case(log, phases, chosen)
+
+
+def _alone(log: FlightLog, phases: Segments) -> tuple[Reference | None, Case | None]:
+    """The same where nothing can be compared with."""
+    chosen = reference.choose(log, phases, reference.Options(reference="none"))
+    return chosen, Case(log, phases, chosen)
 
 
 def _case(log: FlightLog, phases: Segments, chosen: Reference) -> Case:

@@ -122,3 +122,21 @@ def test_a_page_is_written_where_everything_that_may_fail_does(tmp_path: Path) -
     result.to_html(tmp_path / "x.html")
     assert "please report it" in result.to_json()
     assert (tmp_path / "x.html").stat().st_size > 10_000
+
+
+@pytest.mark.usefixtures("quiet")
+def test_info_goes_on_without_a_reference_and_without_answers() -> None:
+    from attlog import inspection
+
+    choose, calls = inspection.reference.choose, []
+
+    def unless_none(*args: Any, **kwargs: Any) -> Any:
+        calls.append(args)
+        return choose(*args, **kwargs) if len(args) > 2 else broken()
+
+    with mock.patch.object(inspection.reference, "choose", unless_none), breaks(inspection, "answerable"):
+        told = inspection.inspect(LOG)
+    failed = [p["text"] for p in told["problems"] if p["code"] == "part_failed"]
+    assert len(failed) == 2
+    assert told["messages"]
+    assert told["answerable"] == []

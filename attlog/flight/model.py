@@ -7,18 +7,21 @@ scalar first and turn body vectors into earth vectors.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.barrier import guarded
 from attlog.flight.advice import Logging, What, stand_still
 from attlog.flight.remedies import GENERAL, Fault
 from attlog.flight.vehicle import VehicleKind, kind_of
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 Severity = Literal["info", "note", "warning", "error"]
 PAUSE_S = 1.0
 """Holes longer than this and than five intervals are pauses of the logger (disarmed, telemetry lost)."""
@@ -326,3 +329,14 @@ class FlightLog:
         """A parameter's value at ``t`` (default: at the first IMU sample); None if the log has none."""
         line = self.params.get(name)
         return None if line is None else line.at(0.0 if t is None else t)
+
+
+def part_of(log: FlightLog, what: str, make: Callable[[], T], otherwise: Callable[[], T]) -> T:
+    """A part of what is found out about a log; where that ends in a bug it is a problem of the log, and
+    ``otherwise`` stands in (``attlog/barrier.py``)."""
+
+    def without(sentence: str) -> T:
+        log.problems.append(Problem("part_failed", "error", sentence))
+        return otherwise()
+
+    return guarded(what, make, without)

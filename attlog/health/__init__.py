@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from attlog.barrier import guarded
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, part_of
 from attlog.health import (
     acc_bias,
     accelerometer,
@@ -42,7 +42,7 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
     phases = segments or Segments()
     rates = reference
     if (reference is None or reference.kind == "smoother") and segments is not None and log.imu is not None:
-        rates = choose(log, segments)
+        rates = part_of(log, "The reference", lambda: choose(log, phases), lambda: reference)
     every: dict[str, Callable[[], list[Check]]] = {
         "gaps and rate": lambda: timing.checks(log),
         "delay": lambda: delay.checks(log, rates),

@@ -238,6 +238,8 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as name:
             outcome = run(trial, Path(name))
             counts[f"{trial.command} {outcome.code}"] += 1
+            if sum(counts.values()) % 100 == 0:
+                print(f"{sum(counts.values())} runs, {failed} failed, next is {trial.seed + 1}", flush=True)
             if outcome.faults:
                 failed += 1
                 print(trial, *outcome.faults, sep="\n  ", flush=True)
