@@ -90,6 +90,7 @@ class _Reader:
             position = self._walk(position, stop)
         self._end_log()
         tables = self._tables()
+        del self.chain  # its buffers would wait for the collector of cycles
         ends = [*self.boots[1:], self.size]
         content = self.content
         return Messages(
@@ -114,6 +115,7 @@ class _Reader:
                 table = topic.table(self.data, name, multi, self.barrier.around)
                 if self.damaged:
                     table = self._without_doubtful(table)
+                    topic.forget()
                 if len(table):
                     tables[name, multi] = table
             if topic.left_out:

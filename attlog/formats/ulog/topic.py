@@ -24,6 +24,7 @@ class Topic:
     layouts: list[Layout]
     parts: list[tuple[int, Offsets]] = field(default_factory=list)
     left_out: int = 0
+    decoder: _Decoder | None = None
 
     def add(self, layout: Layout, offsets: Offsets) -> None:
         """Take in records of one layout, starts in file order."""
@@ -44,8 +45,13 @@ class Topic:
         if any(after[0] < before[-1] for (_, before), (_, after) in pairwise(parts)):
             order = starts.argsort(kind="stable")
             starts, which = starts[order], None if which is None else which[order]
-        decoder = _Decoder(data, self.layouts, starts, which)
-        return Table(name, multi, self._fields, starts, decoder, guard)
+        self.decoder = _Decoder(data, self.layouts, starts, which)
+        return Table(name, multi, self._fields, starts, self.decoder, guard)
+
+    def forget(self) -> None:
+        """Drop the records that were gathered to look at a table once."""
+        if self.decoder is not None:
+            self.decoder.forget()
 
     def _fields(self) -> dict[str, Field]:
         first, *others = self.layouts
@@ -66,6 +72,9 @@ class _Decoder:
         self._data, self._layouts, self._starts, self._which = data, layouts, starts, which
         self._of: Offsets | None = None
         self._gathered: list[tuple[NDArray[np.bool_] | slice, NDArray[np.void]]] = []
+
+    def forget(self) -> None:
+        self._of, self._gathered = None, []
 
     def __call__(self, column: str, offsets: Offsets) -> NDArray[Any]:
         if self._of is not offsets:

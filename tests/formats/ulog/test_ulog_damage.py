@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from collections import Counter
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from attlog.formats import Messages
 from attlog.formats.ulog import reader
 from tests.conftest import SAMPLES
 from tests.formats.test_truncation import small_ulog
+from tests.fuzz.mutate import mutated
 
 SOURCE = SAMPLES / "px4_hover.ulg"
 
@@ -169,6 +171,40 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     path = tmp_path_factory.mktemp("small") / "small.ulg"
     small_ulog(path)
     return path.read_bytes()
+
+
+@pytest.mark.parametrize("seed", range(300))
+def test_a_log_broken_in_any_way_ends_with_a_log_or_an_error_in_time(seed: int, small: bytes, tmp_path: Path) -> None:
+    """The ways of ``tests/fuzz/mutate.py``: definitions too, lengths and numbers that no logger writes."""
+    broken = mutated(small, seed)
+    (tmp_path / "broken.ulg").write_bytes(broken)
+    begin = time.process_time()
+    try:
+        log = formats.open(tmp_path / "broken.ulg")
+    except AttlogError:
+        return
+    for table in log.values():
+        for name in table.fields:
+            assert len(table[name]) == len(table) > 0
+    assert time.process_time() - begin < 1 + 3e-6 * len(broken)
+    assert [r.text for r in log.remarks if r.code != "log_limit"] == []
+
+
+def test_looking_for_false_records_keeps_none_of_them_in_memory(raw: np.ndarray, tmp_path: Path) -> None:
+    hurt = raw.copy()
+    hurt[600_000:600_100] = 255
+    kept = []
+    for name, content in (("whole.ulg", raw), ("hurt.ulg", hurt)):
+        content.tofile(tmp_path / name)
+        reader.read(tmp_path / name)  # what numpy keeps once and for all
+        tracemalloc.start()
+        try:
+            log = reader.read(tmp_path / name)
+            kept.append(tracemalloc.get_traced_memory()[0])
+        finally:
+            tracemalloc.stop()
+    assert log.damage
+    assert kept[1] < kept[0] + 0.5 * len(raw)
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
