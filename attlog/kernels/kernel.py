@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 
 from attlog.kernels.generate import INLINE
 
+LINE = 64
+"""Bytes of a cache line."""
 ENTRY_OPTIONS = "cache=KEEP, error_model='numpy', no_cfunc_wrapper=True"
 
 
@@ -74,8 +77,14 @@ class Kernel:
         return self.signature.partition("(")[0]
 
     def room(self) -> list[NDArray[Any]]:
-        """Fresh scratch arrays."""
-        return [np.zeros(shape, kind) for kind, shape in self.scratch]
+        """Fresh scratch arrays, each at the begin of a cache line: what a loop keeps writing must not straddle two."""
+        made = []
+        for kind, shape in self.scratch:
+            count = math.prod(shape)
+            block = np.zeros(count * 8 + LINE, np.uint8)
+            skip = -int(block.__array_interface__["data"][0]) % LINE
+            made.append(block[skip : skip + count * np.dtype(kind).itemsize].view(kind).reshape(shape))
+        return made
 
     def parts(self) -> tuple[str, str]:
         """The text before the entry, and the entry's from its definition on, without a decorator."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ from attlog.estimators.base import Array, VectorsAt
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 
 Sampling = Literal["interval", "instant"]
+D = TypeVar("D", bound=np.generic)
 
 GAP_MEDIANS, GAP_LEAST_S, BRIDGE_S = 5.0, 0.05, 0.5
 HOLD_PERIODS = 1.5
@@ -53,6 +54,8 @@ class Samples:
     segment: NDArray[np.int64]
     begin: NDArray[np.int64]
     skipped: dict[str, int] = field(default_factory=dict)
+    led: tuple[Array, Array, NDArray[np.int64]] | None = None
+    """``acc``, ``mag``, ``use`` with a row of nothing before the first sample, where they are views of such arrays."""
 
 
 def prepare(
@@ -93,7 +96,9 @@ def prepare(
             skipped[name] = count
     segment = np.cumsum(restart).astype(np.int64)
     use = _mag_use(t, mag, segment, hold_mag)
-    return Samples(t, step, substeps, rate, acc, mag, use, segment, np.flatnonzero(first), skipped)
+    led = _led(acc), _led(mag), _led(use)
+    acc, mag, use = led[0][1:], led[1][1:], led[2][1:]
+    return Samples(t, step, substeps, rate, acc, mag, use, segment, np.flatnonzero(first), skipped, led)
 
 
 def handed(samples: Samples, at: VectorsAt) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -106,9 +111,15 @@ def handed(samples: Samples, at: VectorsAt) -> tuple[Array, Array, NDArray[np.in
     """
     if at == "end" or not len(samples.t):
         return samples.acc, samples.mag, samples.use
-    acc, mag, use = np.zeros_like(samples.acc), np.zeros_like(samples.mag), np.zeros_like(samples.use)
-    acc[1:], mag[1:], use[1:] = samples.acc[:-1], samples.mag[:-1], samples.use[:-1]
-    return acc, mag, use
+    acc, mag, use = samples.led or (_led(samples.acc), _led(samples.mag), _led(samples.use))
+    return acc[:-1], mag[:-1], use[:-1]
+
+
+def _led(x: NDArray[D]) -> NDArray[D]:
+    """A copy of ``x`` behind a row of zeros: the sample before each is a view of it, not another copy."""
+    out = np.zeros((len(x) + 1, *x.shape[1:]), x.dtype)
+    out[1:] = x
+    return out
 
 
 def place(t_imu: ArrayLike, t_mag: ArrayLike, field: ArrayLike) -> Array:
@@ -219,7 +230,7 @@ def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing:
     """Vectors with zeros where there is none; counts why. An all-NaN sensor or NaN row of the
     magnetometer means "no sample" and is no fault."""
     if _within(x, limit) and x[:, 0].all():
-        return np.array(x, order="C")
+        return x
     finite = _whole(np.isfinite(x))
     with np.errstate(invalid="ignore"):
         possible = _whole(np.abs(x) <= limit)

@@ -68,7 +68,7 @@ def first_seconds(
     (n,) s where it is not the difference of times; ``init`` average or first (good sample).
     """
     end = int(np.searchsorted(t, t[0] + MOTION_S, side="right"))
-    late = next(iter(np.flatnonzero(_there(mag))), None)
+    late = None if _there(mag[:end]).any() else next(iter(end + np.flatnonzero(_there(mag[end:]))), None)
     soon = t[:end] - t[0] <= REST_S
     dt = np.diff(t, prepend=t[:1]) if dt is None else dt
     rest = at_rest(gyr[:end][soon], acc[:end][soon])
@@ -88,7 +88,7 @@ def first_seconds(
     return First(
         held.acc[picked[0]].mean(axis=0) if len(forces) else np.zeros(3),
         held.mag[picked[1]].mean(axis=0) if len(fields) else np.zeros(3),
-        None if late is None or late < end else int(late),
+        None if late is None else int(late),
     )
 
 
