@@ -33,6 +33,7 @@ FEW = 3
 MOST_STEPS = 0.25
 """Of all times, this part may be steps; where there are more, no clock can be told that contradicts them."""
 
+_CHUNK = 1 << 14
 _NEIGHBOURS = 20  # records on either side whose medians must agree that the clock fell
 
 
@@ -43,7 +44,7 @@ def restarts(time_us: NDArray[np.int64]) -> list[int]:
     neighbours on both sides decide.
     """
     found: list[int] = []
-    for k in (np.flatnonzero(np.diff(time_us) < -STEP_US) + 1).tolist():
+    for k in _behind_steps(time_us, -STEP_US, np.iinfo(np.int64).max).tolist():
         before = sorted(time_us[max(found[-1] if found else 0, k - _NEIGHBOURS) : k].tolist())
         after = sorted(time_us[k : k + _NEIGHBOURS].tolist())
         half = len(after) // 2
@@ -72,16 +73,24 @@ def false_times(time_us: NDArray[np.int64]) -> NDArray[np.int64]:
     if len(impossible):
         possible = np.delete(np.arange(len(time_us)), impossible)
         time_us = time_us[possible]
-    change = np.diff(time_us)
-    if len(change) == 0 or -FALSE_TIME_US <= int(change.min()) <= int(change.max()) <= FALSE_TIME_US:
-        return impossible
-    edges = (np.abs(change, out=change) > FALSE_TIME_US).nonzero()[0] + 1
+    edges = _behind_steps(time_us, -FALSE_TIME_US, FALSE_TIME_US)
     if not 0 < len(edges) <= len(time_us) * MOST_STEPS:
         return impossible
     starts, ends = [0, *edges.tolist()], [*edges.tolist(), len(time_us)]
     false = _contradicted(starts, time_us[starts].tolist(), time_us[np.array(ends) - 1].tolist(), len(time_us))
     found = np.concatenate([np.zeros(0, np.int64), *(np.arange(starts[k], ends[k]) for k in false)])
     return np.sort(np.concatenate([impossible, found if possible is None else possible[found]]))
+
+
+def _behind_steps(time_us: NDArray[np.int64], least: int, most: int) -> NDArray[np.int64]:
+    """The indices of times that differ from the one before by less than ``least`` or more than ``most``."""
+    found = [np.zeros(0, np.int64)]
+    for begin in range(0, len(time_us) - 1, _CHUNK):
+        some = time_us[begin : begin + _CHUNK + 1]
+        change = some[1:] - some[:-1]  # stays in the processor's cache
+        if int(change.min()) < least or int(change.max()) > most:
+            found.append(((change < least) | (change > most)).nonzero()[0] + (begin + 1))
+    return np.concatenate(found)
 
 
 def _contradicted(starts: list[int], first: list[int], last: list[int], size: int) -> list[int]:

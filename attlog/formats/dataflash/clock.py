@@ -29,7 +29,7 @@ def timeline(data: NDArray[np.uint8], index: Index) -> tuple[Offsets, NDArray[np
     """Offset and boot time (us) of every record that carries its time, in file order; uses up ``index.stamps``."""
     stamps, index.stamps = index.stamps, np.zeros(0, np.int64)
     columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
-    timed = np.array([column is not None for column in columns])[index.layout].nonzero()[0]
+    timed = np.array([column is not None for column in columns])[index.layout]
     at, time = index.offsets[timed], stamps[timed]
     elsewhere = {}
     for k, (fmt, column) in enumerate(zip(index.layouts, columns, strict=True)):
