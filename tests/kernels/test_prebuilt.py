@@ -15,6 +15,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import attlog
@@ -102,30 +103,40 @@ def test_without_a_compiler_the_install_succeeds_and_says_what_is_left_out(
         made.initialize("standard", data)
 
 
-def test_objects_and_index_are_written_for_a_level_and_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One kernel, for the best level of this machine, in a process of its own as the hook does it."""
+def test_objects_of_each_level_are_written_found_and_agree_to_the_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One kernel of sums of products, which a compiler that contracts would compute otherwise, as the hook makes it."""
     chosen = "simulate filtered"
     code = (
         "import sys; from attlog import prebuilt; every = list(prebuilt.kernels());"
         f"prebuilt.kernels = lambda: iter([k for k in every if k.name == {chosen!r}]); prebuilt.main(sys.argv[1:])"
     )
-    level = processor.levels()[0]
-    environment = {**os.environ, prebuilt.LEVEL: level}
-    told = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path), "0/1"], env=environment, capture_output=True, text=True, check=True
-    ).stdout
-    (file,) = tmp_path.glob(f"{processor.machine()}-{level}/*.o")
+    told = ""
+    for level in processor.levels():
+        command = [sys.executable, "-c", code, str(tmp_path), "0/1"]
+        environment = {**os.environ, prebuilt.LEVEL: level}
+        told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
     (tmp_path / store.INDEX).write_text(json.dumps({"format": store.FORMAT, "keys": json.loads(told)}))
     monkeypatch.setattr(store, "SHIPPED", tmp_path)
     monkeypatch.setattr(store, "folder", lambda: None)
     monkeypatch.setattr(obtain, "made_object", lambda *_: pytest.fail("compiled"))
     store._shipped.cache_clear()
+    noise, found = np.random.default_rng(0).standard_normal((500, 3)), set()
     try:
-        assert store.known_key(KERNELS[chosen]) == file.stem
-        assert at_hand(KERNELS[chosen]) is not None
-        assert file.stat().st_mode & 0o444 == 0o444
+        for level in list(processor.levels()):
+            (file,) = tmp_path.glob(f"{processor.machine()}-{level}/*.o")
+            assert file.stat().st_mode & 0o444 == 0o444
+            monkeypatch.setattr(processor, "levels", lambda level=level: (level,))
+            assert store.known_key(KERNELS[chosen]) == file.stem
+            function, out = at_hand(KERNELS[chosen]), np.zeros((500, 3))
+            assert function is not None
+            function(noise, 0.97, out)
+            found.add(out.tobytes())
     finally:
         store._shipped.cache_clear()
+    assert len(found) == 1
+    assert out.any()
 
 
 def test_the_shipped_index_tells_what_the_sources_say() -> None:
