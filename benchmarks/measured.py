@@ -24,6 +24,9 @@ T = TypeVar("T")
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Threads that wait for each other burn CPU time that no work was done in."""
+AS_INSTALLED = {"PYTHONDONTWRITEBYTECODE": ""}
+"""Installed packages are compiled to bytecode; a clone whose bytecode is never kept would be compiled at each start,
+against peers that are not."""
 SAMPLED_S = 0.005
 
 
@@ -79,7 +82,7 @@ def child(command: list[str], *, environment: Mapping[str, str] | None = None, c
     """Run a command to its end; SystemExit with its last words where its exit code is not one of ``codes``."""
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**os.environ, **ONE_THREAD, **(environment or {})},
+        env={**os.environ, **ONE_THREAD, **AS_INSTALLED, **(environment or {})},
     )  # fmt: skip
     said: dict[str, str] = {}
     readers = [
@@ -124,7 +127,7 @@ def anonymous_mb(pid: int | None = None) -> float:
 
 def apart(work: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
     """What a function of a module returns in a fresh process, where nothing is imported or compiled yet."""
-    with environment(**ONE_THREAD), ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+    with environment(**ONE_THREAD, **AS_INSTALLED), ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(work, *given, **named).result()
 
 

@@ -160,6 +160,18 @@ def test_memory_of_a_child_is_its_own_not_that_of_a_mapped_file(script: Script, 
     assert child.resident_mb > 96
 
 
+def test_a_child_keeps_its_bytecode_as_an_installed_package_does(
+    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a clone would be compiled at every start, and its peers would not."""
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    (tmp_path / "module.py").write_text("")
+    script("measured").child(
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import module"]
+    )
+    assert list((tmp_path / "__pycache__").glob("module.*.pyc"))
+
+
 def test_a_verdict_says_met_missed_or_why_not(script: Script) -> None:
     table = script("table")
 
