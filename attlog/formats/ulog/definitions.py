@@ -82,7 +82,13 @@ class Definitions:
             (self._redefined - MAX_REDEFINED, MAX_REDEFINED, "formats declared anew", "then they stay"),
             (self._resubscribed - MAX_RESUBSCRIBED, MAX_RESUBSCRIBED, "ids that change their topic", "then they stay"),
         )
-        return [
+        refused = dict(self.why_not.values())
+        others = {1: "", 2: "; one other topic neither"}.get(len(refused), f"; {len(refused) - 1} other topics neither")
+        unusable = [
+            Remark("unreadable_message", f"{name} cannot be used: {why}{others}.", count=len(refused))
+            for name, why in list(refused.items())[:1]
+        ]
+        return unusable + [
             Remark("log_limit", f"The log has {most + beyond} {what}; the first {most} count, {then}.", count=beyond)
             for beyond, most, what, then in said
             if beyond > 0

@@ -260,7 +260,9 @@ class _Reader:
             self._damaged(places[0], places[0], lost, "skipped one by one")
             self.damage_bytes += int(lengths.sum())
         self.unknown.clear()
-        self.remarks += self.definitions.remarks()
+        if self.headers <= MAX_BOOTS:  # else a header after the other may bring its own
+            said = {remark.text for remark in self.remarks}
+            self.remarks += [remark for remark in self.definitions.remarks() if remark.text not in said]
 
     def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, Layout] | None:
         """The one format without subscription that has this size and rising times, None if there are none or more."""

@@ -120,6 +120,11 @@ def headers(n: int) -> bytes:
     return b"".join(log(PLAIN, one(k)) for k in range(n))
 
 
+def headers_without_definitions(n: int) -> bytes:
+    """Each power-up subscribes something else that is not defined."""
+    return b"".join(log(subscribe(f"nothing{k}", 1), one(k)) for k in range(n))
+
+
 def bare_headers(n: int) -> bytes:
     return HEAD * n
 
@@ -197,7 +202,8 @@ def letters_and_digits(n: int) -> bytes:
 BUILDERS: tuple[Callable[[int], bytes], ...] = (
     nested_arrays, arrays_of_nothing, wide_topics, a_chain_of_types, types_in_a_circle, unknown_ids, formats,
     formats_declared_anew, a_format_that_backtracks, instances, topics, resubscriptions, repeated_subscriptions,
-    headers, bare_headers, layouts, parameters, parameters_in_data, parameter_defaults, texts, tagged_texts, statements,
+    headers, headers_without_definitions, bare_headers,
+    layouts, parameters, parameters_in_data, parameter_defaults, texts, tagged_texts, statements,
     a_statement_in_parts, statements_in_parts, dropouts, synchronisation, records_of_an_unknown_type,
     damaged_everywhere, *map(one_letter, "ABCDFILMOPQRS"), letters_and_digits,
 )  # fmt: skip

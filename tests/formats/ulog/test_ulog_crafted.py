@@ -101,6 +101,10 @@ def test_a_topic_whose_definition_asks_for_too_much_costs_only_itself(tmp_path: 
         [lost] = [d.lost for d in found.damage]
         assert lost.startswith("20 records (660 bytes) of big, which cannot be used")
         assert why in lost
+        [problem] = remarks(found)
+        assert (problem.code, problem.count) == ("unreadable_message", 1)
+        assert problem.text.startswith("big cannot be used: ")
+        assert why in problem.text
 
 
 def test_a_topic_of_the_largest_size_is_read(tmp_path: Path) -> None:
