@@ -12,6 +12,7 @@ from __future__ import annotations
 import difflib
 import io
 import json
+import os
 import re
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -205,7 +206,7 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
     """
     listed = list(tables)
     meta = _about(log)
-    single = path.suffix.lower() == f".{kind}" and not path.is_dir()
+    single = path.suffix.lower() == f".{kind}" and not os.path.isdir(path)
     if single and len(listed) > 1:
         raise UsageError(f"-o {path}: {_too_many(listed)} need a folder")
     written = []

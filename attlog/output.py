@@ -93,7 +93,8 @@ def writing(path: Path) -> Iterator[BinaryIO]:
             temporary.replace(path)
     except BaseException as error:
         if temporary is not None:
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):  # it was never made
+                temporary.unlink()
         if not isinstance(error, OSError):
             raise
         raise _cannot(path, error) from error

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from pathlib import Path
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
@@ -28,7 +28,7 @@ def looks_like_a_log(args: list[str]) -> bool:
     first = args[0]
     if first.startswith("-"):
         return len(args) > 1
-    return any(c in first for c in "./\\*?") or Path(first).exists()
+    return any(c in first for c in "./\\*?") or os.path.exists(first)
 
 
 class WithJson(TyperCommand):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -139,7 +140,7 @@ def command(
 
     if file.suffix != ".py":
         raise UsageError(f"{file}: a filter is a Python file; give it the suffix .py")
-    if file.exists():
+    if os.path.exists(file):
         raise OutputError(f"{file}: exists already and is not overwritten; choose another name")
     write_atomic(file, RUN_TEMPLATE if run else TEMPLATE)
     to_stdout(f"{file} written. Check it: attlog check-estimator {file}")

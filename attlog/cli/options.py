@@ -141,7 +141,7 @@ def _check_filter(item: str) -> None:
     from attlog import estimators
 
     name = item.partition(":")[0].partition("@")[0]
-    if not (name.endswith((".py", ".csv")) and Path(name).is_file()):
+    if not (name.endswith((".py", ".csv")) and os.path.isfile(name)):
         estimators.select(item)
 
 

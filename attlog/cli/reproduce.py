@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -59,7 +60,7 @@ def command(
     found_logs: list[Path] = []
     if logs:
         found_logs, errors = find(logs)
-    errors += [LogUnreadable(f"{path}: there is no such file") for path in found_logs if not path.is_file()]
+    errors += [LogUnreadable(f"{path}: there is no such file") for path in found_logs if not os.path.isfile(path)]
     if errors:
         raise errors[0]
     if found_logs and not WITH_LOGS & set(names):

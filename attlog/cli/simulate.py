@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -159,7 +160,7 @@ def _files(
     if not output:
         raise UsageError(f"say where to write: -o {name}.ulg (or .bin, .tlog), or -o DIR")
     output = list(dict.fromkeys(output))
-    folders = [path for path in output if path.is_dir() or not path.suffix]
+    folders = [path for path in output if os.path.isdir(path) or not path.suffix]
     for path in output:
         if path not in folders and path.suffix.lower() not in SUFFIXES:
             raise UsageError(f"-o {path}: the suffix tells the format: .ulg, .bin or .tlog")

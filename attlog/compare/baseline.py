@@ -7,6 +7,7 @@ thousand costs no memory.
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -65,7 +66,7 @@ class Baseline:
 def read(path: Path) -> Baseline:
     """What a file or folder holds. UsageError where it cannot be read or holds no result."""
     try:
-        places = [Place(p) for p in sorted(path.rglob("*.json"))] if path.is_dir() else _lines(path)
+        places = [Place(p) for p in sorted(path.rglob("*.json"))] if os.path.isdir(path) else _lines(path)
         found = Baseline(path.name)
         count = 0
         for place in places:
@@ -80,9 +81,9 @@ def read(path: Path) -> Baseline:
     except OSError as error:
         raise UsageError(f"baseline {path}: cannot be read ({error.strerror or error})") from error
     if not count:
-        what = "a folder without a result of attlog (*.json)" if path.is_dir() else "no result of attlog"
+        what = "a folder without a result of attlog (*.json)" if os.path.isdir(path) else "no result of attlog"
         raise UsageError(f"baseline {path}: is {what}")
-    if path.is_dir():
+    if os.path.isdir(path):
         found.only = None
     return found
 

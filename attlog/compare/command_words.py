@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -46,7 +47,7 @@ def sorted_out(words: Sequence[str]) -> Words:
             elif is_configuration(word):
                 one = parse(word)
                 names.setdefault(one.name, one)
-            elif not Path(word).exists() and not set("*?[/\\.") & set(word):
+            elif not os.path.exists(word) and not set("*?[/\\.") & set(word):
                 known = [*estimators.names(), "default", "all"]
                 problems.append(f"{word}: neither a file nor a filter{suggestion(word, known)}")
             else:
@@ -67,7 +68,7 @@ def is_configuration(word: str) -> bool:
     head = re.split(r"[@:]", word, maxsplit=1)[0]
     if head in estimators.names() or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
         return True
-    return not Path(word).exists() and (KEYS.match(word) is not None or ("@" in word and "/" not in word))
+    return not os.path.exists(word) and (KEYS.match(word) is not None or ("@" in word and "/" not in word))
 
 
 def with_params(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,9 +26,9 @@ def found(old: Path, new: Path) -> Found:
 
     UsageError for a file beside a folder. In folders a broken file is left out and told in ``wrong``.
     """
-    if old.is_dir() != new.is_dir() and old.exists() and new.exists():
+    if os.path.isdir(old) != os.path.isdir(new) and os.path.exists(old) and os.path.exists(new):
         raise UsageError(f"{old} and {new}: give two files or two folders")
-    if not old.is_dir():
+    if not os.path.isdir(old):
         return Found({new.name: (loaded(old), loaded(new))})
     answer = Found()
     sides = [_of_folder(folder, answer.wrong) for folder in (old, new)]
@@ -51,7 +52,7 @@ def loaded(path: Path) -> Result:
 
 def _of_folder(folder: Path, wrong: list[AttlogError]) -> dict[str, Result]:
     """The results below a folder by their path in it; other JSON files are not meant."""
-    meant = [p for p in sorted(folder.rglob("*.json")) if p.is_file() and _is_meant(p)]
+    meant = [p for p in sorted(folder.rglob("*.json")) if os.path.isfile(p) and _is_meant(p)]
     if not meant:
         raise LogUnreadable(f"{folder}: is a folder without a result of attlog analyze (*.json)")
     results: dict[str, Result] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,11 +25,11 @@ def told_apart(words: Sequence[str], example: str) -> Words:
 
     UsageError with the ``example`` where logs or filter are missing.
     """
-    axes = [w for w in words if is_axis(w) and not Path(w).exists()]
+    axes = [w for w in words if is_axis(w) and not os.path.exists(w)]
     others = [w for w in words if w not in axes]
     if len(others) < 2:
         missing = "a log and a filter are" if not others else "a log or the filter is"
         raise UsageError(f"{missing} missing; give logs, then a filter, then what to vary: {example}")
-    if Path(others[-1]).is_dir() or (Path(others[-1]).is_file() and not others[-1].endswith(".py")):
+    if os.path.isdir(others[-1]) or (os.path.isfile(others[-1]) and not others[-1].endswith(".py")):
         raise UsageError(f"{others[-1]} is a file or folder; the filter comes after the logs: {example}")
     return Words([Path(w) for w in others[:-1]], others[-1], axes)

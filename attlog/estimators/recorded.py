@@ -6,6 +6,7 @@ belongs to (:mod:`attlog.recorded`).
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -33,7 +34,7 @@ def is_recorded(name: str) -> bool:
 
 def from_file(path: Path) -> Estimator:
     """The name of a file with an attitude, as an estimator that cannot be run on samples. UsageError without it."""
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise UsageError(f"{path}: there is no such file with an attitude")
 
     def run(*_: Any) -> NoReturn:

@@ -22,6 +22,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
@@ -81,7 +82,7 @@ def get(name: str) -> Estimator:
     UsageError for an unknown name; PluginError with file and line for a broken plug-in.
     """
     if name.endswith(".py"):
-        if not Path(name).is_file():
+        if not os.path.isfile(name):
             raise UsageError(f"{name}: there is no such estimator file")
         return apart.from_file(Path(name))
     if recorded.is_recorded(name):
@@ -104,7 +105,7 @@ def from_file(path: Path) -> Estimator:
 
     PluginError with file and line if it cannot be loaded.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise UsageError(f"{path}: there is no such estimator file")
     spec = importlib.util.spec_from_file_location(f"attlog_plugin_{path.stem}", path)
     if spec is None or spec.loader is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ def up_to_date(folder: Path) -> Path | None:
     A batch writes records as it goes and the file at its end: one that was killed has records that are newer.
     """
     path = folder / PARQUET
-    if importlib.util.find_spec("pyarrow") is None or not path.is_file():
+    if importlib.util.find_spec("pyarrow") is None or not os.path.isfile(path):
         return None
     written = path.stat().st_mtime_ns
     newest = max((p.stat().st_mtime_ns for p in (folder / INSIDE / "records").glob("*.json")), default=0)

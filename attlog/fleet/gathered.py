@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,9 +37,9 @@ class Gathered:
     def __iter__(self) -> Iterator[tuple[str, Entry]]:
         """(what was given, entry) of every log with a result, in the order of names."""
         for given in self.given:
-            path = given.parent if given.name in (PARQUET, CSV) and given.is_file() else given
+            path = given.parent if given.name in (PARQUET, CSV) and os.path.isfile(given) else given
             try:
-                for entry in self._of_folder(path) if path.is_dir() else [of_result(path)]:
+                for entry in self._of_folder(path) if os.path.isdir(path) else [of_result(path)]:
                     yield str(path), entry
             except AttlogError as error:
                 self.wrong.append(error)

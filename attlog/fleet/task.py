@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import socket
 import tempfile
@@ -58,7 +59,7 @@ def do(version: str, order: bytes, signed: str, have: Collection[str] = (), cont
     if version != __version__:
         raise OtherVersion(__version__)
     work: Work = pickle.loads(order)
-    unseen = [name for name in files_of(work.config) if not Path(name).is_file()]
+    unseen = [name for name in files_of(work.config) if not os.path.isfile(name)]
     if unseen:
         raise Unseen(unseen[0])
     if content is None and signed and sign(work.source) != signed:
@@ -76,7 +77,7 @@ def do(version: str, order: bytes, signed: str, have: Collection[str] = (), cont
             log = work.source.name
             why = f"no room in {tempfile.gettempdir()} of the worker {socket.gethostname()}"
             return Returned(replace(record, folder_full=False, message=f"attlog: {log}: {why}"))
-        written = [path for path in out.iterdir() if path.is_file() and path.name not in have]
+        written = [path for path in out.iterdir() if os.path.isfile(path) and path.name not in have]
         return Returned(record, {path.name: path.read_bytes() for path in written})
 
 

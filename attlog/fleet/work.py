@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -45,7 +46,7 @@ def settings_key(config: Config, plotly: str = "inline", deterministic: bool = F
     That is the resolved configuration and what stands in the files it names: filters, estimates, parameters.
     """
     contents = {
-        name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files_of(config) if Path(name).is_file()
+        name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files_of(config) if os.path.isfile(name)
     }
     told = {"config": config.resolved(), "files": contents, "plotly": plotly, "deterministic": deterministic}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]

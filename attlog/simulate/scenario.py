@@ -8,6 +8,7 @@ here and radians inside.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
@@ -75,10 +76,10 @@ def load(name_or_path: str | Path) -> Scenario:
 def place_of(name_or_path: str | Path) -> Path:
     """The TOML file of a scenario. UsageError for a name that is not known."""
     path = Path(name_or_path)
-    if path.suffix.lower() == ".toml" or path.is_file():
+    if path.suffix.lower() == ".toml" or os.path.isfile(path):
         return path
     inside = LIBRARY / f"{name_or_path}.toml"
-    if not inside.is_file():
+    if not os.path.isfile(inside):
         raise UsageError(f"no scenario {name_or_path}{suggestion(str(name_or_path), names())}")
     return inside
 

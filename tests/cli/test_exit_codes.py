@@ -53,6 +53,28 @@ def test_what_is_no_log_is_65(attlog, tmp_path, command, content):
     assert len(done.err.strip().splitlines()) <= 2
 
 
+UNSEARCHABLE = {
+    "info LOCKED/a.bin": 66, "analyze LOCKED/a.bin": 66, "extract LOCKED/a.bin": 66,
+    "compare LOCKED/a.bin mahony gyro": 66,
+    "sweep LOCKED/a.bin mahony kp=1,2": 66, "diff LOCKED/a LOCKED/b": 66, "analyze LOG --estimators LOCKED/f.py": 2,
+    "analyze LOG --estimators LOCKED/f.csv": 2, "reproduce xu --logs LOCKED/a.bin": 66, "new LOCKED/x.py": 73,
+    "check-estimator LOCKED/x.py": 2, "table LOCKED/r.json": 66, "extract LOG ATT -o LOCKED/x.csv": 73,
+}  # fmt: skip
+
+
+@pytest.mark.rights
+@pytest.mark.parametrize("words", UNSEARCHABLE)
+def test_a_folder_that_cannot_be_searched_is_no_bug(attlog, samples, tmp_path, words):
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    locked.chmod(0)
+    try:
+        done = attlog(*words.replace("LOCKED", str(locked)).replace("LOG", str(samples / LOGS[1])).split())
+    finally:
+        locked.chmod(0o755)
+    expect(done, UNSEARCHABLE[words])
+
+
 @pytest.mark.rights
 def test_unreadable_for_lack_of_rights_is_66(attlog, tmp_path):
     path = tmp_path / "secret.ulg"
