@@ -23,7 +23,7 @@ WORTH_COMPILED = 64 << 20
 WORTH_ONCE_LOADED = 1 << 18
 """The same in a process that has compiled code loaded already."""
 
-_FIRST = 1 << 16  # records for which there is room before their mean length is known
+_FIRST = 1 << 14  # records for which there is room before their mean length is known
 
 
 def pays(data: NDArray[np.uint8]) -> bool:

@@ -261,7 +261,8 @@ def _walked(data: NDArray[np.uint8]) -> Index | None:
     rest = data[position : position + 256].tobytes()  # no record is longer
     if position + len(rest) < len(data) or not _is_cut(rest, chain.lengths) or found.refused:
         return None
-    index = Index(found.layouts, *chain.found)
+    starts, kinds, stamps = chain.found
+    index = Index(found.layouts, starts.astype(offset_type(len(data))), kinds, stamps)
     if rest:
         index.losses.add(position, len(rest), f"{len(rest)} bytes at the end of the file", "end of file")
     return index
