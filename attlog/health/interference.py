@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 LEAST_R = 0.6
 """Weaker correlation is no sign: the field also changes with attitude and place."""
+LEAST_UT = 1.0
+"""The earth's field has 22 uT and more: a line that ends below this, or below zero, is compared with this."""
 SHARE_PCT = (10.0, 30.0)
 """Change of the field over the range of throttle: ardupilot.org, "Magnetic Interference", calls 30 % the limit."""
 LEAST_THROTTLE, LEAST_AMPERE = 0.1, 2.0
@@ -35,7 +37,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         if seen is None:
             continue
         r, low, high = seen
-        change = 100.0 * abs(high - low) / max(min(low, high), 1e-9)
+        change = 100.0 * abs(high - low) / max(min(low, high), LEAST_UT)
         follows = abs(r) >= LEAST_R and change > SHARE_PCT[0]
         verdict = "good" if not follows else "bad" if change > SHARE_PCT[1] else "warn"
         text = f"The field goes from {low:.1f} to {high:.1f} uT over the range of {what} (r = {r:.2f})."
