@@ -75,7 +75,7 @@ MAX_SENDERS = 1024
 MAX_BOOTS = 100
 """Power-ups told apart in one file of joined logs; what is behind belongs to the last."""
 
-VERIFY_S = 120.0
+VERIFY_S = 15.0
 """An official library is given up after this time and :data:`VERIFY_S_PER_BYTE`: damaged logs can keep it for ever."""
 
 VERIFY_S_PER_BYTE = 2e-5
@@ -135,6 +135,10 @@ minutes at 250 Hz, compiled it takes none to speak of."""
 
 MAX_FILTER_BYTES = 4 << 30
 """What a filter from a file may take of memory; an hour at 1 kHz is 1 GB with all that is kept of it."""
+
+MAX_ERROR_LETTERS = 500
+"""What an exception of a filter from a file may say: it stands in tables, pages and terminals, which take minutes for
+ten million letters."""
 
 MAX_SETS = 4096
 """Settings of one sweep: minutes on one log, and more than a page can show; a grid is typed in a second."""

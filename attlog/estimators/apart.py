@@ -28,7 +28,7 @@ from typing import IO, Any, TypeVar
 
 from attlog.errors import AttlogError, PluginError, PluginTimeout
 from attlog.estimators.base import Estimator, LogInfo, broken
-from attlog.limits import FILTER_S, MAX_FILTER_BYTES
+from attlog.limits import FILTER_S, MAX_ERROR_LETTERS, MAX_FILTER_BYTES
 
 T = TypeVar("T")
 LIMIT = "ATTLOG_FILTER_TIMEOUT"
@@ -208,9 +208,12 @@ def _tell(requests: IO[bytes], request: bytes) -> None:
 
 def _listen(answers: IO[bytes], told: SimpleQueue[bytes]) -> None:
     """Hand on whole answers; an empty one at the end. A thread: not every system can wait for a pipe and a clock."""
-    with suppress(OSError, ValueError), answers:
+    with suppress(OSError, ValueError, MemoryError), answers:
         while len(head := answers.read(SIZE.size)) == SIZE.size:
             (size,) = SIZE.unpack(head)
+            if size > MAX_FILTER_BYTES:  # spoilt: what the process writes is no longer what it was asked for
+                told.put(head)  # which no answer can be
+                break
             body = answers.read(size)
             if len(body) < size or not body:
                 break
@@ -265,7 +268,7 @@ def main(load: Callable[[Path], Estimator]) -> None:
                 estimator = load(Path(file))
             answer = (True, function(estimator, *arguments, **options))
         except AttlogError as error:
-            answer = (False, error)
+            answer = (False, error if len(str(error)) <= 2 * MAX_ERROR_LETTERS else broken(file, error))
         except BaseException as error:
             answer = (False, broken(file, error))
         _ends_by_itself(0.0)

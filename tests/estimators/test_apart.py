@@ -28,9 +28,17 @@ HOW = {
     "fill": "np.ones(1 << 36)",
     "ask": "input()",
     "nonsense": "return 'an estimate'",
+    "complex": "return attlog.estimators.Estimate(t, np.full((len(t), 4), 1j))",
+    "words": "return attlog.estimators.Estimate(t, np.full((len(t), 4), 'a'))",
+    "bias": "return attlog.estimators.Estimate(t, np.ones((len(t), 4)), bias=np.zeros((2, 3)))",
+    "aux": "return attlog.estimators.Estimate(t, np.ones((len(t), 4)), aux={'sigma_tilt': np.zeros(3)})",
+    "counts": "return attlog.estimators.Estimate(t, np.ones((len(t), 4)), skipped={'x': 'some'})",
+    "talk": "raise ValueError('x' * 3_000_000)",
+    "spoil": "[os.write(f, b'\\xff' * 64) for f in range(3, 64) if is_pipe(f)]",
+    "mute": "raise Mute",
     "strange": "return attlog.estimators.Estimate(t, np.zeros((len(t), 4)), quality={'x': lambda: 0})",
 }
-WHOLE = """import ctypes, os, signal, sys
+WHOLE = """import ctypes, fcntl, os, signal, stat, sys
 import numpy as np
 import attlog.estimators
 print("at import")
@@ -38,6 +46,16 @@ os.system("echo from a shell")
 
 def deep(n):
     return deep(n + 1) + 1
+
+def is_pipe(f):
+    try:
+        return stat.S_ISFIFO(os.fstat(f).st_mode) and fcntl.fcntl(f, fcntl.F_GETFL) & os.O_ACCMODE == os.O_WRONLY
+    except OSError:
+        return False
+
+class Mute(Exception):
+    def __str__(self):
+        raise RuntimeError
 
 PARAMETERS = (attlog.estimators.Parameter("how", "well", "", 0, 1, "what it does", "test", ("well", {names})),)
 def run(t, gyr, acc, mag, aids, params):
@@ -91,7 +109,9 @@ def run(path: Path, how: str = "well") -> Estimate:
 SAYS = {
     "raise": "ValueError: no good", "exit": "SystemExit", "end": "exit status 3", "abort": "SIGABRT",
     "crash": "SIGSEGV", "kill": "signal 9", "recurse": "RecursionError", "fill": "emoryError", "ask": "EOFError",
-    "nonsense": "must return", "strange": "cannot be handed on",
+    "complex": "complex128", "words": "<U1", "bias": "(2, 3)", "aux": "'sigma_tilt' has shape (3,)",
+    "counts": "skipped must be", "talk": "(3000000 letters)", "spoil": "nonsense", "mute": "cannot be had",
+    "nonsense": "must return", "strange": "quality must be",
 }  # fmt: skip
 
 
@@ -174,3 +194,32 @@ def test_built_in_filters_start_no_process(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(apart.subprocess, "Popen", forbidden)
     assert estimators.estimate("gyro", T, GYR, ACC).q.shape == (200, 4)
+
+
+def test_values_of_a_file_that_cannot_travel_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "strange.py"
+    path.write_text("PRESETS = {'odd': {'x': lambda: 0}}\ndef run(t, gyr, acc, mag, aids, params):\n    pass\n")
+    with pytest.raises(PluginError):
+        run(path)
+
+
+def test_a_file_that_writes_to_what_it_is_given_spoils_no_times(tmp_path: Path) -> None:
+    path = tmp_path / "writes.py"
+    path.write_text(
+        "import numpy as np\nfrom attlog.estimators import Estimate\n"
+        "def run(t, gyr, acc, mag, aids, params):\n    n = len(t)\n    t[:] = 0\n    gyr[:] = 1e9\n"
+        "    return Estimate(t, np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)))\n"
+    )
+    np.testing.assert_array_equal(estimators.estimate(str(path), T, GYR, ACC).t, T)
+
+
+@pytest.mark.parametrize(
+    ("module", "remedy"),
+    [("attlog.estimators.vectors", "it is attlog.estimators.engine.vectors"), ("attlog.no_such", "attlog new")],
+)
+def test_a_module_that_moved_is_told_with_its_place(tmp_path: Path, module: str, remedy: str) -> None:
+    path = tmp_path / "old.py"
+    path.write_text(f"from {module} import turn\n")
+    with pytest.raises(PluginError, match=r"line 1.*ModuleNotFoundError") as caught:
+        from_file(path)
+    assert remedy in str(caught.value)
