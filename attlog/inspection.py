@@ -6,13 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from attlog import formats, reference, segments
 from attlog.flight import flight_in
 from attlog.flight.model import FlightLog, part_of
-from attlog.flight.record_time import clock_of
+from attlog.flight.record_time import ends_of
 from attlog.health import answerable, audit
 from attlog.health.findings import contradiction, findings
 from attlog.metrics import Case
@@ -39,6 +36,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     """
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
+    messages.forget()
     phases = segments.build(log) if log.imu is not None else None
     chosen, case = (None, None) if phases is None else part_of(
         log, "The reference", partial(_compared, log, phases), partial(_alone, log, phases)
@@ -49,7 +47,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     if phases is not None and chosen is not None:
         compared = part_of(log, "The reference", partial(reference.foreseen, log, phases, chosen), str)
     part = messages.boot(log.boot)
-    stamps = clock_of(part, system)
+    stamps = ends_of(part, system)
     verification = None
     if verify:
         from attlog.formats.verify import verify as compare
@@ -62,7 +60,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
                 "name": table.name,
                 "instance": table.instance,
                 "records": len(table),
-                "rate_hz": _rate(stamps(table)),
+                "rate_hz": _rate(len(table), stamps(table)),
                 "fields": len(table.fields),
             }
             for table in part.values()
@@ -106,9 +104,10 @@ def _case(log: FlightLog, phases: Segments, chosen: Reference) -> Case:
     )
 
 
-def _rate(stamps: NDArray[np.int64] | None) -> float | None:
-    """Intervals per second of boot times (n,) in us; None for a burst, such as definitions."""
-    if stamps is None or len(stamps) < 2:
+def _rate(count: int, ends: tuple[int, int] | None) -> float | None:
+    """Intervals per second of ``count`` records from the first to the last boot time in us; None for a burst, such as
+    definitions."""
+    if ends is None or count < 2:
         return None
-    span = (float(stamps[-1]) - float(stamps[0])) / 1e6
-    return (len(stamps) - 1) / span if span >= SHORTEST_S else None
+    span = (float(ends[1]) - float(ends[0])) / 1e6
+    return (count - 1) / span if span >= SHORTEST_S else None

@@ -250,6 +250,11 @@ def wrap(angle: ArrayLike) -> Array:
 
 def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
     """Attitudes turned by ``angle`` rad about the earth's down axis (adds to the heading)."""
-    half = 0.5 * np.asarray(angle, np.float64)
+    q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)
+    if q.ndim == 2 and len(q) > BLOCK and half.shape == (len(q),):
+        out = np.empty(q.shape)
+        for a in range(0, len(q), BLOCK):
+            out[a : a + BLOCK] = turn_about_down(q[a : a + BLOCK], 2.0 * half[a : a + BLOCK])
+        return out
     zero = np.zeros_like(half)
     return multiply(np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1), q)

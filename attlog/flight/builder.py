@@ -23,6 +23,7 @@ from attlog.flight.physics import Quantity
 from attlog.flight.timing import LATEST_US, Stamps, plausible
 from attlog.flight.witnesses import times_alone
 from attlog.formats.base import Messages, Table
+from attlog.limits import READ_BYTES
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -71,7 +72,10 @@ class LogBuilder:
             self.problem("part_failed", "error", text)
             return otherwise
 
-        return guarded(what, tried, missing)
+        found = guarded(what, tried, missing)
+        if self.messages.size > READ_BYTES:  # copies of gigabytes would stay until the whole flight is read
+            self.messages.forget()
+        return found
 
     def seconds(self, t_us: Stamps) -> Array:
         """Boot-clock microseconds as seconds on the log's clock (exact difference first)."""
@@ -316,6 +320,8 @@ def burst_rate(t_us: Stamps) -> float:
 def columns(table: Table, *names: str) -> Array:
     """Columns (n, k) of a table as float64 in the format's own units; array fields are widened."""
     parts = [table.value(name) for name in names]
+    if len(parts) == 1 and parts[0].ndim == 2:
+        return np.ascontiguousarray(parts[0])
     return np.column_stack(parts) if parts else np.zeros((len(table), 0))
 
 

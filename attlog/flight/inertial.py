@@ -69,7 +69,9 @@ class Candidate:
         return logged_rate((self.t_us - self.t_us[0]) * 1e-6) if len(self.t_us) else 0.0
 
     def rows(self, index: NDArray[np.int64]) -> Candidate:
-        """The same source with the selected samples only."""
+        """The same source with the selected samples only, given by rising ``index`` (m,)."""
+        if len(index) == len(self.t_us):
+            return self
         self.t_us, self.gyro, self.acc = self.t_us[index], self.gyro[index], self.acc[index]
         self.temperature = None if self.temperature is None else self.temperature[index]
         self.dt = None if self.dt is None else self.dt[index]

@@ -4,8 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from attlog.flight.timing import Stamps, stamps_of
 from attlog.formats.base import Messages, Table
+
+OWN_TIME = {"ulog": "timestamp"}
+"""The column in which each record tells its time, whatever the others of its message tell."""
+
+
+def ends_of(messages: Messages, system: int | None = None) -> Callable[[Table], tuple[int, int] | None]:
+    """A function from a table to the first and last boot time of :func:`clock_of`; no column is kept for it."""
+    stamps = clock_of(messages, system)
+
+    def ends(table: Table) -> tuple[int, int] | None:
+        alone = messages.format in OWN_TIME and len(table) > 2
+        told = stamps(table.rows(np.array([0, len(table) - 1])) if alone else table)
+        table.forget()
+        return None if told is None or len(told) == 0 else (int(told[0]), int(told[-1]))
+
+    return ends
 
 
 def clock_of(messages: Messages, system: int | None = None) -> Callable[[Table], Stamps | None]:
@@ -26,7 +44,7 @@ def clock_of(messages: Messages, system: int | None = None) -> Callable[[Table],
         _, instance = of_system(messages, messages.path, system)
         packets = PacketClock(messages, instance)
         return lambda table: packets.of(table) if table.instance == instance else packets.by_packet(table)
-    column = "timestamp" if messages.format == "ulog" else "_t_us"
+    column = OWN_TIME.get(messages.format, "_t_us")
 
     def of(table: Table) -> Stamps | None:
         try:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,14 @@ class Field:
     dtype: np.dtype[Any]
     unit: str | None = None
     scale: float = 1.0
+
+
+@runtime_checkable
+class Forgetful(Protocol):
+    """A decoder that keeps a copy of records for its next column."""
+
+    def forget(self) -> None:
+        """Drop the copy."""
 
 
 class Table:
@@ -125,6 +133,13 @@ class Table:
             return None
         return name, int(index)
 
+    def forget(self) -> None:
+        """Let go of the columns and of the copy of the records behind them; both are made anew when asked."""
+        self._columns.clear()
+        decoder = self._decode
+        if isinstance(decoder, Forgetful):
+            decoder.forget()
+
     def rows(self, select: NDArray[Any] | slice) -> Table:
         """The same message, only the selected records (mask, indices or slice)."""
         return Table(self.name, self.instance, self._fields, self.offsets[select], self._decode, self._around)
@@ -214,6 +229,11 @@ class Messages(Mapping[tuple[str, int], Table]):
 
     def __len__(self) -> int:
         return len(self.tables)
+
+    def forget(self) -> None:
+        """Let go of all that was decoded: of a log of gigabytes more than what a flight keeps of it."""
+        for table in self.tables.values():
+            table.forget()
 
     def names(self) -> list[str]:
         """Message names, each once, in file order."""

@@ -78,6 +78,10 @@ class Records:
         self._offsets: NDArray[np.int64] | None = None
         self._records: NDArray[Any] = np.zeros(0)
 
+    def forget(self) -> None:
+        """Drop the copy."""
+        self._offsets, self._records = None, np.zeros(0)
+
     def __call__(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
         """One column at some records; text without what stands behind its first NUL."""
         if self._offsets is not offsets:

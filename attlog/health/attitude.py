@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import permutations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
@@ -29,7 +30,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     onboard = log.onboard_attitude
     if onboard is None or len(onboard.t) < 2:
         return [not_judged("coverage", "There is no onboard attitude in this log.", "good from 95 %")]
-    return [coverage(imu, onboard, log.onboard or ""), turning(imu, onboard, log.onboard or ""), *trims(log, onboard)]
+    return [coverage(imu, onboard, log.onboard or ""), turning(log, imu, onboard, segments), *trims(log, onboard)]
 
 
 def coverage(imu: Imu, onboard: Attitude, name: str) -> Check:
@@ -40,10 +41,12 @@ def coverage(imu: Imu, onboard: Attitude, name: str) -> Check:
     return Check("coverage", verdict, text, share, "%", "good from 95 %, bad below 50 %")
 
 
-def turning(imu: Imu, onboard: Attitude, name: str) -> Check:
+def turning(log: FlightLog, imu: Imu, onboard: Attitude, segments: Segments) -> Check:
     """Slopes of the attitude's rotation on the gyro's, and whether another order or sign of axes fits better."""
     limit = "good: slopes 0.95 to 1.05; bad: swapped or reversed axes, or slopes outside 0.8 to 1.25"
-    by_gyro, by_attitude = rotations(imu, onboard)
+    name = log.onboard or ""
+    jumps, _ = resets.known(log, name, segments) if imu is log.replay_imu else resets.find(onboard, imu)
+    by_gyro, by_attitude = rotations(imu, onboard, jumps)
     if len(by_gyro) < LEAST_INTERVALS:
         return not_judged("gyro against attitude", f"{name} has too few intervals with inertial data.", limit)
     g, a = by_gyro - np.median(by_gyro, axis=0), by_attitude - np.median(by_attitude, axis=0)
@@ -68,8 +71,9 @@ def turning(imu: Imu, onboard: Attitude, name: str) -> Check:
     return Check("gyro against attitude", verdict, text, round(value, 4), "", limit)
 
 
-def rotations(imu: Imu, onboard: Attitude) -> tuple[Array, Array]:
-    """Mean rates (n, 3) in rad/s of gyro and attitude over the attitude's intervals; no resets, gaps or large turns."""
+def rotations(imu: Imu, onboard: Attitude, jumps: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Mean rates (n, 3) in rad/s of gyro and attitude over the attitude's intervals; no gaps, large turns or ``jumps``
+    (indices of the samples after resets)."""
     t = onboard.t if onboard.t_sample is None else onboard.t_sample
     gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
     if len(gyro_t) < 3 or len(t) < 3:
@@ -78,7 +82,6 @@ def rotations(imu: Imu, onboard: Attitude) -> tuple[Array, Array]:
     segment = gaps.number(gyro_t)
     at = segment[np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)]
     good = (dt > 0) & (dt <= 1.0) & (t[:-1] >= gyro_t[0]) & (t[1:] <= gyro_t[-1]) & (at[1:] == at[:-1])
-    jumps, _ = resets.find(onboard, imu)
     around = np.unique(np.concatenate([jumps - 2, jumps - 1, jumps])) if len(jumps) else np.zeros(0, np.int64)
     good[around[(around >= 0) & (around < len(good))]] = False
     turned = rotation.to_rotvec(rotation.multiply(rotation.conjugate(onboard.q[:-1]), onboard.q[1:]))

@@ -27,9 +27,9 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         return []
     limit = f"good up to {LEAST_DEG:.0f} deg, bad above {LARGE_DEG:.0f} deg in flight"
     index, _ = resets.known(log, log.onboard or "", segments)
-    sizes = resets.unexplained_deg(attitude, imu)
     index = index[in_use(attitude.t[index], float(attitude.t[0]), segments)]
-    if sizes is None or len(index) == 0:
+    sizes = resets.unexplained_deg(attitude, imu) if len(index) else None
+    if sizes is None:
         return [Check("attitude jumps", "good", f"{log.onboard} never jumps while in use.", 0.0, "deg", limit)]
     size = sizes[0][index - 1]
     large = np.isfinite(size) & (size > LEAST_DEG)

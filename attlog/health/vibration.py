@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import insort
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -105,12 +107,23 @@ def smooth(x: Array, n: int) -> Array:
 
 def onset(level_: Array) -> int | None:
     """Index of the window (m,) from which vibration has grown for good, None where it has not."""
-    for k in range(BEFORE_S, len(level_) - AFTER_S + 1):
-        before, after = float(np.median(level_[:k])), float(np.median(level_[k : k + AFTER_S]))
-        rest = float(np.median(level_[k:]))
-        if min(after, rest) > max(GROWN * before, 1.0) and level_[k] > 0.5 * GROWN * before:
-            return k
-    return None
+    if len(level_) < BEFORE_S + AFTER_S:
+        return None
+    k = np.arange(BEFORE_S, len(level_) - AFTER_S + 1)
+    before, rest = medians(level_)[k - 1], medians(level_[::-1])[::-1][k]
+    after = np.median(np.lib.stride_tricks.sliding_window_view(level_, AFTER_S), axis=1)[k]
+    grown = (np.minimum(after, rest) > np.maximum(GROWN * before, 1.0)) & (level_[k] > 0.5 * GROWN * before)
+    return int(k[np.argmax(grown)]) if grown.any() else None
+
+
+def medians(x: Array) -> Array:
+    """The median (n,) of the first 1, 2, ... n of finite numbers (n,): each is sorted in, not all anew."""
+    ordered: list[float] = []
+    out = np.empty(len(x))
+    for n, value in enumerate(x.tolist()):
+        insort(ordered, value)
+        out[n] = 0.5 * (ordered[n // 2] + ordered[(n + 1) // 2])
+    return out
 
 
 def more_power(throttle: Stream | None, t: Array, since: int) -> bool:

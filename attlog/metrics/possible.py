@@ -67,12 +67,13 @@ def integrated(imu: Imu, rates: Array, clock: str) -> Estimate:
     t = imu.gyro.t_best if clock == "sample" else imu.gyro.t
     clean = samples.prepare(t, rates, imu.acc.x, dt=imu.dt, sampling=imu.gyro.sampling)
     turned = rotation.from_rotvec(np.where(clean.substeps[:, None] > 0, clean.gyr * clean.dt[:, None], 0.0))
+    first = clean.acc[clean.begin]
+    times, segment, begins = clean.t, clean.segment, clean.begin.tolist()
+    del clean, rates
     q = products(turned)
-    for begin, end in zip(clean.begin, [*clean.begin[1:], len(q)], strict=True):
-        q[begin:end] = rotation.multiply(
-            rotation.multiply(levelled(clean.acc[begin]), rotation.conjugate(q[begin])), q[begin:end]
-        )
-    return Estimate(clean.t, q, segment=clean.segment)
+    for begin, end, acc in zip(begins, [*begins[1:], len(q)], first, strict=True):
+        q[begin:end] = rotation.multiply(rotation.multiply(levelled(acc), rotation.conjugate(q[begin])), q[begin:end])
+    return Estimate(times, q, segment=segment)
 
 
 def levelled(acc: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +20,8 @@ SPAN_S = 0.060
 """A rate is taken over this time, at least two samples of the slower one."""
 MARGIN_S = 0.30
 """So far beyond an event's window the faster one is needed: delays of 250 ms, their slope and a sample."""
+PAIRS = 1 << 14
+"""Pairs that are worked on together, if an event has no more."""
 STRIDE_S = 64.0
 """Events are laid behind each other on one time axis; none lasts that long."""
 HEAVY_M_S2 = 2.0 * GRAVITY
@@ -67,23 +69,25 @@ class Columns:
         """Body axis (events,) of each event."""
         return np.array([e.axis for e in self.events], np.int64)
 
-    def rates(self, delay: float, slope_s: float, aids: Array) -> tuple[Array, NDArray[np.int64]]:
-        """The columns (m, 12) at a delay in s, and the event (m,) of each line.
+    def rates(
+        self, delay: float, slope_s: float, aids: Array, main: Array, pairs: slice
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """The columns (m, 12) of some pairs at a delay in s, and the event (m,) of each line.
 
         The slope is taken over +-``slope_s`` of what the delay moves: the row's rate without
-        its aiding of gains ``aids`` (6,), or the reference's rate.
+        its aiding of gains ``aids`` (6,), or the reference's rate: ``main`` (n,), the faster one's turning.
         """
         shift = -delay if self.slow_row else delay
-        a, b = self.slow.t[self.begin] + shift, self.slow.t[self.end] + shift
-        use = (a - slope_s >= self.fast.low[self.of]) & (b + slope_s <= self.fast.high[self.of])
-        begin, end, of = self.begin[use], self.end[use], self.of[use]
+        begin, end, of = self.begin[pairs], self.end[pairs], self.of[pairs]
+        a, b = self.slow.t[begin] + shift, self.slow.t[end] + shift
+        use = (a - slope_s >= self.fast.low[of]) & (b + slope_s <= self.fast.high[of])
+        begin, end, of = begin[use], end[use], of[use]
         span = (self.slow.t[end] - self.slow.t[begin])[:, None]
         fixed = (self.slow.x[end] - self.slow.x[begin]) / span
         first, last = begin[0] if len(begin) else 0, (end[-1] + 1) if len(end) else 0
         at = self.slow.t[first:last] + shift
         moved_at = _interpolated(self.fast, at, self.fast.x)
         moved = (moved_at[end - first] - moved_at[begin - first]) / span
-        main = self.fast.about if self.slow_row else self.fast.about - self.fast.x[:, 1:] @ aids
         ahead, behind = (np.interp(at + s, self.fast.t, main) for s in (slope_s, -slope_s))
         steep = (ahead - behind) / (2.0 * slope_s)
         slope = (steep[end - first] - steep[begin - first]) / span[:, 0]
@@ -92,14 +96,30 @@ class Columns:
 
     def products(self, delay: float, slope_s: float, aids: Array) -> tuple[Array, NDArray[np.int64]]:
         """Sums of products (events, 12, 12) of the columns centred per event, and lines per event (events,)."""
-        rows, of = self.rates(delay, slope_s, aids)
-        out, count = np.zeros((len(self.events), SIZE, SIZE)), np.bincount(of, minlength=len(self.events))
-        edges = np.concatenate([[0], np.cumsum(count)])
-        for e in np.flatnonzero(count):
-            own = rows[edges[e] : edges[e + 1]]
-            own = own - own.mean(axis=0)
-            out[e] = own.T @ own
+        main = self.fast.about if self.slow_row else self.fast.about - self.fast.x[:, 1:] @ aids
+        out, count = np.zeros((len(self.events), SIZE, SIZE)), np.zeros(len(self.events), np.int64)
+        for pairs in self._groups():
+            rows, of = self.rates(delay, slope_s, aids, main, pairs)
+            first = int(self.of[pairs.start])
+            lines = np.bincount(of - first)
+            edges = np.concatenate([[0], np.cumsum(lines)])
+            for e in np.flatnonzero(lines):
+                own = rows[edges[e] : edges[e + 1]]
+                own = own - own.mean(axis=0)
+                out[first + e] = own.T @ own
+            count[first : first + len(lines)] = lines
         return out, count
+
+    def _groups(self) -> Iterator[slice]:
+        """The pairs of a few events at a time: what is computed on the way costs a long log no memory."""
+        ends = np.append(np.flatnonzero(np.diff(self.of)) + 1, len(self.of))
+        at = 0
+        while at < len(self.of):
+            last = max(
+                int(np.searchsorted(ends, at + PAIRS, side="right")) - 1, int(np.searchsorted(ends, at, "right"))
+            )
+            yield slice(at, int(ends[last]))
+            at = int(ends[last])
 
     def correlation(self, delay: float) -> float:
         """Correlation of both rates about the axes at a delay in s, on a part of the samples, centred per event."""
@@ -171,10 +191,13 @@ def axis_of(ref: Turning, event: Event) -> Array | None:
 
 
 def _part(track: Turning, stack: Stack, events: list[Event], x: Array) -> Part:
+    """The columns ``x`` (n, k) of the samples of a stack, which are changed, counted from each event's first."""
     begin = np.array([e.begin for e in events])
     t = track.t[stack.index] - begin[stack.of] + STRIDE_S * stack.of
     last = np.append(stack.first[1:], len(t)) - 1
-    return Part(t, x - x[stack.first][stack.of], t[stack.first], t[last])
+    for part, own in blocks(stack):
+        x[part] -= x[part][own.first][own.of]
+    return Part(t, x, t[stack.first], t[last])
 
 
 def _pairs(t: Array, stack: Stack, events: list[Event], span: int) -> tuple[NDArray[np.int64], ...]:

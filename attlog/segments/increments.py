@@ -12,6 +12,9 @@ Array = NDArray[np.float64]
 CHUNK = 1 << 18
 """Samples per pass: temporaries of long logs stay small."""
 
+LOOKED_UP = 1 << 14
+"""Intervals per pass."""
+
 
 class Turning:
     """The gyro's rotation as prefix sums, so that any interval costs the same.
@@ -35,6 +38,12 @@ class Turning:
 
     def between(self, start: Array, end: Array) -> Array:
         """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
+        out = np.empty((len(start), 3))
+        for i in range(0, len(start), LOOKED_UP):
+            out[i : i + LOOKED_UP] = self._between(start[i : i + LOOKED_UP], end[i : i + LOOKED_UP])
+        return out
+
+    def _between(self, start: Array, end: Array) -> Array:
         a, b = self._at(start), self._at(end)
         whole = b[:, :3] - a[:, :3]
         return whole + 0.5 * (b[:, 3:] - a[:, 3:] - _cross(a[:, :3], whole))

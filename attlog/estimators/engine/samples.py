@@ -71,11 +71,13 @@ def prepare(
     """Cleaned samples for the kernels; the input is never changed. UsageError for wrong shapes."""
     if sampling not in ("interval", "instant"):
         raise UsageError(f"sampling={sampling} is not known; give interval or instant")
+    has_mag = mag is not None
     t, gyr, acc, mag, own = _shapes(t, gyr, acc, mag, dt)
     skipped: dict[str, int] = {}
     t, gyr, acc, mag, own = _good_times(t, gyr, acc, mag, own, skipped)
     acc = _vectors(acc, ACC_LIMIT_M_S2, skipped, absent_is_missing=False)
-    mag = _vectors(mag, np.inf, skipped, absent_is_missing=True)
+    # zeros that nobody writes take no memory
+    mag = _vectors(mag, np.inf, skipped, absent_is_missing=True) if has_mag else np.zeros((len(t), 3))
     step = np.diff(t, prepend=t[:1])
     gap = step > max(GAP_MEDIANS * float(np.median(step[1:])), GAP_LEAST_S) if len(t) > 1 else np.zeros(len(t), bool)
     restart = gap & (step > BRIDGE_S)
@@ -118,7 +120,8 @@ def handed(samples: Samples, at: VectorsAt) -> tuple[Array, Array, NDArray[np.in
 def _led(x: NDArray[D]) -> NDArray[D]:
     """A copy of ``x`` behind a row of zeros: the sample before each is a view of it, not another copy."""
     out = np.zeros((len(x) + 1, *x.shape[1:]), x.dtype)
-    out[1:] = x
+    if x.any():
+        out[1:] = x
     return out
 
 
@@ -165,7 +168,7 @@ def _shapes(t: Any, gyr: Any, acc: Any, mag: Any, dt: Any) -> tuple[Array, Array
             raise UsageError(f"{name} must have shape ({len(t)}, 3) like t, not {x.shape}")
     if dt is not None and dt.shape != t.shape:
         raise UsageError(f"dt must have shape {t.shape} like t, not {dt.shape}")
-    filled = [np.full((len(t), 3), np.nan) if x is None else x for x in arrays.values()]
+    filled = [np.broadcast_to(np.nan, (len(t), 3)) if x is None else x for x in arrays.values()]
     return t, filled[0], filled[1], filled[2], dt
 
 

@@ -176,6 +176,12 @@ class MixedTable(Table):
             result[mine] = part[column] if as_stored else part.value(column)
         return result
 
+    def forget(self) -> None:
+        """Let go of the columns, also of those of each layout."""
+        super().forget()
+        for part in self._parts:
+            part.forget()
+
     def rows(self, select: NDArray[Any] | slice) -> Table:
         """The same message, only the selected records; a plain table if they share one layout."""
         which, place = self._part[select], self._place[select]

@@ -9,7 +9,6 @@ reported in between; numbers stay as sent.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +90,7 @@ def _tables(data: NDArray[np.uint8], packets: Packets, guard: Guard) -> dict[tup
         name, fields, record = layout(int(numbers[k // len(senders)]))
         if packets.stamped:
             fields = {STAMP: Field(STAMP, np.dtype(np.int64), "us"), **fields}
-        tables[name, instance] = Table(name, instance, fields, offsets, _decoder(data, record), guard)
+        tables[name, instance] = Table(name, instance, fields, offsets, _Decoder(data, record), guard)
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
@@ -103,15 +102,20 @@ def _ranked(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArra
     return present, place[values]
 
 
-def _decoder(data: NDArray[np.uint8], record: np.dtype[Any]) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
-    fields = Records(lambda offsets: payloads(data, offsets, record))
+class _Decoder:
+    """The columns of one message: the stamp ahead of each packet, and the fields of its payload."""
 
-    def decode(column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+    def __init__(self, data: NDArray[np.uint8], record: np.dtype[Any]) -> None:
+        self._data = data
+        self._fields = Records(lambda offsets: payloads(data, offsets, record))
+
+    def __call__(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
         if column == STAMP:
-            return gather(data, offsets - STAMP_LENGTH, np.dtype(">u8")).astype(np.int64)
-        return fields(column, offsets)
+            return gather(self._data, offsets - STAMP_LENGTH, np.dtype(">u8")).astype(np.int64)
+        return self._fields(column, offsets)
 
-    return decode
+    def forget(self) -> None:
+        self._fields.forget()
 
 
 def payloads(data: NDArray[np.uint8], offsets: NDArray[np.int64], record: np.dtype[Any]) -> NDArray[Any]:
