@@ -132,21 +132,24 @@ def seen_by(case: Case, row: Row) -> Samples | None:
     if imu is None:
         return None
     index = logged_unit(case, imu)
-    return _of_own_samples(case, row) if index is None else samples_of(case, index)
+    return _of_own_samples(case, row) if index is None else samples_of(case, index, row.uses_mag)
 
 
 @per_case
-def samples_of(case: Case, imu: int) -> Samples | None:
-    """What the filters saw of one of the log's units; None for fewer than two good samples."""
-    return _samples(case, case.log.imus[imu])
+def samples_of(case: Case, imu: int, with_field: bool) -> Samples | None:
+    """What the filters saw of one of the log's units; None for fewer than two good samples.
+
+    Without field for filters that use none: to hold it costs more than all the rest.
+    """
+    return _samples(case, case.log.imus[imu], with_field)
 
 
 @per_row
 def _of_own_samples(case: Case, row: Row) -> Samples | None:
-    return None if row.imu is None else _samples(case, row.imu)
+    return None if row.imu is None else _samples(case, row.imu, row.uses_mag)
 
 
-def _samples(case: Case, unit: Imu) -> Samples | None:
+def _samples(case: Case, unit: Imu, with_field: bool) -> Samples | None:
     t = unit.gyro.t_best if case.reference.clock == "sample" else unit.gyro.t
     good = np.isfinite(t) & rotation.finite(unit.gyro.x) & rotation.finite(unit.acc.x)
     good[1:] &= t[1:] > np.maximum.accumulate(np.where(good, t, -np.inf))[:-1]
@@ -154,7 +157,7 @@ def _samples(case: Case, unit: Imu) -> Samples | None:
         return None
     t, w, f = gaps.only(good, t, unit.gyro.x, unit.acc.x)
     found = Samples(t, f, np.zeros((len(t), 3)), np.zeros(len(t)), float(np.median(np.diff(t))))
-    if case.log.mag is not None:
+    if with_field and case.log.mag is not None:
         field = case.log.mags[case.log.mag].field
         mean = np.concatenate([w[:1], w[1:] if unit.gyro.sampling == "interval" else 0.5 * (w[1:] + w[:-1])])
         _hold(found, mean, place(t, field.t_best, field.x))

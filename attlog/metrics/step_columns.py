@@ -202,13 +202,12 @@ def _part(track: Turning, stack: Stack, events: list[Event], x: Array) -> Part:
 
 def _pairs(t: Array, stack: Stack, events: list[Event], span: int) -> tuple[NDArray[np.int64], ...]:
     """First and last sample of every span of ``span`` samples inside an event's window, and its event."""
-    begin = np.arange(max(len(t) - span, 0))
-    end = begin + span
-    of = stack.of[begin]
-    start = STRIDE_S * of
-    length = np.array([e.end - e.begin for e in events])[of]
-    use = (stack.of[end] == of) & (t[begin] >= start - 1e-9) & (t[end] <= start + length + 1e-9)
-    return begin[use], end[use], of[use]
+    n = max(len(t) - span, 0)
+    of = stack.of[:n]
+    start, length = STRIDE_S * of, np.array([e.end - e.begin for e in events])[of]
+    use = (stack.of[span : span + n] == of) & (t[:n] >= start - 1e-9) & (t[span : span + n] <= start + length + 1e-9)
+    begin = np.flatnonzero(use)
+    return begin, begin + span, of[begin]
 
 
 def _interpolated(part: Part, at: Array, x: Array) -> Array:

@@ -72,7 +72,7 @@ def test_a_slow_magnetometer_is_turned_on_with_the_gyro_and_then_given_up():
     at_t = Rotation.from_rotvec(np.outer(t, rate)).inv().apply([0.6, 0.0, 0.8])
     measured = Rotation.from_rotvec(np.outer(field_at, rate)).inv().apply([0.6, 0.0, 0.8])
     case, _ = case_with(t, rate, 4e-5 * measured, field_at)
-    seen = aiding.samples_of(case, 0)
+    seen = aiding.samples_of(case, 0, True)
     held = t <= 1.9 + 0.15 - 1e-6
     np.testing.assert_allclose(seen.m[held], at_t[held], atol=1e-9)
     assert not seen.m[t > 1.9 + 0.155].any()
@@ -99,7 +99,7 @@ def test_north_of_a_row_whose_heading_is_true_counts_as_magnetic_north():
     field = np.tile([np.cos(off), np.sin(off), 1.5], (30, 1))
     case, row = case_with(t, np.zeros(3), field, np.arange(0.0, 3.0, 0.1))
     track = Turning(row.t, row.q, row.segment)
-    sensors = aiding.Sensors(case, row, track, aiding.samples_of(case, 0))
+    sensors = aiding.Sensors(case, row, track, aiding.samples_of(case, 0, True))
     stack = stacked([slice(10, 100)])
     found = turned(track, stack, sensors.around(stack))
     assert sensors.north == pytest.approx(off)
@@ -112,6 +112,6 @@ def test_a_slower_row_gets_the_mean_force_of_its_intervals():
     case.log.imus[0].acc.x[:, 0] = t
     slow = flights.row(t[::5], row.q[::5])
     track = Turning(slow.t, slow.q, slow.segment)
-    seen = aiding.Sensors(case, slow, track, aiding.samples_of(case, 0)).around(stacked([slice(10, 20)]))
+    seen = aiding.Sensors(case, slow, track, aiding.samples_of(case, 0, True)).around(stacked([slice(10, 20)]))
     assert seen.trapezoid
     np.testing.assert_allclose(seen.f[:, 0], slow.t[10:20] - 0.025, atol=1e-9)
