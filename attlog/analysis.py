@@ -174,6 +174,7 @@ def evaluate(
     )
     result.timing = clock.seconds
     if only:
+        result.problems = _problems(case.reference, estimator_rows, failed)
         return result
     result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
     own = (

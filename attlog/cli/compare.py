@@ -14,7 +14,7 @@ from attlog.cli.arguments import command_line
 from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
 from attlog.cli.options import FilterTimeout
 from attlog.cli.progress import progress
-from attlog.errors import UsageError, exit_code, message, worst
+from attlog.errors import PluginTimeout, UsageError, exit_code, message, worst
 
 if TYPE_CHECKING:
     from attlog.cli.layout import Line
@@ -101,12 +101,14 @@ def command(
     for error in wrong:
         to_stderr(message(error, __version__))
     done = 0
+    late: set[int] = set()
     with progress(quiet, verbose > 0) as shown:
 
         def tell(one: Measured) -> None:
             nonlocal done
             done += 1
             shown.clear()
+            late.update([PluginTimeout.exit_code] * one.late)
             if one.line.code:
                 to_stderr(one.trace * (verbose > 1) + f"attlog: {one.line.path}: {one.line.reason}")
             shown.before = f"[{min(done + 1, len(logs))}/{len(logs)}] "
@@ -123,7 +125,7 @@ def command(
                 command=command_line(),
                 tell=tell,
             )
-    codes = {exit_code(error) for error in wrong}
+    codes = late | {exit_code(error) for error in wrong}
     if result is not None:
         codes |= {line.code for line in result.logs}
         page = _written(result, output, name, "shared" if plotly == "shared" else "inline", table or [])

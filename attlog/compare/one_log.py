@@ -19,7 +19,7 @@ from attlog.errors import BUG, exit_code, message
 from attlog.metrics import ranking
 from attlog.present.heading import DRIFT_AIR, QUOTED
 from attlog.present.rows import has_value
-from attlog.result import Answer, EstimatorRow, Result
+from attlog.result import TIMED_OUT, Answer, EstimatorRow, Result
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,8 @@ class Measured:
     cells: dict[str, dict[str, Cell]] = field(default_factory=dict)
     beside: dict[str, dict[str, Beside]] = field(default_factory=dict)
     trace: str = ""
+    late: bool = False
+    """A filter from a file took longer than it was given."""
 
 
 def measured(log: Path, name: str, plan: Plan) -> Measured:
@@ -69,7 +71,10 @@ def _measured(log: Path, name: str, plan: Plan) -> Measured:
         told.get("duration_s"), f"{result.reference.choice} ({result.reference.source})" if result.reference else "",
     )  # fmt: skip
     rows = {row.name: row for row in result.estimators}
-    return read_off(Measured(line), result, [rows[called] for called, _ in plan.configurations], plan.questions)
+    late = any(problem.code == TIMED_OUT for problem in result.problems)
+    return read_off(
+        Measured(line, late=late), result, [rows[called] for called, _ in plan.configurations], plan.questions
+    )
 
 
 def read_off(found: Measured, result: Result, rows: Sequence[EstimatorRow], questions: Iterable[Asked]) -> Measured:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,7 @@ from attlog.estimators.aids import (
     VEL_E,
     VEL_N,
 )
+from attlog.estimators.base import Estimator, plugin_errors
 from attlog.estimators.engine.loop import SIGMAS, kernel
 from attlog.estimators.engine.samples import (
     BRIDGE_S,
@@ -82,6 +84,18 @@ def stepping(text: str) -> Row:
             f"take a filter with a step, for example mahony, ekf12 or mekf, or {TRUTH}"
         )
     return row
+
+
+def _told(estimator: Estimator, advance: Callable[..., Any]) -> Callable[..., Any]:
+    """A filter's loop; what that of a file raises is a PluginError with its name, as in a replay."""
+    if estimator.origin == "attlog":
+        return advance
+
+    def guarded(*arguments: Any) -> Any:
+        with plugin_errors(estimator):
+            return advance(*arguments)
+
+    return guarded
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +140,7 @@ class Live:
         facts = log or LogFacts(info=LogInfo(declination_deg=declination, imu_rate_hz=imu_rate, mag_rate_hz=mag_rate))
         self.values = {k: v for k, (v, _) in filter_.resolve(self.row.preset, given, log=facts).items()}
         self._params = filter_.pack(self.values)
-        self._advance = kernel(filter_)
+        self._advance = _told(filter_, kernel(filter_))
         self._north = declination_rad(self.values)
         self._turn = (math.cos(0.5 * self._north), math.sin(0.5 * self._north))
         self._gap = max(GAP_MEDIANS / imu_rate, GAP_LEAST_S)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+
+import pytest
 
 RUN = '''"""One."""
 import numpy as np
@@ -44,3 +47,32 @@ def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
     assert "at import" in done.stderr
     assert "in run" in done.stderr
     assert {p["code"] for p in document["problems"]} >= {"estimator_failed", "estimator_timed_out"}
+
+
+def test_compare_ends_with_the_code_of_a_filter_that_took_too_long(samples, tmp_path):
+    (tmp_path / "loops.py").write_text(RUN.format(top="", body="while True: pass"))
+    done = subprocess.run(
+        [sys.executable, "-m", "attlog", "compare", samples / "copter_yaw_turns.bin", "gyro", tmp_path / "loops.py",
+         "--reference", "onboard", "--filter-timeout", "3", "-o", tmp_path / "out"],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 75, done.stderr[-2000:]
+    assert list((tmp_path / "out").rglob("*.html"))
+
+
+def test_an_analysis_with_built_in_filters_needs_no_compiler_once_kernels_are_at_hand(samples, tmp_path):
+    code = (
+        "import sys\nfrom attlog.cli import main\n"
+        f"sys.argv = ['attlog', {str(samples / 'copter_yaw_turns.bin')!r}, '-q', '-o', {str(tmp_path)!r}]\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        "print('numba' in sys.modules)"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "ATTLOG_NO_JIT"}
+    for _ in range(2):  # the first may compile what is not at hand
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        assert (tmp_path / "copter_yaw_turns.bin.html").exists()
+        if done.stdout.split()[-1] == "False":
+            break
+        if "cannot" in done.stderr:
+            pytest.skip(f"no objects can be made here: {done.stderr.strip()}")
+    assert done.stdout.split()[-1] == "False"

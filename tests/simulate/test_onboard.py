@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from attlog import rotation
-from attlog.errors import UsageError
+from attlog.errors import PluginError, UsageError
 from attlog.estimators import Aids, Measured, estimate, get, names
 from attlog.simulate.onboard import Live
 
@@ -131,6 +133,18 @@ def test_there_is_no_attitude_before_the_start_is_over() -> None:
 def test_whole_run_estimators_are_refused_with_the_reason(name: str) -> None:
     with pytest.raises(UsageError, match=f"{name} cannot fly: it runs over a whole log"):
         Live(name, RATE, RATE / MAG_EVERY)
+
+
+def test_what_a_filter_from_a_file_raises_in_flight_is_told_with_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "raises.py"
+    path.write_text(
+        "def start(params, acc, mag, q0):\n    return q0.copy()\n"
+        "def step(state, params, dt, gyr, acc, mag):\n    if acc[0] > 50.0:\n        raise ValueError('no good')\n"
+    )
+    t, gyr, acc, mag = made(3.0, still=1.2)
+    acc[-20:, 0] = 60.0
+    with pytest.raises(PluginError, match=r"raises\.py.*no good"):
+        flown(Live(str(path), RATE, None), t, gyr, acc, np.full_like(mag, np.nan))
 
 
 def test_a_filter_that_needs_a_compass_does_not_fly_without() -> None:
