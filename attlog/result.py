@@ -19,6 +19,7 @@ import numpy as np
 from attlog.errors import UsageError
 from attlog.flight.model import Problem
 from attlog.health.model import Check
+from attlog.json_text import indented
 from attlog.limits import MAX_RESULT_BYTES
 from attlog.metrics.alike import Alike
 from attlog.metrics.answer import Answer
@@ -197,7 +198,7 @@ class Result:
         ``document``: what ``to_dict`` gave for it, where somebody has it already.
         """
         whole = self.to_dict(deterministic) if document is None else document
-        text = json.dumps(whole, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+        text = indented(whole) + "\n"
         text = NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
             from attlog.output import write_atomic

@@ -43,9 +43,10 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "metrics": {"flight", "segments", "reference", "estimators", "plain"},
     "health": {"flight", "segments", "reference", "metrics.evidence", "metrics.base", "metrics.possible"},
     "config": {"estimators"},
+    "json_text": set(),
     "plain": set(),
     "inputs": {"flight", "segments", "estimators"},
-    "result": {"plain", "flight", "segments", "reference", "metrics", "health"},
+    "result": {"plain", "json_text", "flight", "segments", "reference", "metrics", "health"},
     "schema": {"plain", "result"},
     "recorded": {"flight", "segments", "estimators"},
     "replay": {"recorded", "flight", "segments", "estimators", "reference", "metrics", "result", "inputs"},
@@ -62,7 +63,8 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "reproduce": BELOW_THE_RESULT
     | {"analysis", "replay", "result", "plain", "present", "report", "compare", "simulate", "processes"},
     "fleet": {"config", "analysis", "result", "report", "formats", "processes", "plain", "present", "compare"},
-    "compare": BELOW_THE_RESULT | {"analysis", "replay", "result", "plain", "present", "report", "schema", "processes"},
+    "compare": BELOW_THE_RESULT
+    | {"analysis", "replay", "result", "plain", "json_text", "present", "report", "schema", "processes"},
     "cli": BELOW_THE_RESULT
     | {"analysis", "summary", "inspection", "extraction", "report", "result", "schema", "testing", "present", "fleet"}
     | {"compare", "simulate", "reproduce"},

@@ -9,6 +9,7 @@ from typing import Any
 
 from attlog.compare.paired import Direction, Scale
 from attlog.errors import UsageError
+from attlog.json_text import indented
 from attlog.limits import MAX_RESULT_BYTES
 from attlog.plain import Misfit, plain, restored
 from attlog.settings_file import bytes_of
@@ -152,7 +153,7 @@ class Comparison:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be."""
-        text = json.dumps(plain(self), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+        text = indented(plain(self)) + "\n"
         text = text.encode("utf-8", "surrogatepass").decode("utf-8", "replace")
         if path is not None:
             from attlog.output import write_atomic
