@@ -138,7 +138,9 @@ def run(
         chunks.append(in_pieces(piece, realign, (mag, use), slice(a, b), late, every, shape))
         kept.append(np.arange(a, b, every))
         silent += [] if late is None else [(a, late)]
-    out = np.concatenate(chunks) if chunks else np.empty((0, estimator.outputs))
+    # Of one segment, the usual case, the kernel's own array: in long logs a copy adds up.
+    out = chunks[0] if len(chunks) == 1 else np.concatenate(chunks or [np.empty((0, estimator.outputs))])
+    chunks.clear()
     rows = np.concatenate(kept) if kept else np.empty(0, np.int64)
     estimate = collect(estimator, samples, rows, out, values, silent)
     estimate.ns_per_update = 1e9 * spent / max(len(samples.t), 1)
@@ -173,14 +175,16 @@ def collect(
 ) -> Estimate:
     """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,) means.
 
-    ``silent``: first sample, and first with a field, of each segment that had to wait for it.
+    ``silent``: first sample, and first with a field, of each segment that had to wait for it. What the filter told beside
+    attitude and bias are views of ``out``: who drops them lets go of it.
     """
-    aux = {name: out[:, part.start if name in SIGMAS else part].copy() for name, part in estimator.slices.items()}
+    aux = {name: out[:, part.start if name in SIGMAS else part] for name, part in estimator.slices.items()}
+    bias = aux.pop("bias", None)
     counted, spans = without_heading(samples, silent)
     return Estimate(
         t=samples.t[rows],
-        q=to_true_north(np.ascontiguousarray(out[:, :4]), values),
-        bias=aux.pop("bias", None),
+        q=to_true_north(out[:, :4].copy(), values),
+        bias=None if bias is None else bias.copy(),
         aux=aux,
         segment=samples.segment[rows],
         skipped=samples.skipped | counted,

@@ -69,6 +69,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     if known is not None:
         tuned = passes.held(known.next)
     found, begin = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])
+    del known  # with what its passes stored
     nodes = attitude.node_before(found, len(t))
     bias = found.bias[nodes]
     horizon = inputs.lag + MARGIN_S + max(tuned.gnss_delay, tuned.mag_delay, 0.0)

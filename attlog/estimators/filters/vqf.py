@@ -97,6 +97,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     clock = time.thread_time()
     out = settled(filter_, flipped if has_mag else flipped[:2], round(float(params["settle"]) / u.period))
     spent = time.thread_time() - clock
+    del flipped
     q = rotation.multiply(rotation.multiply(TO_NED, out["quat9D" if has_mag else "quat6D"]), TO_FRD)
     if not has_mag:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
@@ -140,4 +141,4 @@ def settled(filter_: Any, samples: list[Array], first: int) -> dict[str, Array]:
     filter_.setMotionBiasEstEnabled(True)
     if first < len(samples[0]):
         parts.append(filter_.updateBatch(*(np.ascontiguousarray(x[first:]) for x in samples)))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}

@@ -187,8 +187,9 @@ def smooth(
         return short(t, run, begin, clock)
     expected = values[ACC_BIAS_SIGMA]
     for _ in range(ROUNDS):
-        values[ACC_BIAS_SIGMA] = acc_bias_spread(run, expected)
-        run = forward(data, values, run.state)
+        values[ACC_BIAS_SIGMA], state = acc_bias_spread(run, expected), run.state
+        del run  # its records are as large as those of the next
+        run = forward(data, values, state)
     back = backward(run, values)
     q, bias = between(run, back, dt, gyr, begin)
     block = np.clip(np.searchsorted(begin + run.end, np.arange(len(t))), 0, len(run.end) - 1)

@@ -93,20 +93,30 @@ def predicted(inputs: Inputs, q: Array, bias: Array, first_bias: Array, horizon:
     """
     n, sensed = len(inputs.t), inputs.sensed_at
     moving = (inputs.rest == 0)[:, None]
-    gyr = np.where(moving, inputs.gyr - first_bias, 0.0)
-    alone = rotation.normalize(_chain(gyr, inputs.dt))
+    alone = _chain(np.where(moving, inputs.gyr - first_bias, 0.0), inputs.dt)
+    out = np.empty((n, 4))
     # Integral of the gyro-only attitude: what a change of the bias does to the turn between two samples.
-    columns = [rotation.rotate(alone, np.tile(axis, (n, 1))) for axis in np.eye(3)]
-    integral = [np.cumsum(c * inputs.dt[:, None] * moving, axis=0) for c in columns]
-    now = np.arange(n)
-    then = np.clip(np.searchsorted(sensed, inputs.t - horizon, side="right") - 1, 0, n - 1)
-    change = bias[then] - first_bias
-    turn = -sum((integral[i][now] - integral[i][then]) * change[:, i : i + 1] for i in range(3))
-    # In the gyro-only frame: out = q_then (G_then^-1) exp(turn) G_now.
-    frame = rotation.multiply(q[then], rotation.conjugate(alone[then]))
-    out = rotation.multiply(rotation.multiply(frame, rotation.from_rotvec(turn)), alone[now])
-    lead = (inputs.gyr - bias[then]) * inputs.lag
-    return rotation.normalize(rotation.multiply(out, rotation.from_rotvec(lead)))
+    # Kept from sample ``since`` on: what this block looks back to.
+    integral, since, so_far = np.empty((3, 0, 3)), 0, np.zeros((3, 1, 3))
+    for a in range(0, n, BLOCK):
+        own = slice(a, min(a + BLOCK, n))
+        then = np.clip(np.searchsorted(sensed, inputs.t[own] - horizon, side="right") - 1, 0, n - 1)
+        columns = [rotation.rotate(alone[own], np.tile(axis, (len(then), 1))) for axis in np.eye(3)]
+        grown = np.stack([c * inputs.dt[own, None] * moving[own] for c in columns])
+        grown[:, :1] += so_far
+        np.cumsum(grown, axis=1, out=grown)
+        so_far = grown[:, -1:].copy()
+        first = min(int(then[0]), a)
+        integral = np.concatenate([integral[:, first - since :], grown], axis=1)
+        since = first
+        change = bias[then] - first_bias
+        turn = -sum((grown[i] - integral[i, then - since]) * change[:, i : i + 1] for i in range(3))
+        # In the gyro-only frame: out = q_then (G_then^-1) exp(turn) G_now.
+        frame = rotation.multiply(q[then], rotation.conjugate(alone[then]))
+        turned = rotation.multiply(rotation.multiply(frame, rotation.from_rotvec(turn)), alone[own])
+        lead = (inputs.gyr[own] - bias[then]) * inputs.lag
+        out[own] = rotation.normalize(rotation.multiply(turned, rotation.from_rotvec(lead)))
+    return out
 
 
 def _chain(gyr: Array, dt: Array) -> Array:
