@@ -175,8 +175,8 @@ def collect(
 ) -> Estimate:
     """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,) means.
 
-    ``silent``: first sample, and first with a field, of each segment that had to wait for it. What the filter told beside
-    attitude and bias are views of ``out``: who drops them lets go of it.
+    ``silent``: first sample, and first with a field, of each segment that had to wait for it. What the filter told
+    beside attitude and bias are views of ``out``: who drops them lets go of it.
     """
     aux = {name: out[:, part.start if name in SIGMAS else part] for name, part in estimator.slices.items()}
     bias = aux.pop("bias", None)
