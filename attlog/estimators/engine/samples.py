@@ -56,6 +56,8 @@ class Samples:
     skipped: dict[str, int] = field(default_factory=dict)
     led: tuple[Array, Array, NDArray[np.int64]] | None = None
     """``acc``, ``mag``, ``use`` with a row of nothing before the first sample, where they are views of such arrays."""
+    starts: dict[tuple[int, int, str], Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """What :mod:`attlog.estimators.engine.start` found, by begin, end and ``init``, for who runs over them again."""
 
 
 def prepare(

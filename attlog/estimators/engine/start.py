@@ -51,12 +51,15 @@ class First:
 
 def first(samples: Samples, a: int, b: int, values: Mapping[str, float | str]) -> First:
     """What the segment of samples a to b starts with, by the parameter ``init``; numbers count from sample 0."""
-    part = slice(a, b)
-    seen = first_seconds(
-        samples.t[part], samples.gyr[part], samples.acc[part], samples.mag[part], samples.dt[part],
-        str(values.get("init", "average")),
-    )  # fmt: skip
-    return seen if seen.late is None else replace(seen, late=a + seen.late)
+    init = str(values.get("init", "average"))
+    if (a, b, init) not in samples.starts:
+        part = slice(a, b)
+        seen = first_seconds(
+            samples.t[part], samples.gyr[part], samples.acc[part], samples.mag[part], samples.dt[part], init
+        )
+        samples.starts[a, b, init] = seen if seen.late is None else replace(seen, late=a + seen.late)
+    kept: First = samples.starts[a, b, init]
+    return kept
 
 
 def first_seconds(
