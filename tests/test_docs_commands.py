@@ -39,6 +39,8 @@ SHORTER = {
     "attlog sweep flights/ mahony kp=0.1..2/12log ki=0..0.05/6 mag_form=heading,vector --metric inclination_rmse_deg "
     "--metric noise_tilt_deg@hover": "attlog sweep flights/ mahony kp=0.1..2/2log ki=0..0.05/2 mag_form=heading,vector "
     "--metric inclination_rmse_deg --metric noise_tilt_deg@hover",
+    "attlog tune flights/ vqf tau_acc=0.5..10log tau_mag=1..30log --objective tilt=1,noise=0.5,step=0.5": "attlog tune "
+    "flights/*.bin vqf tau_acc=0.5..10log --objective tilt=1,noise=0.5,step=0.5",
     "attlog simulate hover --seeds 1..20 -j 2 -o flights": "attlog simulate hover --seeds 1..2 -j 2 -o flights",
 }
 """Commands that would run for minutes, and the same with fewer repetitions."""

@@ -272,7 +272,8 @@ def _client(address: str) -> Iterator[Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", dask.versions.VersionMismatchWarning)
-            dask.comm.addressing.resolve_address(address)  # a client that cannot be made prints a traceback when it is collected
+            # A client that cannot be made prints a traceback when it is collected.
+            dask.comm.addressing.resolve_address(address)
             connect: Any = dask.Client
             client = connect(address, timeout=CONNECT_S, set_as_default=False, name="attlog")
     except ValueError as error:

@@ -215,7 +215,7 @@ def test_a_file_that_writes_to_what_it_is_given_spoils_no_times(tmp_path: Path) 
 
 @pytest.mark.parametrize(
     ("module", "remedy"),
-    [("attlog.estimators.vectors", "it is attlog.estimators.engine.vectors"), ("attlog.no_such", "attlog new")],
+    [("attlog.estimators.samples", "it is attlog.estimators.engine.samples"), ("attlog.no_such", "attlog new")],
 )
 def test_a_module_that_moved_is_told_with_its_place(tmp_path: Path, module: str, remedy: str) -> None:
     path = tmp_path / "old.py"
