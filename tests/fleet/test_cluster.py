@@ -96,8 +96,11 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_others_are_done(own
     own.worker()
     own.worker()
     killer = tmp_path / "killer.py"
-    parent = 'int(open(f"/proc/{os.getppid()}/stat").read().rsplit(")")[-1].split()[1])'
-    killer.write_text(PLUGIN.format(f"os.kill({parent}, 9)\ntime.sleep(60)"))
+    # The filter's process, that of the log, the one that started it, the worker.
+    above = 'int(open(f"/proc/{pid}/stat").read().rsplit(")")[-1].split()[1])'
+    killer.write_text(
+        PLUGIN.format(f"pid = os.getppid()\nfor _ in range(2): pid = {above}\nos.kill(pid, 9)\ntime.sleep(60)")
+    )
     todo = works(tmp_path / "out", 5)
     todo[1] = replace(todo[1], config=Config(estimators=[str(killer)]))
     found = {r.name: r for r in records_of(own.address, todo, at_once=2)}
