@@ -25,7 +25,7 @@ Keys = dict[str, dict[str, str]]
 
 
 def kernels() -> Iterator[Kernel]:
-    """The loops of all built-in filters, of the readers and, where its packages are there, of the simulator."""
+    """The loops of all built-in filters, readers and metrics and, where its packages are there, of the simulator."""
     from attlog.estimators import get
     from attlog.estimators.engine.loop import kernel_of
     from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
@@ -34,6 +34,7 @@ def kernels() -> Iterator[Kernel]:
     from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink.compiled import WALK
     from attlog.formats.ulog import index
+    from attlog.metrics import aiding_loop, step_loops
 
     yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.step is not None)
     yield from (
@@ -46,6 +47,10 @@ def kernels() -> Iterator[Kernel]:
         index.SCATTER,
         WALK,
         dataflash.WALK,
+        aiding_loop.SEEN,
+        aiding_loop.SUMMED,
+        step_loops.PRODUCTS,
+        step_loops.CORRELATIONS,
     )
     try:
         from attlog.simulate import controller, rigid_body, wind

@@ -130,6 +130,22 @@ def to_rotvec(q: ArrayLike) -> Array:
     return np.asarray(np.where(w < 0, -factor, factor)[..., None] * q[..., 1:])
 
 
+def increments(q: Array) -> Array:
+    """Rotation vectors (n - 1, 3) in rad of ``q_i^* q_(i+1)``: what attitudes (n, 4) turn from sample to sample."""
+    out = np.empty((max(len(q) - 1, 0), 3))
+    for a in range(0, len(out), BLOCK):
+        (w, x, y, z), (e, f, g, h) = q[a : a + BLOCK + 1][:-1].T, q[a + 1 : a + BLOCK + 1].T
+        turn = np.empty((3, len(w)))
+        turn[0] = w * f - x * e - y * h + z * g
+        turn[1] = w * g + x * h - y * e - z * f
+        turn[2] = w * h - x * g + y * f - z * e
+        cosine, sine = w * e + x * f + y * g + z * h, np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+        factor = np.full(len(w), 2.0)
+        np.divide(2.0 * np.arctan2(sine, np.abs(cosine)), sine, out=factor, where=sine > 1e-12)
+        out[a : a + BLOCK] = (turn * np.where(cosine < 0, -factor, factor)).T
+    return out
+
+
 def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
     """Quaternions (..., 4) of roll, pitch, yaw in rad (order z-y-x)."""
     r, p, y = (0.5 * np.asarray(x, np.float64) for x in (roll, pitch, yaw))

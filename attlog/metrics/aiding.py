@@ -24,23 +24,22 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.estimators.engine.samples import place
-from attlog.estimators.engine.vectors import GRAVITY
 from attlog.flight.model import Imu
+from attlog.kernels.loops import function_of
+from attlog.metrics.aiding_loop import SEEN, SUMMED, seen_at, summed_aiding
 from attlog.metrics.base import Case, per_case, per_row
 from attlog.metrics.evidence import imu_of, logged_unit
-from attlog.metrics.turning import Stack, Turning, summed
+from attlog.metrics.turning import Stack, Turning
 from attlog.reference.model import Row
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
-Columns = Array | tuple[Array, Array, Array]
 
 NAMES = ("E", "D", "N", "EE", "M", "V")
 RIDGE = (3.0, 3.0, 10.0, 1.0, 3.0, 3.0)
 """Gains beyond these are not believed without much evidence: 1/s, 1/s, deg/s, 1/s^2, 1/s, 1/s."""
 GRAVITY_AIDING = 4
 """The first of NAMES, which are gravity's."""
-FIXED_STEP_DEG = 0.3
 HOLD_PERIODS = 1.5
 """A magnetometer sample is held this long, as in the filters' own loop."""
 
@@ -62,52 +61,22 @@ class Vectors:
     """Where the row sees magnetic north on average, rad: its heading is turned back by it."""
 
 
-def rates(q: Array, f: Array, m: Array, about: Array) -> Array:
-    """The aiding rates (n, 5) in deg/s of E, D, N, M, V about body axes ``about`` (n, 3).
-
-    For attitudes (n, 4), forces and fields (n, 3). The axis is turned into the earth, not each correction into the
-    body: one number instead of three.
-    """
-    out, size = np.zeros((len(q), 5)), np.degrees(1.0)
-    w, x, y, z = q.T
-    down = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-    cross, norm = _cross(f.T, down), np.sqrt(_dot(f.T, f.T))
-    scale = np.where(norm > 0, GRAVITY / np.maximum(norm, 1e-9), 0.0)
-    out[:, 0] = -size / GRAVITY * _dot(cross, about.T)
-    out[:, 1] = out[:, 0] * scale
-    out[:, 2] = out[:, 1] / np.maximum(size / GRAVITY * scale * np.sqrt(_dot(cross, cross)), FIXED_STEP_DEG)
-    if m.any():
-        hx, hy, hz = rotation.rotate(q, m).T
-        level = np.sqrt(hx * hx + hy * hy)
-        sine = np.where(level > 0, hy / np.maximum(level, 1e-9), 0.0)
-        out[:, 3] = -size * sine * _dot(down, about.T)
-        out[:, 4] = size * _dot((hy * hz, hz * (level - hx), -hy * level), rotation.rotate(q, about).T)
-    return out
+def places(stack: Stack) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The number (events,) of each event's first sample; where each begins in the stack, and its end (events + 1,)."""
+    return stack.index[stack.first], np.append(stack.first, len(stack.index))
 
 
-def _cross(a: Columns, b: Columns) -> Columns:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _dot(a: Columns, b: Columns) -> Array:
-    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-def turned(track: Turning, stack: Stack, seen: Vectors, about: Array) -> Array:
+def turned(track: Turning, stack: Stack, seen: Vectors, axes: Array) -> Array:
     """The turning (n, 6) in deg that each kind of aiding at gain 1 adds from an event's first sample on.
 
-    About ``about`` (n, 3), an axis of the body that is the same for all samples of an event.
+    About ``axes`` (events, 3), an axis of the body for each event.
     """
-    k = stack.index
-    before = np.maximum(k - 1, 0)
-    dt = (track.t[k] - track.t[before])[:, None]
-    now = rates(rotation.turn_about_down(track.q[before], -seen.north), seen.f, seen.m, about)
-    if seen.trapezoid:
-        now = 0.5 * (now + rates(rotation.turn_about_down(track.q[k], -seen.north), seen.f, seen.m, about))
-    direct = summed(stack, now * dt)
-    out = np.zeros((len(k), len(NAMES)))
-    out[:, :3], out[:, 4:] = direct[:, :3], direct[:, 3:]
-    out[:, 3] = summed(stack, direct[:, 0] * dt[:, 0])
+    out = np.empty((len(stack.index), len(NAMES)))
+    half = -0.5 * seen.north
+    function_of(SUMMED, summed_aiding)(
+        out, np.ascontiguousarray(axes), *places(stack),
+        track.t, track.q, seen.f, seen.m, math.cos(half), math.sin(half), int(seen.trapezoid),
+    )  # fmt: skip
     return out
 
 
@@ -155,7 +124,7 @@ def _samples(case: Case, unit: Imu, with_field: bool) -> Samples | None:
     good[1:] &= t[1:] > np.maximum.accumulate(np.where(good, t, -np.inf))[:-1]
     if good.sum() < 2:
         return None
-    t, w, f = gaps.only(good, t, unit.gyro.x, unit.acc.x)
+    t, w, f = (np.ascontiguousarray(x, np.float64) for x in gaps.only(good, t, unit.gyro.x, unit.acc.x))
     found = Samples(t, f, np.zeros((len(t), 3)), np.zeros(len(t)), float(np.median(np.diff(t))))
     if with_field and case.log.mag is not None:
         field = case.log.mags[case.log.mag].field
@@ -186,9 +155,10 @@ class Sensors:
     def __init__(self, case: Case, row: Row, track: Turning, seen: Samples) -> None:
         self.track, self.seen = track, seen
         self.slow = track.step > 1.5 * seen.step
-        self.trim = case.reference.trim if row.kind == "replay" else None
+        trim = case.reference.trim if row.kind == "replay" else None
+        self.back = np.zeros(0) if trim is None else rotation.from_rotvec(trim)
         self.uses_mag = row.uses_mag and bool(seen.m.any())
-        self.bias = gaps.only(rotation.finite(row.q), row.bias)[0] if row.bias is not None else None
+        self.bias = None if row.bias is None else gaps.only(rotation.finite(row.q), row.bias)[0]
         self.north = self._north() if self.uses_mag else 0.0
         self.impulse = _impulse(seen) if self.slow else None
 
@@ -202,15 +172,14 @@ class Sensors:
 
     def around(self, stack: Stack) -> Vectors:
         """Force and field over the intervals that end at the stack's samples."""
-        t = self.track.t[stack.index]
-        near = np.clip(np.searchsorted(self.seen.t, t - 1e-6) - (not self.slow), 0, len(self.seen.t) - 1)
-        f = self.seen.f[near] if self.impulse is None else self._mean_force(stack, self.impulse)
-        m = self.seen.m[near] if self.uses_mag else np.zeros_like(f)
-        if self.uses_mag and self.bias is not None:
-            m = rotation.rotate(rotation.from_rotvec(self.bias[stack.index] * self.seen.age[near, None]), m)
-        if self.trim is not None:
-            back = rotation.from_rotvec(self.trim)
-            f, m = rotation.rotate(back, f), rotation.rotate(back, m)
+        f = np.empty((len(stack.index), 3)) if self.impulse is None else self._mean_force(stack, self.impulse)
+        m, none = np.empty((len(stack.index), 3)), np.zeros((0, 3))
+        field = self.seen.m if self.uses_mag else none
+        bias = none if self.bias is None or not self.uses_mag else self.bias[stack.index]
+        function_of(SEEN, seen_at)(
+            f, m, *places(stack), self.track.t, self.seen.t, self.seen.f, field, self.seen.age, bias, self.back,
+            int(self.slow),
+        )  # fmt: skip
         return Vectors(f, m, self.slow, self.north)
 
     def _mean_force(self, stack: Stack, impulse: Array) -> Array:

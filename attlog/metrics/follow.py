@@ -41,8 +41,8 @@ def regression_gain(t: Array, q_est: Array, q_ref: Array, segment: NDArray[np.in
     """
     dt = np.diff(t)
     same = (np.diff(segment) == 0) & (dt > 0)
-    est = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_est[:-1]), q_est[1:]))[same]
-    ref = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q_ref[:-1]), q_ref[1:]))[same]
+    est = rotation.increments(q_est)[same]
+    ref = rotation.increments(q_ref)[same]
     finite = np.isfinite(est).all(axis=1) & np.isfinite(ref).all(axis=1)
     est, ref, dt = est[finite], ref[finite], dt[same][finite]
     gains = np.full(4, np.nan)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.estimators.engine.vectors import GRAVITY
+from attlog.kernels.loops import function_of
 from attlog.metrics import aiding
+from attlog.metrics.step_loops import CORRELATIONS, PRODUCTS, correlations, event_products
 from attlog.metrics.steps import Event
 from attlog.metrics.turning import Stack, Turning, around, blocks, stacked
 
@@ -20,14 +22,14 @@ SPAN_S = 0.060
 """A rate is taken over this time, at least two samples of the slower one."""
 MARGIN_S = 0.30
 """So far beyond an event's window the faster one is needed: delays of 250 ms, their slope and a sample."""
-PAIRS = 1 << 14
-"""Pairs that are worked on together, if an event has no more."""
 STRIDE_S = 64.0
 """Events are laid behind each other on one time axis; none lasts that long."""
 HEAVY_M_S2 = 2.0 * GRAVITY
 MIN_PAIRS = 4
 SIZE = 12
 """Columns: rate of the row, slope, rate of the reference, its product with the axis (3), aiding (6)."""
+MOVED = 9
+"""Most that is moved by the delay: seven columns of the row, two free, the slope."""
 
 
 @dataclass(slots=True)
@@ -69,70 +71,34 @@ class Columns:
         """Body axis (events,) of each event."""
         return np.array([e.axis for e in self.events], np.int64)
 
-    def rates(
-        self, delay: float, slope_s: float, aids: Array, main: Array, pairs: slice
-    ) -> tuple[Array, NDArray[np.int64]]:
-        """The columns (m, 12) of some pairs at a delay in s, and the event (m,) of each line.
-
-        The slope is taken over +-``slope_s`` of what the delay moves: the row's rate without
-        its aiding of gains ``aids`` (6,), or the reference's rate: ``main`` (n,), the faster one's turning.
-        """
-        shift = -delay if self.slow_row else delay
-        begin, end, of = self.begin[pairs], self.end[pairs], self.of[pairs]
-        a, b = self.slow.t[begin] + shift, self.slow.t[end] + shift
-        use = (a - slope_s >= self.fast.low[of]) & (b + slope_s <= self.fast.high[of])
-        begin, end, of = begin[use], end[use], of[use]
-        span = (self.slow.t[end] - self.slow.t[begin])[:, None]
-        fixed = (self.slow.x[end] - self.slow.x[begin]) / span
-        first, last = begin[0] if len(begin) else 0, (end[-1] + 1) if len(end) else 0
-        at = self.slow.t[first:last] + shift
-        moved_at = _interpolated(self.fast, at, self.fast.x)
-        moved = (moved_at[end - first] - moved_at[begin - first]) / span
-        ahead, behind = (np.interp(at + s, self.fast.t, main) for s in (slope_s, -slope_s))
-        steep = (ahead - behind) / (2.0 * slope_s)
-        slope = (steep[end - first] - steep[begin - first]) / span[:, 0]
-        est, ref = (fixed, moved) if self.slow_row else (moved, fixed)
-        return np.column_stack([est[:, 0], slope, ref, est[:, 1:]]), of
-
     def products(self, delay: float, slope_s: float, aids: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Sums of products (events, 12, 12) of the columns centred per event, and lines per event (events,)."""
+        """Sums of products (events, 12, 12) of the columns centred per event, and lines per event (events,).
+
+        At a delay in s. The slope is taken over +-``slope_s`` of what the delay moves: the row's rate without its
+        aiding of gains ``aids`` (6,), or the reference's rate.
+        """
         main = self.fast.about if self.slow_row else self.fast.about - self.fast.x[:, 1:] @ aids
-        out, count = np.zeros((len(self.events), SIZE, SIZE)), np.zeros(len(self.events), np.int64)
-        for pairs in self._groups():
-            rows, of = self.rates(delay, slope_s, aids, main, pairs)
-            first = int(self.of[pairs.start])
-            lines = np.bincount(of - first)
-            edges = np.concatenate([[0], np.cumsum(lines)])
-            for e in np.flatnonzero(lines):
-                own = rows[edges[e] : edges[e + 1]]
-                own = own - own.mean(axis=0)
-                out[first + e] = own.T @ own
-            count[first : first + len(lines)] = lines
+        events, first = len(self.events), np.searchsorted(self.of, np.arange(len(self.events) + 1))
+        out, count = np.empty((events, SIZE, SIZE)), np.empty(events, np.int64)
+        some = np.flatnonzero(np.diff(first))
+        samples = self.end[first[some + 1] - 1] - self.begin[first[some]] + 1
+        function_of(PRODUCTS, event_products)(
+            out, count, np.empty((samples.max(), MOVED)), np.empty((np.diff(first).max(), SIZE)),
+            self.slow.t, self.slow.x, self.fast.t, self.fast.x, main, self.fast.low, self.fast.high,
+            self.begin, self.end, first, -delay if self.slow_row else delay, slope_s, int(self.slow_row),
+        )  # fmt: skip
         return out, count
 
-    def _groups(self) -> Iterator[slice]:
-        """The pairs of a few events at a time: what is computed on the way costs a long log no memory."""
-        ends = np.append(np.flatnonzero(np.diff(self.of)) + 1, len(self.of))
-        at = 0
-        while at < len(self.of):
-            last = max(
-                int(np.searchsorted(ends, at + PAIRS, side="right")) - 1, int(np.searchsorted(ends, at, "right"))
-            )
-            yield slice(at, int(ends[last]))
-            at = int(ends[last])
-
-    def correlation(self, delay: float) -> float:
-        """Correlation of both rates about the axes at a delay in s, on a part of the samples, centred per event."""
-        shift = -delay if self.slow_row else delay
+    def correlations(self, delays: Array) -> Array:
+        """Correlation (n,) of both rates about the axes at delays (n,) s, centred per event, of some samples."""
         step = max(1, len(self.begin) // (THINNED * len(self.events)))
-        begin, end, of = self.begin[::step], self.end[::step], self.of[::step]
-        a, b = (np.interp(self.slow.t[k] + shift, self.fast.t, self.fast.about) for k in (begin, end))
-        span = self.slow.t[end] - self.slow.t[begin]
-        x, y = (b - a) / span, (self.slow.about[end] - self.slow.about[begin]) / span
-        count = np.maximum(np.bincount(of, minlength=len(self.events)), 1)
-        x, y = (v - (np.bincount(of, v, len(self.events)) / count)[of] for v in (x, y))
-        size = math.sqrt(float(x @ x) * float(y @ y))
-        return float(x @ y) / size if size > 0 else 0.0
+        begin, end, of = (np.ascontiguousarray(x[::step]) for x in (self.begin, self.end, self.of))
+        out = np.empty(len(delays))
+        function_of(CORRELATIONS, correlations)(
+            out, np.empty((2, len(begin))), np.empty((3, len(self.events))), -delays if self.slow_row else delays,
+            self.slow.t, self.slow.about, self.fast.t, self.fast.about, begin, end, of,
+        )  # fmt: skip
+        return out
 
 
 THINNED = 60
@@ -156,11 +122,11 @@ def build(row: Turning, ref: Turning, events: Sequence[Event], sensors: aiding.S
     reference = _part(ref, in_ref, kept, _about(ref, in_ref, axes))
     own, heavy = np.zeros((len(in_row.index), 1 + len(aiding.NAMES))), 0
     for part, stack in blocks(in_row):
-        u = axes[in_row.of[part]]
-        own[part, 0] = np.einsum("ni,ni->n", row.turned[stack.index], u)
+        (x, y, z), (ux, uy, uz) = row.turned[stack.index].T, axes[in_row.of[part]].T
+        own[part, 0] = x * ux + y * uy + z * uz
         if sensors is not None:
             seen = sensors.around(stack)
-            own[part, 1:] = aiding.turned(row, stack, seen, u)
+            own[part, 1:] = aiding.turned(row, stack, seen, axes[in_row.of[part.start] :][: len(stack.first)])
             heavy += int(np.count_nonzero(np.einsum("ni,ni->n", seen.f, seen.f) > HEAVY_M_S2**2))
     estimate = _part(row, in_row, kept, own)
     slow, fast, stack = (estimate, reference, in_row) if slow_row else (reference, estimate, in_ref)
@@ -195,8 +161,8 @@ def _part(track: Turning, stack: Stack, events: list[Event], x: Array) -> Part:
     begin = np.array([e.begin for e in events])
     t = track.t[stack.index] - begin[stack.of] + STRIDE_S * stack.of
     last = np.append(stack.first[1:], len(t)) - 1
-    for part, own in blocks(stack):
-        x[part] -= x[part][own.first][own.of]
+    for i, j in zip(stack.first.tolist(), (last + 1).tolist(), strict=True):
+        x[i:j] -= x[i].copy()
     return Part(t, x, t[stack.first], t[last])
 
 
@@ -208,10 +174,3 @@ def _pairs(t: Array, stack: Stack, events: list[Event], span: int) -> tuple[NDAr
     use = (stack.of[span : span + n] == of) & (t[:n] >= start - 1e-9) & (t[span : span + n] <= start + length + 1e-9)
     begin = np.flatnonzero(use)
     return begin, begin + span, of[begin]
-
-
-def _interpolated(part: Part, at: Array, x: Array) -> Array:
-    """The columns x (n, k) at ascending times (m,), linear."""
-    i = np.clip(np.searchsorted(part.t, at), 1, len(part.t) - 1)
-    w = ((at - part.t[i - 1]) / (part.t[i] - part.t[i - 1]))[:, None]
-    return x[i - 1] + w * (x[i] - x[i - 1])

@@ -58,7 +58,7 @@ def fit(columns: Columns) -> dict[str, Fit]:
 def _start(columns: Columns) -> tuple[float, bool]:
     """The delay of the largest correlation on a coarse grid, and whether that is the grid's end."""
     grid = np.arange(-RANGE_S, RANGE_S + 1e-9, COARSE_S)
-    best = int(np.argmax([columns.correlation(float(d)) for d in grid]))
+    best = int(np.argmax(columns.correlations(grid)))
     return float(grid[best]), best in (0, len(grid) - 1)
 
 

@@ -51,7 +51,7 @@ def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[Event]:
     for own in gaps.slices(np.ones(len(t), bool), segment):
         if own.stop - own.start < 8 or t[own.stop - 1] - t[own.start] < BEFORE_S + RUN_AFTER_S:
             continue
-        turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[own][:-1]), q[own][1:])))
+        turn = np.degrees(rotation.increments(q[own]))
         for axis in range(3):
             events += _cut_to_neighbours(_of_axis(t[own], turn[:, axis], axis))
     return sorted(events, key=lambda e: e.onset)

@@ -35,11 +35,11 @@ class Turning:
     def __post_init__(self) -> None:
         good = rotation.finite(self.q)
         lost = np.cumsum(~good)[good].astype(np.int64)
-        self.t, self.q = gaps.only(good, self.t, self.q)
+        self.t, self.q = (np.ascontiguousarray(x, np.float64) for x in gaps.only(good, self.t, self.q))
         self.segment = gaps.renumber(gaps.number(self.t), self.segment[good], lost)
         self.step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else math.inf
-        turns = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(self.q[:-1]), self.q[1:])))
-        self.turned = np.concatenate([np.zeros((min(len(self.t), 1), 3)), np.cumsum(turns, axis=0)])
+        self.turned = np.zeros((len(self.t), 3))
+        np.cumsum(np.degrees(rotation.increments(self.q)), axis=0, out=self.turned[1:])
 
 
 @dataclass(slots=True)
@@ -105,9 +105,3 @@ def blocks(stack: Stack) -> Iterator[tuple[slice, Stack]]:
         own = slice(int(stack.first[at]), int(ends[last]))
         yield own, Stack(stack.index[own], stack.of[own] - at, stack.first[at : last + 1] - own.start)
         at = last + 1
-
-
-def summed(stack: Stack, increments: Array) -> Array:
-    """Running sums (n, ...) of increments (n, ...) that begin anew at 0 with each event's first sample."""
-    total = np.cumsum(increments, axis=0)
-    return total - total[stack.first][stack.of]

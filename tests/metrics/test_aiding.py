@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog.estimators.engine.vectors import field_error, gravity_error
 from attlog.flight.model import Imu, Mag, Stream
-from attlog.metrics import aiding
+from attlog.metrics import aiding, aiding_loop
 from attlog.metrics.turning import Turning, stacked
 from tests.metrics import flights
 
@@ -18,13 +18,15 @@ def some(n=20, seed=0):
 
 def rates(q, f, m):
     """The corrections (n, 3, 5) about all three body axes."""
-    return np.stack([aiding.rates(q, f, m, np.tile(axis, (len(q), 1))) for axis in np.eye(3)], axis=1)
+    return np.array(
+        [[aiding_loop.rates(*a, *b, *c, *axis) for axis in np.eye(3)] for a, b, c in zip(q, f, m, strict=True)]
+    )
 
 
 def turned(track, stack, seen):
     """The turning (n, 3, 6) about all three body axes."""
-    axes = [np.tile(axis, (len(stack.index), 1)) for axis in np.eye(3)]
-    return np.stack([aiding.turned(track, stack, seen, about) for about in axes], axis=1)
+    events = len(stack.first)
+    return np.stack([aiding.turned(track, stack, seen, np.tile(axis, (events, 1))) for axis in np.eye(3)], axis=1)
 
 
 def test_the_rates_are_the_corrections_that_the_filters_themselves_make():
@@ -115,3 +117,26 @@ def test_a_slower_row_gets_the_mean_force_of_its_intervals():
     seen = aiding.Sensors(case, slow, track, aiding.samples_of(case, 0, True)).around(stacked([slice(10, 20)]))
     assert seen.trapezoid
     np.testing.assert_allclose(seen.f[:, 0], slow.t[10:20] - 0.025, atol=1e-9)
+
+
+@pytest.mark.parametrize("every", [1, 5])
+def test_force_and_field_around_events_are_those_of_a_simple_search(every):
+    """A row of every sample and a slower one, with a bias that turns the held field and a trim taken out of both."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 3.0, 0.01)
+    field_at = t[:290:10]
+    case, row = case_with(t, np.array([0.2, 0.1, -0.4]), rng.standard_normal((len(field_at), 3)), field_at)
+    case.log.imus[0].acc.x[:] = rng.standard_normal((len(t), 3))
+    case.reference.trim = np.array([0.02, -0.03, 0.0])
+    slow = flights.row(t[::every], row.q[::every])
+    slow.bias = 0.3 * rng.standard_normal((len(slow.t), 3))
+    seen, track = aiding.samples_of(case, 0, True), Turning(slow.t, slow.q, slow.segment)
+    stack = stacked([slice(12, 20), slice(30, 37)])
+    found = aiding.Sensors(case, slow, track, seen).around(stack)
+    back = Rotation.from_rotvec(case.reference.trim)
+    for i, k in enumerate(stack.index):
+        near = np.flatnonzero(seen.t < slow.t[k] - 1e-6)[-1] + (every > 1)
+        held = Rotation.from_rotvec(slow.bias[k] * seen.age[near]).apply(seen.m[near])
+        np.testing.assert_allclose(found.m[i], back.apply(held), atol=1e-12)
+        if every == 1:
+            np.testing.assert_allclose(found.f[i], back.apply(seen.f[near]), atol=1e-12)
