@@ -23,13 +23,14 @@ import numpy as np
 import attlog
 from attlog import estimators, metrics, reference, replay, segments
 from attlog.config import Config
-from attlog.errors import AttlogError, LogUnusable, PluginTimeout, UsageError
+from attlog.errors import AttlogError, LogUnusable, PluginError, PluginTimeout, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem, part_of
+from attlog.freed import give_back
 from attlog.health import Check, answerable, audit
 from attlog.health.findings import Open, contradiction, findings, hopeless
-from attlog.metrics.alike import alike
+from attlog.metrics.alike import Likeness
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import common_bias
 from attlog.metrics.common_bias import none as no_bias
@@ -79,6 +80,7 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
         )  # fmt: skip
         headings = part_of(log, "Other headings", lambda: reference.heading_references(log, phases, ref), _no_headings)
     imus = _imus(log, config)
+    give_back(len(log.imus[log.imu].gyro.t))
     return Case(
         log,
         phases,
@@ -116,42 +118,32 @@ def evaluate(
         specs = estimators.items(specs)
     settings = case.settings if specs is None else case.settings | {"estimators": list(map(str, specs))}
     clock = Stopwatch(case.timing)
-    rows: list[Row] = []
-    lines: list[EstimatorRow] = []  # of those rows; a filter that failed has a line and no row
-    estimator_rows: list[EstimatorRow] = []
+    lines: list[EstimatorRow] = []
     failed: dict[str, AttlogError] = {}
     with clock("estimators"):
         chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
-        for row, table_row in replay.replays(case, chosen, failed):
-            estimator_rows.append(table_row)
-            if row is not None:
-                row.aux.clear()  # no metric looks at it, and in a long log it is as large as the attitude
-                rows.append(row)
-                lines.append(table_row)
-        contradiction = _contradicted(case, rows)
-    if contradiction is not None:
-        refused = _without_that_reference(case, *contradiction)
-        return evaluate(refused, specs, traces=traces, cost=cost, only=only, command=command)
+        onboard = _onboard(case)
     with clock("audit"):
         checks = _checks(case)
-        _withhold(hopeless(checks), rows, estimator_rows)
+    passing = Passing(case, chosen, onboard, hopeless(checks), traces=traces, only=only)
     with clock("estimators"):
-        for row in _onboard(case):
-            rows.append(row)
-            lines.append(replay.table_row(row, title=row.estimator))
-            estimator_rows.append(lines[-1])
+        for row, line in replay.replays(case, chosen, failed):
+            lines.append(line)
+            if row is not None:
+                with clock("metrics"):
+                    passing.hear(row, line)
+    refusal = passing.witnesses.contradicted() if passing.witnesses is not None else None
+    if refusal is not None:
+        refused = _without_that_reference(case, *refusal)
+        return evaluate(refused, specs, traces=traces, cost=cost, only=only, command=command)
     with clock("metrics"):
-        seen = case.looked_at_with(rows)
-        drawing, drawn = metrics.Drawing.of(seen, rows), list[Trace]()
-        for row, line in zip(rows, lines, strict=True):
-            line.metrics = metrics.compute(seen, row, case.windows, cost=cost, only=only)
-            if traces:
-                drawn += part_of(case.log, "Figures", partial(drawing.of_row, row), list[Trace])
-            seen.done_with(row)
-        if traces:
-            drawn = part_of(case.log, "Figures", drawing.first, list[Trace]) + drawn
-            drawn += part_of(case.log, "Figures", partial(drawing.last, rows), list[Trace])
-        ranking = metrics.rank({r.name: r.metrics for r in estimator_rows}, rows)
+        for row in onboard:
+            lines.append(replay.table_row(row, title=row.estimator))
+            passing.hear(row, lines[-1])
+        rows, table = passing.seen.rows, {line.name: line.metrics for line in lines}
+        metrics.settle(passing.seen, table, cost=cost, only=only)
+        drawn = passing.drawn() if traces else []
+        ranking = metrics.rank(table, rows)
     result = Result(
         attlog=versions(),
         command=command,
@@ -161,8 +153,8 @@ def evaluate(
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
         gyro_bias=list(case.gyro_bias.values()),
-        estimators=estimator_rows,
-        alike=part_of(case.log, "Which rows are alike", lambda: alike(rows), list),
+        estimators=lines,
+        alike=part_of(case.log, "Which rows are alike", passing.likeness.found, list),
         best=ranking.best,
         worst=ranking.worst,
         ranked=ranking.ranked,
@@ -174,17 +166,59 @@ def evaluate(
     )
     result.timing = clock.seconds
     if only:
-        result.problems = _problems(case.reference, estimator_rows, failed)
+        result.problems = _problems(case.reference, lines, failed)
         return result
     result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
-    own = (
-        _problems(case.reference, estimator_rows, failed)
-        + _unmeasured(estimator_rows)
-        + _slow(chosen, rows)
-        + _late_field(rows)
-    )
+    own = _problems(case.reference, lines, failed) + _unmeasured(lines) + _slow(chosen, rows) + _late_field(rows)
     result.problems = findings(case.log, checks, own, _unanswered(case, result))
     return result
+
+
+class Passing:
+    """Rows that pass one by one: each is measured and drawn, and what a later step needs of it is taken.
+
+    Then a replayed row is let go of, so that memory does not grow with the number of rows. What turns out to be
+    needed whole after all is run again.
+    """
+
+    def __init__(
+        self, case: Case, chosen: Mapping[str, replay.Chosen], onboard: list[Row], hopeless: str, *, traces: bool,
+        only: Collection[str],
+    ) -> None:  # fmt: skip
+        """``hopeless``: why no filter can be judged, empty where they can."""
+        self.seen = case.looked_at_with([])
+        self._hopeless, self._traces, self._only = hopeless, traces, only
+        expected = len(case.imus) * sum(not isinstance(spec, PluginError) for spec in chosen.values())
+        self._drawing = metrics.Drawing(self.seen, expected, onboard)
+        self._drawn: list[Trace] = []
+
+        def again(row: Row) -> Row:
+            return replay.again(case, chosen, row.name)
+
+        self.likeness = Likeness(again)
+        imu = case.log.replay_imu
+        asked = case.settings.get("reference", "auto") == "auto"
+        self.witnesses = reference.Witnesses(case.log, imu, case.reference, again) if asked and imu else None
+
+    def hear(self, row: Row, line: EstimatorRow) -> None:
+        """Fill in a row's line of the table; a replayed row is empty afterwards."""
+        case, log, samples = self.seen, self.seen.log, len(row.t)
+        case.rows.append(row)
+        if self.witnesses is not None:
+            self.witnesses.hear(row)
+        _withhold(self._hopeless, row, line)
+        part_of(log, "Which rows are alike", partial(self.likeness.hear, row), lambda: None)
+        line.metrics = metrics.compute(case, row, case.windows, cost=False, only=self._only)
+        if self._traces:
+            self._drawn += part_of(log, "Figures", partial(self._drawing.of_row, row), list[Trace])
+        case.done_with(row)
+        give_back(samples)
+
+    def drawn(self) -> list[Trace]:
+        """The traces of all rows and of what is drawn beside them."""
+        log = self.seen.log
+        first = part_of(log, "Figures", partial(self._drawing.first, self.seen.rows), list[Trace])
+        return [*first, *self._drawn, *part_of(log, "Figures", self._drawing.last, list[Trace])]
 
 
 def analyze(
@@ -239,14 +273,6 @@ def _smoothing(
     return run
 
 
-def _contradicted(case: Case, rows: list[Row]) -> tuple[str, AlignmentStep] | None:
-    """Why a reference is refused after all, by filters that agree; None where it is not, or was asked for."""
-    imu = case.log.replay_imu
-    if case.settings.get("reference", "auto") != "auto" or imu is None:
-        return None
-    return reference.contradicted(case.log, imu, case.reference, rows)
-
-
 def _without_that_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
     """The same case with the next best reference, or none: nothing computed with the refused one is kept."""
     options = reference_options(Config.of(case.settings))
@@ -260,12 +286,11 @@ def _without_that_reference(case: Case, fault: str, step: AlignmentStep) -> Case
     )  # fmt: skip
 
 
-def _withhold(why: str, rows: Sequence[Row], table: Sequence[EstimatorRow]) -> None:
+def _withhold(why: str, *told: Row | EstimatorRow) -> None:
     """Where a sensor is beyond use (``why``, empty where it is not) no filter may be called good or bad."""
-    for some in (rows, table):
-        for row in some if why else []:
-            if row.kind == "replay" and row.status in ("ok", "not_converged", "diverged"):
-                row.status, row.reason = "not_judged", why
+    for one in told if why else ():
+        if one.kind == "replay" and one.status in ("ok", "not_converged", "diverged"):
+            one.status, one.reason = "not_judged", why
 
 
 def _unanswered(case: Case, result: Result) -> list[Open]:

@@ -112,6 +112,16 @@ def replays(
                 yield None, _failed(name + suffix, error)
 
 
+def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Row:
+    """A row of :func:`replays` once more, by its name, now that all of it is wanted. AttlogError as there."""
+    imu, spec, suffix = next(
+        (imu, spec, suffix) for suffix, imu in case.imus.items() for n, spec in specs.items() if n + suffix == name
+    )
+    if isinstance(spec, PluginError):
+        raise spec
+    return _run(case, imu, spec, suffix)[0]
+
+
 def _bug(name: str, sentence: str) -> tuple[None, EstimatorRow]:
     """The row of an estimator whose replay ended in a bug."""
     return None, _failed(name, AttlogError(sentence))

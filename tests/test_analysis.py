@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import analysis, metrics
+from attlog import analysis, replay
 from attlog.errors import UsageError
 from attlog.estimators.base import Estimate
 from attlog.metrics.base import Case
@@ -86,23 +87,43 @@ def test_traces_and_costs_come_when_asked_for(case: Case) -> None:
     assert answers(full, "mahony")["all"]["cost_ns"].value
 
 
-def test_what_a_row_holds_beside_its_attitude_is_let_go_of(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of fifty configurations of a long log only the attitudes are held at once; what the onboard one has is kept."""
-    compute, measured = metrics.compute, list[tuple[Row, bool]]()
+def test_nothing_of_a_row_is_left_when_the_next_one_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of fifty configurations of a long log one is held at a time; what the onboard rows have is kept."""
+    case = attlog.prepare(LOG)  # its own: what is kept for a log must not hold a row either
+    replays, arrays, alive = replay.replays, dict[str, list[Any]](), list[list[str]]()
 
-    def measuring(case: Case, row: Row, *given: Any, **more: Any) -> Any:
-        found = compute(case, row, *given, **more)
-        measured.append((row, row.errors is not None and row in case.of_row))
-        return found
+    def passing(*given: Any, **more: Any) -> Any:
+        for row, line in replays(*given, **more):
+            alive.append([name for name, refs in arrays.items() if any(ref() is not None for ref in refs)])
+            assert row is not None
+            assert row.errors is not None
+            found = [row.q, row.bias, row.errors.total, row.errors.q_est]
+            arrays[row.name] = [weakref.ref(x) for x in found if x is not None]
+            del found
+            yield row, line
 
-    monkeypatch.setattr(metrics, "compute", measuring)
-    result = attlog.evaluate(case, "madgwick,mahony", traces=True)
-    assert [row.name for row, _ in measured][:3] == ["madgwick", "mahony", "onboard"]
-    assert all(had for _, had in measured)
-    gone = [row.name for row, _ in measured if row.errors is None and row not in case.of_row]
-    assert gone == ["madgwick", "mahony"]
-    assert {"madgwick", "mahony", "onboard"} <= {t.row for t in result.traces if t.figure == "difference"}
+    monkeypatch.setattr(replay, "replays", passing)
+    result = attlog.evaluate(case, "madgwick,mahony,gyro,ekf12", traces=True)
+    assert list(arrays) == ["madgwick", "mahony", "gyro", "ekf12"]
+    assert alive == [[], [], [], []]
+    assert {*arrays, "onboard"} <= {t.row for t in result.traces if t.figure == "difference"}
     assert answers(result, "onboard") == answers(attlog.evaluate(case, "gyro"), "onboard")
+
+
+def test_a_row_that_has_passed_is_run_again_where_another_is_equal(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    again, asked = replay.again, list[str]()
+
+    def asking(case: Case, chosen: Any, name: str) -> Row:
+        asked.append(name)
+        return again(case, chosen, name)
+
+    monkeypatch.setattr(replay, "again", asking)
+    result = attlog.evaluate(case, "mahony,gyro,mahony:kp=0.45", traces=True)
+    assert asked == ["mahony"]
+    (group,) = result.alike
+    assert group.rows == ["mahony", "mahony:kp=0.45"]
+    assert group.apart_deg is not None
+    assert group.apart_deg < 1e-9
 
 
 def test_only_what_is_wanted_is_measured_and_has_the_same_answers(case: Case) -> None:

@@ -24,6 +24,7 @@ EVERYWHERE = {
     "settings_file",
     "file_names",
     "spreadsheet",
+    "freed",
     "barrier",
     "kernels",
 }

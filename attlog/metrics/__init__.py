@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import ModuleType
 
 from attlog.barrier import guarded
@@ -43,6 +43,7 @@ __all__ = [
     "definitions",
     "missing",
     "rank",
+    "settle",
     "traces",
 ]
 
@@ -85,6 +86,23 @@ def compute(
             if uncorrected and answer.ranked:
                 answer.ranked, answer.reason = False, uncorrected
     return table
+
+
+def settle(
+    case: Case, table: Mapping[str, dict[str, dict[str, Answer]]], *, cost: bool = True, only: Collection[str] = ()
+) -> None:
+    """Complete the answers of ``case.rows``, by their names, with what can be said only now that all have passed.
+
+    What was measured stands in the order of the table as if it had been asked with the rest.
+    """
+    rmse.decide(case)
+    if not cost or (only and not _is_of(MEASURED, only)):
+        return
+    after = {m.name for q in QUESTIONS[QUESTIONS.index(MEASURED) + 1 :] for m in q.METRICS}
+    for row in case.rows:
+        for window, answers in table[row.name].items():
+            later = {name: answers.pop(name) for name in list(answers) if name in after}
+            answers |= _asked(MEASURED, case, row, window) | later
 
 
 def _is_of(question: ModuleType, wanted: Collection[str]) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.model import FlightLog, Imu
+from attlog.metrics.answer import Answer
 from attlog.metrics.common_bias import CommonBias, common_bias, none
 from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import WINDOWS, Segments
@@ -50,7 +51,7 @@ class Case:
     ``gyro_bias``: what is taken off their gyros before any filter runs, by index of the unit.
     ``windows``: those to answer for. ``settings``: the resolved configuration as plain
     values, for the result. ``timing``: seconds by stage of making it ready. ``rows``
-    are those of one evaluation.
+    are those of one evaluation that have passed, the one that is asked about included.
     """
 
     log: FlightLog
@@ -67,6 +68,8 @@ class Case:
     """What functions marked :func:`per_case` have found."""
     of_row: WeakKeyDictionary[Row, dict[Hashable, Any]] = field(default_factory=WeakKeyDictionary, repr=False)
     """What functions marked :func:`per_row` have found, kept as long as the row lives."""
+    undecided: list[tuple[Row, Answer]] = field(default_factory=list, repr=False)
+    """Answers whose rank depends on rows that may pass later."""
 
     def bias_of(self, imu: Imu) -> CommonBias:
         """What is taken off the gyro of a unit before any filter runs; of changed samples of a unit their own."""
@@ -82,13 +85,13 @@ class Case:
 
     def looked_at_with(self, rows: list[Row]) -> Case:
         """The same case with the rows of one evaluation; what was found of the log is shared, not computed again."""
-        return replace(self, rows=rows)
+        return replace(self, rows=rows, undecided=[])
 
     def done_with(self, row: Row) -> None:
-        """Let go of what a replayed row holds beside its attitude: in a long log as much again, for each row."""
+        """Let go of what a replayed row holds for each sample: in a long log the rows are larger than the log."""
         if row.kind == "replay":
             self.of_row.pop(row, None)
-            row.errors = row.bias = None
+            row.let_go()
 
     def forget(self) -> None:
         """Drop what was computed, after a change to the log or to a row."""

@@ -32,6 +32,26 @@ class Share:
         return n if self.total <= 1.1 * BUDGET else min(n, max(BUDGET * n // self.total, FEWEST))
 
 
+@dataclass(slots=True)
+class Budget:
+    """The shares of rows that pass one by one: first ``replays`` replayed ones, then those with ``others`` samples.
+
+    A replayed row has the share it would have if all of them were as long as it is, as they are: they stand at the
+    samples of one unit.
+    """
+
+    replays: int
+    others: int
+    passed: int = 0
+
+    def share(self, n: int, replayed: bool) -> Share:
+        """That of the next row, which has n samples."""
+        if not replayed:
+            return Share(self.passed + self.others)
+        self.passed += n
+        return Share(self.replays * n + self.others)
+
+
 def envelope(t: Array, columns: dict[str, Array], keep: int) -> tuple[Array, dict[str, Array]]:
     """Times and columns with at most ``keep`` samples: two per bucket, its smallest and largest value.
 

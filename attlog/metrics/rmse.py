@@ -148,8 +148,9 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
         ordered = np.sort(values)
         for name in asked:
             value, ci95 = statistic(values, name, groups, ordered)
-            why = why_unranked(case, row, angle, name, ci95, duration, units)
-            answers[f"{angle}_{name}_deg"] = Answer(
+            alone = why_unranked(case, row, angle, name, ci95, duration)
+            why = alone or _among_others(case, row, angle) or _too_few(units, angle)
+            answer = answers[f"{angle}_{name}_deg"] = Answer(
                 value,
                 "deg",
                 window,
@@ -163,7 +164,17 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
                 floor=math.hypot(case.reference.floor_deg, own),
                 units=units if name == "rmse" else None,
             )
+            if alone is None and row.heading_offset_deg is not None and angle != "inclination":
+                case.undecided.append((row, answer))
     return answers
+
+
+def decide(case: Case) -> None:
+    """Settle, now that all rows are known, which headings whose offset was removed are ranked."""
+    for row, answer in case.undecided:
+        why = _among_others(case, row, "heading")
+        if why is not None:
+            answer.ranked, answer.reason = False, why
 
 
 @per_case
@@ -220,9 +231,9 @@ def of_blocks(ids: Ids, squares: Array, wanted: Ids) -> Summary:
 
 
 def why_unranked(
-    case: Case, row: Row, angle: str, name: str, ci95: interval.Interval | None, duration: float, units: UnitValues
+    case: Case, row: Row, angle: str, name: str, ci95: interval.Interval | None, duration: float
 ) -> str | None:
-    """Why an error is shown but not ranked, else None."""
+    """Why an error is shown but not ranked, whatever the other rows are, else None."""
     if name == "max":
         return "an extreme of this record has no interval"
     if ci95 is None:
@@ -231,12 +242,24 @@ def why_unranked(
         return "compared with the onboard attitude, whose own heading error can be larger"
     if case.reference.kind == row.estimator:
         return "made the same way as the reference"
-    if angle != "inclination" and (offset := heading_is_offset_free(case, row)):
-        return offset
-    if len(units.ids) < MIN_BLOCKS[angle]:
-        needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
-        return f"too short to rank: {len(units.ids)} whole blocks of {BLOCK_S[angle]:.0f} s; {needed:.0f} s are needed"
     return None
+
+
+def _among_others(case: Case, row: Row, angle: str) -> str | None:
+    """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
+    if angle == "inclination" or row.heading_offset_deg is None:
+        return None
+    if all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
+        return None
+    return "its heading offset was removed (it has no north of its own), the others had to find theirs"
+
+
+def _too_few(units: UnitValues, angle: str) -> str | None:
+    """A reason not to rank errors of so few blocks."""
+    if len(units.ids) >= MIN_BLOCKS[angle]:
+        return None
+    needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
+    return f"too short to rank: {len(units.ids)} whole blocks of {BLOCK_S[angle]:.0f} s; {needed:.0f} s are needed"
 
 
 def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
@@ -265,10 +288,3 @@ def why_never_airborne(case: Case) -> str:
     if not case.log.kind.flies:
         return f"a {case.log.vehicle} does not fly"
     return "the vehicle was never airborne (as far as the log tells)"
-
-
-def heading_is_offset_free(case: Case, row: Row) -> str | None:
-    """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
-    if row.heading_offset_deg is None or all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
-        return None
-    return "its heading offset was removed (it has no north of its own), the others had to find theirs"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +10,9 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import allan, controller, drift, drift_air, drift_rest, setpoint_response
 from attlog.metrics.base import Case
-from attlog.metrics.envelope import Share, envelope
+from attlog.metrics.envelope import Budget, Share, envelope
 from attlog.metrics.evidence import deviations
-from attlog.metrics.rest_traces import rest_traces
+from attlog.metrics.rest_traces import RestTraces
 from attlog.metrics.sensor_traces import sensor_traces
 from attlog.metrics.step_traces import step_traces
 from attlog.metrics.trace import Trace
@@ -29,55 +28,57 @@ def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
     of all rows together and of the sensors comes last. Long logs become envelopes.
     """
     rows = list(rows)
-    drawing = Drawing.of(case, rows)
-    return [*drawing.first(), *(trace for row in rows for trace in drawing.of_row(row)), *drawing.last(rows)]
+    replays = [row for row in rows if row.kind == "replay"]
+    drawing = Drawing(case, len(replays), [row for row in rows if row.kind != "replay"])
+    drawn = [trace for row in rows for trace in drawing.of_row(row)]
+    return [*drawing.first(rows), *drawn, *drawing.last()]
 
 
-@dataclass(frozen=True, slots=True)
 class Drawing:
-    """The traces of some rows in parts, so that each row can be let go of once it is drawn."""
+    """The traces of rows that pass one by one, so that each can be let go of once it is drawn.
 
-    case: Case
-    alone: bool
-    """Whether the reference is no row and is drawn for itself."""
-    angles: Share
-    errors: Share
+    ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them. How many points each may
+    have follows from how many there are.
+    """
 
-    @classmethod
-    def of(cls, case: Case, rows: Sequence[Row]) -> Drawing:
-        """What is to be drawn of rows, and how many points each may have."""
-        reference = case.reference
-        alone = reference.kind in ("truth", "smoother") and not any(row.is_reference for row in rows)
-        angles = Share.of([len(reference.t) if alone else 0, *(len(row.t) for row in rows)])
-        return cls(case, alone, angles, Share.of(0 if row.errors is None else len(row.errors.t) for row in rows))
+    def __init__(self, case: Case, replays: int, onboard: Sequence[Row]) -> None:
+        self.case = case
+        alone = len(case.reference.t) if case.reference.kind in ("truth", "smoother") else 0
+        self._angles = Budget(replays, alone + sum(len(row.t) for row in onboard))
+        self._errors = Budget(replays, sum(len(row.errors.t) for row in onboard if row.errors is not None))
+        self._rest = RestTraces(case, replays, onboard)
 
-    def first(self) -> list[Trace]:
-        """The reference, where it is no row."""
-        if not self.alone:
-            return []
+    def first(self, rows: Iterable[Row]) -> list[Trace]:
+        """The reference, where it is none of the rows."""
         reference = self.case.reference
+        if reference.kind not in ("truth", "smoother") or any(row.is_reference for row in rows):
+            return []
+        share = self._angles.share(len(reference.t), replayed=False)
         return [
-            *attitude(reference.kind, reference.t, reference.q, reference.gap_segment, self.angles),
-            *own_sigma(reference, self.angles),
+            *attitude(reference.kind, reference.t, reference.q, reference.gap_segment, share),
+            *own_sigma(reference, share),
         ]
 
     def of_row(self, row: Row) -> list[Trace]:
         """One row, figure by figure."""
-        case = self.case
+        case, replayed = self.case, row.kind == "replay"
+        angles = self._angles.share(len(row.t), replayed)
+        errors = self._errors.share(0 if row.errors is None else len(row.errors.t), replayed)
+        self._rest.hear(row)
         return [
-            *attitude(row.name, row.t, row.q, row.segment, self.angles),
-            *difference(row, self.errors),
+            *attitude(row.name, row.t, row.q, row.segment, angles),
+            *difference(row, errors),
             *drifts(case, row),
             *allan_curves(case, row),
             *step_traces(case, row),
-            *bias(row, self.angles),
+            *bias(row, angles),
             *onboard_bias(case, row),
             *setpoint(case, row),
         ]
 
-    def last(self, rows: Sequence[Row]) -> list[Trace]:
-        """What is drawn of all rows together, from their attitudes alone, and of the sensors."""
-        return [*rest_traces(self.case, list(rows)), *sensor_traces(self.case)]
+    def last(self) -> list[Trace]:
+        """What is drawn of all rows together, and of the sensors."""
+        return [*self._rest.drawn(), *sensor_traces(self.case)]
 
 
 def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], share: Share) -> list[Trace]:

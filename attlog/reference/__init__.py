@@ -1,7 +1,7 @@
 """What attitudes are compared with, and how the comparison is made fair."""
 
 from attlog.reference.choose import choose
-from attlog.reference.contradiction import contradicted
+from attlog.reference.contradiction import Witnesses, contradicted
 from attlog.reference.declination import seen_deg
 from attlog.reference.heading_references import heading_references
 from attlog.reference.model import AlignmentStep, Errors, HeadingReference, Reference, Row
@@ -18,6 +18,7 @@ __all__ = [
     "Options",
     "Reference",
     "Row",
+    "Witnesses",
     "choose",
     "contradicted",
     "foreseen",

@@ -7,12 +7,13 @@ turned to earth axes and freed of the change of velocity it must be gravity.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.errors import AttlogError
 from attlog.flight.model import FlightLog, Imu
 from attlog.reference import scoring, smoothed, trim
 from attlog.reference.compare import interpolate
@@ -34,22 +35,55 @@ SAMPLES = 4000
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
+class Witnesses:
+    """What rows that pass one by one say of a reference: each one's down at the reference's times, and no more.
+
+    ``again`` gives the whole of a row that has passed, which is run once more: only where filters speak against the
+    reference.
+    """
+
+    def __init__(self, log: FlightLog, imu: Imu, reference: Reference, again: Callable[[Row], Row]) -> None:
+        self._log, self._imu, self._reference, self._again = log, imu, reference, again
+        use = np.flatnonzero(scoring.scored(reference, reference.t))
+        self._use = use[:: max(1, len(use) // SAMPLES)]
+        self._asked = reference.kind in ("onboard", "smoother") and len(self._use) >= 10
+        self._heard: dict[str, tuple[Row, Array]] = {}
+
+    def hear(self, row: Row) -> None:
+        """Take what a row says; of several rows of a filter the last one counts."""
+        own = row.imu is None or row.imu.index == self._imu.index
+        if self._asked and own and row.kind == "replay" and len(row.t) > 1 and row.estimator != smoothed.NAME:
+            self._heard[row.estimator] = row, _down(row.t, row.q, row.segment, self._reference.t[self._use])
+
+    def contradicted(self) -> tuple[str, AlignmentStep] | None:
+        """Why an onboard attitude or a smoother is refused, and the numbers; None where filters and force agree."""
+        if len(self._heard) < FILTERS:
+            return None
+        filters, downs = [row for row, _ in self._heard.values()], np.stack([d for _, d in self._heard.values()])
+        return _judged(self._log, self._imu, self._reference, filters, downs, self._use, self._again)
+
+
 def contradicted(
     log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
 ) -> tuple[str, AlignmentStep] | None:
-    """Why an onboard attitude or a smoother is refused, and the numbers; None where filters and force agree with it."""
-    own = [r for r in rows if r.imu is None or r.imu.index == imu.index]
-    replays = {r.estimator: r for r in own if r.kind == "replay" and len(r.t) > 1}
-    replays.pop(smoothed.NAME, None)
-    if reference.kind not in ("onboard", "smoother") or len(replays) < FILTERS:
-        return None
-    use = np.flatnonzero(scoring.scored(reference, reference.t))
-    use = use[:: max(1, len(use) // SAMPLES)]
-    if len(use) < 10:
-        return None
+    """What :class:`Witnesses` find in rows that are all at hand."""
+    witnesses = Witnesses(log, imu, reference, lambda row: row)
+    for row in rows:
+        witnesses.hear(row)
+    return witnesses.contradicted()
+
+
+def _judged(
+    log: FlightLog,
+    imu: Imu,
+    reference: Reference,
+    filters: Sequence[Row],
+    downs: Array,
+    use: NDArray[np.int64],
+    again: Callable[[Row], Row],
+) -> tuple[str, AlignmentStep] | None:
+    """The verdict over filters by their ``downs`` (k, m, 3) at samples ``use`` (m,) of the reference."""
     t = reference.t[use]
-    filters = list(replays.values())
-    downs = np.stack([_down(row.t, row.q, row.segment, t) for row in filters])
     shared = np.isfinite(downs).all(axis=2).sum(axis=0) >= FILTERS
     if shared.sum() < 10:
         return None
@@ -71,7 +105,10 @@ def contradicted(
         return None
     longest = max(spans, key=lambda s: float(t[s.stop - 1] - t[s.start]))
     t0, t1 = float(t[longest.start]), float(t[longest.stop - 1])
-    nearest = filters[int(near[np.argmin(typical[near])])]
+    try:
+        nearest = again(filters[int(near[np.argmin(typical[near])])])
+    except AttlogError:
+        return None
     by_filter = _mean_force(imu, reference, nearest.t, nearest.q, nearest.segment, t0, t1)
     by_reference = _mean_force(imu, reference, reference.t, reference.q, reference.segment, t0, t1)
     if by_filter is None or by_reference is None:

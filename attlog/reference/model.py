@@ -152,6 +152,12 @@ class Row:
     aux: dict[str, Array] = field(default_factory=dict)
     """What else the estimator told at every sample, (n,) or (n, k) by name."""
 
+    def let_go(self) -> None:
+        """Drop everything that has a value for each sample; what is said of the row as a whole stays."""
+        self.t, self.q, self.segment = np.zeros(0), np.zeros((0, 4)), np.zeros(0, np.int64)
+        self.bias = self.errors = None
+        self.aux = {}
+
 
 @dataclass(slots=True)
 class HeadingReference:

@@ -8,7 +8,7 @@ import pytest
 import attlog
 from attlog import rotation
 from attlog.estimators import DEFAULT, get
-from attlog.metrics.alike import alike
+from attlog.metrics.alike import Likeness, alike
 from tests.metrics.flights import row
 
 T = np.arange(0.0, 10.0, 0.01)
@@ -29,6 +29,22 @@ def test_equal_attitudes_are_told_and_nearly_equal_ones_are_not():
     (group,) = alike([made("a"), made("b", turned(1e-8)), made("c", turned(1e-3)), made("d", turned(1.0, 777))])
     assert (group.rows, group.by) == (["a", "b"], "attitudes")
     assert group.apart_deg == pytest.approx(1e-8, rel=0.5)
+
+
+def test_an_earlier_row_is_wanted_again_only_where_another_looks_the_same() -> None:
+    first, asked = made("a"), []
+
+    def again(whole):
+        asked.append(whole.name)
+        return made("a")
+
+    likeness = Likeness(again)
+    for one in (first, made("b", turned(1e-3)), made("c", turned(1e-8)), made("d", turned(1.0, 778))):
+        likeness.hear(one)
+        one.let_go()
+    assert asked == ["a", "a"]
+    (group,) = likeness.found()
+    assert group.rows == ["a", "c"]
 
 
 def test_rows_at_other_times_onboard_rows_and_failed_rows_are_not_compared():

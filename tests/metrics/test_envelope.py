@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from attlog.metrics.envelope import BUDGET, Share, envelope
+from attlog.metrics.envelope import BUDGET, Budget, Share, envelope
 
 FINITE = st.floats(-180, 180, width=32)
 
@@ -40,3 +40,11 @@ def test_rows_share_what_a_figure_may_hold_by_their_length():
     assert 2 * share(1_000_000) + share(40_000) <= 1.01 * BUDGET
     assert share(40_000) < share(1_000_000)
     assert Share.of([1000, 500])(1000) == 1000
+
+
+def test_rows_that_pass_one_by_one_get_the_shares_they_get_together() -> None:
+    replays, others = [300_000] * 3, [40_000, 10_000]
+    together = Share.of([*replays, *others])
+    budget = Budget(len(replays), sum(others))
+    assert [budget.share(n, True)(n) for n in replays] == [together(n) for n in replays]
+    assert [budget.share(n, False)(n) for n in others] == [together(n) for n in others]

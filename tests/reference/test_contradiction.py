@@ -7,7 +7,7 @@ import pytest
 
 from attlog import rotation, segments
 from attlog.flight.model import Attitude, FlightLog, Gnss
-from attlog.reference import Options, Row, choose, contradicted
+from attlog.reference import Options, Row, Witnesses, choose, contradicted
 from attlog.segments import Segment, Segments
 
 T = np.arange(0.0, 60.0, 0.02)
@@ -42,6 +42,26 @@ def refusal(log: FlightLog, filters: list[Row]) -> str:
 def test_filters_that_agree_with_each_other_and_with_the_force_refuse_the_onboard_attitude() -> None:
     found = refusal(flight(tilted(TURN, 25.0)), rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0)))
     assert "ATT is wrong by 25 deg: 3 of 3 filters" in found
+
+
+def test_rows_that_have_passed_and_are_empty_refuse_it_as_well_and_one_is_run_again() -> None:
+    log, phases = flight(tilted(TURN, 25.0)), segments.Segments([Segment("continuous", 0.0, 60.0)])
+    whole = {row.name: row for row in rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0))}
+    asked = []
+
+    def again(row: Row) -> Row:
+        asked.append(row.name)
+        return whole[row.name]
+
+    witnesses = Witnesses(log, log.imus[0], choose(log, phases, Options()), again)
+    for row in rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0)):
+        witnesses.hear(row)
+        row.let_go()
+    assert asked == []
+    found = witnesses.contradicted()
+    assert found is not None
+    assert asked == ["f0"]
+    assert found == contradicted(log, log.imus[0], choose(log, phases, Options()), list(whole.values()))
 
 
 def test_one_wrong_filter_among_others_changes_nothing() -> None:
