@@ -9,17 +9,18 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from typing import Any, Literal
 
 from attlog import estimators
 from attlog.errors import UsageError
+from attlog.setting_values import Kind, either, number, or_none, text, truth, whole, words
 from attlog.settings_file import text_of, toml_of
 
 
-class Config(BaseModel):
+@dataclass
+class Config:
     """What an analysis does. Defaults serve; options are for experts.
 
     ``estimators``: row specifications (``default``, ``all``, ``NAME[@PRESET][:k=v,...]``,
@@ -28,39 +29,26 @@ class Config(BaseModel):
     standard ones. ``gyro_bias``: what is taken off the gyro for every filter alike: its mean over the
     rest before take-off, nothing, or the onboard estimator's own.
     ``params``: a parameter file for what the log does not tell. Times are seconds
-    on the log's clock (0 = first IMU sample).
+    on the log's clock (0 = first IMU sample). Whatever is set is checked: UsageError.
     """
 
-    model_config = ConfigDict(extra="forbid", validate_assignment=True)
-
-    estimators: list[str] = Field(default_factory=lambda: ["default"])
+    estimators: list[str] = field(default_factory=lambda: ["default"])
     imu: int | Literal["all"] | None = None
     mag: int | Literal["none"] | None = None
     reference: str = "auto"
     window: str | None = None
-    score_from: Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)] | None = None
+    score_from: float | None = None
     clock: Literal["sample", "publication"] = "sample"
-    declination: Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)] | Literal["auto", "model", "param"] = (
-        "auto"
-    )
+    declination: float | Literal["auto", "model", "param"] = "auto"
     trim: bool = True
-    input_delay: Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)] | Literal["auto", "off"] = "auto"
+    input_delay: float | Literal["auto", "off"] = "auto"
     gyro_bias: Literal["rest", "none", "onboard"] = "rest"
-    boot: int | None = Field(default=None, ge=0)
-    system: int | None = Field(default=None, ge=0, le=255)
+    boot: int | None = None
+    system: int | None = None
     params: str | None = None
 
-    @field_validator("estimators", mode="before")
-    @classmethod
-    def _split(cls, value: Any) -> Any:
-        return estimators.items(value) if isinstance(value, str) else value
-
-    @field_validator("reference")
-    @classmethod
-    def _known_reference(cls, value: str) -> str:
-        if value in ("auto", "truth", "smoother", "onboard", "none") or value.startswith("onboard:"):
-            return value
-        raise ValueError("use auto, truth, smoother, onboard, onboard:NAME (such as onboard:AHR2) or none")
+    def __setattr__(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, _checked(name, value))
 
     @classmethod
     def of(cls, config: Config | Mapping[str, Any] | None) -> Config:
@@ -72,12 +60,15 @@ class Config(BaseModel):
     @classmethod
     def build(cls, values: dict[str, Any], origin: str = "options") -> Config:
         """A configuration from plain values. UsageError lists every problem, with suggestions for unknown names."""
-        try:
-            return cls(**values)
-        except ValidationError as error:
-            raise UsageError(
-                "\n".join(f"{origin}: {line}" for line in _explain(error, list(cls.model_fields)))
-            ) from None
+        lines = []
+        for name, value in values.items():
+            try:
+                _checked(name, value)
+            except UsageError as wrong:
+                lines.append(f"{origin}: {wrong}")
+        if lines:
+            raise UsageError("\n".join(lines))
+        return cls(**values)
 
     @classmethod
     def load(cls, path: Path, **options: Any) -> Config:
@@ -93,13 +84,62 @@ class Config(BaseModel):
 
     def resolved(self) -> dict[str, Any]:
         """Plain values for the result and for TOML; keys that are None are left out."""
-        return self.model_dump(exclude_none=True)
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
     def to_toml(self) -> str:
         """The configuration as TOML text that ``load`` accepts."""
         import tomli_w
 
         return tomli_w.dumps(self.resolved())
+
+
+def _rows(value: Any) -> list[str]:
+    if isinstance(value, str):
+        return estimators.items(value)
+    if not isinstance(value, (list, tuple)) or not all(isinstance(item, str) for item in value):
+        raise ValueError
+    return list(value)
+
+
+def _reference(value: Any) -> str:
+    if not isinstance(value, str) or not (
+        value in ("auto", "truth", "smoother", "onboard", "none") or value.startswith("onboard:")
+    ):
+        raise ValueError
+    return value
+
+
+KINDS = {
+    "estimators": Kind(("a list of text",), _rows),
+    "imu": or_none(either(whole(), words("all"))),
+    "mag": or_none(either(whole(), words("none"))),
+    "reference": Kind(
+        ("auto", "truth", "smoother", "onboard", "onboard:NAME (such as onboard:AHR2)", "none"), _reference
+    ),
+    "window": or_none(text()),
+    "score_from": or_none(number(0.0, 1e6)),
+    "clock": words("sample", "publication"),
+    "declination": either(number(-180.0, 180.0), words("auto", "model", "param")),
+    "trim": truth(),
+    "input_delay": either(number(-1000.0, 1000.0), words("auto", "off")),
+    "gyro_bias": words("rest", "none", "onboard"),
+    "boot": or_none(whole(0)),
+    "system": or_none(whole(0, 255)),
+    "params": or_none(text()),
+}
+"""What each key may be."""
+
+
+def _checked(name: str, value: Any) -> Any:
+    """The value as the configuration holds it. UsageError tells what would do."""
+    if name not in KINDS:
+        close = difflib.get_close_matches(str(name), list(KINDS), 1)
+        hint = f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(KINDS)}"
+        raise UsageError(f"unknown key {name!r}{hint}")
+    try:
+        return KINDS[name].checked(value)
+    except ValueError as error:
+        raise UsageError(f"{name}: {error}") from None
 
 
 def _from_json(text: str, path: Path) -> dict[str, Any]:
@@ -113,20 +153,3 @@ def _from_json(text: str, path: Path) -> dict[str, Any]:
     if not isinstance(document.get("config"), dict):
         raise UsageError(f"{path}: holds no configuration: it has a schema but no object named config")
     return dict(document["config"])
-
-
-def _explain(error: ValidationError, known: list[str]) -> list[str]:
-    """One line per thing that is wrong; a union of types reports once."""
-    lines: dict[str, str] = {}
-    for item in error.errors():
-        name = str(item["loc"][0]) if item["loc"] else ""
-        if item["type"] == "extra_forbidden":
-            close = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(known)}"
-            lines[name] = f"unknown key {name!r}{hint}"
-        else:
-            message = item["msg"].removeprefix("Value error, ")
-            lines[name] = (
-                f"{lines[name]}, or: {message}" if name in lines else f"{name}: {message} (got {item['input']!r})"
-            )
-    return list(lines.values())

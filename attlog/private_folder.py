@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import stat
 import tempfile
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -18,6 +20,23 @@ def private_folder(kind: str, version: str) -> Path | None:
     user = Path(platformdirs.user_cache_dir("attlog")) / kind / version
     temporary = Path(tempfile.gettempdir()) / f"attlog-{kind}-{_user()}" / version
     return next((folder for folder in (user, temporary) if usable(folder)), None)
+
+
+@cache
+def version_of(package: str) -> str:
+    """The installed version of a package, for the name of a folder; "none" where there is none. Imports it not."""
+    spec = find_spec(package)
+    beside = Path(spec.origin).parents[1].iterdir() if spec is not None and spec.origin else ()
+    told = [path.stem for path in beside if path.suffix == ".dist-info"]
+    found = [name for name in told if name.lower().startswith(f"{package}-")]
+    if len(found) == 1:  # the metadata would tell as well, but imports email and socket: 20 ms
+        return found[0][len(package) + 1 :]
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"
 
 
 def usable(folder: Path) -> bool:

@@ -21,6 +21,7 @@ EVERYWHERE = {
     "earth",
     "output",
     "private_folder",
+    "setting_values",
     "settings_file",
     "file_names",
     "spreadsheet",
@@ -173,6 +174,7 @@ def test_help_imports_nothing_heavy(command: list[str]) -> None:
 
 NEEDED_BY_NONE = {"attlog.compare", "attlog.fleet.gating", "pandas", "plotly", "pymavlink", "pyulog", "rich"}
 NEEDED_BY_NONE |= {"scipy.optimize", "scipy.signal", "urllib.request", "xml"}
+NEEDED_BY_NONE |= {"pydantic", "importlib.metadata", "email", "socket"}
 
 
 @pytest.mark.parametrize(

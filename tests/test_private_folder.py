@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from attlog.private_folder import private_folder, usable
+from attlog.private_folder import private_folder, usable, version_of
 
 
 @pytest.fixture
@@ -45,3 +45,14 @@ def test_none_is_found_where_nothing_can_be_written(homes: Path) -> None:
     (homes / "cache").write_text("no folder")
     (homes / f"attlog-templates-{os.getuid()}").write_text("no folder")
     assert private_folder("templates", "1") is None
+
+
+@pytest.mark.parametrize("package", ["numba", "jinja2", "numpy"])
+def test_the_version_of_a_package_is_the_installed_one(package: str) -> None:
+    from importlib.metadata import version
+
+    assert version_of(package) == version(package)
+
+
+def test_a_package_that_is_not_there_has_no_version() -> None:
+    assert version_of("no_such_package") == "none"

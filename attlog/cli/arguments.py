@@ -8,12 +8,13 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
+from attlog.cli.given import AsTyped
 from attlog.errors import UsageError
 
 DEFAULT = "analyze"
 
 
-class Group(TyperGroup):
+class Group(AsTyped, TyperGroup):
     """The commands; ``attlog flight.ulg`` means ``attlog analyze flight.ulg``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -31,7 +32,11 @@ def looks_like_a_log(args: list[str]) -> bool:
     return any(c in first for c in "./\\*?") or os.path.exists(first)
 
 
-class WithJson(TyperCommand):
+class Plain(AsTyped, TyperCommand):
+    """A command."""
+
+
+class WithJson(Plain):
     """A command whose ``--json`` may be followed by ``-``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

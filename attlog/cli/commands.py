@@ -6,27 +6,26 @@ from importlib import import_module
 from typing import Any
 
 import typer
-from typer.core import TyperCommand
 
 from attlog.cli import streams
-from attlog.cli.arguments import Group, WithGates, WithJson
+from attlog.cli.arguments import Group, Plain, WithGates, WithJson
 
-COMMANDS: dict[str, tuple[str, type[TyperCommand] | None]] = {
+COMMANDS: dict[str, tuple[str, type[Plain]]] = {
     "analyze": ("analyze", WithGates),
     "batch": ("batch", WithGates),
     "info": ("info", WithJson),
-    "extract": ("extract", None),
+    "extract": ("extract", Plain),
     "compare": ("compare", WithJson),
-    "diff": ("diff", None),
+    "diff": ("diff", Plain),
     "sweep": ("sweep", WithJson),
     "tune": ("tune", WithJson),
-    "table": ("across_logs", None),
-    "estimators": ("estimators", None),
-    "new": ("new", None),
-    "check-estimator": ("check_estimator", None),
+    "table": ("across_logs", Plain),
+    "estimators": ("estimators", Plain),
+    "new": ("new", Plain),
+    "check-estimator": ("check_estimator", Plain),
     "reproduce": ("reproduce", WithJson),
-    "simulate": ("simulate", None),
-    "schema": ("schema", None),
+    "simulate": ("simulate", Plain),
+    "schema": ("schema", Plain),
 }
 """In the order of the help: the file of each in this room, and how its arguments are read."""
 

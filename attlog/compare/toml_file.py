@@ -21,7 +21,7 @@ from typing import Any
 
 from attlog.compare.configuration import Configuration, build
 from attlog.compare.questions import asked
-from attlog.config import Config
+from attlog.config import KINDS, Config
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import suggestion
 from attlog.settings_file import text_of, toml_of
@@ -47,7 +47,7 @@ def read(path: Path) -> Wanted:
     tables = values.pop(TABLE, None)
     found.metrics, wrong = _metrics(values.pop("metrics", []))
     problems += [f"{_at(path, lines, 'metrics')}: {w}" for w in wrong]
-    known = [name for name in Config.model_fields if name != "estimators"]
+    known = [name for name in KINDS if name != "estimators"]
     for key in [k for k in values if k not in known]:
         hint = suggestion(key, ["metrics", TABLE, *known])
         problems.append(f"{_at(path, lines, key)}: unknown key {key}{hint}")

@@ -10,26 +10,15 @@ import tempfile
 from pathlib import Path
 
 import attlog
-from attlog.private_folder import private_folder
+from attlog.private_folder import private_folder, version_of
 
 
 @functools.lru_cache(maxsize=1)
 def folder() -> Path | None:
     """The user's cache, a private temporary folder, or None."""
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    version = f"attlog-{attlog.__version__}-python-{python}-numba-{numba_version()}-{platform.machine()}"
+    version = f"attlog-{attlog.__version__}-python-{python}-numba-{version_of('numba')}-{platform.machine()}"
     return private_folder("kernels", version)
-
-
-@functools.lru_cache(maxsize=1)
-def numba_version() -> str:
-    """The installed compiler's version, asked without importing it."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("numba")
-    except PackageNotFoundError:
-        return "none"
 
 
 def write(path: Path, content: bytes) -> None:

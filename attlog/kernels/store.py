@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from attlog.kernels import processor, sources
-from attlog.kernels.folder import folder, numba_version, write
+from attlog.kernels.folder import folder, write
 from attlog.kernels.kernel import Kernel
+from attlog.private_folder import version_of
 
 FORMAT = 1
 """Counts changes of the file's form and of how entries are compiled and called."""
@@ -84,9 +86,7 @@ def learn_key(kernel: Kernel, key: str) -> None:
 
 def find(key: str) -> Object | None:
     """The object of that key: the shipped one of the best level that runs here, else that of the user's folder."""
-    places = [SHIPPED / f"{processor.machine()}-{level}" for level in processor.levels()] if SHIPPED.is_dir() else []
-    own = own_place()
-    for place in [*places, *([own] if own else [])]:
+    for place in _places():
         path = place / f"{key}.o"
         try:
             found = unpacked(path.read_bytes())
@@ -95,6 +95,15 @@ def find(key: str) -> Object | None:
         if found is not None:
             return found
     return None
+
+
+def _places() -> Iterator[Path]:
+    """Where objects that run here may lie, the best first; the user's folder is looked for last."""
+    if SHIPPED.is_dir():
+        yield from (SHIPPED / f"{processor.machine()}-{level}" for level in processor.levels())
+    own = own_place()
+    if own is not None:
+        yield own
 
 
 def keep(key: str, found: Object) -> None:
@@ -108,7 +117,9 @@ def keep(key: str, found: Object) -> None:
 def own_place() -> Path | None:
     """The user's folder for this processor and compiler."""
     own = folder()
-    name = hashlib.sha256("\0".join([numba_version(), processor.machine(), *processor.target()]).encode()).hexdigest()
+    name = hashlib.sha256(
+        "\0".join([version_of("numba"), processor.machine(), *processor.target()]).encode()
+    ).hexdigest()
     return own / f"objects-{name[:16]}" if own else None
 
 

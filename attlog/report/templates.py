@@ -6,7 +6,6 @@ import pickle
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from attlog import __version__
 from attlog.errors import OutputError
 from attlog.output import write_atomic
 from attlog.present.text import clean
-from attlog.private_folder import private_folder
+from attlog.private_folder import private_folder, version_of
 
 WEB = Path(__file__).parent / "web"
 
@@ -28,7 +27,9 @@ def template(name: str, filters: Mapping[str, Callable[..., Any]], folder: Path 
     What jinja makes of its text is kept in a folder of the user's, where the next page finds it; a template that has
     changed is compiled anew.
     """
-    kept = private_folder("templates", f"attlog-{__version__}-{sys.implementation.cache_tag}-jinja-{version('jinja2')}")
+    kept = private_folder(
+        "templates", f"attlog-{__version__}-{sys.implementation.cache_tag}-jinja-{version_of('jinja2')}"
+    )
     environment = Environment(
         loader=FileSystemLoader([WEB] if folder is None else [folder, WEB]),
         autoescape=True,
