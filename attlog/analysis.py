@@ -197,7 +197,8 @@ class Passing:
 
         self.likeness = Likeness(again)
         imu = case.log.replay_imu
-        asked = case.settings.get("reference", "auto") == "auto"
+        # filters that share a gyro which did not turn so agree in what is wrong
+        asked = case.settings.get("reference", "auto") == "auto" and not case.reference.gyro_fault
         self.witnesses = reference.Witnesses(case.log, imu, case.reference, again) if asked and imu else None
 
     def hear(self, row: Row, line: EstimatorRow) -> None:

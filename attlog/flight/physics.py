@@ -73,7 +73,9 @@ ACC_BIAS = _symmetric("accelerometer bias", 10.0, "m/s^2", "estimators bound the
 GYRO_BIAS = _symmetric("gyro bias", 10.0, "rad/s", "estimators bound theirs below 0.5 rad/s")
 VIBRATION = Quantity("vibration", 0.0, ACC_LIMIT_M_S2, "m/s^2", "no accelerometer measures more")
 TEST_RATIO = Quantity("test ratio", 0.0, 1e6, "", "a thousand standard deviations, squared")
-QUATERNION_NORM = Quantity("norm of the quaternion", 0.5, 1.5, "", "an attitude has norm 1")
+QUATERNION_NORM = Quantity(
+    "norm of the quaternion", 0.95, 1.05, "", "an attitude has norm 1; float16 and integers of 16 bits keep it to 0.001"
+)
 EULER_DEG = _symmetric("Euler angle", 720.0, "deg", "two turns, as estimators that do not wrap write them")
 
 CLOCK_US = Quantity(

@@ -51,7 +51,7 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "gravity": lambda: accelerometer.checks(log, phases),
         "accelerometer bias": lambda: acc_bias.checks(log, phases),
         "vibration": lambda: vibration.checks(log, phases),
-        "gravity direction": lambda: attitude.checks(log, phases),
+        "gravity direction": lambda: attitude.checks(log, phases, "" if rates is None else rates.gyro_fault),
         "attitude jumps": lambda: jumps.checks(log, phases),
         "second source": lambda: sources.checks(log, phases),
         "field": lambda: magnetometer.checks(log),

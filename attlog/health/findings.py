@@ -14,6 +14,7 @@ import numpy as np
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
 from attlog.health import against_smoother
+from attlog.health.attitude import CONTRADICTED
 from attlog.health.gyro import HOPELESS_DPS
 from attlog.health.model import FAILED, Check
 from attlog.reference.model import Reference
@@ -65,7 +66,8 @@ ABOUT: dict[str, About] = {
         beside=("ekf_failsafe", "ekf_check", "ekf_fault"),
     ),
     "gyro against attitude": About(
-        warn="note", bad="error", cause="A wrong scale or orientation of the sensor, or a slow or filtered attitude.",
+        warn="note", bad="error",
+        cause="A wrong scale, unit, orientation or clock of the logged gyro, or a slow or filtered attitude.",
         fault="mounting", means="Errors grow with every turn.",
     ),
     "attitude jumps": About(
@@ -185,10 +187,13 @@ def findings(
 
 def contradiction(reference: Reference) -> list[Problem]:
     """A reference that physics contradicts, or that had to give way to the smoother, as an entry; none otherwise."""
-    gave_way = reference.refused.get("onboard", "")
-    if reference.kind == "smoother" and gave_way:
-        means = "Filters are compared with the smoother and not with it."
-        return [Problem("reference_contradicted", "error", f"{gave_way}.", means=means)]
+    taken = {"smoother": "the smoother", "onboard": "the onboard attitude"}.get(reference.kind, "")
+    gave_way = [reference.refused[name] for name in ("truth", "onboard") if taken and name in reference.refused]
+    if gave_way:
+        means = f"Filters are compared with {taken} and not with it."
+        return [
+            Problem("reference_contradicted", "error", f"{why[0].upper()}{why[1:]}.", means=means) for why in gave_way
+        ]
     if not reference.fault:
         return []
     asked = "It was asked for as reference all the same"
@@ -199,8 +204,11 @@ def contradiction(reference: Reference) -> list[Problem]:
 
 
 def hopeless(checks: Iterable[Check]) -> str:
-    """Why no filter can be judged at all: a gyro far from zero while the vehicle stands; empty where one can."""
+    """Why no filter can be judged at all: a gyro far from zero while the vehicle stands, or one that is not what
+    turned; empty where one can."""
     for check in checks:
+        if check.name == "gyro against attitude" and check.value == CONTRADICTED:
+            return f"{check.text[0].lower()}{check.text[1:].rstrip('.')}"
         if check.name == "gyro bias" and isinstance(check.value, float) and abs(check.value) >= HOPELESS_DPS:
             return f"the gyro reads {check.value:.0f} deg/s while the vehicle stands still"
     return ""
@@ -212,7 +220,7 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
     severity = about.bad if check.verdict == "bad" else about.warn
     value = check.value if isinstance(check.value, (int, float)) else None
     means = about.means
-    if check.name == "gyro bias" and hopeless([check]):
+    if hopeless([check]):
         means = "Nothing below is judged: filters would show how they cope with this gyro, not how good they are."
     elif check.name == "gyro bias" and severity == "error":
         severity = "warning"

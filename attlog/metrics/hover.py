@@ -24,6 +24,8 @@ TOGETHER = 64
 """Windows that are transformed at once."""
 MIN_RATE_HZ = 2.0 * BAND_HZ[1]
 HUANG_DEG = 5.0
+LARGEST_DEG = 180.0
+"""No angle is larger: an interval that reaches so far, as of two unlike windows, says nothing."""
 
 METRICS: tuple[Metric, ...] = (
     Metric(
@@ -95,6 +97,8 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     sigma = math.sqrt(float(np.mean(powers)))
     ci95 = interval.of_sigma_log(sigma, powers[::2])
     few = "one window of hover gives no interval" if ci95 is None else None
+    if ci95 is not None and ci95[1] > LARGEST_DEG:
+        ci95, few = None, f"{len(powers[::2])} windows of hover differ too much to give an interval"
     answer = Answer(
         sigma, "deg", window, len(powers[::2]), found.seconds, ci95, f"{len(powers)} windows of 4 s",
         reason=few, ranked=few is None, detail={"within_5_deg_pct": found.near_pct},

@@ -53,7 +53,10 @@ def _answer(case: Case, row: Row, window: str) -> Answer:
         return missing("not_covered", "no accelerometer samples around the movements", "1/s", window)
     half = math.hypot(found.half_width(3), COMMON_PER_S, COMMON * found.leak)
     if half > max(LARGEST_HALF_PER_S, LARGEST_HALF * abs(found.leak)):
-        reason = f"{found.leak:.2f} +- {half:.2f} 1/s: the movements do not tell it"
+        width = (
+            f"{found.leak:.2f} +- {half:.2f} 1/s" if math.isfinite(half) else f"{found.leak:.2f} 1/s without interval"
+        )
+        reason = f"{width}: the movements do not tell it"
         return missing("too_few_events", reason, "1/s", window, fitted=found.leak)
     return Answer(
         found.leak, "1/s", window, len(found.events), found.seconds, (found.leak - half, found.leak + half),

@@ -10,11 +10,11 @@ import numpy as np
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog
-from attlog.reference import clock, smoothed
+from attlog.reference import clock, smoothed, turning
 from attlog.reference.build import build, without
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.reference.options import Options
-from attlog.segments import Segments
+from attlog.segments import Segments, resets
 
 Smooth = Callable[[], Estimate]
 """Runs the smoother over the log; AttlogError says why it cannot."""
@@ -33,15 +33,40 @@ def choose(
 
     Refused for the next best unless the user asked for it is an attitude that gravity contradicts
     by more than 10 deg or that stands still while the gyro turns; a smoother that is not sure of its
-    tilt, if the onboard attitude is sound; an onboard attitude that such a smoother contradicts.
+    tilt, if the onboard attitude is sound; an onboard attitude that such a smoother contradicts. No
+    smoother is made of a gyro that is not the one that turned (``reference.turning``).
     """
     options = options or Options()
     if options.clock not in ("sample", "publication"):
         raise UsageError(f"clock {options.clock!r}: use sample or publication")
     kind = _wanted(options.reference)
-    if kind != "auto":
-        return _asked(log, segments, options, kind, smooth)
     out = dict(refused or {})
+    faults = _turn_otherwise(log, segments)
+    gyro_fault = next((fault.why for fault in faults.values() if fault.of == "gyro"), "")
+    if kind != "auto":
+        return replace(_asked(log, segments, options, kind, smooth), gyro_fault=gyro_fault)
+    out |= {name: fault.why for name, fault in faults.items() if fault.of == "attitude"}
+    out |= {smoothed.NAME: gyro_fault} if gyro_fault else {}
+    return replace(_best(log, segments, options, smooth, out, second), gyro_fault=gyro_fault)
+
+
+def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.Fault]:
+    """Which of truth and the attitude that flew does not turn as the replayed gyro does, and who is wrong."""
+    imu, mag = log.replay_imu, None if log.mag is None else log.mags[log.mag]
+    found: dict[str, turning.Fault] = {}
+    for name, attitude in (("truth", log.truth), ("onboard", log.onboard_attitude)):
+        if imu is not None and attitude is not None:
+            of_log = attitude is log.onboard_attitude
+            jumps, _ = resets.known(log, log.onboard or "", segments) if of_log else resets.find(attitude, imu)
+            found[name] = turning.contradiction(imu, attitude, jumps, mag)
+    return found
+
+
+def _best(
+    log: FlightLog, segments: Segments, options: Options, smooth: Smooth | None, out: dict[str, str],
+    second: Reference | None,
+) -> Reference:  # fmt: skip
+    """The first of truth, smoother and onboard attitude that nothing speaks against; ``out``: those already refused."""
     truth = None if "truth" in out else _truth(log, segments, options)
     if truth is not None and not truth.fault:
         return truth

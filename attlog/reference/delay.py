@@ -69,6 +69,8 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     def misfit(tau: float) -> float:
         off = turning.between(start[i] + tau, end[i] + tau) / (end - start)[i, None] - own[i]
         usual = np.sum((off - np.median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
+        if not usual.any():  # nothing like the gyro's rates at this shift
+            return math.inf
         off = off[usual] - np.mean(off[usual], axis=0)
         return float(np.mean(np.sum(off * off, axis=1)))
 
@@ -76,7 +78,11 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     best = int(np.argmin([misfit(tau) for tau in coarse]))
     if not 0 < best < len(coarse) - 1:
         return None
-    a, b, c = np.polyfit(fine := np.linspace(-COARSE_S, COARSE_S, 5), [misfit(coarse[best] + u) for u in fine], 2)
+    fine = np.linspace(-COARSE_S, COARSE_S, 5)
+    around = [misfit(coarse[best] + u) for u in fine]
+    if not np.isfinite(around).all():
+        return None
+    a, b, c = np.polyfit(fine, around, 2)
     if a <= 0 or max(c - b * b / (4 * a), 0.0) / (a * len(i) / k) > SURE_S**2:
         return None
     return float(coarse[best] - b / (2 * a))

@@ -75,6 +75,8 @@ class Reference:
     sigma_heading_deg: Array | None = None
     heading_by: Literal["own", "onboard", "nobody"] = "own"
     heading_why: str = ""
+    gyro_fault: str = ""
+    """Why nothing that is made of the logged gyro can be judged (``reference.turning``); empty where nothing is."""
     second: Reference | None = None
     """A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later."""
     delays_seen: list[tuple[Imu, float | None]] = field(default_factory=list, repr=False)

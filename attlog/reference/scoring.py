@@ -129,6 +129,17 @@ def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments
     return float(attitude.t[jumped[-1]]) if len(jumped) else None
 
 
+def can_be_seen(errors: Errors) -> bool:
+    """Whether there are 5 s without a break long enough to end an estimate: else nothing tells that a row converged."""
+    whole = gaps.slices(np.ones(len(errors.t), bool), _unbroken(errors))
+    return any(np.ptp(errors.t[part]) >= CONVERGED_S for part in whole)
+
+
+def _unbroken(errors: Errors) -> NDArray[np.int64]:
+    """Segments (n,) between breaks at which filters restart: an error goes on across shorter ones."""
+    return gaps.number(errors.t, max(gaps.RESTART_SECONDS, gaps.gap_limit(errors.t)))
+
+
 def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | None:
     """Seconds from ``start`` until the row had converged; None if that took over 60 s or cannot be seen.
 
@@ -137,13 +148,13 @@ def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | N
     One-sided: a filter that starts right and is pushed off later has converged at 0 s.
     """
     later = errors.scored if errors.scored.any() else np.ones(len(errors.t), bool)
-    if len(errors.t) < 2 or errors.t[-1] - errors.t[0] < CONVERGED_S:
+    if not can_be_seen(errors):
         return None
     good = errors.inclination <= np.median(errors.inclination[later]) + CONVERGED_TILT_DEG
     if with_heading:
         heading = np.abs(errors.heading)
         good &= heading <= np.median(heading[later]) + CONVERGED_HEADING_DEG
-    for part in gaps.slices(good, errors.gap_segment):
+    for part in gaps.slices(good, _unbroken(errors)):
         if np.ptp(errors.t[part]) >= CONVERGED_S:
             took = max(0.0, float(errors.t[part.start]) - start) if part.start > 0 else 0.0
             return took if took <= CONVERGED_LIMIT_S else None

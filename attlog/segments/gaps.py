@@ -93,7 +93,7 @@ def find(t: Array) -> list[Segment]:
         seconds = float(t[b] - t[a])
         if seconds > 0:
             kind = "a filter restarts" if seconds > RESTART_SECONDS else "a filter integrates across"
-            found.append(Segment("gap", float(t[a]), float(t[b]), f"no IMU sample for {seconds:.3g} s; {kind}"))
+            found.append(Segment("gap", float(t[a]), float(t[b]), f"no IMU sample for {seconds:.2f} s; {kind}"))
     return found
 
 

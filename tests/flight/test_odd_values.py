@@ -144,3 +144,12 @@ def test_a_hundred_thousand_devices_take_no_time() -> None:
     begin = time.process_time()
     assert read(tables).imu == 0
     assert time.process_time() - begin < 2.0
+
+
+def test_a_quaternion_with_a_damaged_component_is_refused_and_not_normalised() -> None:
+    """One number of four changed is another attitude, and normalising hides it."""
+    q = np.tile(np.array([0.8, 0.6, 0.0, 0.0], np.float32), (N, 1))
+    q[::4, 1] = 0.4
+    found = read({("sensor_combined", 0): combined(), ("vehicle_attitude", 0): {"timestamp": micros(N, 200.0), "q": q}})
+    assert len(found.attitudes["vehicle_attitude"].t) == N - N // 4
+    assert [p.count for p in found.problems if p.code == "values_out_of_range"] == [N // 4]

@@ -33,3 +33,13 @@ def test_hover_is_needed_for_4_seconds_and_at_10_hz():
     assert jitter(0.0, SEGMENTS[:2]).code == "not_covered"
     assert jitter(0.0, [*SEGMENTS[:2], Segment("hover", 20, 23)]).code == "record_too_short"
     assert jitter(0.0, t=T[::20]).code == "record_too_short"
+
+
+def test_two_windows_that_differ_too_much_give_no_interval_instead_of_one_beyond_any_angle():
+    """A t interval of two logarithms knows no end: 0.002 to 5 deg became "up to 19,000,000 deg"."""
+    loud = np.where(T > 26.0, 5.0, 0.002) * np.sin(2 * np.pi * T)
+    answer = jitter(loud, [*SEGMENTS[:2], Segment("hover", 20, 30)])
+    assert answer.n == 2
+    assert answer.ci95 is None
+    assert "differ too much" in answer.reason
+    assert not answer.ranked

@@ -42,3 +42,11 @@ def test_scale_of_the_logged_gyro_stays_in_the_interval_of_a_leak(kp, least):
     case, row = thrust_flight(kp)
     told = leak.compute(case, row, "all")["leak_per_s"]
     assert 0.5 * (told.ci95[1] - told.ci95[0]) >= 0.99 * least
+
+
+def test_a_leak_without_interval_is_not_told_as_infinity(monkeypatch):
+    case, row = thrust_flight(0.6)
+    monkeypatch.setattr(leak.math, "hypot", lambda *x: float("inf"))
+    told = leak.compute(case, row, "all")["leak_per_s"]
+    assert "inf" not in told.reason
+    assert "without interval" in told.reason

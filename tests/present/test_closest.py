@@ -64,6 +64,15 @@ def test_filters_that_all_diverge_from_onboard_do_not_acquit_it():
     )
 
 
+def test_filters_that_did_not_settle_or_are_not_judged_are_not_said_to_have_diverged():
+    rows = [row(n, tilt(9.0), status="not_converged", reason="had not settled") for n in ("vqf", "mahony")]
+    assert sentence("closest", made(rows, reference="truth")).startswith("All 2 filters did not settle near the logged")
+    rows[0].status = "diverged"
+    assert "diverged from or did not settle near" in sentence("closest", made(rows, reference="truth"))
+    rows = [row(n, tilt(9.0), status="not_judged", reason="the gyro is broken") for n in ("vqf", "mahony")]
+    assert sentence("closest", made(rows, reference="truth")) == "No filter can be judged: the gyro is broken."
+
+
 @pytest.mark.parametrize("reference", ["onboard", "truth"])
 def test_the_gyro_alone_is_never_closest_and_its_bar_is_pale(reference):
     rows = [row("gyro", tilt(0.1)), row("vqf", tilt(1.2)), row("mahony", tilt(3.7))]

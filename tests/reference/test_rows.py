@@ -219,6 +219,27 @@ def test_a_filter_that_never_settles_within_a_minute_has_not_converged():
     assert row.convergence_s is None
 
 
+def test_short_gaps_are_no_reason_to_say_that_a_row_did_not_settle():
+    """A logger that drops 0.1 s every 3 s: filters integrate across, and the error goes on."""
+    t = T[(T % 3.0) > 0.1]
+    row, _, _ = compared(flight(), estimate(t, tilt_deg=30.0 * np.exp(-t / 4.0)))
+    assert row.status == "ok"
+    assert row.convergence_s == pytest.approx(4.0 * np.log(30 / 2), abs=0.5)
+
+
+def test_a_row_that_is_never_there_for_5_s_is_not_said_not_to_settle():
+    t = T[(T % 3.0) > 1.0]
+    row, _, _ = compared(flight(), estimate(t))
+    assert row.status == "ok"
+    assert row.convergence_s is None
+
+
+def test_what_did_not_settle_is_told_with_the_time_that_was_there():
+    t = np.arange(0.0, 40.0, 1 / RATE)
+    row, _, _ = compared(flight(40.0), estimate(t, tilt_deg=15.0 * np.sin(t) ** 2))
+    assert row.reason == "had not settled 40 s after its start"
+
+
 def test_coverage_counts_the_rest_and_flight_that_was_scored():
     """The trap: a filter scored on its good half only."""
     log = flight()

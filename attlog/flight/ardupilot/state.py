@@ -240,8 +240,10 @@ def rate_setpoints(builder: LogBuilder, clock: Clock, imu: Imu | None) -> Stream
 def hundredths(t: Array, measured: Array, imu: Imu) -> bool:
     """Whether measured rates (n, 3) fit the gyro better as 0.01 deg/s than as deg/s."""
     gyro = np.column_stack([np.interp(t, imu.gyro.t, imu.gyro.x[:, k]) for k in range(3)])
-    with np.errstate(invalid="ignore"):
-        spread = np.nanmedian(np.abs(np.radians(measured))), np.median(np.abs(gyro))
+    known = measured[np.isfinite(measured)]
+    if len(known) == 0:
+        return False
+    spread = np.median(np.abs(np.radians(known))), np.median(np.abs(gyro))
     return bool(spread[0] > 10.0 * spread[1] and spread[1] > 0)
 
 
@@ -387,7 +389,8 @@ def battery(builder: LogBuilder, clock: Clock) -> Stream | None:
         if table is None or "Volt" not in table or "Curr" not in table or own_time(table) is None:
             continue
         x = columns(table, "Volt", "Curr")
-        if table.fields["Volt"].dtype.kind in "iu" or np.nanmedian(np.abs(x[:, 0])) > 150.0:
+        volts = x[np.isfinite(x[:, 0]), 0]
+        if table.fields["Volt"].dtype.kind in "iu" or (len(volts) and np.median(np.abs(volts)) > 150.0):
             x = x * 0.01
         return builder.battery(clock.of(table), x, name)
     return None

@@ -73,10 +73,16 @@ def unranked(result: Result, tilt: Contest, heading: Contest) -> str:
     whom = against_whom(result, sigma=True)
     sound = [j for j in tilt.filters if j.row.status == "ok"]
     if not sound:
+        states = {j.row.status for j in tilt.filters}
+        if "not_judged" in states:
+            return f"No filter can be judged: {typeset(tilt.filters[0].row.reason)}.{flew(result, tilt, heading)}"
         who = f"All {len(tilt.filters)} filters" if len(tilt.filters) > 1 else tilt.filters[0].name
+        how = "diverged from" if "not_converged" not in states else "did not settle near"
+        if len(states) > 1:
+            how = "diverged from or did not settle near"
         end = "either they or the onboard attitude is wrong" if "onboard" in whom else "none can be judged"
         end = "either they or the smoother is wrong" if "smoother" in whom else end
-        return f"{who} diverged from {whom}: {end}.{flew(result, tilt, heading)}"
+        return f"{who} {how} {whom}: {end}.{flew(result, tilt, heading)}"
     seconds = duration(max(j.answer.seconds for j in sound))
     spread = f"{values(sound)} against {whom}"
     if len(sound) <= NAMED:
