@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, overload, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,7 +196,39 @@ class Boot:
     end: int
 
 
-@dataclass(slots=True)
+T = TypeVar("T")
+
+
+class Later(Generic[T]):
+    """A list of a log that may be given as a function that makes it: it is called by the first who asks.
+
+    Columns are decoded when somebody asks for them, and so are parameters, of which a log states thousands.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._place = f"_{name}"
+
+    @overload
+    def __get__(self, log: None, owner: type) -> type[list[T]]: ...
+
+    @overload
+    def __get__(self, log: object, owner: type) -> list[T]: ...
+
+    def __get__(self, log: object | None, owner: type) -> list[T] | type[list[T]]:
+        if log is None:
+            return list  # what a dataclass takes for the default: a function that makes an empty one
+        found = getattr(log, self._place)
+        if callable(found):
+            found = found()
+            setattr(log, self._place, found)
+        values: list[T] = found
+        return values
+
+    def __set__(self, log: object, values: list[T] | Callable[[], list[T]]) -> None:
+        setattr(log, self._place, values)
+
+
+@dataclass
 class Messages(Mapping[tuple[str, int], Table]):
     """An opened log: ``(name, instance) -> Table`` plus what stands beside the data.
 
@@ -211,8 +243,8 @@ class Messages(Mapping[tuple[str, int], Table]):
     format: str
     size: int
     tables: dict[tuple[str, int], Table]
-    params: list[ParamChange] = field(default_factory=list)
-    texts: list[Text] = field(default_factory=list)
+    params: Later[ParamChange] = Later()
+    texts: Later[Text] = Later()
     info: dict[str, Any] = field(default_factory=dict)
     damage: list[Damage] = field(default_factory=list)
     damage_bytes: int = 0
@@ -263,8 +295,8 @@ class Messages(Mapping[tuple[str, int], Table]):
             self.format,
             self.size,
             tables,
-            [p for p in self.params if b.start <= p.offset < b.end],
-            [x for x in self.texts if b.start <= x.offset < b.end],
+            lambda: [p for p in self.params if b.start <= p.offset < b.end],
+            lambda: [x for x in self.texts if b.start <= x.offset < b.end],
             self.info,
             self.damage,
             self.damage_bytes,

@@ -100,6 +100,17 @@ def cut_at_nul(text: NDArray[np.bytes_]) -> NDArray[np.bytes_]:
     return chars.view(text.dtype).reshape(len(text))
 
 
+def texts_of(column: NDArray[np.bytes_]) -> list[str]:
+    """A column of strings, :func:`text_of` each; almost all are plain, and such are decoded together."""
+    listed: list[bytes] = column.tolist()
+    joined = b"\n".join(listed)
+    if joined.isascii() and b"\0" not in joined:
+        plain = joined.decode("ascii").split("\n")
+        if len(plain) == len(listed):
+            return plain
+    return [text_of(raw) for raw in listed]
+
+
 def text_of(raw: bytes) -> str:
     """A logged string: UTF-8, else Latin-1, which can spell every byte."""
     raw = raw.split(b"\0", 1)[0]

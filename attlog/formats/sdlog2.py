@@ -8,6 +8,7 @@ src/modules/sdlog2/sdlog2_messages.h.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,10 +30,12 @@ from attlog.formats.mapping import map_bytes, text_of
 TIME = "_t_us"
 """Column with the boot time (us) of the group that a record belongs to, -1 before the first TIME record."""
 
+_TIME = re.compile(rb"TIME *Q")  # name and letters of its FMT record, which hardly any other file has
+
 
 def is_sdlog2(head: bytes) -> bool:
     """Whether these first bytes of a file have DataFlash framing and define a TIME that only holds the start time."""
-    return any(fmt.name == "TIME" and fmt.letters == "Q" for fmt in formats(head))
+    return _TIME.search(head) is not None and any(fmt.name == "TIME" and fmt.letters == "Q" for fmt in formats(head))
 
 
 def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:

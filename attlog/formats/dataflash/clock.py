@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,12 @@ from attlog.limits import LAST_TIME_US
 
 def time_column(fmt: Format) -> tuple[str, int] | None:
     """Column of a format's boot clock and microseconds per count, None if it has none."""
-    letters = dict(zip(fmt.columns, fmt.letters, strict=False))
+    return _time_column(fmt.columns, fmt.letters)
+
+
+@lru_cache(1 << 10)
+def _time_column(columns: tuple[str, ...], kinds: str) -> tuple[str, int] | None:
+    letters = dict(zip(columns, kinds, strict=False))
     if letters.get("TimeUS") in ("Q", "q"):
         return "TimeUS", 1
     # in GPS records of 3.1 and 3.2, TimeMS is the time of the GPS week and T the boot clock

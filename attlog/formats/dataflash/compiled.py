@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.compiled import if_cheap, kernel_of
+from attlog.formats.mapping import gather
 from attlog.kernels.obtain import obtained
 
 WORTH_COMPILED = 64 << 20
@@ -67,6 +68,16 @@ class Follower:
                 return position
             self._grow(position)
 
+    def add_run(self, position: int, stop: int, length: int) -> None:
+        """Add the records of one length and layout 0 (FMT, at which the walk stops) from ``position`` to ``stop``."""
+        at = np.arange(position, stop, length)
+        if self._count + len(at) > len(self._starts):
+            self._grow(position, len(at))
+        free = slice(self._count, self._count + len(at))
+        self._starts[free], self._kinds[free] = at, 0
+        self._stamps[free] = gather(self._data, at + 3, np.dtype("<i8"))
+        self._count += len(at)
+
     def add(self, position: int, record: bytes) -> None:
         """Add one record, given its bytes."""
         if self._count == len(self._starts):
@@ -76,11 +87,11 @@ class Follower:
         self._stamps[k] = int.from_bytes(record[3:11], "little", signed=len(record) > 10)
         self._count += 1
 
-    def _grow(self, position: int) -> None:
+    def _grow(self, position: int, least: int = 1) -> None:
         """Make room for the rest of the file, if its records are about as long as those before ``position``."""
         rest = (len(self._data) - position) * self._count // max(position, 1)
         starts, kinds, stamps = self.found
-        self._starts, self._kinds, self._stamps = _room(self._count + rest + rest // 16 + _FIRST // 16)
+        self._starts, self._kinds, self._stamps = _room(self._count + rest + rest // 16 + _FIRST // 16 + least)
         n = self._count
         self._starts[:n], self._kinds[:n], self._stamps[:n] = starts, kinds, stamps
 

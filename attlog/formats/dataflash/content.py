@@ -7,7 +7,7 @@ from math import isfinite
 
 from attlog.formats.base import Messages, ParamChange, Table, Text
 from attlog.formats.clock import Timeline, times_before
-from attlog.formats.mapping import text_of
+from attlog.formats.mapping import text_of, texts_of
 from attlog.limits import LAST_TIME_US, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
 INFO = 6
@@ -20,14 +20,14 @@ def params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
     if table is None or not is_text(table, "Name") or not is_number(table, "Value"):
         return []
     table = table.rows(slice(MAX_PARAM_CHANGES))
-    names = [text_of(name) for name in table["Name"].tolist()]
+    names = texts_of(table["Name"])
     values = table["Value"].tolist()
     times, offsets = _times_of(table, timeline), table.offsets.tolist()
-    changes = map(ParamChange, names, values, times, repeat(False), offsets)
+    changes = map(ParamChange._make, zip(names, values, times, repeat(False), offsets, strict=False))
     if not is_number(table, "Default"):
         return list(changes)
     told: list[float] = table["Default"].tolist()
-    defaults = map(ParamChange, names, told, times, repeat(True), offsets)
+    defaults = map(ParamChange._make, zip(names, told, times, repeat(True), offsets, strict=False))
     pairs = zip(defaults, changes, strict=True)
     return [c for default, change in pairs for c in ((default, change) if isfinite(default.value) else (change,))]
 

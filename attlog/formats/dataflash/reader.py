@@ -9,8 +9,10 @@ are left out and counted, times are the logged ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +20,17 @@ from numpy.typing import NDArray
 from attlog.errors import LogUnusable
 from attlog.formats.barrier import Barrier
 from attlog.formats.base import Boot, Messages, Remark
-from attlog.formats.clock import boots_between, restarts
-from attlog.formats.dataflash.clock import drop_false_times, timeline
+from attlog.formats.clock import Timeline, boots_between, restarts
+from attlog.formats.dataflash.clock import drop_false_times, time_column, timeline
 from attlog.formats.dataflash.content import params, texts
-from attlog.formats.dataflash.index import HEADER_LENGTH, Index, index_records
-from attlog.formats.dataflash.tables import build_tables, tell_unreadable
-from attlog.formats.dataflash.units import Units, units_of
+from attlog.formats.dataflash.index import HEADER_LENGTH, Format, Index, index_records
+from attlog.formats.dataflash.tables import Units, build_tables, tell_unreadable
+from attlog.formats.dataflash.units import units_of
 from attlog.formats.mapping import Offsets, gather, map_bytes, text_of
 
 __all__ = ["read"]
+
+T = TypeVar("T")
 
 
 def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:
@@ -48,6 +52,9 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
         )
     at, time = timeline(data, index)
     at, time = drop_false_times(index, at, time)
+    boots = _boots(data, index, at, time)
+    clock = (at[:0].copy(), time[:0].copy()) if _tell_their_time(index.layouts) else (at, time)
+    del at, time  # the sorting that follows takes as much
     remarks: list[Remark] = []
     around = Barrier(remarks).around
     units: Units = {}
@@ -56,14 +63,17 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     tables = build_tables(data, index, units, guard=around)
     tell_unreadable(index)
     messages = Messages(
-        path, "dataflash", len(data), tables, remarks=remarks,
+        path, "dataflash", len(data), tables, remarks=remarks, boots=boots,
         damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
     )  # fmt: skip
-    with around("PARM", "parameters", None):
-        messages.params = params(messages, (at, time))
-    with around("MSG", "texts", None):
-        messages.texts = texts(messages, (at, time))
-    messages.boots = _boots(data, index, at, time)
+
+    def told(message: str, what: str, of: Callable[[Messages, Timeline], list[T]]) -> list[T]:
+        with around(message, what, None):
+            return of(messages, clock)
+        return []
+
+    messages.params = partial(told, "PARM", "parameters", params)
+    messages.texts = partial(told, "MSG", "texts", texts)
     version = messages.first("VER")
     if version is not None:
         with around("VER", "versions", int(version.offsets[0])):
@@ -74,6 +84,12 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
 def _plain(value: Any) -> Any:
     """A value of numpy as the Python value that JSON knows."""
     return text_of(value) if isinstance(value, bytes) else value.tolist()
+
+
+def _tell_their_time(layouts: list[Format]) -> bool:
+    """Whether parameters and texts carry their time, so that no other record's is needed for them."""
+    return all(time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters for fmt in layouts
+               if fmt.name in ("PARM", "MSG") and fmt.readable)  # fmt: skip
 
 
 def _boots(data: NDArray[np.uint8], index: Index, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:

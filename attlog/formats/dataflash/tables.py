@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Callable
+from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,9 @@ from attlog.formats.base import Field, Guard, Table
 from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index
 from attlog.formats.mapping import Records, gather
 from attlog.limits import MAX_INSTANCES
+
+Units = dict[int, tuple[str, Callable[[], tuple[str | None, ...]]]]
+"""By layout its unit ids, and the unit text of every column when somebody asks."""
 
 INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
 """Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0)."""
@@ -45,48 +50,52 @@ def fields_of(fmt: Format, units: tuple[str | None, ...] = ()) -> tuple[dict[str
 class _Described:
     """What a format says of its columns, found out when the first of its tables is asked."""
 
-    def __init__(self, data: NDArray[np.uint8], fmt: Format, units: tuple[str | None, ...]) -> None:
-        self._data = data
-        self._given = fmt, units
+    def __init__(self, data: NDArray[np.uint8], fmt: Format, units: Callable[[], tuple[str | None, ...]]) -> None:
+        self._data, self._fmt, self._units = data, fmt, units
 
     @cached_property
     def _found(self) -> tuple[dict[str, Field], np.dtype[Any]]:
-        return fields_of(*self._given)
+        return fields_of(self._fmt, self._units())
 
     def fields(self) -> dict[str, Field]:
         return self._found[0]
 
     def table(self, instance: int, offsets: NDArray[np.int64], guard: Guard) -> Table:
         decode = Records(lambda at: gather(self._data, at, self._found[1]))
-        return Table(self._given[0].name, instance, self.fields, offsets, decode, guard)
+        return Table(self._fmt.name, instance, self.fields, offsets, decode, guard)
 
 
 def build_tables(
     data: NDArray[np.uint8],
     index: Index,
-    units: dict[int, tuple[str, tuple[str | None, ...]]] | None = None,
+    units: Units | None = None,
     by_instance: bool = True,
     guard: Guard = unguarded,
 ) -> dict[tuple[str, int], Table]:
     """The tables of an index by (name, instance), in the order in which their first records stand in the file.
 
-    ``units`` gives for a layout its unit ids and the unit of each column; ``guard`` goes around each message.
+    ``guard`` goes around each message.
     """
     units = units or {}
     order = np.argsort(index.layout, kind="stable")
-    bounds = np.searchsorted(index.layout, np.arange(len(index.layouts) + 1, dtype=np.int16), sorter=order)
+    bounds = [0, *np.bincount(index.layout, minlength=len(index.layouts)).cumsum().tolist()]
     parts: dict[tuple[str, int], list[Table]] = {}
     for k, fmt in enumerate(index.layouts):
         if bounds[k] == bounds[k + 1] or not fmt.readable:
             continue
-        with guard(fmt.name, "its records", fmt.offset):
+        try:
             offsets = index.offsets[order[bounds[k] : bounds[k + 1]]].astype(np.int64, copy=False)
-            for part in _parts(data, fmt, offsets, units.get(k, ("", ())), by_instance, guard):
+            for part in _parts(data, fmt, offsets, units.get(k, ("", tuple)), by_instance, guard):
                 parts.setdefault((fmt.name, part.instance), []).append(part)
-    tables = {}
+        except Exception as error:  # the guard is asked only now: entering it for each message costs more than they do
+            with guard(fmt.name, "its records", fmt.offset):
+                raise error
+    tables = {key: found[0] for key, found in parts.items()}
     for key, found in parts.items():
-        with guard(key[0], "its layouts", int(found[0].offsets[0])):
-            tables[key] = found[0] if len(found) == 1 else MixedTable(found, guard)
+        if len(found) > 1:
+            del tables[key]
+            with guard(key[0], "its layouts", int(found[0].offsets[0])):
+                tables[key] = MixedTable(found, guard)
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
@@ -94,7 +103,7 @@ def _parts(
     data: NDArray[np.uint8],
     fmt: Format,
     offsets: NDArray[np.int64],
-    described: tuple[str, tuple[str | None, ...]],
+    described: tuple[str, Callable[[], tuple[str | None, ...]]],
     by_instance: bool,
     guard: Guard,
 ) -> list[Table]:
@@ -118,15 +127,21 @@ def by_instance_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDAr
     edges = np.flatnonzero(sorted_numbers[1:] != sorted_numbers[:-1]) + 1
     if len(edges) >= MAX_INSTANCES:
         return None
-    return list(zip(sorted_numbers[[0, *edges]].tolist(), np.split(order, edges), strict=True))
+    bounds = [0, *edges.tolist(), len(order)]
+    return [(n, order[a:b]) for n, (a, b) in zip(sorted_numbers[bounds[:-1]].tolist(), pairwise(bounds), strict=True)]
 
 
 def instance_column(fmt: Format, unit_ids: str) -> str | None:
     """The column that tells the instance, None if there is none."""
-    for letter, column, unit in zip(fmt.letters, fmt.columns, unit_ids, strict=False):
+    return _instance_column(fmt.letters, fmt.columns, unit_ids)
+
+
+@lru_cache(1 << 10)
+def _instance_column(letters: str, columns: tuple[str, ...], unit_ids: str) -> str | None:
+    for letter, column, unit in zip(letters, columns, unit_ids, strict=False):
         if unit == "#" and LETTER_DTYPES[letter].kind in "iu" and column:
             return column
-    for letter, column in zip(fmt.letters, fmt.columns, strict=False):
+    for letter, column in zip(letters, columns, strict=False):
         if letter in "bB" and column in INSTANCE_COLUMNS:
             return column
     return None

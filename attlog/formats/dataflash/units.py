@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,14 +13,11 @@ from numpy.typing import NDArray
 from attlog.formats.base import Table
 from attlog.formats.dataflash.content import is_integer, is_number, is_text
 from attlog.formats.dataflash.index import LETTER_SCALES, Index
-from attlog.formats.dataflash.tables import build_tables
+from attlog.formats.dataflash.tables import Units, build_tables
 from attlog.formats.mapping import text_of
+from attlog.formats.mapping import texts_of as decoded
 
 _PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
-
-
-Units = dict[int, tuple[str, tuple[str | None, ...]]]
-"""By layout its unit ids, and the unit text of every column."""
 
 
 def units_of(data: NDArray[np.uint8], index: Index) -> Units:
@@ -50,14 +47,13 @@ def units_of(data: NDArray[np.uint8], index: Index) -> Units:
         )
 
     result: Units = {}
-    rows = zip(*(described[c].tolist() for c in ("FmtType", "UnitIds", "MultIds")), described.offsets.tolist(),
-               strict=True)  # fmt: skip
-    for kind, unit_ids, mult_ids, offset in rows:
+    rows = zip(described["FmtType"].tolist(), decoded(described["UnitIds"]), decoded(described["MultIds"]),
+               described.offsets.tolist(), strict=True)  # fmt: skip
+    for kind, ids, mults, offset in rows:
         mine = by_type.get(kind)
         if mine:
             fmt_at = mine[max(bisect_left(since[kind], offset) - 1, 0)]
-            ids = text_of(unit_ids)
-            result[fmt_at] = (ids, texts_of(index.layouts[fmt_at].letters, ids, text_of(mult_ids)))
+            result[fmt_at] = (ids, partial(texts_of, index.layouts[fmt_at].letters, ids, mults))
     return result
 
 

@@ -9,8 +9,11 @@ reported in between; numbers stay as sent.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from itertools import repeat
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +22,7 @@ from attlog.errors import LogUnusable
 from attlog.formats.barrier import Barrier
 from attlog.formats.base import Boot, Field, Guard, Messages, ParamChange, Remark, Table, Text
 from attlog.formats.clock import Timeline, boots, times_before
-from attlog.formats.mapping import Records, gather, map_bytes, text_of
+from attlog.formats.mapping import Records, gather, map_bytes, text_of, texts_of
 from attlog.formats.mavlink.clock import CLOCK_MESSAGES, of_system, timeline
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
 from attlog.formats.mavlink.dialect import STAMP, catalogue, layout
@@ -28,6 +31,7 @@ from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
 __all__ = ["CLOCK_MESSAGES", "STAMP", "parameter_values", "read", "systems_of", "vehicle_of"]
 
+T = TypeVar("T")
 PX4_AUTOPILOT = 12
 NO_AUTOPILOT = 8
 _GROUND_STATION = 6
@@ -61,10 +65,14 @@ def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8]
     messages.boots = [Boot(0, len(data))]
     if chosen is not None:
         clock = timeline(messages, chosen)
-        with around("PARAM_VALUE", "parameters", None):
-            messages.params = _params(messages, chosen, clock)
-        with around("STATUSTEXT", "texts", None):
-            messages.texts = _texts(messages, chosen, clock)
+
+        def told(message: str, what: str, of: Callable[[Messages, int, Timeline], list[T]]) -> list[T]:
+            with around(message, what, None):
+                return of(messages, chosen, clock)
+            return []
+
+        messages.params = partial(told, "PARAM_VALUE", "parameters", _params)
+        messages.texts = partial(told, "STATUSTEXT", "texts", _texts)
         messages.boots = boots(clock, len(data))
     return messages
 
@@ -179,13 +187,13 @@ def _params(messages: Messages, system: int, clock: Timeline) -> list[ParamChang
     ArduPilot sends integers as float values, PX4 sends their bits in the float.
     """
     bitwise = messages.info["systems"].get(system, {}).get("autopilot") == PX4_AUTOPILOT
-    result = []
+    result: list[ParamChange] = []
     for table in of_system(messages, "PARAM_VALUE", system):
-        names = [text_of(raw) for raw in table["param_id"].tolist()]
+        names = texts_of(table["param_id"])
         values = parameter_values(table["param_value"], table["param_type"], bitwise)
         times = times_before(table.offsets, clock)
-        for name, value, t_us, offset in zip(names, values, times, table.offsets.tolist(), strict=True):
-            result.append(ParamChange(name, value, t_us, False, offset))
+        rows = zip(names, values, times, repeat(False), table.offsets.tolist(), strict=False)
+        result += map(ParamChange._make, rows)
     result.sort(key=lambda p: p.offset)
     return result[:MAX_PARAM_CHANGES]
 

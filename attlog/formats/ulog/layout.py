@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -29,6 +29,9 @@ BASIC = {
 """Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte."""
 LARGEST = 0xFFFF - 2
 """Bytes of a data record's payload behind the id: the record's size is a u16."""
+
+USUAL = 2048
+"""Letters of a format text up to which what it says is remembered."""
 
 _NAME = re.compile(r"[\w/-]+")
 _MEMBER = re.compile(r"([\w/]+)(?:\[(\d{1,20})\])? ([\w\[\]]+)")
@@ -193,9 +196,17 @@ class Formats:
 
     def _members_of(self, name: str) -> Members | None:
         if name not in self._members:
-            parsed = parse_format(self.texts[name]) if name in self.texts else None
-            self._members[name] = None if parsed is None else parsed[1]
+            text = self.texts.get(name)
+            members_in = _members_in if text is not None and len(text) < USUAL else _members_in.__wrapped__
+            self._members[name] = None if text is None else members_in(text)
         return self._members[name]
+
+
+@lru_cache(1 << 10)
+def _members_in(text: str) -> Members | None:
+    """The members of a format text of usual length: logs of one firmware define the same ones."""
+    parsed = parse_format(text)
+    return None if parsed is None else parsed[1]
 
 
 def parse_format(text: str) -> tuple[str, Members] | None:
