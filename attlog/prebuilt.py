@@ -35,6 +35,7 @@ def kernels() -> Iterator[Kernel]:
     from attlog.formats.mavlink.compiled import WALK
     from attlog.formats.ulog import index
     from attlog.metrics import aiding_loop, step_loops
+    from attlog.rotation_loops import INTERPOLATED
 
     yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.step is not None)
     yield from (
@@ -51,6 +52,7 @@ def kernels() -> Iterator[Kernel]:
         aiding_loop.SUMMED,
         step_loops.PRODUCTS,
         step_loops.CORRELATIONS,
+        INTERPOLATED,
     )
     try:
         from attlog.simulate import controller, rigid_body, wind

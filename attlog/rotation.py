@@ -192,24 +192,26 @@ def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
     ``t`` (n,) ascending, ``q`` (n, 4). The caller decides whether interpolating
     across a gap is honest.
     """
-    t = np.asarray(t, np.float64)
-    q = np.asarray(q, np.float64)
-    at = np.atleast_1d(np.asarray(at, np.float64))
-    if len(t) < 2:
-        out = np.full((len(at), 4), np.nan)
-        if len(t) == 1:
-            out[at == t[0]] = q[0]
-        return out
-    if len(at) > BLOCK:
-        return np.concatenate([slerp(t, q, at[a : a + BLOCK]) for a in range(0, len(at), BLOCK)])
-    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
-    span = t[i + 1] - t[i]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        u = np.where(span > 0, (at - t[i]) / span, 0.0)
-    step = to_rotvec(multiply(conjugate(q[i]), q[i + 1]))
-    out = multiply(q[i], from_rotvec(u[:, None] * step))
-    out[(at < t[0]) | (at > t[-1])] = np.nan
-    return out
+    return interpolated(t, q, None, at)[0]
+
+
+def interpolated(
+    t: ArrayLike, q: ArrayLike, segment: NDArray[np.int64] | None, at: ArrayLike
+) -> tuple[Array, NDArray[np.int64]]:
+    """:func:`slerp` that never crosses from one ``segment`` (n,) to the next, and the sample (m,) before each time.
+
+    NaN and -1 where that is not to be had.
+    """
+    from attlog.kernels.loops import function_of
+    from attlog.rotation_loops import INTERPOLATED
+    from attlog.rotation_loops import interpolated as loop
+
+    t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
+    at = np.ascontiguousarray(np.atleast_1d(at), np.float64)
+    own = np.zeros(len(t), np.int64) if segment is None else np.ascontiguousarray(segment, np.int64)
+    out, where = np.empty((len(at), 4)), np.empty(len(at), np.int64)
+    function_of(INTERPOLATED, loop)(out, where, t, q, own, at)
+    return out, where
 
 
 def mean(q: ArrayLike) -> Array:

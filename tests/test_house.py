@@ -18,6 +18,7 @@ EVERYWHERE = {
     "errors",
     "limits",
     "rotation",
+    "rotation_loops",
     "earth",
     "output",
     "private_folder",

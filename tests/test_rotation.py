@@ -192,3 +192,36 @@ def test_means_of_groups_are_those_of_each_group():
     for k, (a, b) in enumerate(((0, 3), (3, 4), (5, 30))):
         same(found[k if k < 2 else 3], np.roll(scipy_of(q[a:b]).mean().as_quat(), 1), 1e-9)
     assert np.isnan(found[2]).all()
+
+
+def test_between_close_and_far_attitudes_interpolation_is_that_of_scipy():
+    """On both sides of the angle up to which series are used, and in any order of times."""
+    rng = np.random.default_rng(8)
+    t = np.arange(200.0)
+    angles = np.concatenate([[0.0, 1e-12, 1e-6], np.geomspace(1e-3, 3.0, 196)])
+    steps = Rotation.from_rotvec(angles[:, None] * rotation.rotate(rotation.normalize(rng.normal(size=4)), [1.0, 0, 0]))
+    q = [np.array([1.0, 0.0, 0.0, 0.0])]
+    for step in np.roll(steps.as_quat(), 1, axis=1):
+        q.append(rotation.multiply(q[-1], step) * rng.choice([-1.0, 1.0]))
+    at = rng.permutation(np.concatenate([rng.uniform(0.0, 199.0, 2000), t]))
+    wanted = Slerp(t, scipy_of(np.array(q)))(at)
+    found = rotation.slerp(t, np.array(q), at)
+    assert (scipy_of(found) * wanted.inv()).magnitude().max() < 1e-14
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-14)
+
+
+def test_interpolation_never_crosses_segments_and_tells_the_sample_before():
+    t, q = np.arange(5.0), rotation.from_euler(0.1 * np.arange(5.0), 0.0, 0.0)
+    found, before = rotation.interpolated(t, q, np.array([0, 0, 0, 1, 1]), [2.5, -1.0, 0.5, 4.0, 2.0, 5.0, np.nan, 3.5])
+    np.testing.assert_array_equal(before, [-1, -1, 0, 4, 2, -1, -1, 3])
+    np.testing.assert_array_equal(np.isfinite(found).all(axis=1), before >= 0)
+    np.testing.assert_array_equal(found[3], q[4])
+    assert rotation.to_euler(found[[2, 7]])[:, 0] == pytest.approx([0.05, 0.35], abs=1e-12)
+    assert len(rotation.interpolated(t[:0], q[:0], None, [1.0])[0]) == 1
+
+
+def test_increments_are_the_rotations_between_neighbours():
+    q = rotation.normalize(np.random.default_rng(5).standard_normal((2 * rotation.BLOCK + 3, 4)))
+    wanted = (scipy_of(q[:-1]).inv() * scipy_of(q[1:])).as_rotvec()
+    np.testing.assert_allclose(rotation.increments(q), wanted, atol=1e-9)
+    assert rotation.increments(q[:1]).shape == rotation.increments(q[:0]).shape == (0, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import weakref
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
@@ -17,7 +18,7 @@ from attlog.metrics.common_bias import CommonBias, common_bias, none
 from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import WINDOWS, Segments
 
-__all__ = ["Case", "HeadingReference", "Metric", "applies_to", "paragraph", "per_case", "per_row"]
+__all__ = ["Case", "HeadingReference", "Metric", "applies_to", "paragraph", "per_case", "per_row", "per_times"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -126,6 +127,27 @@ def per_row(compute: Callable[Concatenate[Case, Row, P], T]) -> Callable[Concate
         if key not in known:
             known[key] = compute(case, row, *args, **kwargs)
         found: T = known[key]
+        return found
+
+    return shared
+
+
+def per_times(compute: Callable[Concatenate[Case, Any, P], T]) -> Callable[Concatenate[Case, Any, P], T]:
+    """A function of a case and an array (and of values such as windows) that is computed once for each array object.
+
+    For what rows share that have the same times: replays of one unit share the array. It is kept as long as the array
+    lives, and must not hold it; nobody may write into the array.
+    """
+
+    @functools.wraps(compute)
+    def shared(case: Case, array: Any, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        key = (compute, id(array), *map(_frozen, args), *((name, _frozen(kwargs[name])) for name in sorted(kwargs)))
+        known = case.of_log.get(key)
+        if known is None or known[0]() is not array:
+            of_log = case.of_log
+            known = weakref.ref(array, lambda _: of_log.pop(key, None)), compute(case, array, *args, **kwargs)
+            case.of_log[key] = known
+        found: T = known[1]
         return found
 
     return shared

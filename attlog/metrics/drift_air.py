@@ -63,10 +63,10 @@ def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array,
 
     NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
     """
-    q = rotation.slerp(row.t, row.q, heading_reference.t)
+    q, before = rotation.interpolated(row.t, row.q, None, heading_reference.t)
     euler = rotation.to_euler(q)
     e = np.degrees(rotation.wrap(euler[:, 2] - np.radians(heading_reference.heading_deg)))
-    after = np.clip(np.searchsorted(row.t, heading_reference.t), 1, max(len(row.t) - 1, 1))
+    after = np.clip(before + (row.t[before] < heading_reference.t), 1, max(len(row.t) - 1, 1))
     known = (len(row.t) > 1) & np.isfinite(euler[:, 1]) & (np.abs(euler[:, 1]) < STEEP_RAD)
     if len(row.t) > 1:
         known &= (row.t[after] - row.t[after - 1] < 0.5) & (row.segment[after] == row.segment[after - 1])

@@ -47,6 +47,7 @@ def rest_blocks(case: Case, row: Row, spans: tuple[Span, ...]) -> drift.Blocks:
     return drift.block_means(np.concatenate(t), np.concatenate(e), np.concatenate(label))
 
 
+@per_row
 def rests(case: Case, row: Row, window: str) -> list[tuple[Span, tuple[Span, ...]]]:
     """Each rest of the window with its usable spans: those in which the row has settled."""
     whole = case.segments.spans("rest.long" if window == "rest.long" else "rest")

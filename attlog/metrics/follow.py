@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.metrics import probe, step_evidence, step_solution, steps
 from attlog.metrics.answer import Answer
-from attlog.metrics.base import Case, per_row
+from attlog.metrics.base import Case, per_row, per_times
 from attlog.reference.model import Row
+from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 
@@ -39,22 +40,27 @@ def regression_gain(t: Array, q_est: Array, q_ref: Array, segment: NDArray[np.in
     those where the reference turns faster than 5 deg/s; steps between segments (gaps,
     resets) are cut out. NaN where fewer than 20 samples move.
     """
+    return _gains_of(t, rotation.increments(q_est), rotation.increments(q_ref), segment)
+
+
+def _gains_of(t: Array, est: Array, ref: Array, segment: NDArray[np.int64]) -> Array:
+    """The same of what both turned (n - 1, 3) in rad."""
     dt = np.diff(t)
-    same = (np.diff(segment) == 0) & (dt > 0)
-    est = rotation.increments(q_est)[same]
-    ref = rotation.increments(q_ref)[same]
-    finite = np.isfinite(est).all(axis=1) & np.isfinite(ref).all(axis=1)
-    est, ref, dt = est[finite], ref[finite], dt[same][finite]
-    gains = np.full(4, np.nan)
-    moving = np.abs(np.degrees(ref)) > MOVING_DPS * dt[:, None]
-    for axis in range(3):
-        use = moving[:, axis]
-        if use.sum() >= MIN_SAMPLES:
-            gains[axis] = float(est[use, axis] @ ref[use, axis]) / float(ref[use, axis] @ ref[use, axis])
-    use = moving.any(axis=1)
-    if use.sum() >= MIN_SAMPLES:
-        gains[3] = float(np.sum(est[use] * ref[use])) / float(np.sum(ref[use] ** 2))
+    known = (np.diff(segment) == 0) & (dt > 0) & rotation.finite(est) & rotation.finite(ref)
+    est, ref, dt = gaps.only(known, est, ref, dt)
+    moving: NDArray[np.bool_] = np.asarray(np.abs(np.degrees(ref)) > MOVING_DPS * dt[:, None])
+    gains, together = np.full(4, np.nan), np.asarray(moving.any(axis=1))
+    for place, use, part in [*((k, moving[:, k], slice(k, k + 1)) for k in range(3)), (3, together, slice(None))]:
+        if np.count_nonzero(use) >= MIN_SAMPLES:
+            moved = np.where(use[:, None], ref[:, part], 0.0)
+            gains[place] = float(np.vdot(est[:, part], moved)) / float(np.vdot(moved, moved))
     return gains
+
+
+@per_times
+def _turns(case: Case, q: Array) -> Array:
+    """What an attitude (n, 4) turns from sample to sample (n - 1, 3) rad; of the reference the same for all rows."""
+    return rotation.increments(q)
 
 
 @per_row
@@ -102,4 +108,4 @@ def _regression(case: Case, row: Row) -> Array:
     if row.errors is None or len(row.errors.t) < 2:
         return np.full(4, np.nan)
     e = row.errors
-    return regression_gain(e.t, e.q_est, e.q_ref, e.segment)
+    return _gains_of(e.t, rotation.increments(e.q_est), _turns(case, e.q_ref), e.segment)

@@ -8,15 +8,18 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.metrics import pure_delay, steps
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_times
 from attlog.metrics.rmse import why_no_errors
 from attlog.metrics.step_evidence import Evidence, evidence, too_few, why_no_events
 from attlog.metrics.step_solution import MIN_EVENTS, Fit, Sums
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
 
 AXES = (*steps.AXES, "all")
 COMMON_S, PER_SHAPE, PER_MOVED = 0.0005, 0.3, 0.15
@@ -187,5 +190,9 @@ def _lag_answer(
 def sample_step(case: Case, row: Row) -> float:
     """The time between samples of the replayed IMU, s; of the row itself where no IMU is there."""
     imu = case.log.imu
-    t = row.t if imu is None else case.log.imus[imu].gyro.t
+    return _step(case, row.t if imu is None else case.log.imus[imu].gyro.t)
+
+
+@per_times
+def _step(case: Case, t: Array) -> float:
     return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

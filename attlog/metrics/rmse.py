@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, paragraph, per_case, per_row
+from attlog.metrics.base import Case, Metric, paragraph, per_case, per_row, per_times
 from attlog.metrics.evidence import seconds
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference import scoring, sigma_deg
@@ -127,10 +127,11 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
     if absent is not None or errors is None:
         code, reason = absent or ("no_reference", "this row has no errors against the reference")
         return {m.name: missing(code, reason, "deg", window) for m in METRICS}
-    good = errors.scored & case.segments.mask(errors.t, window) & np.isfinite(errors.total)
-    if good.sum() < MIN_SAMPLES:
+    good = _scored(case, row) & in_window(case, errors.t, window)
+    count = int(np.count_nonzero(good))
+    if count < MIN_SAMPLES:
         start = case.reference.scoring_start
-        reason = f"{good.sum()} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
+        reason = f"{count} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
     duration = seconds(errors.t, gaps.slices(good, _segments(case, row)))
     answers: dict[str, Answer] = {}
@@ -142,7 +143,7 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
             answers |= {f"{angle}_{name}_deg": missing(*why_not, "deg", window) for name in asked}
             continue
         own = own_sigma(case, angle, window)
-        groups = groups_of(int(good.sum()), duration, GROUP_S[angle])
+        groups = groups_of(count, duration, GROUP_S[angle])
         values = np.abs(getattr(errors, angle)[good])
         units = block_units(case, row, window, angle)
         ordered = np.sort(values)
@@ -160,7 +161,7 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
                 f"{STATISTICS[name]}, {len(groups)} groups" if groups else STATISTICS[name],
                 reason=why,
                 ranked=why is None,
-                detail={"samples": int(good.sum())},
+                detail={"samples": count},
                 floor=math.hypot(case.reference.floor_deg, own),
                 units=units if name == "rmse" else None,
             )
@@ -187,19 +188,42 @@ def own_sigma(case: Case, angle: str, window: str) -> float:
     return float(np.nan_to_num(sigma_deg(reference, angle, inside)))
 
 
+@per_times
+def in_window(case: Case, t: Array, window: str) -> NDArray[np.bool_]:
+    """Which of the times (n,) of errors lie in a window."""
+    return case.segments.mask(t, window)
+
+
+@per_row
+def _scored(case: Case, row: Row) -> NDArray[np.bool_]:
+    """Which of a row's errors (n,) count and are known."""
+    assert row.errors is not None
+    return row.errors.scored & np.isfinite(row.errors.total)
+
+
 @per_row
 def _segments(case: Case, row: Row) -> NDArray[np.int64]:
     """The segments (n,) of a row's errors between gaps and resets."""
     errors = row.errors
     assert errors is not None
-    return gaps.renumber(gaps.number(errors.t), errors.segment)
+    return gaps.renumber(_number(case, errors.t), errors.segment)
+
+
+@per_times
+def _number(case: Case, t: Array) -> NDArray[np.int64]:
+    return gaps.number(t)
 
 
 @per_row
 def usual_step(case: Case, row: Row) -> float:
     """The median time between a row's errors, s."""
     assert row.errors is not None
-    return float(np.median(np.diff(row.errors.t)))
+    return _step(case, row.errors.t)
+
+
+@per_times
+def _step(case: Case, t: Array) -> float:
+    return float(np.median(np.diff(t)))
 
 
 def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:

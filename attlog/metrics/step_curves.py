@@ -52,8 +52,7 @@ class Curve:
 
 def curves(case: Case, row: Row, window: str) -> list[Curve]:
     """The events of a window that the row and the reference cover without a gap."""
-    events = step_evidence.events_in(case, row, window)
-    return _curves(case, row, events) if events else []
+    return _curves(case, row, step_evidence.first_with(case, row, window))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +66,11 @@ class Covered:
 
 
 @per_row
-def _curves(case: Case, row: Row, events: list[Event]) -> list[Curve]:
+def _curves(case: Case, row: Row, window: str) -> list[Curve]:
+    return of_events(case, row, step_evidence.events_in(case, row, window))
+
+
+def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
     """Error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis in earth axes.
 
     All events at once: a row may have hundreds.

@@ -32,21 +32,26 @@ class Evidence:
 
 def evidence(case: Case, row: Row, window: str) -> Evidence | None:
     """What a row showed in the events of a window; None without any that it covers."""
-    events = events_in(case, row, window)
-    return _of_events(case, row, events) if events else None
+    return _evidence(case, row, first_with(case, row, window)) if events_in(case, row, window) else None
 
 
+def first_with(case: Case, row: Row, window: str) -> str:
+    """``all`` where this window holds the same events, else the window: what was found there is not computed again."""
+    return "all" if events_in(case, row, window) == events_in(case, row, "all") else window
+
+
+@per_row
 def events_in(case: Case, row: Row, window: str) -> list[steps.Event]:
     """The events of a window for which this row is scored."""
     return steps.in_window(case, scored_events(case, row), window)
 
 
 @per_row
-def _of_events(case: Case, row: Row, events: list[steps.Event]) -> Evidence | None:
+def _evidence(case: Case, row: Row, window: str) -> Evidence | None:
     track = Turning(row.t, row.q, row.segment)
     seen = aiding.seen_by(case, row)
     sensors = None if seen is None else aiding.Sensors(case, row, track, seen)
-    columns = step_columns.build(track, reference_turning(case), events, sensors)
+    columns = step_columns.build(track, reference_turning(case), events_in(case, row, window), sensors)
     return None if columns is None else Evidence(step_fit.fit(columns), columns.events)
 
 

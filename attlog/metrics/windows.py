@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.metrics.base import Case
+from attlog import rotation
+from attlog.metrics.base import Case, per_times
 from attlog.metrics.evidence import row_segments
 from attlog.metrics.settled import SHORTEST_S, own_start, phase_spans
 from attlog.reference.model import Row
@@ -36,13 +37,31 @@ def samples(t: Array, x: Array, segment: NDArray[np.int64], window: Span) -> sli
 
     ``t`` (n,) s, ``x`` (n, k), ``segment`` (n,) counts restarts and resets.
     """
+    return whole(filled(t, window), x, segment)
+
+
+def filled(t: Array, window: Span) -> slice | None:
+    """The samples of times (n,) s in a window; None where they are under 20, hold a gap or leave an end open."""
     i, j = (int(k) for k in np.searchsorted(t, [window[0] - 1e-9, window[1] - 1e-9]))
-    if j - i < MIN_SAMPLES or segment[i] != segment[j - 1] or not np.isfinite(x[i:j]).all():
+    if j - i < MIN_SAMPLES:
         return None
     steps = np.diff(t[i:j])
     ends = max(t[i] - window[0], window[1] - t[j - 1] - ROUND_S)
     gap = max(GAP_S, GAP_STEPS * float(np.median(steps)))
     return slice(i, j) if max(float(np.max(steps)), float(ends)) <= gap else None
+
+
+def whole(inside: slice | None, x: Array, segment: NDArray[np.int64]) -> slice | None:
+    """The samples again where ``x`` (n, k) knows all of them and they are of one segment (n,), else None."""
+    if inside is None or segment[inside.start] != segment[inside.stop - 1]:
+        return None
+    return inside if rotation.finite(x[inside]).all() else None
+
+
+@per_times
+def _laid(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
+    """The windows of a span with the samples of times (n,) in each: of all rows that have these times."""
+    return [(window, filled(t, window)) for window in lay(span, phase)]
 
 
 def of_row(case: Case, row: Row, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
@@ -54,6 +73,6 @@ def of_row(case: Case, row: Row, phase: str, window: str) -> list[list[tuple[Spa
 def of_span(case: Case, row: Row, phase: str, span: Span) -> list[tuple[Span, slice]]:
     """The same of one span."""
     start, segment = own_start(case, row), row_segments(case, row)
-    laid = [w for w in lay(span, phase) if w[0] >= start - ROUND_S]
-    own = [(w, samples(row.t, row.q, segment, w)) for w in laid]
+    laid = [(w, s) for w, s in _laid(case, row.t, phase, span) if w[0] >= start - ROUND_S]
+    own = [(w, whole(s, row.q, segment)) for w, s in laid]
     return [(w, s) for w, s in own if s is not None]

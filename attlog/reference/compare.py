@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.reference import scoring
-from attlog.reference.model import Errors, Reference
+from attlog.reference.model import Errors, Met, Reference
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
@@ -26,28 +26,8 @@ def interpolate(t: Array, q: Array, segment: Index, at: Array) -> tuple[Array, I
     ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Along the shortest arc, so
     between two samples of one segment only: never across a gap or a reset.
     """
-    out, where = np.full((len(at), 4), np.nan), np.full(len(at), -1, np.int64)
-    if len(t) == 0:
-        return out, where
-    for a in range(0, len(at), CHUNK):
-        block = slice(a, a + CHUNK)
-        out[block], where[block] = _interpolated(t, q, segment, at[block])
-    return out, where
-
-
-def _interpolated(t: Array, q: Array, segment: Index, at: Array) -> tuple[Array, Index]:
-    """``interpolate`` for one block of times."""
-    i = np.searchsorted(t, at, side="right") - 1
-    j = np.clip(i, 0, len(t) - 1)
-    k = np.minimum(j + 1, len(t) - 1)
-    on_sample = (i >= 0) & (at == t[j])
-    between = (i >= 0) & (i < len(t) - 1) & (segment[j] == segment[k])
-    valid = (on_sample | between) & np.isfinite(at)
-    span = np.where(t[k] > t[j], t[k] - t[j], 1.0)
-    share = np.where(between & ~on_sample, (at - t[j]) / span, 0.0)[:, None]
-    step = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[j]), q[k]))
-    turned = rotation.multiply(q[j], rotation.from_rotvec(share * np.where(share > 0, step, 0.0)))
-    return np.where(valid[:, None], turned, np.nan), np.where(valid, segment[j], -1)
+    out, before = rotation.interpolated(t, q, segment, at)
+    return out, np.where(before >= 0, segment[before], -1) if len(t) else before
 
 
 def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> Errors:
@@ -57,23 +37,34 @@ def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> Erro
     a slow reference is never drawn out to a fast row's times. Times at which either
     would have to be guessed across a gap, restart or reset are left out.
     """
-    own = gaps.renumber(gaps.number(t), gap_segment)
-    if gaps.rate(t) > SAME_RATE * reference.rate:
-        at, q_ref = reference.t, reference.q
-        q_est, mine = interpolate(t, q, own, at)
-        where = np.arange(len(at))
+    before = reference.met
+    if before is not None and before.of is t and before.own is reference.q:
+        number, faster = before.number, before.faster
     else:
-        at, q_est, mine = t, q, own
-        q_ref, _ = interpolate(reference.t, reference.q, reference.segment, at)
+        before, number, faster = None, gaps.number(t), gaps.rate(t) > SAME_RATE * reference.rate
+    own = gaps.renumber(number, gap_segment)
+    q_est, mine = interpolate(t, q, own, reference.t) if faster else (q, own)
+    has = rotation.finite(q_est)
+    if before is not None and np.array_equal(before.good, before.known & has):
+        met = before
+    else:
+        met = reference.met = _met(reference, t, number, faster, has)
+    (q_est,), (mine,) = gaps.only(met.good, q_est), gaps.only(met.good, mine)
+    gap_segment, segment = (gaps.renumber(mine, x[met.where]) for x in (reference.gap_segment, reference.segment))
+    return measured(met.t, q_est, met.q, gap_segment, segment, scoring.scored(reference, met.t))
+
+
+def _met(reference: Reference, t: Array, number: Index, faster: bool, has: NDArray[np.bool_]) -> Met:
+    """The reference at the times (k,) of the slower one, where a row at ``t`` (n,) ``has`` (k,) an attitude."""
+    if faster:
+        at, q, where = reference.t, reference.q, np.arange(len(reference.t))
+    else:
+        at, (q, _) = t, interpolate(reference.t, reference.q, reference.segment, t)
         where = np.clip(np.searchsorted(reference.t, at, side="right") - 1, 0, max(len(reference.t) - 1, 0))
-    good = rotation.finite(q_est) & rotation.finite(q_ref)
-    at, q_est, q_ref = gaps.only(good, at, q_est, q_ref)
-    mine, where = gaps.only(good, mine, where)
-    gap_segment, segment = (
-        gaps.renumber(mine, reference.gap_segment[where]),
-        gaps.renumber(mine, reference.segment[where]),
-    )
-    return measured(at, q_est, q_ref, gap_segment, segment, scoring.scored(reference, at))
+    known = rotation.finite(q)
+    good = known & has
+    (at, q), (where,) = gaps.only(good, at, q), gaps.only(good, where)
+    return Met(reference.q, t, number, faster, known, good, at, q, where)
 
 
 def measured(

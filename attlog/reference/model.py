@@ -31,6 +31,27 @@ class AlignmentStep:
     option: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Met:
+    """What the reference shows at the times of a row; rows that follow with the same times have the same arrays.
+
+    ``own`` are the reference's attitudes, ``of`` (n,) the row's times, ``number`` (n,) its segments between gaps,
+    ``faster`` whether it is. ``known`` (k,) tells where the reference has an attitude at the times of the slower one,
+    ``good`` (k,) where the row has one too; there ``t`` (m,), attitudes ``q`` (m, 4) and the reference's own samples
+    before them, ``where`` (m,).
+    """
+
+    own: Array
+    of: Array
+    number: NDArray[np.int64]
+    faster: bool
+    known: NDArray[np.bool_]
+    good: NDArray[np.bool_]
+    t: Array
+    q: Array
+    where: NDArray[np.int64]
+
+
 @dataclass(slots=True)
 class Reference:
     """The attitude to compare with. ``kind`` says what agreement with it proves.
@@ -81,6 +102,8 @@ class Reference:
     """A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later."""
     delays_seen: list[tuple[Imu, float | None]] = field(default_factory=list, repr=False)
     """What ``reference.delay`` found of units against this reference."""
+    met: Met | None = field(default=None, repr=False, compare=False)
+    """What it showed at the times of the last row."""
 
 
 @dataclass(slots=True)

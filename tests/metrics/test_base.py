@@ -5,7 +5,7 @@ import gc
 import numpy as np
 import pytest
 
-from attlog.metrics.base import Case, per_case, per_row
+from attlog.metrics.base import Case, per_case, per_row, per_times
 from attlog.reference.model import Row
 from tests.metrics import flights
 
@@ -77,3 +77,19 @@ def test_what_was_found_for_a_row_goes_with_the_row() -> None:
     del own
     gc.collect()
     assert len(case.of_row) == 0
+
+
+def test_what_rows_of_the_same_times_share_is_computed_once_for_each_array(calls: list[str]) -> None:
+    @per_times
+    def last(case: Case, t: np.ndarray, more: float = 0.0) -> float:
+        calls.append("last")
+        return float(t[-1]) + more
+
+    case, t = flights.case([], []), np.arange(3.0)
+    equal = t.copy()
+    assert [last(case, t), last(case, t), last(case, t, more=1.0), last(case, equal)] == [2.0, 2.0, 3.0, 2.0]
+    assert len(calls) == 3
+    known = len(case.of_log)
+    del equal
+    gc.collect()
+    assert len(case.of_log) == known - 1  # nothing is kept of an array that is gone

@@ -66,11 +66,11 @@ def curves(seconds: float) -> Callable[[], object]:
     case = flights.case([row], [Segment("continuous", 0, seconds)], (t[::4], q[::4]))
     events = tuple(steps.of_reference(case))
     assert len(events) > 20
-    step_curves._curves(case, row, events)  # what the log itself costs is found and kept
+    step_curves.of_events(case, row, events)  # what the log itself costs is found and kept
 
     def anew() -> object:
         case.of_row.clear()
-        return step_curves._curves(case, row, events)
+        return step_curves.of_events(case, row, events)
 
     return anew
 

@@ -117,3 +117,28 @@ def test_errors_depend_neither_on_north_nor_on_the_clock(yaw, shift):
     np.testing.assert_allclose(moved.heading[1 : n - 1], plain.heading[1 : n - 1], atol=1e-5)
     np.testing.assert_allclose(moved.total[1 : n - 1], plain.total[1 : n - 1], atol=1e-5)
     np.testing.assert_allclose(moved.inclination.mean(), plain.inclination.mean(), atol=1e-3)
+
+
+@pytest.mark.parametrize("hz", [100.0, 4.0])
+def test_rows_of_the_same_times_share_what_they_are_compared_with_and_no_others_do(hz):
+    ref = reference_of((slow := sampled(10.0)).t, slow.q)
+    t = np.arange(0, 60, 1.0 / hz)
+    q = attitude_at(t)
+    lost = q.copy()
+    lost[len(t) // 2] = np.nan
+    first, same, holed, later = (errors(at, x, ref) for at, x in ((t, q), (t, q), (t, lost), (t + 0.01, q)))
+    assert same.q_ref is first.q_ref
+    assert same.t is first.t
+    for found, at, x in ((holed, t, lost), (later, t + 0.01, q)):
+        alone = errors(at, x, reference_of(slow.t, slow.q))
+        assert found.q_ref is not first.q_ref
+        for name in ("t", "q_est", "q_ref", "total", "segment", "gap_segment", "scored"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
+
+
+def test_scoring_one_row_leaves_the_next_alone():
+    ref = reference_of((slow := sampled(10.0)).t, slow.q)
+    t = np.arange(0, 60, 0.01)
+    first = errors(t, attitude_at(t), ref)
+    first.scored[:] = False
+    assert errors(t, attitude_at(t), ref).scored.any()
