@@ -25,6 +25,7 @@ from attlog import estimators, metrics, reference, replay, segments
 from attlog.config import Config
 from attlog.errors import AttlogError, LogUnusable, PluginError, PluginTimeout, UsageError
 from attlog.estimators.base import Estimate
+from attlog.estimators.registry import BUILT_IN
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem, part_of
 from attlog.freed import give_back
@@ -235,16 +236,16 @@ def analyze(
 def warm(specs: Sequence[str]) -> None:
     """Load the compiled loops of built-in filters into this process, which then forks others that have them.
 
-    Files of users are left out: their code runs where a log is analysed. What fails here fails there, and is told.
+    Others are left out: their code runs where a log is analysed. What fails here fails there, and is told.
     """
     t = np.arange(100) * 0.004
     rest = (np.zeros((t.size, 3)), np.tile([0.0, 0.0, -9.80665], (t.size, 1)), np.tile([2e-5, 0.0, 4e-5], (t.size, 1)))
     for item in estimators.items(",".join(specs)):
-        if item.partition(":")[0].partition("@")[0].endswith((".py", ".csv")):
-            continue
-        with suppress(Exception):
-            for row in estimators.select(item):
-                estimators.estimate(row, t, *rest)
+        name = item.partition(":")[0].partition("@")[0]
+        for one in BUILT_IN if name == "all" else [item] if name in ("default", *BUILT_IN) else []:
+            with suppress(Exception):
+                for row in estimators.select(one):
+                    estimators.estimate(row, t, *rest)
 
 
 @per_case

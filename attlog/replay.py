@@ -136,7 +136,7 @@ def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]
             continue
         try:
             for row in estimators.select(item, mag=log.mag is not None):
-                found.setdefault(row.name, row)
+                estimators.add(found, row)
         except PluginError as error:
             found.setdefault(Path(item).stem, error)
     return found

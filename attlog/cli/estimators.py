@@ -10,6 +10,7 @@ import typer
 from attlog.cli import completion
 from attlog.cli.common import NoColor, console, say, to_stdout
 from attlog.cli.layout import Line, columns
+from attlog.cli.options import FilterTimeout
 
 if TYPE_CHECKING:
     from attlog.estimators import Estimator
@@ -24,7 +25,7 @@ Name = Annotated[
 ]
 
 
-def command(name: Name = None, no_color: NoColor = False) -> None:
+def command(name: Name = None, filter_timeout: FilterTimeout = None, no_color: NoColor = False) -> None:
     """List the filters, or print one filter's parameters and equations."""
     from attlog.estimators import get
 

@@ -10,6 +10,7 @@ import typer
 
 from attlog.cli import completion
 from attlog.cli.common import Boot, Log, NoColor, Quiet, System, finite, one_log, to_stderr, to_stdout
+from attlog.cli.options import FilterTimeout
 from attlog.errors import LogUnusable, UsageError
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ def command(
     ] = Path("extract"),
     boot: Boot = None,
     system: System = None,
+    filter_timeout: FilterTimeout = None,
     no_color: NoColor = False,
     quiet: Quiet = False,
 ) -> None:

@@ -94,7 +94,7 @@ FilterTimeout = Annotated[
     float | None,
     typer.Option(
         "--filter-timeout", metavar="S", min=0, callback=_filter_timeout, show_default=False,
-        help="Seconds that one run of a filter from a file may take; 0: any time. [default: 60]",
+        help="Seconds that one run of a filter that is not attlog's may take; 0: any time. [default: 60]",
     ),
 ]  # fmt: skip
 Plotly = Annotated[str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")]

@@ -12,6 +12,7 @@ import typer
 
 from attlog.cli.common import Quiet, Verbose, to_stdout
 from attlog.cli.completion import scenarios
+from attlog.cli.options import FilterTimeout
 from attlog.cli.progress import progress
 from attlog.errors import UsageError
 
@@ -92,6 +93,7 @@ def command(
     jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Fly so many seeds at a time.")] = 1,
     listed: Annotated[bool, typer.Option("--list", help="List the scenarios.")] = False,
     printed: Annotated[bool, typer.Option("--print", help="Print the scenario with every value as TOML.")] = False,
+    filter_timeout: FilterTimeout = None,
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from attlog.estimators.aids import Aids, Measured
-from attlog.estimators.api import DEFAULT, Row, estimate, items, parse, select
+from attlog.estimators.api import DEFAULT, Row, add, estimate, items, parse, select
 from attlog.estimators.base import Estimate, Estimator, LogFacts, LogInfo, Parameter
 from attlog.estimators.engine.loop import not_compiled
 from attlog.estimators.engine.samples import place
@@ -21,6 +21,7 @@ __all__ = [
     "Measured",
     "Parameter",
     "Row",
+    "add",
     "estimate",
     "get",
     "is_recorded",

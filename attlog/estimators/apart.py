@@ -1,11 +1,11 @@
-"""A filter from a file that is not ours, in a process of its own: whatever it does, it does to that process alone.
+"""A filter that is not ours, in a process of its own: whatever it does, it does to that process alone.
 
 Its code may raise, loop for ever, write beyond its arrays, end its process, take all memory or print. The process that
 asked goes on: what came of it is a value, or a PluginError that says what happened. What the file prints, at whatever
-moment, goes to standard error; it reads nothing. A process serves one file and many requests, so that a filter is
-loaded and compiled once; it is a fresh interpreter, which takes a few tenths of a second and works in threads, on a
-cluster and on Windows alike. Requests and answers are pickles, because the file is chosen by the user: what is kept
-out is accident, not malice, which the user's own rights already allow.
+moment, goes to standard error; it reads nothing. A process serves one file (or one filter of an installed package) and
+many requests, so that a filter is loaded and compiled once; it is a fresh interpreter, which takes a few tenths of a
+second and works in threads, on a cluster and on Windows alike. Requests and answers are pickles, because the filter is
+chosen by the user: what is kept out is accident, not malice, which the user's own rights already allow.
 """
 
 from __future__ import annotations
@@ -35,10 +35,12 @@ LIMIT = "ATTLOG_FILTER_TIMEOUT"
 """Seconds that a request may take; 0: any time. An environment variable, because processes within processes ask."""
 START = (
     "import signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); sys.path[:] = {path!r}; "
-    "from attlog.estimators import apart, registry; apart.main(registry.from_file)"
+    "from attlog.estimators import apart, registry; apart.main(registry.here)"
 )
 """An interrupt is for whoever asked, who then ends this process."""
 SIZE = struct.Struct("!Q")
+CUT_OFF = 74
+"""Exit status of a process whose filter broke the way by which it answers."""
 GRACE_S = 10
 """After so much more the process ends itself: whoever would have ended it is gone."""
 
@@ -54,14 +56,19 @@ def limit_s() -> float:
 def from_file(path: Path) -> Estimator:
     """The estimator that a Python file defines, its functions in another process. PluginError if it cannot be loaded.
 
-    :func:`attlog.estimators.registry.from_file` loads a file into this process.
+    :func:`attlog.estimators.registry.here` loads it into this process.
     """
     found = path.stat()
-    return _described(os.path.abspath(path), str(path), found.st_mtime_ns, found.st_size)
+    return _described(str(path), os.path.abspath(path), (found.st_mtime_ns, found.st_size))
+
+
+def from_package(name: str, state: str) -> Estimator:
+    """The same of the filter ``name`` that an installed package brings, ``state`` being its module and version."""
+    return _described(name, "", (state,))
 
 
 @functools.lru_cache(maxsize=8)
-def _described(place: str, name: str, changed_ns: int, size: int) -> Estimator:
+def _described(name: str, place: str, state: tuple[int | str, ...]) -> Estimator:
     """The same, once for every state of the file: metrics ask for a filter again by its name."""
     apart = Apart(name)
     told = apart.call(_description)
@@ -76,10 +83,10 @@ def _described(place: str, name: str, changed_ns: int, size: int) -> Estimator:
 
 
 class Apart:
-    """The process of one file; started when it is first asked, and again after it died."""
+    """The process of one filter; started when it is first asked, and again after it died."""
 
-    def __init__(self, file: str) -> None:
-        self._file = file
+    def __init__(self, name: str) -> None:
+        self.name = name
         self._process: subprocess.Popen[bytes] | None = None
         self._owner = 0
         self._answers: SimpleQueue[bytes] = SimpleQueue()
@@ -87,16 +94,18 @@ class Apart:
         self._lock = threading.RLock()
         self._too_long = ""
 
-    def call(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
+    def call(self, function: Callable[..., T], *arguments: Any, also_s: float = 0.0, **options: Any) -> T:
         """``function(estimator, *arguments, **options)`` there. Functions, arguments and results must pickle.
 
-        PluginError says what the file did: its own exceptions with file and line, or how its process ended;
-        PluginTimeout where it took longer than :func:`limit_s`, and from then on without trying again.
+        PluginError says what the filter did: its own exceptions with file and line, or how its process ended;
+        PluginTimeout where it took longer than :func:`limit_s` (and ``also_s`` for what is not its own work), and from
+        then on without trying again.
         """
         with self._lock:
             if self._too_long:
                 raise PluginTimeout(self._too_long)
             limit = limit_s()
+            limit += also_s if limit else 0.0
             try:
                 answer = self._asked(pickle.dumps((limit, function, arguments, options), 5), limit)
                 fine, value = pickle.loads(answer)
@@ -104,7 +113,7 @@ class Apart:
                 raise
             except Exception as error:  # not even that came whole: its memory is spoilt
                 self._stop()
-                raise PluginError(f"{self._file}: its process answers nonsense ({type(error).__name__})") from error
+                raise PluginError(f"{self.name}: its process answers nonsense ({type(error).__name__})") from error
         if fine:
             return value  # type: ignore[no-any-return]
         raise value
@@ -118,7 +127,7 @@ class Apart:
         except Empty:
             self._stop()
             self._too_long = (
-                f"{self._file}: took longer than {limit:g} s and was ended; --filter-timeout allows more, 0 any time"
+                f"{self.name}: took longer than {limit:g} s and was ended; --filter-timeout allows more, 0 any time"
             )
             raise PluginTimeout(self._too_long) from None
         except BaseException:  # interrupted too: an answer that comes later would be taken for that of another request
@@ -127,7 +136,7 @@ class Apart:
         if not answer:
             status = process.wait()
             self._stop()
-            raise PluginError(f"{self._file}: {_died(status)}")
+            raise PluginError(f"{self.name}: {_died(status)}")
         return answer
 
     def _started(self) -> subprocess.Popen[bytes]:
@@ -146,7 +155,7 @@ class Apart:
         self._end = weakref.finalize(self, _ended, process, self._owner)
         threading.Thread(target=_listen, args=(process.stdout, answers), daemon=True).start()
         with suppress(OSError):
-            process.stdin.write(pickle.dumps(self._file))
+            process.stdin.write(pickle.dumps(self.name))
         return process
 
     def _stop(self) -> None:
@@ -155,17 +164,17 @@ class Apart:
 
 
 class Elsewhere:
-    """Stands for a function of a file that runs in another process: that it exists is all that this process knows."""
+    """Stands for a filter's function that runs in another process: that it exists is all that this process knows."""
 
     def __init__(self, apart: Apart, name: str) -> None:
         self._apart, self._name = apart, name
 
     def __call__(self, *_: Any) -> Any:
-        raise TypeError(f"{self._name} of a filter from a file runs in its own process, by attlog.estimators.estimate")
+        raise TypeError(f"{self._name} of a filter that is not ours runs in its process, by attlog.estimators.estimate")
 
 
 class FromLog(Elsewhere):
-    """``from_log`` of a file, asked there."""
+    """``from_log``, asked there."""
 
     def __init__(self, apart: Apart) -> None:
         super().__init__(apart, "from_log")
@@ -243,6 +252,8 @@ def _died(status: int) -> str:
         return "took too long and was ended"
     if name or status >= 0xC0000000:  # from here on exit statuses of Windows are crashes
         return f"its process crashed ({name or hex(status)}): look for indices beyond an array and endless recursion"
+    if status == CUT_OFF:
+        return "its process cannot answer any more: it closed files or broke modules that are not its own"
     return f"it ended its process (exit status {status})"
 
 
@@ -250,36 +261,41 @@ def _environment() -> dict[str, str]:
     return dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1") | os.environ
 
 
-def main(load: Callable[[Path], Estimator]) -> None:
-    """The other side: load the file, then answer requests until nobody asks any more."""
+def main(load: Callable[[str], Estimator]) -> None:
+    """The other side: load the filter, then answer requests until nobody asks any more."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    dumps, loads = pickle.dumps, pickle.loads  # a filter may break what it finds
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
     _with_less_memory()
-    file = pickle.load(requests)
+    name = pickle.load(requests)
     asked: SimpleQueue[bytes] = SimpleQueue()
     threading.Thread(target=_hear, args=(requests, asked), daemon=True).start()
     estimator: Estimator | None = None
     while True:
-        limit, function, arguments, options = pickle.loads(asked.get())
+        limit, function, arguments, options = loads(asked.get())
         _ends_by_itself(limit)
         try:
             if estimator is None:
-                estimator = load(Path(file))
+                estimator = load(name)
             answer = (True, function(estimator, *arguments, **options))
         except AttlogError as error:
-            answer = (False, error if len(str(error)) <= 2 * MAX_ERROR_LETTERS else broken(file, error))
+            answer = (False, error if len(str(error)) <= 2 * MAX_ERROR_LETTERS else broken(name, error))
         except BaseException as error:
-            answer = (False, broken(file, error))
+            answer = (False, broken(name, error))
         _ends_by_itself(0.0)
-        sys.stdout.flush()
         try:
-            told = pickle.dumps(answer, 5)
-        except Exception as error:
-            told = pickle.dumps((False, PluginError(f"{file}: its result cannot be handed on ({error})")))
-        answers.write(SIZE.pack(len(told)))
-        answers.write(told)
-        answers.flush()
+            try:
+                told = dumps(answer, 5)
+            except Exception as error:
+                told = dumps((False, PluginError(f"{name}: its result cannot be handed on ({error})")))
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            answers.write(SIZE.pack(len(told)))
+            answers.write(told)
+            answers.flush()
+        except Exception:  # the filter broke or closed what is not its own: nothing can be told any more
+            os._exit(CUT_OFF)
 
 
 def _hear(requests: IO[bytes], asked: SimpleQueue[bytes]) -> None:

@@ -79,8 +79,16 @@ def select(text: str, *, acc: bool = True, mag: bool = True) -> list[Row]:
         members = [_member(one) for one in sets[item]] if item in sets else [parse(item)]
         for row in members:
             if item not in sets or not row.estimator.needs & lacking:
-                rows.setdefault(row.name, row)
+                add(rows, row)
     return list(rows.values())
+
+
+def add(rows: dict[str, Any], row: Row) -> None:
+    """A row to those by name, once. UsageError where another estimator's row has the name."""
+    other = rows.setdefault(row.name, row)
+    if isinstance(other, Row) and other.estimator.origin != row.estimator.origin:
+        both = " and ".join(one.estimator.origin for one in (other, row))
+        raise UsageError(f"{both} are both called {row.name}; rename one of the files")
 
 
 def _member(name: str) -> Row:

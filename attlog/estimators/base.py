@@ -16,6 +16,7 @@ import traceback
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, Protocol, TypeVar
@@ -28,6 +29,7 @@ from attlog.limits import MAX_ERROR_LETTERS
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+MAX_VALUE_LETTERS = 60
 VectorsAt = Literal["start", "end"]
 """With the attitude at which end of its time a step compares vectors: the one it is given, or the one it has turned."""
 
@@ -55,13 +57,15 @@ class Parameter:
         if self.choices:
             if value in self.choices:
                 return str(value)
-            raise UsageError(f"{where}={value} is not known{suggestion(str(value), self.choices)}")
+            raise UsageError(f"{where}={_short(value)} is not known{suggestion(_short(value), self.choices)}")
         try:
             number = float(value)
         except (TypeError, ValueError):
-            raise UsageError(f"{where}={value} is not a number; give one {self._range()}") from None
+            raise UsageError(f"{where}={_short(value)} is not a number; give one {self._range()}") from None
+        except OverflowError:  # an integer beyond all floats
+            number = math.inf
         if not (math.isfinite(number) and self.low <= number <= self.high):
-            raise UsageError(f"{where}={value} is out of range; give a value {self._range()}")
+            raise UsageError(f"{where}={_short(value)} is out of range; give a value {self._range()}")
         return number
 
     def code(self, value: float | str) -> float:
@@ -134,10 +138,12 @@ AIDS = frozenset({"gnss", "baro", "airspeed", "at_rest"})
 
 
 class Elsewhere(Protocol):
-    """A process that runs an estimator's functions, see :mod:`attlog.estimators.apart`."""
+    """A process that runs an estimator's functions, see :mod:`attlog.estimators.apart`. ``name``: what it loads."""
 
-    def call(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
-        """``function(estimator, *arguments, **options)`` there."""
+    name: str
+
+    def call(self, function: Callable[..., T], *arguments: Any, also_s: float = 0.0, **options: Any) -> T:
+        """``function(estimator, *arguments, **options)`` there; ``also_s``: time that is not the filter's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +248,11 @@ class Estimator:
             values |= {p.name: log.info.declination_deg for p in self.parameters if p == DECLINATION}
         if self.from_log is not None:
             with plugin_errors(self):
-                values |= dict(self.from_log(MappingProxyType({**log.params, **log.given}), log.info))
+                told = dict(self.from_log(MappingProxyType({**log.params, **log.given}), log.info))
+            for name, value in told.items():
+                if not isinstance(name, str) or not isinstance(value, str | Real):
+                    raise PluginError(f"{self.name}: from_log gives {_short(name)}={_short(value)}, no name and number")
+            values |= told
         try:
             known = {name: self.parameter(name) for name in values}
             return {name: p.check(values[name]) for name, p in known.items() if name in wanted}
@@ -287,6 +297,15 @@ def suggestion(name: str, known: Any) -> str:
     if near:
         return f"; did you mean {near[0]}?"
     return f"; known are {', '.join(known)}" if known else "; there are none"
+
+
+def _short(value: object) -> str:
+    """A value as a sentence shows it: a filter's may have any length, and words that cannot be had."""
+    try:
+        text = str(value)
+    except Exception:
+        return f"a {type(value).__name__}"
+    return text if len(text) <= MAX_VALUE_LETTERS else f"{text[:MAX_VALUE_LETTERS]}..."
 
 
 def broken(where: str, error: BaseException) -> PluginError:

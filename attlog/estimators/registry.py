@@ -22,11 +22,11 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
-import os
+import stat
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
 
 from attlog.errors import AttlogError, PluginError, UsageError
 from attlog.estimators import apart, recorded
@@ -42,6 +42,9 @@ from attlog.estimators.base import (
     broken,
     suggestion,
 )
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 BUILT_IN = (
     "gyro",
@@ -77,25 +80,29 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> Estimator:
     """The estimator of that name, or of the file ``name`` if it ends in ``.py``, or ``.csv`` for an attitude.
 
-    A file's own code runs in a process of its own (:mod:`attlog.estimators.apart`), its import included.
+    Code that is not attlog's runs in a process of its own (:mod:`attlog.estimators.apart`), its import included.
 
-    UsageError for an unknown name; PluginError with file and line for a broken plug-in.
+    UsageError for an unknown name or a file that cannot be read; PluginError with file and line for a broken plug-in.
     """
     if name.endswith(".py"):
-        if not os.path.isfile(name):
-            raise UsageError(f"{name}: there is no such estimator file")
+        _check_readable(Path(name))
         return apart.from_file(Path(name))
     if recorded.is_recorded(name):
         return recorded.from_file(Path(name))
     if name in BUILT_IN:
         return from_module(importlib.import_module(f"attlog.estimators.filters.{name}"), name)
-    points = _entry_points()
-    if name not in points:
-        raise UsageError(f"there is no estimator {name}{suggestion(name, names())}")
-    point = points[name]
+    point = _entry_point(name)
+    return apart.from_package(name, f"{point.value} {point.dist.version if point.dist else ''}")
+
+
+def here(name: str) -> Estimator:
+    """The same for a filter that is not attlog's, loaded into this process. Errors as of :func:`get`."""
+    if name.endswith(".py"):
+        return from_file(Path(name))
+    point = _entry_point(name)
     try:
         module = importlib.import_module(point.value.partition(":")[0])
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise broken(f"estimator {name} of package {point.dist.name if point.dist else point.value}", error) from error
     return from_module(module, name, origin=point.value)
 
@@ -103,10 +110,10 @@ def get(name: str) -> Estimator:
 def from_file(path: Path) -> Estimator:
     """The estimator that a Python file defines, named like the file, in this process.
 
-    PluginError with file and line if it cannot be loaded.
+    One whose name is taken by a built-in or installed estimator keeps its suffix: ``mahony.py``.
+    UsageError for a file that cannot be read, PluginError with file and line if it cannot be loaded.
     """
-    if not os.path.isfile(path):
-        raise UsageError(f"{path}: there is no such estimator file")
+    _check_readable(path)
     spec = importlib.util.spec_from_file_location(f"attlog_plugin_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise PluginError(f"{path}: cannot be loaded as a Python file")
@@ -115,7 +122,7 @@ def from_file(path: Path) -> Estimator:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         raise broken(str(path), error) from error
-    return from_module(module, path.stem, origin=str(path))
+    return from_module(module, path.name if path.stem in names() else path.stem, origin=str(path))
 
 
 def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estimator:
@@ -223,7 +230,30 @@ def _check_tables(estimator: Estimator, where: str) -> None:
         raise PluginError(f"{where}: {error}") from error
 
 
-def _entry_points() -> dict[str, Any]:
+def _check_readable(path: Path) -> None:
+    """UsageError, with what is the matter, for a path that is no file that can be read."""
+    try:
+        if stat.S_ISREG(path.stat().st_mode):
+            path.open("rb").close()
+            return
+        why = "a folder" if path.is_dir() else "no regular file"
+        raise UsageError(f"{path}: is {why}; name a Python file (attlog new FILE.py writes one)")
+    except FileNotFoundError:
+        raise UsageError(f"{path}: there is no such estimator file (attlog new FILE.py writes one)") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise UsageError(f"{path}: this estimator file cannot be read ({reason})") from None
+
+
+def _entry_point(name: str) -> EntryPoint:
+    """The entry point of that name. UsageError with a suggestion if there is none."""
+    points = _entry_points()
+    if name not in points:
+        raise UsageError(f"there is no estimator {name}{suggestion(name, names())}")
+    return points[name]
+
+
+def _entry_points() -> dict[str, EntryPoint]:
     """Installed entry points by name."""
     from importlib.metadata import entry_points
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.estimators import Estimator, Row
 from attlog.simulate.autopilot import Autopilot, Maker, Measured
 from attlog.simulate.computable import check_samples, check_truth
 from attlog.simulate.environment import Environment, environment, field_at
@@ -34,13 +36,20 @@ BLOCK = 2000
 def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Flight:
     """The flight of a scenario; same scenario and seed, same numbers to the bit.
 
-    ``autopilot`` makes what is on board; None takes the one of the scenario's ``estimator`` and ``controller``.
-    UsageError where the scenario's numbers lead to motion or samples that cannot be computed or written.
+    ``autopilot`` makes what is on board; None takes the one of the scenario's ``estimator`` and ``controller``. Where
+    that estimator is not attlog's, the whole flight is flown in the estimator's process: asked step by step across
+    processes a flight would take several times as long. UsageError where the scenario's numbers lead to motion or
+    samples that cannot be computed or written; PluginError and PluginTimeout as in a replay.
     """
+    from attlog.simulate.pilot import foreign, make
+
+    row = None if autopilot is not None else foreign(scenario)
+    if row is not None and row.estimator.apart is not None:
+        return row.estimator.apart.call(_there, row.preset, dict(row.params), scenario, seed, also_s=scenario.seconds)
     home = environment(scenario)
     truth = _no_truth(scenario)
     sensors = _Sensors(scenario, seed, home)
-    pilot = (autopilot or _maker())(scenario, home.gravity, home.declination)
+    pilot = (autopilot or make)(scenario, home.gravity, home.declination)
     with np.errstate(all="ignore"):  # what overflows is told below, with the time and what to look at
         if scenario.motion is None:
             _flown(scenario, home, truth, sensors, pilot, seed)
@@ -157,8 +166,10 @@ def _note(scenario: Scenario, home: Environment, truth: Truth, body: Body, row: 
     truth.ground[row] = s[TOUCHING : TOUCHING + POINTS].any()
 
 
-def _maker() -> Maker:
-    """The autopilot that attlog brings."""
+def _there(
+    estimator: Estimator, preset: str | None, params: dict[str, float | str], scenario: Scenario, seed: int
+) -> Flight:
+    """:func:`fly` in the process of the scenario's estimator."""
     from attlog.simulate.pilot import make
 
-    return make
+    return fly(scenario, seed, partial(make, row=Row(estimator, preset, params)))

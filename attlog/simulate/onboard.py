@@ -19,14 +19,13 @@ import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog import rotation
-from attlog.errors import UsageError
+from attlog.errors import PluginError, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse, registry
 from attlog.estimators.aids import (
     ALT,
@@ -75,8 +74,6 @@ TRUTH = "truth"
 def stepping(text: str) -> Row:
     """The estimator ``NAME[@PRESET][:k=v,...]`` that can fly. UsageError for unknown ones and those that cannot."""
     row = parse(text)
-    if row.estimator.apart is not None:  # it flies within the simulation's own loop
-        row = replace(row, estimator=registry.from_file(Path(row.estimator.origin)))
     if row.estimator.step is None:
         why = "looks at samples that a vehicle does not have yet" if not row.estimator.causal else "has no step"
         raise UsageError(
@@ -113,7 +110,7 @@ class Sample:
 
 
 class Live:
-    """The attitude of one estimator while a vehicle flies.
+    """The attitude of one estimator while a vehicle flies, in this process, also where the estimator is not attlog's.
 
     ``q`` (4,) body to true north, or None until the start is over; ``bias`` (3,) rad/s, zero where the filter
     knows none. UsageError for an estimator that has no step or lacks a sensor.
@@ -130,8 +127,10 @@ class Live:
         q0: ArrayLike | None = None,
         log: LogFacts | None = None,
     ) -> None:
-        self.row = stepping(estimator) if isinstance(estimator, str) else estimator
-        filter_ = self.row.estimator
+        row = stepping(estimator) if isinstance(estimator, str) else estimator
+        if row.estimator.apart is not None:
+            row = replace(row, estimator=registry.here(row.estimator.apart.name))
+        self.row, filter_ = row, row.estimator
         if mag_rate is None and "mag" in filter_.needs:
             raise UsageError(f"{self.row.name} needs a magnetometer, which this vehicle does not have")
         given = dict(self.row.params)
@@ -362,6 +361,8 @@ class Live:
             news = int(np.isfinite(s.aid[1, :AT_REST]).any())
             data += (np.array([news]), np.array([0]), s.aid)
         self._advance(state, self._params, *data)
+        if self.row.estimator.origin != "attlog" and not 0.0 < float(state[:4] @ state[:4]) < math.inf:
+            raise PluginError(f"{self.row.estimator.origin}: cannot fly: gives {state[:4]} as attitude at {s.t:.2f} s")
         if at_start and s.substeps > 1:
             self._turn_field(s, s.substeps - 1)
         if self._silent and s.use == NEW:

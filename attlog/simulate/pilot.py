@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import UsageError
+from attlog.estimators import Row
 from attlog.simulate import controller
 from attlog.simulate.autopilot import Measured
 from attlog.simulate.flight import Onboard
 from attlog.simulate.guidance import Guidance
 from attlog.simulate.navigation import Navigator
-from attlog.simulate.onboard import TRUTH, Live
+from attlog.simulate.onboard import TRUTH, Live, stepping
 from attlog.simulate.scenario import Scenario
 from attlog.simulate.vehicle import ROTOR_SIGNS, ROTOR_TURNS
 
@@ -27,10 +28,11 @@ ROTORS = len(ROTOR_SIGNS)
 class Pilot:
     """Flies a scenario's commands on the attitude of its estimator; ``truth`` flies on true attitude, rate and place.
 
-    It arms only once there is an attitude. UsageError for an estimator that cannot fly.
+    It arms only once there is an attitude. ``row``: the scenario's estimator where it is loaded already, as in the
+    process of one that is not attlog's. UsageError for an estimator that cannot fly.
     """
 
-    def __init__(self, scenario: Scenario, gravity: float, declination: float) -> None:
+    def __init__(self, scenario: Scenario, gravity: float, declination: float, row: Row | None = None) -> None:
         self._scenario, vehicle, sensors = scenario, scenario.vehicle, scenario.sensors
         self._dt = 1.0 / scenario.loop.rate_hz
         self._gains = controller.Gains.of(scenario.controller)
@@ -44,7 +46,7 @@ class Pilot:
         self._live: Live | None = None
         if name != TRUTH:
             self._live = Live(
-                _spec(name, params), sensors.imu[0].rate_hz, sensors.mag[0].rate_hz if sensors.mag else None,
+                row or spec(name, params), sensors.imu[0].rate_hz, sensors.mag[0].rate_hz if sensors.mag else None,
                 sampling=sensors.imu[0].sampling, declination=math.degrees(declination),
             )  # fmt: skip
         elif params:
@@ -132,7 +134,7 @@ class Pilot:
                 line.append((t, value))
 
 
-def _spec(name: str, params: dict[str, bool | float | str]) -> str:
+def spec(name: str, params: dict[str, bool | float | str]) -> str:
     """``NAME[@PRESET]:k=v,...`` of a scenario's table."""
     if not params:
         return name
@@ -140,6 +142,14 @@ def _spec(name: str, params: dict[str, bool | float | str]) -> str:
     return f"{name}{',' if ':' in name else ':'}{values}"
 
 
-def make(scenario: Scenario, gravity: float, declination: float) -> Pilot:
+def make(scenario: Scenario, gravity: float, declination: float, row: Row | None = None) -> Pilot:
     """The autopilot of a scenario at a place with this gravity (m/s^2) and declination (rad)."""
-    return Pilot(scenario, gravity, declination)
+    return Pilot(scenario, gravity, declination, row)
+
+
+def foreign(scenario: Scenario) -> Row | None:
+    """The scenario's estimator if its code is not attlog's. Errors as of ``onboard.stepping``."""
+    if scenario.estimator.name == TRUTH:
+        return None
+    row = stepping(spec(scenario.estimator.name, scenario.estimator.params))
+    return None if row.estimator.apart is None else row

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from attlog.errors import AttlogError
+from attlog.errors import AttlogError, PluginTimeout
 from attlog.estimators import Estimator, Row, not_compiled
 from attlog.estimators.base import AIDS
 from attlog.testing import bad_input, behaviour, extras
@@ -70,13 +70,16 @@ def check_estimator(name: str | Row | Estimator, report: Callable[[Outcome], Non
     """The outcome of every check that applies, in order; ``report`` sees each as it is known.
 
     A check that ends in any exception has failed. UsageError or PluginError if the
-    estimator cannot be loaded at all.
+    estimator cannot be loaded at all, PluginTimeout where a check takes too long: the others would, too.
     """
     outcomes = []
+    late: PluginTimeout | None = None
     for title, check in checks(name):
         try:
             check()
             outcome = Outcome(title, True, "")
+        except PluginTimeout as error:
+            late, outcome = error, Outcome(title, False, str(error))
         except (AttlogError, AssertionError) as error:
             outcome = Outcome(title, False, str(error))
         except Exception as error:
@@ -84,6 +87,8 @@ def check_estimator(name: str | Row | Estimator, report: Callable[[Outcome], Non
         outcomes.append(outcome)
         if report is not None:
             report(outcome)
+        if late is not None:
+            raise late
     return outcomes
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import pytest
 
@@ -94,3 +95,40 @@ def test_a_broken_file_is_told_with_its_place(attlog, tmp_path, code, words):
     assert done.code == 2
     assert words in done.err
     assert "Traceback" not in done.err
+
+
+def test_an_endless_step_ends_the_checks_with_75(attlog, tmp_path, monkeypatch):
+    mine = tmp_path / "mine.py"
+    mine.write_text("def run(t, gyr, acc, mag, aids, params):\n    while True: pass\n")
+    monkeypatch.setenv("ATTLOG_FILTER_TIMEOUT", "1.5")
+    done = attlog("check-estimator", mine)
+    assert done.code == 75
+    assert "took longer than 1.5 s" in done.err
+    assert done.out.count("FAIL") <= 2, "the others are not tried"
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path: path.mkdir(), "is a folder"),
+        (os.mkfifo, "is no regular file"),
+        (lambda path: path.symlink_to(path.name), "cannot be read (Too many levels"),
+        (lambda path: path.write_bytes(b""), "neither start and step nor run"),
+        (lambda path: path.write_bytes(b"a\0b"), "null bytes"),
+        (lambda path: path.write_bytes(b'x = "\xe9"'), "line 1: (unicode error)"),
+        (lambda path: None, "no such estimator file"),
+    ],
+    ids=["folder", "pipe", "loop", "empty", "binary", "latin", "missing"],
+)
+def test_what_is_no_filter_file_is_2_and_told(attlog, tmp_path, make, words):
+    make(tmp_path / "mine.py")
+    done = attlog("estimators", tmp_path / "mine.py")
+    assert (done.code, words in done.err) == (2, True), done.err
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads everything")
+def test_a_file_without_permission_is_2_and_told(attlog, tmp_path):
+    (tmp_path / "mine.py").write_text("")
+    (tmp_path / "mine.py").chmod(0)
+    done = attlog("check-estimator", tmp_path / "mine.py")
+    assert (done.code, "cannot be read (Permission denied)" in done.err) == (2, True)

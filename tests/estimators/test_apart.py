@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from attlog import estimators
-from attlog.errors import PluginError, PluginTimeout
+from attlog.errors import PluginError, PluginTimeout, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, apart
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.registry import from_file
@@ -68,6 +68,13 @@ def run(t, gyr, acc, mag, aids, params):
             pass
 {branches}
 """
+BROKEN = {
+    "pickle.dumps = None; pickle.loads = None": "",
+    "sys.stdout = sys.stderr = None": "",
+    "os.chdir('/'); os.environ.clear(); sys.path.clear(); np.seterr(all='raise')": "",
+    "os.closerange(3, 64)": "cannot answer any more",
+    "sys.modules.clear()": "cannot answer any more",
+}
 STEPPING = '''"""Gyro alone."""
 import numpy as np
 from attlog.estimators import Parameter
@@ -223,3 +230,44 @@ def test_a_module_that_moved_is_told_with_its_place(tmp_path: Path, module: str,
     with pytest.raises(PluginError, match=r"line 1.*ModuleNotFoundError") as caught:
         from_file(path)
     assert remedy in str(caught.value)
+
+
+@pytest.mark.parametrize("code", BROKEN)
+def test_what_a_file_breaks_is_its_own(tmp_path: Path, capfd: pytest.CaptureFixture[str], code: str) -> None:
+    path = tmp_path / "breaks.py"
+    path.write_text(f"import os, pickle, sys\n{STEPPING.replace('return q0', f'{code}; return q0')}")
+    before = (os.getcwd(), dict(os.environ), list(sys.path), np.geterr())
+    if BROKEN[code]:
+        with pytest.raises(PluginError, match=BROKEN[code]):
+            estimators.estimate(str(path), T, GYR, ACC)
+    else:
+        assert len(estimators.estimate(str(path), T, GYR, ACC).q) == 200
+    assert (os.getcwd(), dict(os.environ), list(sys.path), np.geterr()) == before
+    assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("state", ["q0 * 1j", "[1.0, None, 0.0, 0.0]", "'abcd'", "None"])
+def test_a_start_that_is_no_real_state_is_refused(tmp_path: Path, state: str) -> None:
+    path = tmp_path / "starts.py"
+    path.write_text(STEPPING.replace("return q0.copy()", f"return {state}"))
+    with pytest.raises(PluginError, match=r"start returns .* where real numbers are wanted"):
+        estimators.estimate(str(path), T, GYR, ACC)
+
+
+@pytest.mark.parametrize("values", ["{'scale': 1j}", "{'scale': [1]}", "{1: 2}", "{'scale': 10**400}", "None"])
+def test_values_from_a_log_that_are_no_numbers_are_told(tmp_path: Path, values: str) -> None:
+    path = tmp_path / "values.py"
+    path.write_text(STEPPING.replace('{"scale": params.get("SCALE", 1.0)}', values))
+    with pytest.raises(PluginError, match="values") as told:
+        estimators.get(str(path)).resolve(log=LogFacts({}, LogInfo()))
+    assert len(str(told.value)) < 300
+
+
+def test_a_file_called_like_a_built_in_filter_is_a_row_of_its_own(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mahony.py").write_text(STEPPING)
+    mine, other = tmp_path / "a" / "mahony.py", tmp_path / "b" / "mahony.py"
+    assert [row.name for row in estimators.select(f"mahony,{mine},{mine}")] == ["mahony", "mahony.py"]
+    with pytest.raises(UsageError, match=r"both called mahony\.py; rename one"):
+        estimators.select(f"{mine},{other}")

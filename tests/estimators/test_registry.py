@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -128,13 +128,14 @@ def test_a_file_that_fails_when_it_runs_is_told_too(
 
 def test_an_installed_package_can_bring_estimators(plugin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(plugin.parent)
-    points = [
-        importlib.metadata.EntryPoint("my_filter", "mine", "attlog.estimators"),
-        importlib.metadata.EntryPoint("gone", "no_such_module", "attlog.estimators"),
-    ]
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points)
+    about = plugin.parent / "mine-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[attlog.estimators]\nmy_filter = mine\ngone = no_such_module\n")
     assert names()[-2:] == ("gone", "my_filter")
     assert get("my_filter").presets == {"slow": {"scale": 0.5}}
+    assert attlog.estimate("my_filter", [0.0, 0.1], np.zeros((2, 3))).q.shape == (2, 4)
+    assert "mine" not in sys.modules, "its code runs in a process of its own"
     with pytest.raises(PluginError, match="no_such_module"):
         get("gone")
     rows = {r.name: r for r in select("all")}

@@ -1,4 +1,4 @@
-"""A filter of an installed package: its code runs in the log's own process, and does what a test wants there."""
+"""A package that a built-in filter imports: its code runs in the log's own process, and does what a test wants."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from contextlib import contextmanager
 from pathlib import Path
 
 MODULE = """
+import importlib, sys
 from pathlib import Path
 exec(Path(__file__).with_name("body.txt").read_text())
-from attlog.estimators.filters.gyro import *
+sys.path.remove(str(Path(__file__).parent))
+del sys.modules["imufusion"]
+importlib.import_module("imufusion")
 """
 PACKAGES = Path(tempfile.mkdtemp(prefix="attlog-harm-"))
 atexit.register(shutil.rmtree, PACKAGES, ignore_errors=True)
-(PACKAGES / "harm_module.py").write_text(MODULE)
-ABOUT = PACKAGES / "harm-1.0.dist-info"
-ABOUT.mkdir()
-(ABOUT / "METADATA").write_text("Metadata-Version: 2.1\nName: harm\nVersion: 1.0\n")
-(ABOUT / "entry_points.txt").write_text("[attlog.estimators]\nharm = harm_module\n")
+(PACKAGES / "imufusion.py").write_text(MODULE)
 
 
 @contextmanager
 def installed() -> Iterator[None]:
     """A block in which the package is there, for this process and for those that are started in it."""
-    sys.path.append(str(PACKAGES))
+    harm("")
+    sys.path.insert(0, str(PACKAGES))
     try:
         yield
     finally:
-        sys.path.remove(str(PACKAGES))
-        sys.modules.pop("harm_module", None)
+        if str(PACKAGES) in sys.path:  # the package was imported here
+            sys.path.remove(str(PACKAGES))
 
 
 def harm(body: str) -> str:
-    """The filter's name; from now on loading it does this."""
+    """The filter's name; from now on loading what it imports does this, once in a process."""
     (PACKAGES / "body.txt").write_text(body)
-    return "harm"
+    return "fusion"
