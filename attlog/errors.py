@@ -62,16 +62,28 @@ class ClusterError(AttlogError):
     exit_code = 75
 
 
+class TooLittleMemory(AttlogError):
+    """A log needs more memory than there is; elsewhere, or later, it may be there."""
+
+    exit_code = 75
+
+
 INTERRUPTED = 130
 BUG = 70
+NO_MEMORY = (
+    "memory ran out before the log was done, and nothing was written; close other programs, choose one power-up of "
+    "several (--boot), or take a machine with more memory"
+)
 EXIT_ORDER = (INTERRUPTED, BUG, 73, 2, 66, 65, 75, 1, 0)
 """With several logs, the first of these that occurred is the exit code."""
 
 
 def exit_code(error: BaseException) -> int:
-    """The process exit code for an error: its own, or that of a bug."""
+    """The process exit code for an error: its own, that of too little memory, or that of a bug."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
+    if isinstance(error, MemoryError):
+        return TooLittleMemory.exit_code
     return error.exit_code if isinstance(error, AttlogError) else BUG
 
 
@@ -85,6 +97,8 @@ def message(error: BaseException, version: str, log: str = "") -> str:
     where = f"{log}: " if log and log not in str(error) else ""
     if isinstance(error, AttlogError):
         return f"attlog: {where}{error}"
+    if isinstance(error, MemoryError):
+        return f"attlog: {where}{NO_MEMORY}"
     return (
         f"attlog: {where}a bug in attlog {version}: {type(error).__name__}: {error}\n"
         "Please report this line with the output of the same command and -vv."

@@ -85,7 +85,12 @@ LAST_TIME_US = 1 << 56
 """Boot clocks and even Unix clocks stay below 2000 years; random bytes hardly ever do."""
 
 READ_BYTES = 256 << 20
-"""Logs up to this size are read into memory, larger ones are memory-mapped: some hours at full rate."""
+"""Logs up to this size (some hours at full rate) are always read into memory; larger ones are memory-mapped where
+:data:`MAPPED` is set."""
+
+MAPPED = "ATTLOG_MAPPED"
+"""The environment variable by which a process takes the risk of mapping: where a mapped file is cut, the system ends
+it. attlog's commands set it for processes that another one watches."""
 
 MAX_UNPACKED_BYTES = 4 << 30
 """What a gzip file may hold: autopilots log to FAT cards, whose files end at 4 GiB."""

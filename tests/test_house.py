@@ -27,6 +27,7 @@ EVERYWHERE = {
     "file_names",
     "spreadsheet",
     "freed",
+    "free_memory",
     "barrier",
     "kernels",
 }

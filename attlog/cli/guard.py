@@ -22,6 +22,7 @@ def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
         return run()
     child = os.fork()
     if not child:
+        os.environ[limits.MAPPED] = "1"
         code = 70
         try:
             code = run()

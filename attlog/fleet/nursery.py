@@ -20,6 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from attlog import limits
 from attlog.fleet.forking import HEADER
 from attlog.fleet.fresh import Fresh
 from attlog.fleet.work import Work
@@ -175,7 +176,8 @@ class Child:
 
 
 def _environment() -> dict[str, str]:
-    return dict.fromkeys(ONE_THREAD, "1") | os.environ
+    """What children see; where a mapped file is cut, the process that waits for them says so."""
+    return dict.fromkeys(ONE_THREAD, "1") | {limits.MAPPED: "1"} | os.environ
 
 
 def _message(line: bytes) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from attlog import formats
 from attlog.errors import LogUnusable, UsageError
-from attlog.flight import parameter_file, parameter_limits
+from attlog.flight import parameter_file, parameter_limits, room
 from attlog.flight.model import FlightLog, Problem
 from attlog.formats.base import Messages
 
@@ -43,8 +43,8 @@ def read(
     several vehicles in a tlog, ``params`` a ground station's parameter file for what the
     log does not tell (filters under the firmware's names take all of it). NotALog or
     LogUnusable if the file holds no flight, LogUnreadable if it cannot be
-    opened, UsageError for a bad parameter file. A log without usable IMU is returned with
-    ``imu`` None and the reason among ``problems``.
+    opened, TooLittleMemory if the machine cannot hold it, UsageError for a bad parameter file. A log without usable
+    IMU is returned with ``imu`` None and the reason among ``problems``.
     """
     return flight_in(formats.open(path, system), imu=imu, mag=mag, boot=boot, system=system, params=params)
 
@@ -64,6 +64,7 @@ def flight_in(
     if not 0 <= chosen < boots:
         raise UsageError(f"{messages.path}: there is no boot {boot}; the log holds boots 0 to {boots - 1}")
     part = messages.boot(chosen) if boots > 1 else messages
+    room.check(part)
     given = {} if params is None else parameter_file.read_file(params)
     refused = parameter_limits.refuse(part)
     filled = parameter_file.add_missing(part, given)

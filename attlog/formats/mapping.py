@@ -19,16 +19,17 @@ Offsets = NDArray[np.signedinteger[Any]]
 
 
 def map_bytes(path: str | Path) -> NDArray[np.uint8]:
-    """The content of a file as uint8 array (n,): read into memory, where it is larger than most logs memory-mapped.
+    """The content of a file as uint8 array (n,), read into memory; reading costs some 0.3 ms per MB.
 
     A file that is cut while it is mapped ends the process that reads on (SIGBUS), which no handler in Python can
-    prevent; reading costs some 0.3 ms per MB. LogUnreadable if the file cannot be opened or is cut while it is read,
-    LogUnusable if it is empty.
+    prevent. So only a process that another one watches maps files larger than :data:`attlog.limits.READ_BYTES`, or one
+    that asks for it by the environment's :data:`attlog.limits.MAPPED`. LogUnreadable if the file cannot be opened or
+    is cut while it is read, LogUnusable if it is empty.
     """
     try:
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
-            if not 0 < size <= limits.READ_BYTES:
+            if not size or (size > limits.READ_BYTES and os.environ.get(limits.MAPPED)):
                 return map_open_file(file, path)
             data = np.fromfile(file, np.uint8, size)
     except OSError as error:

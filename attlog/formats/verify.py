@@ -26,7 +26,8 @@ class Verification:
     """What comparing two readings of one log gave.
 
     ``agrees`` is False where a difference is not ``explained``. ``differences`` and
-    ``explained`` are sentences with counts; ``text`` sums up.
+    ``explained`` are sentences with counts; ``text`` sums up. ``only_ours`` and ``only_theirs`` count records that one
+    reader has and the other has not, ``unequal`` values, all without what damage explains.
     """
 
     oracle: str
@@ -37,6 +38,9 @@ class Verification:
     values: int = 0
     differences: list[str] = field(default_factory=list)
     explained: list[str] = field(default_factory=list)
+    only_ours: int = 0
+    only_theirs: int = 0
+    unequal: int = 0
 
 
 def verify(path: Path | str) -> Verification:
@@ -62,7 +66,31 @@ def verify(path: Path | str) -> Verification:
     found.text = f"{found.messages} messages, {found.records} records, {found.values} values compared"
     if log.damage_bytes:
         found.text += f"; the file is damaged, attlog left out {log.damage_bytes} bytes"
+    if not found.agrees:
+        found.text += _who_is_right(found)
     return found
+
+
+def _who_is_right(found: Verification) -> str:
+    """What the file itself says about a difference. Asked where attlog found no damage, or where values differ."""
+    said = ""
+    if found.only_ours:
+        said += (
+            f". {found.oracle} leaves out {found.only_ours} records that stand in the file: it is framed by its own "
+            "definitions from the first byte to the last, without a gap, so they are there; whether their values are "
+            f"right {found.oracle} cannot tell"
+        )
+    if found.only_theirs:
+        said += (
+            f". attlog leaves out {found.only_theirs} records and found no damage: one of the two is wrong, please "
+            "report this log"
+        )
+    if found.unequal:
+        said += (
+            f". Of {found.unequal} values both readers have a reading each, and nothing in the file tells which is "
+            "right; please report this log"
+        )
+    return said
 
 
 def _compare(
@@ -74,7 +102,8 @@ def _compare(
         present = ours if ours is not None else theirs
         count = len(next(iter(present.values()))) if present else 0
         reader = "attlog" if ours is not None else found.oracle
-        _note(found, log, f"{name}: only {reader} reads it ({count} records)")
+        mine, other = (count, 0) if ours is not None else (0, count)
+        _note(found, log, f"{name}: only {reader} reads it ({count} records)", mine, other)
         return
     found.messages += 1
     shared = [f for f in ours if f in theirs]
@@ -96,6 +125,7 @@ def _compare(
         found.values += int(np.size(ours[column]))
         unequal = n - int(np.count_nonzero(_equal(ours[column], theirs[column])))
         if unequal:
+            found.unequal += unequal
             found.differences.append(f"{name}.{column}: {unequal} of {n} values differ")
 
 
@@ -106,12 +136,18 @@ def _compare_rows(log: Messages, name: str, ours: list[Any], theirs: list[Any], 
     common = mine.total() - more
     found.records += common
     found.values += common * len(ours)
-    _note(found, log, f"{name}: {more} records only attlog reads, {less} only {found.oracle}, {common} equal in both")
+    sentence = f"{name}: {more} records only attlog reads, {less} only {found.oracle}, {common} equal in both"
+    _note(found, log, sentence, more, less)
 
 
-def _note(found: Verification, log: Messages, sentence: str) -> None:
+def _note(found: Verification, log: Messages, sentence: str, ours: int, theirs: int) -> None:
     """A difference in what is there at all: on a damaged file the readers may lose different records."""
-    (found.explained if log.damage or log.damage_bytes else found.differences).append(sentence)
+    if log.damage or log.damage_bytes:
+        found.explained.append(sentence)
+        return
+    found.differences.append(sentence)
+    found.only_ours += ours
+    found.only_theirs += theirs
 
 
 def _equal(ours: Any, theirs: Any) -> NDArray[np.bool_]:

@@ -55,7 +55,8 @@ def rests(case: Case, row: Row, window: str) -> list[tuple[Span, tuple[Span, ...
         whole = intersect(whole, case.segments.spans(window))
     restarts = row.t[1:][np.diff(row.segment) != 0].tolist() if row.kind == "replay" else []
     starts = [row.start, *restarts]
-    return [(s, tuple(settled([s], case.segments, starts, DRIFT_AFTER_START_S))) for s in whole]
+    usable = settled(whole, case.segments, starts, DRIFT_AFTER_START_S)
+    return [(span, tuple(spans)) for span, spans in zip(whole, usable, strict=True)]
 
 
 def records(case: Case, row: Row, window: str) -> list[drift.Drift]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from attlog import formats
 from tests.conftest import SAMPLES
 
 LOG = SAMPLES / "copter_yaw_turns.bin"
@@ -121,3 +122,38 @@ def test_a_run_that_is_ended_leaves_old_reports_and_nothing_else(tmp_path: Path,
     assert (run.returncode, "Traceback" in err) == (130, False), err
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"{LOG.name}.json", "there"]
     assert (tmp_path / f"{LOG.name}.json").read_text() == "old"
+
+
+STARVED = """
+import attlog.flight
+def starved(*_, **__):
+    raise MemoryError("Unable to allocate 16.8 MiB for an array")
+attlog.flight.read_messages = starved
+from attlog.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize("words", [["info"], ["analyze", "--estimators", "gyro"], ["extract", "ATT"]])
+def test_memory_that_runs_out_is_75_without_a_traceback(tmp_path: Path, words: list[str]) -> None:
+    command, *options = words
+    out = [] if command == "info" else ["-o", tmp_path / "out"]
+    done = attlog(command, LOG, *options, *out, before=STARVED, stdout=subprocess.PIPE)
+    assert (done.returncode, done.stderr.count("\n")) == (75, 1), done.stderr
+    assert "memory ran out" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@LINUX
+def test_the_library_reads_a_large_log_that_is_cut_meanwhile(tmp_path: Path) -> None:
+    log = tmp_path / "a.bin"
+    log.write_bytes(LOG.read_bytes())
+    code = (
+        "import os, sys, attlog.limits\nattlog.limits.READ_BYTES = 1000\nfrom attlog import formats\n"
+        "log = formats.open(sys.argv[1])\nos.truncate(sys.argv[1], 5000)\n"
+        "print(sum(len(table[c]) for table in log.values() for c in table.fields))"
+    )
+    whole = formats.open(LOG)
+    done = subprocess.run([sys.executable, "-c", code, log], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) == sum(len(table) * len(table.fields) for table in whole.values())

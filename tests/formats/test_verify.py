@@ -112,7 +112,7 @@ def test_a_short_packet_of_the_first_version_behind_one_of_the_second_is_no_diff
     from pymavlink.dialects.v20 import ardupilotmega
 
     sender = ardupilotmega.MAVLink(None, srcSystem=1, srcComponent=1)
-    packets = []
+    packets: list[bytes] = []
     for k in range(30):
         for message, old in [
             (ardupilotmega.MAVLink_attitude_message(10 * k, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0), False),
@@ -134,3 +134,21 @@ def test_a_library_that_never_ends_is_given_up(tmp_path: Path, monkeypatch: pyte
     result = verify(SAMPLES / "copter_steps_stabilize.tlog")
     assert not result.agrees
     assert "not done after 0 s" in result.text
+
+
+def test_records_that_only_one_reader_has_are_told_with_who_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = SAMPLES / "px4_steps.ulg"
+    true = oracle.read(path, "ulog")
+    del true["battery_status", 0]
+    monkeypatch.setattr(oracle, "read", lambda *_: true)
+    missing = verify(path)
+    assert f"leaves out {missing.only_ours} records that stand in the file" in missing.text
+    assert "framed by its own definitions from the first byte to the last" in missing.text
+    assert "please report" not in missing.text
+    true["made_up", 0] = {"timestamp": np.arange(7)}
+    more = verify(path)
+    assert more.only_theirs == 7
+    assert "attlog leaves out 7 records and found no damage" in more.text
+    gyro = true["sensor_combined", 0]
+    gyro["gyro_rad[1]"] = gyro["gyro_rad[1]"] + np.float32(1.0)
+    assert f"Of {len(gyro['timestamp'])} values both readers have a reading each" in verify(path).text

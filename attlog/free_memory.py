@@ -1,0 +1,50 @@
+"""How much more memory this process may take before the system refuses it, or ends a process to get it back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
+
+
+def free_bytes(proc: Path = PROC, cgroup: Path = CGROUP) -> int | None:
+    """The least of what the machine has (free, or kept for files, or swap), what its control group may take, and what
+    the process's own limit of address space leaves (``ulimit -v``); None where none of it is told."""
+    told = [_of_machine(proc), _of_group(cgroup), _of_process(proc)]
+    return min((found for found in told if found is not None), default=None)
+
+
+def _of_machine(proc: Path) -> int | None:
+    lines = _numbers(proc / "meminfo")
+    return (lines["MemAvailable"] + lines.get("SwapFree", 0)) << 10 if "MemAvailable" in lines else None
+
+
+def _of_group(cgroup: Path) -> int | None:
+    """What a container is given; pages of files that it holds can be dropped."""
+    most, held = _text(cgroup / "memory.max"), _text(cgroup / "memory.current")
+    if not (most.isdecimal() and held.isdecimal()):
+        return None
+    return max(int(most) - int(held) + _numbers(cgroup / "memory.stat").get("file", 0), 0)
+
+
+def _of_process(proc: Path) -> int | None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    held = _numbers(proc / "self" / "status").get("VmSize")
+    return None if limit == resource.RLIM_INFINITY or held is None else max(limit - (held << 10), 0)
+
+
+def _numbers(path: Path) -> dict[str, int]:
+    """Lines of a name and a whole number."""
+    pairs = [line.replace(":", " ").split() for line in _text(path).splitlines()]
+    return {pair[0]: int(pair[1]) for pair in pairs if len(pair) > 1 and pair[1].isdecimal()}
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except (OSError, ValueError):
+        return ""
