@@ -72,7 +72,7 @@ def dense() -> Path:
 
 def six_hours() -> Path:
     """Six hours at 25 Hz."""
-    return kept("px4_hover.ulg", 64, imu_hz=25)
+    return kept("px4_hover.ulg", 143, imu_hz=25)
 
 
 def analyze(log: Path, *more: str, environment: dict[str, str] | None = None) -> Child:

@@ -54,6 +54,19 @@ class Inputs:
     field: Array | None
     gravity: float
 
+    def part(self, begin: int, end: int) -> Inputs:
+        """The samples ``begin`` to ``end`` with what helped meanwhile, as a run of their own."""
+        own, (a, b) = slice(begin, end), self.sensed_at[[begin, end - 1]]
+        dt = self.dt[own].copy()
+        dt[:1] = 0.0
+        velocity, position, baro, mag = (
+            None if m is None else m.between(a, b) for m in (self.velocity, self.position, self.baro, self.mag)
+        )
+        return Inputs(
+            self.t[own], self.lag, dt, self.gyr[own], self.acc[own], self.rest[own], self.still[own],
+            velocity, position, baro, mag, self.field, self.gravity,
+        )  # fmt: skip
+
     @property
     def sensed_at(self) -> Array:
         """When the samples were taken, s."""

@@ -34,6 +34,7 @@ SEARCH = {1: 0.030, 2: 0.012}
 """After these passes the GNSS delay is searched with this step in s."""
 FOUND_SIGMA_S = 0.003
 HEADINGS = 12
+GRID_S = 60.0
 WORSE = 0.01
 """A likelihood that falls by more is a pass that went wrong."""
 
@@ -124,6 +125,20 @@ def _delays(
     return following
 
 
+def telling(inputs: Inputs, longest: float) -> Inputs:
+    """What constants are found in: all of a run, or of a longer one ``longest`` s with most fixes of GNSS in motion."""
+    t, fixes = inputs.sensed_at, inputs.velocity
+    if fixes is None or t[-1] - t[0] <= longest:
+        return inputs
+    at = np.clip(np.searchsorted(t, fixes.t), 0, len(t) - 1)
+    moving = np.concatenate([[0], np.cumsum(inputs.rest[at] == 0)])
+    begins = np.arange(t[0], t[-1] - longest + GRID_S, GRID_S)
+    told = moving[np.searchsorted(fixes.t, begins + longest)] - moving[np.searchsorted(fixes.t, begins)]
+    begin = float(begins[np.argmax(told)])
+    a, b = np.searchsorted(t, [begin, begin + longest])
+    return inputs.part(int(a), int(b))
+
+
 def first_start(runner: Runner, inputs: Inputs, tuned: Tuned, gate: float) -> Start:
     """The start by the sensors; without a magnetometer the likeliest of twelve headings where GNSS can tell."""
     begin = start(inputs, tuned)
@@ -156,7 +171,9 @@ def causal(
     inputs: Inputs, tuned: Tuned, gate: float, known: Solution | None = None, constants: Collection[str] = ()
 ) -> tuple[Pass, Start]:
     """One pass forward. ``tuned`` says noise and delays; ``constants`` of a ``known`` solution are begun with."""
-    runner = Runner(inputs) if known is None else known.runner
+    runner = Runner(inputs)
+    if known is not None:
+        runner.store = known.runner.store
     begin = first_start(runner, inputs, tuned, gate)
     if known is not None:
         begin = _begun_with(begin, known, constants)

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from attlog.estimators import Measured, estimate
+from attlog.estimators.filters import eskf
+from attlog.estimators.filters.navigation.measured import made_ready
+from attlog.estimators.filters.navigation.passes import telling
 from attlog.estimators.filters.navigation.quality import refusal
 from attlog.testing import still, swing
 from tests.estimators.filters.navigation.made import flight, off, without
@@ -199,3 +202,26 @@ def test_a_refusal_names_its_reason():
     assert "5.0 times" in refusal(told | {"worst_ratio": 5.0})
     assert "41 %" in refusal(told | {"soft_gated_pct": 41.0})
     assert "6 times" in refusal(told | {"openings": 6.0})
+
+
+def test_constants_of_a_long_run_are_found_where_it_moves_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two minutes at rest, then a flight: 100 s of it tell the delay, and attitudes are those of the whole."""
+    made = flight(seconds=240.0, still=120.0)
+    sensors = dict(zip(("t", "gyr", "acc", "mag"), made.motion.sensors, strict=True))
+    inputs = made_ready(sensors["t"], sensors["gyr"], sensors["acc"], sensors["mag"], made.aids, 0.0, ahead=True)
+    assert telling(inputs, 240.0) is inputs
+    part = telling(inputs, 100.0)
+    assert part.t[-1] - part.t[0] == pytest.approx(100.0, abs=0.1)
+    assert part.t[0] >= 119.0
+    assert part.dt[0] == 0.0
+    assert part.velocity is not None
+    assert part.velocity.t[0] >= part.sensed_at[0]
+    assert part.velocity.t[-1] <= part.sensed_at[-1]
+    whole = estimate("eskf", *made.motion.sensors, aids=made.aids)
+    monkeypatch.setattr(eskf, "TOLD_S", 100.0)
+    short = estimate("eskf", *made.motion.sensors, aids=made.aids)
+    assert not np.array_equal(whole.q, short.q)
+    tilt, heading = off(short.q, whole.q)
+    assert np.degrees(np.abs(tilt)).max() < 0.1
+    assert np.degrees(np.abs(heading)).max() < 0.5
+    assert short.quality["gnss_delay_ms"] == pytest.approx(100.0, abs=10.0)
