@@ -35,6 +35,7 @@ from attlog.metrics.alike import Likeness
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import common_bias
 from attlog.metrics.common_bias import none as no_bias
+from attlog.metrics.ranking import Ranking
 from attlog.metrics.trace import Trace
 from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Row
@@ -133,7 +134,7 @@ def evaluate(
             if row is not None:
                 with clock("metrics"):
                     passing.hear(row, line)
-    refusal = passing.witnesses.contradicted() if passing.witnesses is not None else None
+    refusal = passing.contradicted()
     if refusal is not None:
         refused = _without_that_reference(case, *refusal)
         return evaluate(refused, specs, traces=traces, cost=cost, only=only, command=command)
@@ -144,7 +145,7 @@ def evaluate(
         rows, table = passing.seen.rows, {line.name: line.metrics for line in lines}
         metrics.settle(passing.seen, table, cost=cost, only=only)
         drawn = passing.drawn() if traces else []
-        ranking = metrics.rank(table, rows)
+        ranking = part_of(case.log, "Who is best", partial(metrics.rank, table, rows), Ranking)
     result = Result(
         attlog=versions(),
         command=command,
@@ -171,7 +172,13 @@ def evaluate(
         return result
     result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
     own = _problems(case.reference, lines, failed) + _unmeasured(lines) + _slow(chosen, rows) + _late_field(rows)
-    result.problems = findings(case.log, checks, own, _unanswered(case, result))
+    open_questions = part_of(
+        case.log, "What would answer open questions", partial(_unanswered, case, result), list[Open]
+    )
+    result.problems = part_of(
+        case.log, "The order of the problems", lambda: findings(case.log, checks, own, open_questions),
+        lambda: [*case.log.problems, *own],
+    )  # fmt: skip
     return result
 
 
@@ -207,7 +214,7 @@ class Passing:
         case, log, samples = self.seen, self.seen.log, len(row.t)
         case.rows.append(row)
         if self.witnesses is not None:
-            self.witnesses.hear(row)
+            part_of(log, "What filters say against the reference", partial(self.witnesses.hear, row), lambda: None)
         _withhold(self._hopeless, row, line)
         part_of(log, "Which rows are alike", partial(self.likeness.hear, row), lambda: None)
         line.metrics = metrics.compute(case, row, case.windows, cost=False, only=self._only)
@@ -215,6 +222,13 @@ class Passing:
             self._drawn += part_of(log, "Figures", partial(self._drawing.of_row, row), list[Trace])
         case.done_with(row)
         give_back(samples)
+
+    def contradicted(self) -> tuple[str, AlignmentStep] | None:
+        """Why the reference is refused after all, by filters that agree; None where it is not."""
+        if self.witnesses is None:
+            return None
+        what = "What filters say against the reference"
+        return part_of(self.seen.log, what, self.witnesses.contradicted, lambda: None)
 
     def drawn(self) -> list[Trace]:
         """The traces of all rows and of what is drawn beside them."""
@@ -250,7 +264,8 @@ def warm(specs: Sequence[str]) -> None:
 
 @per_case
 def _onboard(case: Case) -> list[Row]:
-    return reference.onboard_rows(case.log, case.segments, case.reference)
+    make = partial(reference.onboard_rows, case.log, case.segments, case.reference)
+    return part_of(case.log, "What the vehicle estimated", make, list)
 
 
 @per_case

@@ -3,27 +3,38 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from attlog import earth
-from attlog.flight.model import FlightLog, Stream, TimeLine
+from attlog.errors import LogUnreadable
+from attlog.flight.model import FlightLog, Stream, TimeLine, part_of
 from attlog.segments.model import Segments
 
 
 def sha256(path: Path) -> str:
-    """The file's SHA-256 as hex text; read in blocks, so that size does not matter."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """The file's SHA-256 as hex text; read in blocks, so that size does not matter. LogUnreadable if it cannot be."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise LogUnreadable(f"{path}: cannot be read any more ({error.strerror or error})") from error
 
 
 def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]:
-    """Aircraft, sensors, times and time lines of a flight as plain values; absent things are None."""
+    """Aircraft, sensors, times and time lines of a flight as plain values; absent things are None.
+
+    What ends in a bug is absent too, and a problem of the log. LogUnreadable where the file is gone meanwhile.
+    """
+
+    def part(what: str, make: Callable[[], Any], absent: Any) -> Any:
+        return part_of(log, what, make, lambda: absent)
+
     imu = log.replay_imu
     mag = None if log.mag is None else log.mags[log.mag]
     onboard = log.onboard_attitude
-    start_utc = None if log.utc_offset is None else datetime.fromtimestamp(log.utc_offset, UTC)
     return {
         "name": log.path.name,
         "sha256": sha256(log.path),
@@ -32,7 +43,7 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         "firmware": {f: getattr(log.firmware, f) for f in ("name", "version", "git", "board")},
         "vehicle": log.vehicle,
         "simulated": log.simulated,
-        "date_utc": None if start_utc is None else start_utc.isoformat(timespec="seconds"),
+        "date_utc": part("The date", lambda: _date(log), None),
         "duration_s": log.seconds,
         "t0_us": log.t0_us,
         "utc_offset": log.utc_offset,
@@ -54,21 +65,33 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         "attitude": None if onboard is None else {"source": onboard.source, "rate_hz": onboard.rate},
         "attitudes": sorted(log.attitudes),
         "truth": None if log.truth is None else {"source": log.truth.source, "rate_hz": log.truth.rate},
-        "place": place(log),
+        "place": part("The place", lambda: place(log), None),
         "seconds": None
         if segments is None
         else {kind: segments.seconds(kind) for kind in ("airborne", "rest", "armed")},
         "timeline": {
-            "modes": _intervals(log.mode, log.seconds),
+            "modes": part("Flight modes", lambda: _intervals(log.mode, log.seconds), []),
             "armed": [] if segments is None else [[s.t0, s.t1] for s in segments.of("armed")],
             "airborne": [] if segments is None else [[s.t0, s.t1] for s in segments.of("airborne")],
             "texts": [[t, level, text] for t, level, text in log.texts],
         },
-        "advice": {"rest": log.advice("rest")},
+        "advice": {"rest": part("Advice", lambda: log.advice("rest"), "")},
         "choices": dict(log.choices),
-        "params": {name: value for name in sorted(log.params) if (value := log.param(name)) is not None},
-        "params_changed": _changed(log),
+        "params": part("Parameters", lambda: _params(log), {}),
+        "params_changed": part("Parameters", lambda: _changed(log), {}),
     }
+
+
+def _date(log: FlightLog) -> str | None:
+    """When the log begins, by GNSS."""
+    if log.utc_offset is None:
+        return None
+    return datetime.fromtimestamp(log.utc_offset, UTC).isoformat(timespec="seconds")
+
+
+def _params(log: FlightLog) -> dict[str, float]:
+    """The values that parameters begin with."""
+    return {name: value for name in sorted(log.params) if (value := log.param(name)) is not None}
 
 
 def place(log: FlightLog) -> dict[str, float] | None:

@@ -9,8 +9,8 @@ from unittest import mock
 
 import pytest
 
-from attlog import analysis, barrier
-from attlog.errors import UsageError
+from attlog import analysis, barrier, metrics, reference, segments, summary
+from attlog.errors import LogUnreadable, UsageError
 from attlog.flight import read
 from attlog.flight.px4 import imus, reader, state
 from attlog.flight.px4 import mags as magnetometers
@@ -140,3 +140,49 @@ def test_info_goes_on_without_a_reference_and_without_answers() -> None:
     assert len(failed) == 2
     assert told["messages"]
     assert told["answerable"] == []
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize(("part", "name", "kinds"), [
+    (segments.rest, "rests", {"continuous"}), (segments.flags, "airborne", {"continuous"}),
+    (segments.gaps, "find", {"continuous"}), (segments.hover, "find", {"armed", "airborne", "continuous", "rest.long"}),
+    (segments.resets, "find", {"armed", "airborne", "continuous", "rest.long"}),
+])  # fmt: skip
+def test_without_segments_the_log_is_still_analysed(part: ModuleType, name: str, kinds: set[str]) -> None:
+    with breaks(part, name):
+        result = analysis.analyze(LOG, {"estimators": ["mahony"], "reference": "onboard"})
+    assert kinds <= {s.kind for s in result.segments}
+    assert kinds > {"continuous"} or {s.kind for s in result.segments} <= {"continuous", "gap", "reset"}
+    whole = result.estimators[0].metrics["all"]
+    assert whole["total_rmse_deg"].value is not None
+    told = [p for p in result.problems if p.code == "part_failed"]
+    assert 1 <= len(told) <= 4
+    assert all("ZeroDivisionError" in p.text for p in told)
+
+
+@pytest.mark.usefixtures("quiet")
+def test_info_of_a_log_without_segments_is_told() -> None:
+    from attlog import inspection
+
+    with breaks(segments.flags, "airborne"), breaks(summary, "place"), breaks(summary, "_changed"):
+        told = inspection.inspect(LOG)
+    assert told["log"]["seconds"] == {"airborne": None, "rest": 0.0, "armed": None}
+    assert (told["log"]["place"], told["log"]["params_changed"]) == (None, {})
+    assert told["log"]["params"]
+    assert sum(p["code"] == "part_failed" for p in told["problems"]) == 3
+
+
+@pytest.mark.usefixtures("quiet")
+def test_a_result_comes_also_where_its_order_cannot_be_told(case: Any) -> None:
+    with breaks(analysis, "findings"), breaks(metrics, "rank"), breaks(reference, "onboard_rows"):
+        result = evaluated(case)
+    assert result.estimators[1].metrics["all"]["total_rmse_deg"].value is not None
+    assert result.best == {}
+    failed = [p.text for p in result.problems if p.code == "part_failed"]
+    assert len(failed) >= 3
+    assert result.to_json()
+
+
+def test_a_log_that_is_gone_when_it_is_described_is_unreadable(tmp_path: Path) -> None:
+    with pytest.raises(LogUnreadable, match="cannot be read any more"):
+        summary.sha256(tmp_path / "gone.ulg")

@@ -241,11 +241,11 @@ def _say_summary(entries: Sequence[Entry], total: int, seconds: float, folder: P
 def _write_tables(files: Sequence[Path], results: Sequence[Result], settings: Config) -> None:
     """The table of all logs as files for papers."""
     from attlog.compare.analysis_table import head_and_rows
-    from attlog.compare.table_file import write_table
+    from attlog.compare.table_file import text
+    from attlog.output import write_together
 
     content = head_and_rows(results, settings.window or "all")
-    for file in files:
-        write_table(file, *content)
+    write_together({file: text(file, *content) for file in files})
 
 
 def _kept(reports: Sequence[str], total: int, folder: Path) -> str:

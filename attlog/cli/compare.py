@@ -149,12 +149,13 @@ def _settings(path: Path | None, options: dict[str, Any]) -> Any:
 
 def _written(result: Comparison, folder: Path, name: str, plotly: Any, files: list[Path]) -> Path:
     from attlog.compare import comparison_page, export
+    from attlog.output import write_together
 
     place = folder / f"{name}.html"
-    comparison_page.write(result, place, plotly=plotly)
-    result.to_json(folder / f"{name}.json")
-    for file in (folder / f"{name}.csv", *files):
-        export.write(result, file)
+    tables = {file: export.text(result, file) for file in (folder / f"{name}.csv", *files)}
+    write_together(
+        comparison_page.files(result, place, plotly=plotly) | {folder / f"{name}.json": result.to_json(), **tables}
+    )
     return place
 
 

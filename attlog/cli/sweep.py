@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -78,7 +78,7 @@ def command(
     from attlog.compare.configuration import parse
     from attlog.compare.grid import grid
     from attlog.compare.sweep import sweep
-    from attlog.compare.table_file import check_suffix, write_table
+    from attlog.compare.table_file import check_suffix, text
     from attlog.compare.words import told_apart
 
     given = told_apart(words, EXAMPLE)
@@ -102,9 +102,8 @@ def command(
             _asked(logs, base, many.wanted(metric or METRICS)),
         )
         told = logs.about()
-        files = _written(found, output, told)
-    if table is not None:
-        write_table(table, *sweep_words.rows(found))
+        tables = {} if table is None else {table: text(table, *sweep_words.rows(found))}
+        files = _written(found, output, told, tables)
     if json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if not quiet:
@@ -198,8 +197,8 @@ def stem(command: str, filter_name: str) -> str:
     return f"{command}-{re.sub(r'[^A-Za-z0-9._-]+', '-', Path(filter_name).name)}"
 
 
-def _written(found: Sweep, folder: Path, told: dict[str, Any]) -> tuple[Path, Path, Path]:
-    """The page, the JSON and the CSV."""
+def _written(found: Sweep, folder: Path, told: dict[str, Any], tables: Mapping[Path, str]) -> tuple[Path, Path, Path]:
+    """The page, the JSON and the CSV, written together with other tables."""
     import json
 
     from attlog.compare import sweep_words
@@ -213,6 +212,7 @@ def _written(found: Sweep, folder: Path, told: dict[str, Any]) -> tuple[Path, Pa
             paths[0]: sweep_page(found, told),
             paths[1]: json.dumps(sweep_words.document(found, told), indent=1, allow_nan=False) + "\n",
             paths[2]: sweep_words.csv_text(found),
+            **tables,
         }
     )
     return paths

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -75,7 +75,7 @@ def command(
     from attlog.compare.firmware_names import firmware_names
     from attlog.compare.objective import objective as terms_of
     from attlog.compare.search import free_parameters
-    from attlog.compare.table_file import check_suffix, write_table
+    from attlog.compare.table_file import check_suffix, text
     from attlog.compare.tune import tune
     from attlog.compare.words import told_apart
 
@@ -103,9 +103,8 @@ def command(
         others = [many.OnLog(c, base, many.wanted(ELSEWHERE)) for c in cases]
         found = tune(given.filter, free, terms, logs, others, _start(free, logs[0]), generations, seed)
         told = prepared.about()
-        files = _written(found, output, told, firmware)
-    if table is not None:
-        write_table(table, *tune_words.judged_rows(found))
+        tables = {} if table is None else {table: text(table, *tune_words.judged_rows(found))}
+        files = _written(found, output, told, firmware, tables)
     if json:
         json_to_stdout(files[1].read_text(encoding="utf-8"))
     if not quiet:
@@ -119,8 +118,10 @@ def _start(free: Sequence[Free], log: OnLog) -> dict[str, float | str]:
     return {f.name: values[f.name] for f in free}
 
 
-def _written(found: Tuned, folder: Path, told: dict[str, Any], firmware: dict[str, str]) -> tuple[Path, Path]:
-    """The page and the JSON."""
+def _written(
+    found: Tuned, folder: Path, told: dict[str, Any], firmware: dict[str, str], tables: Mapping[Path, str]
+) -> tuple[Path, Path]:
+    """The page and the JSON, written together with other tables."""
     import json
 
     from attlog.compare import tune_words
@@ -133,6 +134,7 @@ def _written(found: Tuned, folder: Path, told: dict[str, Any], firmware: dict[st
         {
             paths[0]: tune_page(found, told, firmware),
             paths[1]: json.dumps(tune_words.document(found, told, firmware), indent=1, allow_nan=False) + "\n",
+            **tables,
         }
     )
     return paths

@@ -8,7 +8,6 @@ from typing import Any, Literal
 from attlog.compare.comparison import Beside, Comparison, Over, Question
 from attlog.compare.difference_words import scale_title, seen, signed, span
 from attlog.compare.table import Table, tables
-from attlog.output import write_atomic
 from attlog.plain import plain
 from attlog.report import shell
 from attlog.report.bundle import bundle
@@ -19,15 +18,14 @@ OWN = Path(__file__).parent / "web"
 COLOURS = 8
 
 
-def write(found: Comparison, path: Path, *, plotly: Literal["inline", "shared"] = "inline") -> None:
-    """Write the page of a comparison (atomically). OutputError if it cannot be written."""
-    plot = bundle()
+def files(found: Comparison, path: Path, *, plotly: Literal["inline", "shared"] = "inline") -> dict[Path, str | bytes]:
+    """What is to be written for the page of a comparison at ``path``: the page, and the bundle beside it if shared."""
     shared = plotly == "shared"
-    if shared:
-        beside = path.parent / plot.name
-        if not beside.is_file() or beside.read_bytes() != plot.script:
-            write_atomic(beside, plot.script)
-    write_atomic(path, render(found, shared=shared))
+    plot = bundle()
+    beside: dict[Path, str | bytes] = {path.parent / plot.name: plot.script} if shared else {}
+    return {p: s for p, s in beside.items() if not p.is_file() or p.read_bytes() != s} | {
+        path: render(found, shared=shared)
+    }
 
 
 def render(found: Comparison, *, shared: bool = False) -> str:

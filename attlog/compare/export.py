@@ -9,15 +9,13 @@ from attlog.compare import table_file
 from attlog.compare.comparison import Comparison
 from attlog.compare.table import tables
 from attlog.compare.table_file import check_suffix, in_latex
-from attlog.output import write_atomic
 
 
-def write(found: Comparison, path: Path) -> None:
-    """Write the tables of a comparison. UsageError for a name that says no format, OutputError if it cannot be."""
+def text(found: Comparison, path: Path) -> str:
+    """The tables of a comparison as the file's name asks for them. UsageError for a name that says no format."""
     check_suffix(path)
     form = path.suffix.lower()
-    text = numbers(found) if form == ".csv" else latex(found) if form == ".tex" else markdown(found)
-    write_atomic(path, text)
+    return numbers(found) if form == ".csv" else latex(found) if form == ".tex" else markdown(found)
 
 
 def numbers(found: Comparison) -> str:

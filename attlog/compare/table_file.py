@@ -7,7 +7,6 @@ from pathlib import Path
 
 from attlog import spreadsheet
 from attlog.errors import UsageError
-from attlog.output import write_atomic
 
 SUFFIXES = (".csv", ".md", ".tex")
 LATEX = {
@@ -24,11 +23,10 @@ def check_suffix(path: Path) -> None:
         raise UsageError(f"--table {path}: end its name with {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
 
 
-def write_table(path: Path, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Write a table. UsageError for an unknown suffix, OutputError if it cannot be written."""
+def text(path: Path, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table as the file's name asks for it. UsageError for an unknown suffix."""
     check_suffix(path)
-    made = {".csv": csv_text, ".md": markdown, ".tex": latex}[path.suffix.lower()]
-    write_atomic(path, made(head, rows))
+    return {".csv": csv_text, ".md": markdown, ".tex": latex}[path.suffix.lower()](head, rows)
 
 
 def csv_text(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
-from attlog.flight.model import Attitude, FlightLog
+from attlog.flight.model import Attitude, FlightLog, part_of
 from attlog.reference import clock, smoothed, turning
 from attlog.reference.build import build, without
 from attlog.reference.model import AlignmentStep, Reference
@@ -41,7 +41,8 @@ def choose(
         raise UsageError(f"clock {options.clock!r}: use sample or publication")
     kind = _wanted(options.reference)
     out = dict(refused or {})
-    faults = _turn_otherwise(log, segments)
+    what = "Whether attitudes turn as the gyro does"
+    faults = part_of(log, what, lambda: _turn_otherwise(log, segments), dict[str, turning.Fault])
     gyro_fault = next((fault.why for fault in faults.values() if fault.of == "gyro"), "")
     if kind != "auto":
         return replace(_asked(log, segments, options, kind, smooth), gyro_fault=gyro_fault)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from attlog.flight.model import FlightLog, Imu
+from attlog.flight.model import Attitude, FlightLog, Imu, part_of
 from attlog.segments import flags, flying, gaps, hover, impact, motion, resets, rest, spans, windows
 from attlog.segments.model import Segment, Segments
 from attlog.segments.spans import Span
 
+Array = NDArray[np.float64]
+UNKNOWN = ("armed", "airborne")
+"""The phases that may stay unknown."""
 MOVING_M_S = 3.0
 """GNSS speed from which a vehicle is not at rest, whatever its IMU feels."""
 
@@ -17,20 +21,42 @@ def build(log: FlightLog) -> Segments:
     """Runs, gaps, rests, idling, arming, flight, hover, impact and resets of a log, each with its reason.
 
     Without an IMU to replay the first one still tells stillness, however slow; without any there are the
-    continuous segments of the onboard attitude and what the flags tell, and the notes say so.
+    continuous segments of the onboard attitude and what the flags tell, and the notes say so. Where finding
+    them ends in a bug there are the continuous segments alone, nothing is known of rest and flight, and a problem of
+    the log says so.
     """
+    return part_of(log, "Rest, arming and flight", lambda: _found(log), lambda: _continuous_alone(log))
+
+
+def _continuous_alone(log: FlightLog) -> Segments:
+    """What can be said where the rest cannot: where samples follow each other, which every filter and metric needs."""
+    clock = _clock(log)
+    if not len(clock):
+        return Segments([], {}, UNKNOWN)
+    whole = Segment("continuous", float(np.min(clock)), float(np.max(clock)), "rest, arming and flight are not known")
+    return Segments(part_of(log, "Gaps", lambda: gaps.find(clock), lambda: [whole]), {}, UNKNOWN)
+
+
+def _clock(log: FlightLog) -> Array:
+    """The times (n,) of the unit to replay, else of the first, else of the onboard attitude."""
+    imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
+    clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
+    return clock[np.isfinite(clock)]
+
+
+def _found(log: FlightLog) -> Segments:
+    """The segments, none of them missing."""
     notes: dict[str, str] = {}
     imu = log.replay_imu or next(iter(log.imus), None)
     onboard = log.onboard_attitude
-    clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
-    clock = clock[np.isfinite(clock)]
+    clock = _clock(log)
     found: list[Segment] = gaps.find(clock)
     if imu is None:
         notes["continuous"] = (
             "no IMU to replay: continuous segments are those of the onboard attitude, and nothing tells rest"
         )
     if not found:
-        return Segments([], notes, ("armed", "airborne"))
+        return Segments([], notes, UNKNOWN)
     t0, t1 = float(np.min(clock)), float(np.max(clock))
 
     whole = _between_pauses(found, t0, t1)
@@ -55,7 +81,7 @@ def build(log: FlightLog) -> Segments:
         notes["rest"] = _rest_note(rests, rest.largest_limit(parts, motors), armed, airborne)
         resting = [(s.t0, s.t1) for s in rests]
         found += rests + rest.idles(parts, still, airborne, motors, resting)
-        found += hover.find(log, parts, airborne)
+        found += part_of(log, "Hovers", lambda: hover.find(log, parts, airborne), list[Segment])
     if parts is not None and imu is not None:
         lies = impact.lying(log, parts, lying)
         lost = impact.losses(log, imu, airborne, lies, [b for _, b in whole])
@@ -65,12 +91,16 @@ def build(log: FlightLog) -> Segments:
     found = [s for whole in found for s in _cut_at_impact(whole, blow)]
     found += _cruise(found)
     if onboard is not None:
-        found += [
-            Segment("reset", float(onboard.t[i - 1]), float(onboard.t[i]), why)
-            for i, why in zip(*resets.find(onboard, imu), strict=True)
-        ]
+        found += part_of(log, "Resets", lambda: _resets(onboard, imu), list[Segment])
     unknown = tuple(name for name, phase in (("armed", armed), ("airborne", airborne)) if not phase.known)
     return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes, unknown)
+
+
+def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
+    return [
+        Segment("reset", float(onboard.t[i - 1]), float(onboard.t[i]), why)
+        for i, why in zip(*resets.find(onboard, imu), strict=True)
+    ]
 
 
 def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:

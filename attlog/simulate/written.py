@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
+from attlog.output import staged
 from attlog.processes import in_processes
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import write
@@ -27,11 +29,13 @@ def flights(
 
 
 def written(scenario: Scenario, seed: int, paths: Sequence[Path], params: Mapping[str, float | int]) -> Written:
-    """Fly one seed and write every log of it."""
+    """Fly one seed and write every log of it, all or none."""
     try:
         flight = fly(scenario, seed)
-        for path in paths:
-            write(path, flight, params)
+        with ExitStack() as stages:
+            stage = {folder: stages.enter_context(staged(folder)) for folder in {path.parent for path in paths}}
+            for path in paths:
+                write(stage[path.parent] / path.name, flight, params)
         return [(path, path.stat().st_size) for path in paths]
     except Exception as error:
         return error

@@ -131,3 +131,25 @@ def test_the_table_of_analyze_goes_to_a_file_for_a_paper(attlog, tmp_path: Path)
     assert "Madgwick & " in files[1].read_text()
     assert "| Madgwick | " in files[2].read_text()
     assert attlog("analyze", str(STEPS), "--table", "t.xls", "-o", str(tmp_path)).code == 2
+
+
+def test_files_are_written_together_or_the_old_ones_stay(attlog, tmp_path: Path) -> None:
+    for name in ("compare.html", "compare.json"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "t.tex").mkdir()
+    command = [
+        "compare",
+        STEPS,
+        "gyro",
+        "mahony",
+        "--reference",
+        "onboard",
+        "-o",
+        tmp_path,
+        "--table",
+        tmp_path / "t.tex",
+    ]
+    done = attlog(*map(str, command))
+    assert (done.code, "t.tex: cannot be written" in done.err) == (73, True), done.err
+    assert [(tmp_path / name).read_text() for name in ("compare.html", "compare.json")] == ["old", "old"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["compare.html", "compare.json", "t.tex"]

@@ -15,6 +15,7 @@ from attlog.compare import export
 from attlog.compare.comparison import Comparison, LogLine
 from attlog.compare.toml_file import read
 from attlog.errors import LogUnreadable, UsageError
+from attlog.output import write_together
 from tests.compare.flights import CONFIGURATIONS, FIRST, SECOND, comparison
 from tests.report.browser import Visit
 from tests.report.test_safety import EVIL
@@ -70,7 +71,7 @@ def test_the_configurations_of_the_page_are_a_file_that_compare_reads(tmp_path: 
 
 def test_figures_are_drawn_in_a_browser_and_saved_as_numbers(tmp_path: Path, browser: Any) -> None:
     path = tmp_path / "compare.html"
-    page.write(made(), path)
+    write_together(page.files(made(), path))
     visit = Visit(browser, path)
     assert visit.figures() == {"forest0": True, "forest1": True}
     assert visit.complaints == []
@@ -96,7 +97,7 @@ def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
         question.title = EVIL
     found.configurations[1].label = found.command = EVIL
     path = tmp_path / "compare.html"
-    page.write(found, path)
+    write_together(page.files(found, path))
     visit = Visit(browser, path)
     assert visit.page.title() != "ran"
     assert visit.complaints == []
@@ -118,10 +119,9 @@ def test_tables_for_papers(tmp_path: Path) -> None:
     assert not set(tex) & set("−°–±")
     assert tex.count("%") == 1 + tex.count(r"\%")
     assert "| 3 logs of 4 |" in export.markdown(found)
-    export.write(found, tmp_path / "t.TEX")
-    assert (tmp_path / "t.TEX").read_text() == tex
+    assert export.text(found, Path("t.TEX")) == tex
     with pytest.raises(UsageError, match="end its name with"):
-        export.write(found, tmp_path / "t.xls")
+        export.text(found, Path("t.xls"))
 
 
 def test_a_log_called_like_a_formula_is_no_formula_in_the_table() -> None:
