@@ -13,7 +13,7 @@ import numpy as np
 
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
-from attlog.health import against_smoother
+from attlog.health import against_smoother, frozen
 from attlog.health.attitude import CONTRADICTED
 from attlog.health.gyro import HOPELESS_DPS
 from attlog.health.model import FAILED, Check
@@ -41,11 +41,17 @@ class About:
 
 _TILT = "Where the attitude is wrong, filters that agree with it are wrong as well."
 _HEADING = "Filters that use the compass take its error for heading."
+_STOPPED = "The sensor, its driver or its bus stopped."
 ABOUT: dict[str, About] = {
-    "gyro": About(bad="error", cause="The sensor or its driver stopped.", means="No filter can follow."),
+    "gyro": About(bad="error", cause=_STOPPED, means="No filter can follow."),
     "gravity": About(
         cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.", fault="accelerometer",
         means="Filters that check the size of the force trust it less; a wrong direction tilts all of them.",
+    ),
+    "frozen gyro": About(bad="error", cause=_STOPPED, means="No filter can follow."),
+    "frozen sensors": About(
+        bad="error", cause=_STOPPED,
+        means="Filters that use it go on with its last value as if it were measured.",
     ),
     "gyro bias": About(
         bad="error", cause="The gyro was not calibrated, was moved while it started, or warms up.", fault="gyro_bias",
@@ -205,12 +211,14 @@ def contradiction(reference: Reference) -> list[Problem]:
 
 def hopeless(checks: Iterable[Check]) -> str:
     """Why no filter can be judged at all: a gyro far from zero while the vehicle stands, or one that is not what
-    turned; empty where one can."""
+    turned or stopped; empty where one can."""
     for check in checks:
         if check.name == "gyro against attitude" and check.value == CONTRADICTED:
             return f"{check.text[0].lower()}{check.text[1:].rstrip('.')}"
         if check.name == "gyro bias" and isinstance(check.value, float) and abs(check.value) >= HOPELESS_DPS:
             return f"the gyro reads {check.value:.0f} deg/s while the vehicle stands still"
+        if why := frozen.hopeless(check):
+            return why
     return ""
 
 

@@ -28,8 +28,8 @@ LEAST_INTERVALS = 30
 LEAST_HZ = 20.0
 """Slower attitudes smear fast motion: low slopes alone are then no fault of the sensor."""
 LEAST_CORRELATION = 0.8
-SLOPES = 0.8, 1.25
-"""Of the attitude's rotation on the gyro's; outside one of them is in another unit."""
+SLOPES, FAR_SLOPES = (0.8, 1.25), (0.6, 1.6)
+"""Of the attitude's rotation on the gyro's; outside one of them is in another unit; the second: surely so."""
 BLIND = 1.0 / 3.0
 """A gyro that shows less than this of an attitude's turns does not see them, or the attitude makes them up."""
 MOUNTED_DEG = 45.0
@@ -66,7 +66,7 @@ def contradiction(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: M
     right = field_follows(imu, attitude, jumps, mag)
     if right:
         return Fault("attitude" if right == "gyro" else "gyro", f"{said}; the magnetic field turns as the {right} does")
-    if attitude.rate < LEAST_HZ or not alike(by_gyro, by_attitude):
+    if attitude.rate < LEAST_HZ or not alike(by_gyro, by_attitude) or not otherwise(by_gyro, by_attitude, FAR_SLOPES):
         return Fault()
     return Fault("gyro", f"{said}; nothing tells which is right")
 
@@ -91,8 +91,11 @@ def rotations(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[A
     return gyro[good] / dt[good, None], turned[good] / dt[good, None]
 
 
-def otherwise(by_gyro: Array, by_attitude: Array) -> str:
-    """How the rates (n, 3) of an attitude differ from those of the gyro in kind; empty where they do not."""
+def otherwise(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] = SLOPES) -> str:
+    """How the rates (n, 3) of an attitude differ from those of the gyro in kind; empty where they do not.
+
+    ``allowed``: the least and the most that the attitude may turn for one turn of the gyro.
+    """
     if len(by_gyro) < LEAST_INTERVALS:
         return ""
     g, a = by_gyro - np.median(by_gyro, axis=0), by_attitude - np.median(by_attitude, axis=0)
@@ -107,7 +110,7 @@ def otherwise(by_gyro: Array, by_attitude: Array) -> str:
         return f"the attitude turns by {turns}, the gyro by {by_the_gyro[axis]:.1f}"
     g = g @ mounting(g, a).T
     slopes = np.sum(g * a, axis=0) / np.maximum(np.sum(g * g, axis=0), 1e-30)
-    outside = moving & ~((slopes >= SLOPES[0]) & (slopes <= SLOPES[1]))
+    outside = moving & ~((slopes >= allowed[0]) & (slopes <= allowed[1]))
     shown = ", ".join(f"{'xyz'[k]} {slopes[k]:.2f}" for k in np.flatnonzero(outside))
     return f"the attitude turns {shown} times as far" if shown else ""
 
