@@ -47,7 +47,8 @@ class Run:
         facts = replay.facts(case, suffix)
         if c.params is not None:
             facts = replace(facts, given={**facts.given, **read_file(c.params)})
-        imu, mag = prepared(settings, log, imu, mag)
+        if settings:  # else the log's own unit, for which metrics find what they need once
+            imu, mag = prepared(settings, log, imu, mag)
         row, line = replay.replayed(case, imu, mag, c.row, facts, replay.aids_of(case, suffix), c.name + suffix)
         for name, value in c.before.items():
             shown = value if isinstance(value, str) else "/".join(f"{x:g}" for x in value)

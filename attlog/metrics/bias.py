@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import rotation
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.evidence import imu_of, seconds
 from attlog.metrics.settled import rest_spans, why_none
-from attlog.metrics.windows import lay, samples
+from attlog.metrics.windows import filled_in
 from attlog.reference.model import Row
 from attlog.segments.spans import between
 
@@ -35,8 +36,13 @@ def window_errors(t: Array, gyro: Array, row: Row, windows: list[slice]) -> Arra
     for w in windows:
         inside = between(row.t, t[w.start], t[w.stop - 1])
         if row.bias is not None and inside.stop > inside.start and np.isfinite(row.bias[inside]).all():
-            found.append(np.degrees(np.mean(row.bias[inside], axis=0) - np.mean(gyro[w], axis=0)))
+            found.append(np.degrees(_mean(row.bias[inside]) - _mean(gyro[w])))
     return np.array(found).reshape(-1, 3)
+
+
+def _mean(x: Array) -> Array:
+    """The mean (k,) of rows (n, k), column by column: many times faster than along a short last axis."""
+    return np.array([float(column.sum()) / len(column) for column in x.T])
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -49,9 +55,8 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         reason = "this row has no gyro bias estimate of the replayed gyro"
         return {name: missing("not_applicable", reason, unit, window)}
     gyro = imu.gyro
-    segment = np.zeros(len(gyro.t), np.int64)
-    laid = [w for span in rest_spans(case, row, window) for w in lay(span, "rest")]
-    windows = [w for w in (samples(gyro.t, gyro.x, segment, w) for w in laid) if w is not None]
+    laid = [w for span in rest_spans(case, row, window) for _, w in filled_in(case, gyro.t, "rest", span)]
+    windows = [w for w in laid if w is not None and rotation.finite(gyro.x[w]).all()]
     errors = window_errors(gyro.t, gyro.x, row, windows)
     if len(errors) == 0:
         return {name: missing(*why_none(case, "rest", window), unit, window)}

@@ -34,6 +34,8 @@ class Blocks:
     e: Array
     segment: NDArray[np.int64]
     block_s: float = BLOCK_S
+    slopes: dict[float, Drift] = field(default_factory=dict, repr=False, compare=False)
+    """What :func:`slope` found, by the shortest record that it was asked for: several metrics ask for the same."""
 
     @property
     def seconds(self) -> float:
@@ -110,6 +112,12 @@ def slope(blocks: Blocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     max(1, round(segment / (record / groups))) equal ones, each with its own offset; groups under 3 blocks are left
     out. Fewer than 4 groups or less than ``shortest_s``: no value.
     """
+    if shortest_s not in blocks.slopes:
+        blocks.slopes[shortest_s] = _slope(blocks, shortest_s)
+    return replace(blocks.slopes[shortest_s])
+
+
+def _slope(blocks: Blocks, shortest_s: float) -> Drift:
     record = blocks.seconds
     target = record / min(max(round(record / GROUP_S), MIN_GROUPS), MAX_GROUPS)
     slopes, spans = [], []
@@ -185,8 +193,8 @@ def together(records: list[Drift]) -> Drift:
 
 
 def _line(t: Array, e: Array) -> float:
-    u = t - np.mean(t)
-    return float(u @ (e - np.mean(e))) / float(u @ u)
+    u = t - t.sum() / len(t)
+    return float(u @ (e - e.sum() / len(e))) / float(u @ u)
 
 
 def too_short(found: Drift, shortest_s: float) -> str:

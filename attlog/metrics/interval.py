@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -62,18 +63,27 @@ def of_median(values: ArrayLike) -> Interval | None:
     return (float(x[rank - 1]), float(x[k - rank])) if rank else None
 
 
+@lru_cache(maxsize=256)
+def _edges(n: int, count: int) -> tuple[int, ...]:
+    return tuple(np.linspace(0, n, count + 1).round().astype(int).tolist())
+
+
 def equal_groups(n: int, count: int) -> list[slice]:
     """``count`` consecutive slices of ``n`` samples, sizes equal to one sample; fewer where there are not so many."""
-    count = min(count, n)
-    edges = np.linspace(0, n, count + 1).round().astype(int)
-    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
+    return [slice(a, b) for a, b in pairwise(_edges(n, min(count, n)))]
+
+
+def sums(values: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Array:
+    """The sums (k,) of ``values[first:last]`` for k ranges of values (n,)."""
+    ends = np.column_stack([first, last]).ravel()
+    padded = values if ends.max(initial=0) < len(values) else np.append(values, 0.0)  # an end may be that of the values
+    return np.where(last > first, np.add.reduceat(padded, ends)[::2], 0.0) if len(first) else np.zeros(0)
 
 
 def means(values: Array, groups: list[slice]) -> Array:
     """The mean (k,) of each of k groups of ``values`` (n,), none of them empty."""
-    ends = np.array([(g.start, g.stop) for g in groups])
-    sums = np.add.reduceat(np.append(values, 0.0), ends.ravel())[::2]  # one more: an end may be that of the values
-    return np.asarray(sums / (ends[:, 1] - ends[:, 0]))
+    first, last = np.array([(g.start, g.stop) for g in groups]).T
+    return np.asarray(sums(values, first, last) / (last - first))
 
 
 def quantile(ordered: Array, probability: float) -> float:

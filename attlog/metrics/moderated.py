@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.metrics.quantiles import student, student_two_sided
+from attlog.metrics.quantiles import student, students_two_sided
 
 Array = NDArray[np.float64]
 
@@ -43,4 +43,4 @@ def interval(values: ArrayLike, prior: Prior) -> tuple[float, float]:
 def p_values(values: Array, prior: Prior) -> Array:
     """Two-sided p (m,) that the means of values (m, k), k >= 1, are zero."""
     means, errors, dof = _errors(values, prior)
-    return np.array([student_two_sided(t, dof) for t in (means / errors).tolist()])
+    return students_two_sided(means / errors, dof)

@@ -12,6 +12,11 @@ from collections.abc import Callable
 from functools import lru_cache
 from statistics import NormalDist
 
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
 _TINY = 1e-300
 _STEPS = 2000
 _MANY = 30.0
@@ -58,6 +63,11 @@ def _student_by_newton(probability: float, dof: float) -> float:
 def student_two_sided(t: float, dof: float) -> float:
     """The probability that Student's t with ``dof`` degrees of freedom lies further from zero than ``t``."""
     return _beta(0.5 * dof, 0.5, dof / (dof + t * t))
+
+
+def students_two_sided(t: Array, dof: float) -> Array:
+    """The same for many ``t`` (m,) of one ``dof``."""
+    return _betas(0.5 * dof, 0.5, dof / (dof + t * t))
 
 
 def _invert(rising: Callable[[float], float], target: float) -> float:
@@ -121,6 +131,40 @@ def _beta(a: float, b: float, x: float) -> float:
         if abs(d * c - 1.0) < 1e-15:
             break
     return front * h
+
+
+def _betas(a: float, b: float, x: Array) -> Array:
+    """:func:`_beta` of many x (m,), whose continued fractions run side by side until the last one stands."""
+    found, inside = np.where(np.isnan(x), x, x >= 1.0), (x > 0.0) & (x < 1.0)
+    mirrored = inside & (x > (a + 1.0) / (a + b + 2.0))
+    if mirrored.any():
+        found[mirrored] = 1.0 - _betas(b, a, 1.0 - x[mirrored])
+    own = np.flatnonzero(inside & ~mirrored)
+    x = x[own]
+    front = np.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * np.log(x) + b * np.log1p(-x)) / a
+    c, d = np.ones(len(x)), 1.0 / _nonzeros(1.0 - (a + b) * x / (a + 1.0))
+    h = d.copy()
+    for m in range(1, _STEPS if len(own) else 1):
+        for numerator in (
+            m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
+            -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
+        ):
+            d = 1.0 / _nonzeros(1.0 + numerator * d)
+            c = _nonzeros(1.0 + numerator / c)
+            h *= d * c
+        moving = np.abs(d * c - 1.0) >= 1e-15
+        if not moving.all():
+            found[own[~moving]] = (front * h)[~moving]
+            own = own[moving]
+            x, front, c, d, h = (v[moving] for v in (x, front, c, d, h))
+            if not len(own):
+                break
+    found[own] = front * h
+    return found
+
+
+def _nonzeros(x: Array) -> Array:
+    return np.where(np.abs(x) > _TINY, x, _TINY)
 
 
 def _nonzero(x: float) -> float:

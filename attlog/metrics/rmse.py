@@ -229,7 +229,7 @@ def _step(case: Case, t: Array) -> float:
 def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
     """Mean squares (k,) of an error angle in blocks of the window's scored time, at the same times for all rows."""
     errors, reference, length = row.errors, case.reference, BLOCK_S[angle]
-    ids, squares = [], []
+    begin, values = np.zeros(0), np.zeros(0)
     if errors is not None and len(errors.t) > 1:
         needed = BLOCK_FILLED * length / usual_step(case, row)
         scored = complement(reference.unscored, reference.scoring_start, reference.end)
@@ -237,14 +237,18 @@ def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
         starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
         begin = np.concatenate([np.zeros(0), *starts])
         first, last = np.searchsorted(errors.t, begin), np.searchsorted(errors.t, begin + length)
-        for start, i, j in zip(begin.tolist(), first.tolist(), last.tolist(), strict=True):
-            inside = getattr(errors, angle)[i:j][errors.scored[i:j]]
-            inside = inside[np.isfinite(inside)]
-            if len(inside) >= max(needed, 2):
-                ids.append(start)
-                squares.append(float(inside @ inside) / len(inside))
-    chosen, values = ids_of(ids), np.array(squares)
+        total, count = (interval.sums(x, first, last) for x in _squares(case, row, angle))
+        full = count >= max(needed, 2)
+        begin, values = begin[full], total[full] / count[full]
+    chosen = ids_of(begin)
     return UnitValues("mean_square", chosen, values, partial(of_blocks, chosen, values))
+
+
+@per_row
+def _squares(case: Case, row: Row, angle: str) -> tuple[Array, Array]:
+    """The squares (n,) of an error angle, 0 where it does not count, and which count, as numbers (n,)."""
+    counted = _scored(case, row)
+    return np.where(counted, getattr(row.errors, angle) ** 2, 0.0), counted.astype(np.float64)
 
 
 def of_blocks(ids: Ids, squares: Array, wanted: Ids) -> Summary:

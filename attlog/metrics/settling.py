@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.rmse import why_no_errors
 from attlog.metrics.step_curves import Curve, curves
-from attlog.metrics.step_evidence import too_few, why_no_events
+from attlog.metrics.step_evidence import first_with, too_few, why_no_events
 from attlog.metrics.step_solution import MIN_EVENTS
 from attlog.reference.model import Row
 
@@ -43,15 +43,21 @@ def of_events(found: list[Curve]) -> tuple[Array, Array, int]:
     """Overshoot (%) and settling time (s) of each event (events,), and how many did not settle in their window."""
     overshoot, settling, unsettled = [], [], 0
     for curve in found:
-        after = curve.seconds >= 0.0
-        since, size = curve.seconds[after], abs(curve.event.delta_deg)
+        seconds, size = curve.seconds, abs(curve.event.delta_deg)
+        first = int(np.searchsorted(seconds, 0.0))
+        since, reference, error = seconds[first:], curve.reference[first:], curve.error[first:]
         if len(since) < 2:
             continue
-        overshoot.append(100.0 * float(np.max(curve.row[after]) - np.max(curve.reference[after])) / size)
-        outside = np.flatnonzero(np.abs(curve.error[after]) > BAND * size)
+        overshoot.append(100.0 * float((reference + error).max() - reference.max()) / size)
+        outside = np.flatnonzero(np.abs(error) > BAND * size)
         settling.append(float(since[min(outside[-1] + 1, len(since) - 1)]) if len(outside) else 0.0)
         unsettled += bool(len(outside) and outside[-1] == len(since) - 1)
     return np.array(overshoot), np.array(settling), unsettled
+
+
+@per_row
+def _ends(case: Case, row: Row, window: str) -> tuple[Array, Array, int]:
+    return of_events(curves(case, row, window))
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -60,7 +66,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {}
     absent = why_no_errors(case, row) or why_no_events(case, row, window)
     found = curves(case, row, window) if absent is None else []
-    overshoot, settling, unsettled = of_events(found)
+    overshoot, settling, unsettled = _ends(case, row, first_with(case, row, window)) if found else of_events([])
     if absent is None and len(overshoot) < MIN_EVENTS:
         absent = "too_few_events", too_few(len(overshoot))
     if absent is not None:

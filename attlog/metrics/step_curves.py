@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.metrics import step_evidence
-from attlog.metrics.base import Case, per_row
+from attlog.metrics import step_evidence, steps
+from attlog.metrics.base import Case, per_row, per_times
 from attlog.metrics.step_columns import axis_of
 from attlog.metrics.steps import Event
 from attlog.metrics.turning import Turning
@@ -57,12 +57,16 @@ def curves(case: Case, row: Row, window: str) -> list[Curve]:
 
 @dataclass(frozen=True, slots=True)
 class Covered:
-    """An event: its samples ``own`` (n,) of a row's errors, those ``before`` (m,) its onset, its ``body`` axis (3,)."""
+    """An event: its samples ``own`` (n,) of a row's errors, those ``before`` (m,) its onset, its ``body`` axis (3,).
+
+    ``turned`` (n,) deg: what the reference turned about that axis since the onset.
+    """
 
     event: Event
     own: Index
     before: Index
     body: Array
+    turned: Array
 
 
 @per_row
@@ -76,7 +80,7 @@ def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
     All events at once: a row may have hundreds.
     """
     errors, ref = row.errors, step_evidence.reference_turning(case)
-    found = [] if errors is None else [c for c in (_covered(errors, ref, e) for e in events) if c is not None]
+    found = [] if errors is None else _all_covered(case, errors, events)
     if errors is None or not found:
         return []
     own = np.concatenate([c.own for c in found])
@@ -89,23 +93,47 @@ def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
     error = rotation.error(errors.q_est[own], errors.q_ref[own])
     apart = np.degrees(rotation.to_rotvec(rotation.multiply(error, rotation.conjugate(start)[of])))
     off = np.split(np.einsum("ni,ni->n", apart, axes[of]), ends[:-1])
-    return [
-        Curve(c.event, errors.t[c.own], _turned(ref, c, errors.t[c.own]), x) for c, x in zip(found, off, strict=True)
-    ]
+    return [Curve(c.event, errors.t[c.own], c.turned, x) for c, x in zip(found, off, strict=True)]
 
 
-def _covered(errors: Errors, ref: Turning, event: Event) -> Covered | None:
-    """What a row and the reference show of an event without a gap; None where that is too little."""
+def _all_covered(case: Case, errors: Errors, events: list[Event]) -> list[Covered]:
+    """The events that a row and the reference show without a gap; most as any row without one at these times."""
+    ref, whole = step_evidence.reference_turning(case), _without_gaps(case, errors.t)
+    broken = np.zeros(len(errors.t), np.int64)
+    np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite(errors.q_est)[1:], out=broken[1:])
+    found = []
+    for event in events:
+        known = whole[event] if event in whole else _covered(errors.t, broken, ref, event)
+        if known is not None and broken[known.own[0]] != broken[known.own[-1]]:
+            known = _covered(errors.t, broken, ref, event)
+        if known is not None:
+            found.append(known)
+    return found
+
+
+@per_times
+def _without_gaps(case: Case, t: Array) -> dict[Event, Covered | None]:
+    """What a row at times (n,) and the reference show of all its events if no gap is in them."""
+    ref, unbroken = step_evidence.reference_turning(case), np.zeros(len(t), np.int64)
+    return {event: _covered(t, unbroken, ref, event) for event in steps.of_reference(case)}
+
+
+def _covered(t: Array, segment: Index, ref: Turning, event: Event) -> Covered | None:
+    """What a row at times (n,), in segments (n,) without a gap, and the reference show of an event.
+
+    None where that is too little.
+    """
     body = axis_of(ref, event)
     if body is None:
         return None
-    i, j = np.searchsorted(errors.t, [event.begin, event.end], side="left")
-    middle = min(int(np.searchsorted(errors.t, event.middle)), len(errors.t) - 1)
-    own = np.arange(i, j)[errors.segment[i:j] == errors.segment[middle]]
-    own = own[rotation.finite(errors.q_est[own])]
-    t = errors.t[own]
-    before = own[(t >= event.onset - BEFORE_S) & (t <= event.onset)]
-    return None if len(own) < 2 or len(before) == 0 or t[-1] < event.t90 else Covered(event, own, before, body)
+    i, j = np.searchsorted(t, [event.begin, event.end], side="left")
+    middle = min(int(np.searchsorted(t, event.middle)), len(t) - 1)
+    own = np.arange(i, j)[segment[i:j] == segment[middle]]
+    at = t[own]
+    before = own[(at >= event.onset - BEFORE_S) & (at <= event.onset)]
+    if len(own) < 2 or len(before) == 0 or at[-1] < event.t90:
+        return None
+    return Covered(event, own, before, body, _turned(ref, event, body, at))
 
 
 def _means(errors: Errors, groups: list[Index]) -> Array:
@@ -115,11 +143,10 @@ def _means(errors: Errors, groups: list[Index]) -> Array:
     return rotation.means(error, np.cumsum([0, *(len(g) for g in groups)]))
 
 
-def _turned(ref: Turning, covered: Covered, t: Array) -> Array:
-    """What the reference turned (n,) deg about the event's axis since its onset, at times (n,)."""
-    event = covered.event
+def _turned(ref: Turning, event: Event, body: Array, t: Array) -> Array:
+    """What the reference turned (n,) deg about the event's axis (3,) since its onset, at times (n,)."""
     near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
-    along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ covered.body)
+    along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)
     return np.asarray(np.interp(t, ref.t[near], along) - np.interp(event.onset, ref.t[near], along))
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.rmse import why_no_errors
 from attlog.metrics.step_curves import Curve, curves
-from attlog.metrics.step_evidence import too_few, why_no_events
+from attlog.metrics.step_evidence import first_with, too_few, why_no_events
 from attlog.metrics.step_solution import MIN_EVENTS
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference.model import Row
@@ -69,6 +69,11 @@ def errors_after(found: list[Curve], after: float) -> Errors:
     )  # fmt: skip
 
 
+@per_row
+def _after(case: Case, row: Row, window: str, after: float) -> Errors:
+    return errors_after(curves(case, row, window), after)
+
+
 def error_at(curve: Curve, at: float) -> float | None:
     """The mean error (deg) over +-50 ms around a time in s, the nearest sample's if none is in there.
 
@@ -76,7 +81,8 @@ def error_at(curve: Curve, at: float) -> float | None:
     """
     near = np.abs(curve.t - at) <= NEAR_S
     if near.any():
-        return float(np.mean(curve.error[near]))
+        own = curve.error[near]
+        return float(own.sum()) / len(own)
     if not curve.t[0] <= at <= curve.t[-1]:
         return None
     return float(curve.error[np.argmin(np.abs(curve.t - at))])
@@ -116,7 +122,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     found = curves(case, row, window)
     answers: dict[str, Answer] = {}
     for after in AFTER_S:
-        errors = errors_after(found, after)
+        errors = _after(case, row, first_with(case, row, window), after)
         own = SMOOTHED_DEG if case.reference.kind == "smoother" else 0.0
         answers[f"step_error_deg.{after:.1f}s"] = _answer(errors, "deg", window, found, own)
         answers[f"step_error_pct.{after:.1f}s"] = _answer(errors, "pct", window, found, own)

@@ -29,10 +29,13 @@ def step_traces(case: Case, row: Row) -> list[Trace]:
     curves = step_curves.curves(case, row, "all")
     event = representative(case)
     found = [one(case, row, curve) for curve in curves if curve.event == event]
+    if len(curves) < FEWEST:
+        return found
+    axes, (error, moved) = np.array([c.event.axis for c in curves]), in_percent(curves)
     for axis in (None, *range(len(steps.AXES))):
-        own = [c for c in curves if axis is None or c.event.axis == axis]
-        if len(own) >= FEWEST and (axis is not None or len({c.event.axis for c in own}) > 1):
-            found.append(together(row, own, "all axes" if axis is None else steps.AXES[axis]))
+        own = np.ones(len(axes), bool) if axis is None else axes == axis
+        if np.count_nonzero(own) >= FEWEST and (axis is not None or len(set(axes.tolist())) > 1):
+            found.append(together(row, error[own], moved[own], "all axes" if axis is None else steps.AXES[axis]))
     return found
 
 
@@ -57,16 +60,20 @@ def one(case: Case, row: Row, curve: Curve) -> Trace:
     return Trace("step", row.name, curve.seconds, columns, f"{steps.AXES[event.axis]}@{event.onset:.2f}")
 
 
-def together(row: Row, curves: list[Curve], axis: str) -> Trace:
-    """Median and band of the row's error over events laid on their onset, in % of the stroke; NaN where few reach."""
+def in_percent(curves: list[Curve]) -> tuple[Array, Array]:
+    """The row's error and the reference's turning (events, times) laid on their onset, in % of the stroke."""
     stroke = np.array([abs(c.event.delta_deg) for c in curves])[:, None]
     error = np.array([laid(c, c.error) for c in curves]) / stroke * 100.0
-    moved = np.array([laid(c, c.reference) for c in curves]) / stroke * 100.0
+    return error, np.array([laid(c, c.reference) for c in curves]) / stroke * 100.0
+
+
+def together(row: Row, error: Array, moved: Array, axis: str) -> Trace:
+    """Median and band of the row's error over events (events, times) in % of the stroke; NaN where few reach."""
     enough = np.isfinite(error).sum(axis=0) >= FEWEST
     columns = {name: np.full(len(GRID_S), np.nan) for name in ("median", "low", "high", "ref")}
     columns["low"][enough], columns["median"][enough], columns["high"][enough] = of_known(error[:, enough], SHARES)
     columns["ref"][enough] = of_known(moved[:, enough], (0.5,))[0]
-    return Trace("steps", row.name, GRID_S, columns, axis, values={"events": float(len(curves))})
+    return Trace("steps", row.name, GRID_S, columns, axis, values={"events": float(len(error))})
 
 
 def of_known(x: Array, shares: tuple[float, ...]) -> Array:

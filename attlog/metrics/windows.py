@@ -59,7 +59,7 @@ def whole(inside: slice | None, x: Array, segment: NDArray[np.int64]) -> slice |
 
 
 @per_times
-def _laid(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
+def filled_in(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
     """The windows of a span with the samples of times (n,) in each: of all rows that have these times."""
     return [(window, filled(t, window)) for window in lay(span, phase)]
 
@@ -73,6 +73,6 @@ def of_row(case: Case, row: Row, phase: str, window: str) -> list[list[tuple[Spa
 def of_span(case: Case, row: Row, phase: str, span: Span) -> list[tuple[Span, slice]]:
     """The same of one span."""
     start, segment = own_start(case, row), row_segments(case, row)
-    laid = [(w, s) for w, s in _laid(case, row.t, phase, span) if w[0] >= start - ROUND_S]
+    laid = [(w, s) for w, s in filled_in(case, row.t, phase, span) if w[0] >= start - ROUND_S]
     own = [(w, whole(s, row.q, segment)) for w, s in laid]
     return [(w, s) for w, s in own if s is not None]

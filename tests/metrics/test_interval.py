@@ -31,3 +31,11 @@ def test_quantiles_of_what_is_known_are_those_of_numpy():
     x[np.random.default_rng(2).random(x.shape) < 0.5] = np.nan
     x[0] = 1.0
     np.testing.assert_allclose(of_known(x, (0.1, 0.5, 0.9)), np.nanquantile(x, (0.1, 0.5, 0.9), axis=0), rtol=1e-12)
+
+
+def test_sums_of_ranges_are_those_of_each_range_empty_ones_too():
+    x = np.random.default_rng(3).standard_normal(20)
+    first, last = np.array([0, 3, 3, 18, 20, 5]), np.array([4, 3, 9, 20, 20, 5])
+    wanted = [x[a:b].sum() for a, b in zip(first, last, strict=True)]
+    np.testing.assert_allclose(interval.sums(x, first, last), wanted, atol=1e-14)
+    assert len(interval.sums(x, first[:0], last[:0])) == 0

@@ -119,3 +119,14 @@ def test_rows_that_do_differ_are_told_apart():
         told = told_among(values, "log_variance")
         found.append(len([t for t in told if t[1] == "5"]) / 5)
     assert np.mean(found) > 0.9
+
+
+@pytest.mark.parametrize("k", [8, 108])
+def test_signed_ranks_of_many_are_those_of_each_and_of_scipy(k):
+    d = np.random.default_rng(2).standard_normal((40, k)) + 0.15
+    d[3], d[4, : k // 2], d[5, :3] = 0.0, 0.0, 0.25  # nothing, zeros, ties
+    found = pairs.signed_ranks(d)
+    np.testing.assert_array_equal(found, [pairs.signed_rank(row) for row in d])
+    for row in (0, 1, 2, 6):
+        method = "exact" if k <= pairs.EXACT else "approx"
+        assert found[row] == pytest.approx(stats.wilcoxon(d[row], method=method, correction=False).pvalue, rel=1e-9)

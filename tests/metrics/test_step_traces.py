@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from attlog.metrics.step_curves import Curve
-from attlog.metrics.step_traces import GRID_S, representative, together
+from attlog.metrics.step_traces import GRID_S, in_percent, representative, together
 from attlog.metrics.steps import Event
 from tests.metrics import flights
 
@@ -38,7 +38,7 @@ def test_without_movements_there_is_no_representative_one(monkeypatch):
 def test_movements_are_compared_by_their_share_of_the_stroke_with_the_band_of_the_middle_eighty_percent():
     row = flights.row(np.arange(3.0), np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)))
     shares = np.linspace(-0.3, 0.1, 11)
-    trace = together(row, [curve(20.0 + 3 * k, s) for k, s in enumerate(shares)], "roll")
+    trace = together(row, *in_percent([curve(20.0 + 3 * k, s) for k, s in enumerate(shares)]), "roll")
     late = np.flatnonzero((GRID_S > 0.4) & np.isfinite(trace.columns["median"]))
     assert len(late) > 50
     np.testing.assert_allclose(trace.columns["median"][late], -10.0, atol=1e-6)
