@@ -6,7 +6,6 @@ The fast encoder of ``json`` knows no indents; with them it asks each part for w
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from json.encoder import encode_basestring
 from typing import Any
@@ -30,42 +29,47 @@ def _write(value: Any, line: str, put: Callable[[str], None]) -> None:
         inner = line + " "
         lead = "{" + inner
         for name, item in value.items():
-            put(f"{lead}{encode_basestring(name)}: ")
-            _write(item, inner, put)
+            leaf = LEAVES.get(type(item))
+            if leaf is not None:
+                put(f"{lead}{encode_basestring(name)}: {leaf(item)}")
+            else:
+                put(f"{lead}{encode_basestring(name)}: ")
+                _write(item, inner, put)
             lead = "," + inner
         put(line + "}")
     elif kind is list and value:
         inner = line + " "
         lead = "[" + inner
         for item in value:
-            put(lead)
-            _write(item, inner, put)
+            leaf = LEAVES.get(type(item))
+            if leaf is not None:
+                put(lead + leaf(item))
+            else:
+                put(lead)
+                _write(item, inner, put)
             lead = "," + inner
         put(line + "]")
+    elif kind in LEAVES:
+        put(LEAVES[kind](value))
+    elif kind is dict or kind is list:
+        put("{}" if kind is dict else "[]")
+    elif isinstance(value, (str, int, float)):
+        put(json.dumps(value, ensure_ascii=False, allow_nan=False))
     else:
-        put(_leaf(kind, value))
+        raise TypeError(f"{kind.__name__} has no text in JSON")
 
 
-def _leaf(kind: type, value: Any) -> str:
-    if kind is str:
-        return encode_basestring(value)
-    if kind is float:
-        if not math.isfinite(value):
-            raise ValueError(f"{value!r} is no number of JSON")
-        return repr(value)
-    if kind is int:
-        return repr(value)
-    if kind in WORDS:
-        return WORDS[kind](value)
-    if isinstance(value, (str, int, float)):
-        return json.dumps(value, ensure_ascii=False, allow_nan=False)
-    raise TypeError(f"{kind.__name__} has no text in JSON")
+def _float(value: float) -> str:
+    if value - value != 0.0:  # infinite or NaN; as quick as it can be asked
+        raise ValueError(f"{value!r} is no number of JSON")
+    return repr(value)
 
 
-WORDS: dict[type, Callable[[Any], str]] = {
+LEAVES: dict[type, Callable[[Any], str]] = {
+    str: encode_basestring,
+    float: _float,
+    int: repr,
     bool: lambda value: "true" if value else "false",
     type(None): lambda value: "null",
-    dict: lambda value: "{}",
-    list: lambda value: "[]",
 }
-"""What is left: words, and empty containers."""
+"""What holds nothing else."""

@@ -31,13 +31,19 @@ def plain(value: Any) -> Any:
     if kind in AS_THEY_ARE:
         return value
     if kind is dict:
-        return {str(k): plain(v) for k, v in value.items()}
+        return {str(k): v if type(v) in AS_THEY_ARE else plain(v) for k, v in value.items()}
     if kind is list or kind is tuple:
-        return [plain(v) for v in value]
+        return [v if type(v) in AS_THEY_ARE else plain(v) for v in value]
     written = _written(kind)
-    if written is not None:
-        return {name: _rounded(plain(getattr(value, name)), digits) for name, digits in written}
-    return _less_common(value)
+    if written is None:
+        return _less_common(value)
+    document = {}
+    for name, digits in written:
+        item = getattr(value, name)
+        if type(item) not in AS_THEY_ARE:
+            item = plain(item) if digits is None else _rounded(plain(item), digits)
+        document[name] = item
+    return document
 
 
 AS_THEY_ARE = frozenset((str, int, bool, type(None)))

@@ -18,7 +18,7 @@ from attlog import rotation
 from attlog.estimators.base import Estimate
 from attlog.estimators.engine import samples
 from attlog.flight.model import Imu
-from attlog.metrics import drift_air, drift_rest, injection, lag, rmse
+from attlog.metrics import drift_air, drift_rest, followed, injection, lag, rmse
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.settled import PHASES, why_none
@@ -130,11 +130,14 @@ def quiet(case: Case) -> Possible:
 
 def late(case: Case) -> Possible:
     """A lag in quick movements: of the gyro alone it is a pure delay wherever the reference follows the gyro."""
-    answer = looked_up(case, lag.compute, lag.metric_id("lag", "all"), AIR)
-    if answer.value is None:
-        return refused(answer)
+    count = followed.plainly(case, stand_in(case), AIR[0])
+    if count is None:
+        answer = looked_up(case, lag.compute, lag.metric_id("lag", "all"), AIR)
+        if answer.value is None:
+            return refused(answer)
+        count = answer.n
     name = case.reference.name or case.reference.source
-    return Possible((f"{answer.n} quick movements, compared with {name} at {case.reference.rate:.0f} Hz",))
+    return Possible((f"{count} quick movements, compared with {name} at {case.reference.rate:.0f} Hz",))
 
 
 def drifting(case: Case) -> Possible:
@@ -157,9 +160,14 @@ def drifting(case: Case) -> Possible:
 
 def looked_up(case: Case, compute: Compute, metric: str, windows: tuple[str, ...]) -> Answer:
     """The stand-in's answer in the first window that has a value, else in the first that the metric is about."""
-    answers = [compute(case, stand_in(case), window).get(metric) for window in windows]
-    known = [a for a in answers if a is not None]
-    return next((a for a in known if a.value is not None), known[0])
+    first: Answer | None = None
+    for window in windows:
+        answer = compute(case, stand_in(case), window).get(metric)
+        if answer is not None and answer.value is not None:
+            return answer
+        first = first or answer
+    assert first is not None
+    return first
 
 
 def refused(answer: Answer) -> Possible:

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 from attlog.present.numbers import CLOCK_FROM_S, MINUS, moment, unit_sign
@@ -19,7 +20,8 @@ CONTROL = re.compile(
 
 def clean(text: str) -> str:
     """Text from a log made fit to be shown: control and direction characters become a visible mark."""
-    return CONTROL.sub("\ufffd", str(text))
+    text = str(text)
+    return text if text.isascii() and text.isprintable() else CONTROL.sub("\ufffd", text)
 
 
 def for_terminal(text: str) -> str:
@@ -58,6 +60,7 @@ INSTANT = re.compile(r"\b(at|from|until) (\d{3,}(?:\.\d+)?) s\b")
 """A time on the log's clock in a sentence."""
 
 
+@lru_cache(maxsize=1024)  # the same reason stands in a hundred cells
 def typeset(text: str) -> str:
     """A sentence of another room with units, signs and times written as everywhere: ``±6.0°/min``, ``at 0:17:23``."""
     text = INSTANT.sub(
