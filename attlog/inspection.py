@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from attlog.flight.model import FlightLog, part_of
 from attlog.flight.record_time import ends_of
 from attlog.health import answerable, audit
 from attlog.health.findings import contradiction, findings
+from attlog.kernels.loops import briefly
 from attlog.metrics import Case
 from attlog.metrics.common_bias import common_bias
 from attlog.plain import plain
@@ -19,6 +22,8 @@ from attlog.reference.model import Reference
 from attlog.segments import Segments
 from attlog.summary import describe
 
+SHORT_BYTES = 20_000_000
+"""A log up to this size is looked at in less time than compiled loops take to be loaded."""
 SHORTEST_S = 1.0
 """Records that span less have no rate."""
 
@@ -34,6 +39,11 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
     ``verify`` (None unless asked for). Works on logs without inertial data too. LogUnreadable
     or LogUnusable as in ``attlog.read``.
     """
+    with briefly() if os.path.isfile(path) and os.path.getsize(path) < SHORT_BYTES else nullcontext():
+        return _inspected(path, boot, system, verify)
+
+
+def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -> dict[str, Any]:
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
     messages.forget()

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Runnable(Protocol):
         """The row of one unit, and its line of the table; ``suffix`` follows its name. AttlogError if it fails."""
 
 
-Chosen = estimators.Row | Runnable | PluginError
+Chosen: TypeAlias = estimators.Row | Runnable | PluginError
 """What is to be run, or why it cannot be."""
 
 

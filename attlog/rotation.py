@@ -203,14 +203,14 @@ def interpolated(
     NaN and -1 where that is not to be had.
     """
     from attlog.kernels.loops import function_of
-    from attlog.rotation_loops import INTERPOLATED
+    from attlog.rotation_loops import INTERPOLATED, interpolated_at_once
     from attlog.rotation_loops import interpolated as loop
 
     t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
     at = np.ascontiguousarray(np.atleast_1d(at), np.float64)
     own = np.zeros(len(t), np.int64) if segment is None else np.ascontiguousarray(segment, np.int64)
     out, where = np.empty((len(at), 4)), np.empty(len(at), np.int64)
-    function_of(INTERPOLATED, loop)(out, where, t, q, own, at)
+    function_of(INTERPOLATED, loop, interpolated_at_once)(out, where, t, q, own, at)
     return out, where
 
 

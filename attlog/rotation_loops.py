@@ -88,6 +88,29 @@ def interpolated(out: Array, where: Index, t: Array, q: Array, segment: Index, a
             out[k, c] = first * q[i, c] + second * sign * q[i + 1, c]
 
 
+def interpolated_at_once(out: Array, where: Index, t: Array, q: Array, segment: Index, at: Array) -> None:
+    """The same in numpy, which needs memory for all times at once."""
+    out[:], where[:] = np.nan, -1
+    if len(t) == 0:
+        return
+    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 1)
+    inside = (at >= t[0]) & (at <= t[-1])
+    exact = inside & (t[i] == at)
+    out[exact], where[exact] = q[i[exact]], i[exact]
+    between = np.flatnonzero(inside & ~exact)
+    between = between[segment[i[between]] == segment[i[between] + 1]]
+    i = i[between]
+    where[between] = i
+    a, b, share = q[i], q[i + 1], ((at[between] - t[i]) / (t[i + 1] - t[i]))[:, None]
+    b = np.where(np.sum(a * b, axis=1, keepdims=True) < 0.0, -b, b)
+    apart, along = (np.sqrt(np.sum(x * x, axis=1, keepdims=True)) for x in (b - a, b + a))
+    angle = 2.0 * np.arctan2(apart, along)
+    whole = np.where(angle > 0.0, np.sin(angle), 1.0)
+    first = np.where(angle > 0.0, np.sin((1.0 - share) * angle) / whole, 1.0 - share)
+    second = np.where(angle > 0.0, np.sin(share * angle) / whole, share)
+    out[between] = first * a + second * b
+
+
 INTERPOLATED = kernel_of(
     interpolated, SIGNATURE, "rotation", "the interpolation of attitudes", ("rotation_loops.py", "kernels")
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import stat
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +39,8 @@ def text_of(path: Path, largest: int = MAX_SETTINGS_BYTES) -> str:
 
 def toml_of(text: str, path: Path) -> dict[str, Any]:
     """The values of a TOML text, which ``path`` names in what is told. UsageError with line and column."""
+    import tomllib
+
     try:
         return tomllib.loads(text)
     except RecursionError:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
@@ -29,3 +30,13 @@ def test_the_public_names_are_listed_before_their_first_use_and_import_nothing()
 def test_every_error_on_purpose_is_an_attlog_error() -> None:
     with pytest.raises(attlog.AttlogError):
         attlog.read("/nowhere/at/all.ulg")
+
+
+@pytest.mark.parametrize("room", ["attlog", "attlog.estimators", "attlog.metrics"])
+def test_every_public_name_is_there_and_no_other(room: str) -> None:
+    """Those that are imported late too."""
+    module = import_module(room)
+    assert all(getattr(module, name) is not None for name in module.__all__)
+    assert set(module.__all__) <= set(dir(module))
+    with pytest.raises(AttributeError, match="nothing_of_that_name"):
+        module.nothing_of_that_name  # noqa: B018

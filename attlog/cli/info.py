@@ -86,9 +86,9 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
     """A report of :func:`attlog.inspection.inspect` as text of at most ``width`` columns where words can be broken."""
     from attlog.cli.terminal import wrong
     from attlog.flight.model import Problem
+    from attlog.metrics.common_bias import CommonBias
     from attlog.present.gyro_bias import said as said_bias
     from attlog.present.problems import said
-    from attlog.result import CommonBias
 
     yield from _head(report["log"], width)
     checks = [(c["name"], WORDS[c["verdict"]], c["text"]) for c in report["audit"]]

@@ -57,7 +57,7 @@ def wanted(texts: Iterable[str]) -> list[Wanted]:
 
     Without a window: all of the log, which for noise is its rest. UsageError tells everything wrong in them.
     """
-    known = {m.name: m for q in metrics.QUESTIONS if q is not metrics.MEASURED for m in q.METRICS}
+    known = {m.name: m for q in metrics.questions() if q is not metrics.measured() for m in q.METRICS}
     found: dict[Wanted, None] = {}
     wrong = []
     for text in texts:
@@ -127,7 +127,9 @@ class OnLog:
         for metric in self.asked:
             _window(case, metric)
         self._known: dict[str, Settled] = {}
-        self._questions = [q for q in metrics.QUESTIONS if {m.name for m in q.METRICS} & {w.metric for w in self.asked}]
+        self._questions = [
+            q for q in metrics.questions() if {m.name for m in q.METRICS} & {w.metric for w in self.asked}
+        ]
 
     @property
     def name(self) -> str:

@@ -3,34 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
+from importlib import import_module
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from attlog.barrier import guarded
-from attlog.metrics import (
-    allan,
-    bias,
-    controller,
-    convergence,
-    cost,
-    drift_air,
-    drift_rest,
-    hover,
-    lag,
-    leak,
-    level,
-    noise,
-    ranking,
-    recovery,
-    rmse,
-    settling,
-    step_error,
-    wander,
-)
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, HeadingReference, Metric
-from attlog.metrics.trace import Trace
-from attlog.metrics.traces import Drawing, traces
 from attlog.reference.model import Row
+
+if TYPE_CHECKING:
+    from attlog.metrics import ranking
+    from attlog.metrics.trace import Trace
+    from attlog.metrics.traces import Drawing
 
 __all__ = [
     "Answer",
@@ -44,22 +30,46 @@ __all__ = [
     "missing",
     "rank",
     "settle",
-    "traces",
 ]
 
-QUESTIONS: tuple[ModuleType, ...] = (
-    noise, lag, step_error, leak, settling, drift_rest, drift_air, wander, rmse,
-    allan, convergence, recovery, hover, bias, cost, controller,
+QUESTIONS = (
+    "noise", "lag", "step_error", "leak", "settling", "drift_rest", "drift_air", "wander", "rmse",
+    "allan", "convergence", "recovery", "hover", "bias", "cost", "controller",
 )  # fmt: skip
-MEASURED = cost
+"""The files of this room that hold one, in the order of the table; ``attlog info`` imports only those it asks."""
+MEASURED = "cost"
 """The question that is answered by running the filter again, not from the log."""
+LATE = {"Drawing": "traces", "Trace": "trace"}
 FULL_COVERAGE_PCT = 95.0
 COMPARED = ("total_", "heading_", "inclination_", "lag_", "step_error_", "drift_air_")
 
 
+@cache
+def questions() -> tuple[ModuleType, ...]:
+    """The questions, imported."""
+    return tuple(import_module(f"{__name__}.{name}") for name in QUESTIONS)
+
+
+def measured() -> ModuleType:
+    """The one of them that is measured."""
+    return questions()[QUESTIONS.index(MEASURED)]
+
+
+def __getattr__(name: str) -> Any:
+    """What figures are drawn from, imported when it is first used."""
+    if name not in LATE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{LATE[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """What completion offers: the public names also before their first use."""
+    return sorted({*globals(), *__all__})
+
+
 def definitions() -> dict[str, Metric]:
     """Every metric by its id, in the order of the table."""
-    return {metric.name: metric for question in QUESTIONS for metric in question.METRICS}
+    return {metric.name: metric for question in questions() for metric in question.METRICS}
 
 
 def compute(
@@ -72,8 +82,10 @@ def compute(
     ``coverage_pct`` stands beside comparisons of a row that was scored on less than 95 % of
     its time. A row that gravity does not correct is a baseline: it is ranked nowhere.
     """
+    from attlog.metrics import level
+
     table: dict[str, dict[str, Answer]] = {}
-    asked = [q for q in QUESTIONS if (cost or q is not MEASURED) and (not only or _is_of(q, only))]
+    asked = [q for q in questions() if (cost or q is not measured()) and (not only or _is_of(q, only))]
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
     uncorrected = level.why_not(case, row)
     for window in windows:
@@ -95,14 +107,16 @@ def settle(
 
     What was measured stands in the order of the table as if it had been asked with the rest.
     """
+    from attlog.metrics import rmse
+
     rmse.decide(case)
-    if not cost or (only and not _is_of(MEASURED, only)):
+    if not cost or (only and not _is_of(measured(), only)):
         return
-    after = {m.name for q in QUESTIONS[QUESTIONS.index(MEASURED) + 1 :] for m in q.METRICS}
+    after = {m.name for q in questions()[QUESTIONS.index(MEASURED) + 1 :] for m in q.METRICS}
     for row in case.rows:
         for window, answers in table[row.name].items():
             later = {name: answers.pop(name) for name in list(answers) if name in after}
-            answers |= _asked(MEASURED, case, row, window) | later
+            answers |= _asked(measured(), case, row, window) | later
 
 
 def _is_of(question: ModuleType, wanted: Collection[str]) -> bool:
@@ -121,4 +135,6 @@ def _asked(question: ModuleType, case: Case, row: Row, window: str) -> dict[str,
 
 def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:
     """Who is best and worst in each column; values of ranked rows move to the units that all of them have."""
+    from attlog.metrics import ranking
+
     return ranking.rank(table, rows, definitions())

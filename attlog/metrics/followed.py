@@ -36,7 +36,10 @@ def plainly(case: Case, row: Row, window: str) -> int | None:
         return None
     ref, track = reference_turning(case), Turning(row.t, row.q, row.segment)
     span = max(2, round(SPAN_S / ref.step))
-    x, y, fast_t, at = [], [], [], []
+    x: list[Array] = []
+    y: list[Array] = []
+    at: list[Array] = []
+    fast_t: list[Array] = []
     for event, a, b in zip(
         (events := events_in(case, row, window)),
         around(track, events, MARGIN_S),

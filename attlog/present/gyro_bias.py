@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from attlog.present.numbers import duration
-from attlog.result import CommonBias, Result
+
+if TYPE_CHECKING:
+    from attlog.result import CommonBias, Result
 
 
 def gyro_bias(result: Result) -> list[str]:

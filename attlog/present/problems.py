@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from attlog.present.numbers import moment
-from attlog.result import Problem, Result
+
+if TYPE_CHECKING:
+    from attlog.result import Problem, Result
 
 SEVERITY = {
     "error": ("Serious", "bad"),

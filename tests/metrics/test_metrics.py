@@ -10,6 +10,7 @@ from attlog import metrics, rotation
 from attlog.flight.model import Imu, Stream
 from attlog.metrics import steps
 from attlog.metrics.answer import CODES
+from attlog.metrics.traces import traces
 from attlog.plain import plain
 from attlog.segments.model import WINDOWS, Segment
 from tests.conftest import ROOT
@@ -141,7 +142,7 @@ def test_traces_have_the_columns_that_the_figures_draw(case):
         "step": {"est", "ref"}, "steps": {"median", "low", "high", "ref"},
         "spread": {"angle", "share"}, "bias": {"x", "y", "z"},
     }  # fmt: skip
-    found = metrics.traces(case, case.rows)
+    found = traces(case, case.rows)
     for trace in found:
         if trace.figure in columns:
             assert set(trace.columns) == columns[trace.figure]
@@ -162,7 +163,7 @@ def test_a_log_with_nothing_in_it_gives_codes_only():
     empty = flights.case([row], [])
     answers = metrics.compute(empty, row, WINDOWS)["all"]
     assert all(a.value is None for a in answers.values())
-    assert len(metrics.traces(empty, [row])) == 1
+    assert len(traces(empty, [row])) == 1
     nothing = flights.row(np.zeros(0), np.zeros((0, 4)))
     assert all(a.value is None for a in metrics.compute(flights.case([nothing], []), nothing, ["all"])["all"].values())
 
@@ -177,7 +178,7 @@ def test_a_filter_that_turned_nan_breaks_nothing(case):
     table = {r.name: metrics.compute(broken, r, ["all", "rest", "airborne"]) for r in broken.rows}
     marks = metrics.rank(table, broken.rows)
     assert all("quick" not in names for columns in marks.ranked.values() for names in columns.values())
-    assert metrics.traces(broken, broken.rows)
+    assert traces(broken, broken.rows)
 
 
 def test_a_filter_scored_on_its_good_half_says_so_and_is_not_best():
