@@ -68,6 +68,8 @@ class TooLittleMemory(AttlogError):
     exit_code = 75
 
 
+MAX_LINES, MAX_LETTERS = 20, 1000
+"""Of a message, and of a line of it."""
 INTERRUPTED = 130
 BUG = 70
 NO_MEMORY = (
@@ -92,11 +94,19 @@ def worst(codes: Iterable[int]) -> int:
     return min(codes, key=EXIT_ORDER.index, default=0)
 
 
+def readable(text: str) -> str:
+    """A message that a person can read: settings may be wrong in thousands of lines, or in one of megabytes."""
+    lines = [line if len(line) <= MAX_LETTERS else f"{line[:MAX_LETTERS]}..." for line in text.split("\n", MAX_LINES)]
+    if len(lines) > MAX_LINES:
+        lines[MAX_LINES:] = [f"and {text.count(chr(10)) + 1 - MAX_LINES} more lines like these"]
+    return "\n".join(lines)
+
+
 def message(error: BaseException, version: str, log: str = "") -> str:
-    """What a user reads about an error: its own sentence, or the line to report for a bug; ``log``: one of several."""
+    """What a user reads about an error: its own sentences, or the line to report for a bug; ``log``: one of several."""
     where = f"{log}: " if log and log not in str(error) else ""
     if isinstance(error, AttlogError):
-        return f"attlog: {where}{error}"
+        return f"attlog: {where}{readable(str(error))}"
     if isinstance(error, MemoryError):
         return f"attlog: {where}{NO_MEMORY}"
     return (

@@ -38,6 +38,8 @@ LIMITS: tuple[tuple[str, Quantity], ...] = (
     (r"SCHED_LOOP_RATE", Quantity("loop rate", 0.0, 32_000.0, "Hz", "no autopilot loops faster than a gyro samples")),
 )  # fmt: skip
 """By the whole name. Parameters that are not here are shown and compared, not computed with."""
+NAMED = 4
+"""Of many parameters with impossible values, so many are named."""
 _ALL = re.compile("|".join(f"({pattern.replace('(', '(?:')})" for pattern, _ in LIMITS))
 
 
@@ -56,7 +58,7 @@ def impossible(name: str, value: float) -> Quantity | None:
 
 
 def refuse(messages: Messages) -> list[Problem]:
-    """Take impossible values out of a log's parameters; one problem for each parameter that had any."""
+    """Take impossible values out of a log's parameters; one problem for each quantity that had any."""
     limited = {name for name in {change.name for change in messages.params} if quantity_of(name) is not None}
     kept: list[ParamChange] = []
     wrong: dict[str, list[ParamChange]] = {}
@@ -67,13 +69,22 @@ def refuse(messages: Messages) -> list[Problem]:
             wrong.setdefault(change.name, []).append(change)
     if wrong:
         messages.params[:] = kept
-    return [_told(name, changes, kept) for name, changes in wrong.items()]
+    alike: dict[Quantity, list[str]] = {}
+    for name in wrong:
+        quantity = quantity_of(name)
+        assert quantity is not None
+        alike.setdefault(quantity, []).append(name)
+    return [_told(quantity, names, wrong, kept) for quantity, names in alike.items()]
 
 
-def _told(name: str, wrong: list[ParamChange], kept: Iterable[ParamChange]) -> Problem:
-    quantity = quantity_of(name)
-    assert quantity is not None
-    others = sum(change.name == name for change in kept)
-    text = f"Parameter {name}: left out {len(wrong)} of {len(wrong) + others} values, such as {wrong[0].value:g}: a "
-    text += f"{quantity.name} lies within {quantity.limits} ({quantity.why})."
-    return Problem("values_out_of_range", "warning", text, offset=wrong[0].offset, count=len(wrong))
+def _told(
+    quantity: Quantity, names: list[str], wrong: dict[str, list[ParamChange]], kept: Iterable[ParamChange]
+) -> Problem:
+    """One sentence for the parameters of a quantity that had impossible values."""
+    changes = [change for name in names for change in wrong[name]]
+    count = len(changes) + sum(change.name in names for change in kept)
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    who = f"Parameter {names[0]}" if len(names) == 1 else f"{len(names)} parameters ({', '.join(names[:NAMED])}{more})"
+    text = f"{who}: left out {len(changes)} of {count} values, such as {changes[0].value:g}: a {quantity.name} lies "
+    text += f"within {quantity.limits} ({quantity.why})."
+    return Problem("values_out_of_range", "warning", text, offset=changes[0].offset, count=len(changes))

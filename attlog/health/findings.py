@@ -13,7 +13,7 @@ import numpy as np
 
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
-from attlog.health import against_smoother, frozen
+from attlog.health import against_smoother, frozen, many_of_a_kind
 from attlog.health.attitude import CONTRADICTED
 from attlog.health.gyro import HOPELESS_DPS
 from attlog.health.model import FAILED, Check
@@ -171,7 +171,10 @@ class Open:
 def findings(
     log: FlightLog, checks: Iterable[Check], others: Iterable[Problem] = (), unanswered: Iterable[Open] = ()
 ) -> list[Problem]:
-    """Everything that is not good, worst first, each once. ``others`` are problems that the analysis itself found."""
+    """Everything that is not good, worst first, each once, what comes in dozens as one entry with their number.
+
+    ``others`` are problems that the analysis itself found.
+    """
     checks = list(checks)
     told = [_timed(p) for p in [*log.problems, *others]]
     for check in checks:
@@ -188,7 +191,10 @@ def findings(
     place: dict[str, int] = {}
     for i, (name, about) in enumerate(ABOUT.items()):
         place |= dict.fromkeys((_code(name), *about.codes, *about.beside), i)
-    return sorted(_once(told), key=lambda p: (ORDER.index(p.severity), place.get(p.code, len(place)), p.t or 0.0))
+    return sorted(
+        many_of_a_kind.joined(_once(told)),
+        key=lambda p: (ORDER.index(p.severity), place.get(p.code, len(place)), p.t or 0.0),
+    )
 
 
 def contradiction(reference: Reference) -> list[Problem]:

@@ -229,3 +229,17 @@ def test_parameters_that_are_computed_with_have_limits_and_others_have_none() ->
     assert parameter_limits.refuse(messages("ulog", {}, right)) == []
     slowest = low_pass_delay(parameter_limits.CUTOFF.low)
     assert slowest < 0.25, "no filter's delay is longer than this"
+
+
+def test_many_parameters_of_a_quantity_are_one_problem_with_their_number() -> None:
+    """A damaged log refused 16 ends of radio channels in 16 sentences."""
+    changes = [ParamChange(f"RC{k}_{end}", 1e9) for k in range(1, 9) for end in ("MIN", "MAX")]
+    log = messages("ulog", {}, [*changes, ParamChange("RC1_MIN", 1000.0), ParamChange("CAL_GYRO0_ROT", 1e9)])
+    told = parameter_limits.refuse(log)
+    assert [(p.code, p.count) for p in told] == [("values_out_of_range", 16), ("values_out_of_range", 1)]
+    start = (
+        "16 parameters (RC1_MIN, RC1_MAX, RC2_MIN, RC2_MAX and 12 more): left out 16 of 17 values, "
+        "such as 1e+09: a pulse"
+    )
+    assert told[1].text.startswith("Parameter CAL_GYRO0_ROT: left out 1 of 1 values")
+    assert [change.value for change in log.params] == [1000.0]
