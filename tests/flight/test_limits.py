@@ -241,5 +241,6 @@ def test_many_parameters_of_a_quantity_are_one_problem_with_their_number() -> No
         "16 parameters (RC1_MIN, RC1_MAX, RC2_MIN, RC2_MAX and 12 more): left out 16 of 17 values, "
         "such as 1e+09: a pulse"
     )
+    assert told[0].text.startswith(start)
     assert told[1].text.startswith("Parameter CAL_GYRO0_ROT: left out 1 of 1 values")
     assert [change.value for change in log.params] == [1000.0]
