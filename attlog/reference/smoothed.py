@@ -34,6 +34,9 @@ MOST_OPENINGS, MOST_SOFT_GATED_PCT, MOST_RATIO = 5.0, 40.0, 3.0
 largest ratio of a sensor's errors to what was expected of it."""
 SECONDS = 20.0, 1800.0
 """Shorter pieces tell a smoother nothing, longer logs cost it minutes and gigabytes."""
+FORCES_M_S2 = 6.0, 14.0
+"""Half of any flight's specific force lies between these; an accelerometer in g or dead shows no down,
+and a smoother that believes it is sure of a wrong one."""
 ENOUGH_HZ = 200.0
 """Attitudes that come faster are thinned, to no less: no vehicle turns so that a slerp over 5 ms would show."""
 BEFORE_IMPACT_S = 0.3
@@ -72,6 +75,10 @@ def not_smoothed(log: FlightLog, segments: Segments) -> str:
     """Why the smoother is not run over a log unless it is asked for; empty where it is."""
     if log.replay_imu is None:
         return "no IMU is replayed"
+    force = np.sqrt(np.sum(log.replay_imu.acc.x**2, axis=1))
+    shown = float(np.median(force[np.isfinite(force)])) if np.isfinite(force).any() else 0.0
+    if not FORCES_M_S2[0] <= shown <= FORCES_M_S2[1]:
+        return f"the accelerometer shows {shown:.2g} m/s^2 (median), which is no gravity"
     seconds = sum(b - a for a, b in pieces(log, segments))
     if seconds > SECONDS[1]:
         return f"{seconds / 60:.0f} min would cost minutes; up to {SECONDS[1] / 60:.0f} min are smoothed"

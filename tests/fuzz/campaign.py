@@ -28,10 +28,13 @@ from unittest import mock
 
 from tests.conftest import SAMPLES, corpus_root
 from tests.fuzz.mutate import mutated
+from tests.fuzz.sensors import any_fault
 from tests.fuzz.values import hostile
 
 SUFFIXES = (".ulg", ".bin", ".tlog", ".log", ".px4log", ".mavlink")
 COMMANDS = ("analyze", "analyze", "analyze", "analyze", "default", "report", "info", "extract")
+KINDS = ("bytes", "columns", "sensors")
+"""Broken bytes, broken columns of a sound file, and whole sensors that fail as they do on vehicles."""
 CODES = {"analyze": {0, 65, 66}, "default": {0, 65, 66}, "report": {0, 65, 66}, "info": {0, 65, 66},
          "extract": {0, 2, 65, 66}}  # fmt: skip
 """What each command may end with: done, nothing to analyse, no file to read; 2 where nothing is to extract."""
@@ -84,7 +87,7 @@ def trials(paths: Sequence[Path], seed: int, commands: Sequence[str] = COMMANDS)
     while True:
         for suffix in by_suffix:
             number += 1
-            yield Trial(rng.choice(by_suffix[suffix]), rng.choice(("bytes", "columns")), number, rng.choice(commands))
+            yield Trial(rng.choice(by_suffix[suffix]), rng.choice(KINDS), number, rng.choice(commands))
 
 
 def with_flight(paths: Sequence[Path], folder: Path) -> list[Path]:
@@ -152,7 +155,8 @@ def _attempt(trial: Trial, path: Path, folder: Path, out: io.TextIOBase) -> int:
     from attlog import formats
 
     opened = formats.open
-    broken = (lambda *a, **k: hostile(opened(*a, **k), trial.seed)) if trial.kind == "columns" else opened
+    change = {"columns": hostile, "sensors": any_fault}.get(trial.kind)
+    broken = opened if change is None else (lambda *a, **k: change(opened(*a, **k), trial.seed))
     output = tempfile.mkdtemp(dir=folder)
     with mock.patch.object(formats, "open", broken):
         code, documents = _commanded(trial.command, path, Path(output))

@@ -27,6 +27,8 @@ BY_NAME = {
 UNKNOWN = ("params", "params_changed", "detail", "config", "timing", "count", "size", "offset", "boot", "ns_per_update")
 """What may be any number: what the vehicle was set to is shown as it is, counts and places depend on the file."""
 LARGEST = 1e9
+IN_UNIT = ("value", "each", "floor", "ci95", "disagree", "changes")
+"""What of an answer is in its unit: ends of intervals are numbers that people read, too."""
 
 
 def wrong(text: str) -> list[str]:
@@ -46,7 +48,8 @@ def unphysical(value: Any, path: str = "", name: str = "", unit: str = "") -> It
     if isinstance(value, dict):
         own = str(value.get("unit", ""))
         for key, inner in value.items():
-            yield from unphysical(inner, f"{path}.{key}", key, own if key in ("value", "each", "floor") else "")
+            yield from unphysical(inner, f"{path}.{key}", key, own if key in IN_UNIT else "")
+        yield from _interval(value, path)
     elif isinstance(value, list):
         for k, inner in enumerate(value):
             yield from unphysical(inner, f"{path}[{k}]", name, unit)
@@ -55,6 +58,17 @@ def unphysical(value: Any, path: str = "", name: str = "", unit: str = "") -> It
         low, high = BY_NAME.get(name, (-size, size))
         if not low <= value <= high:
             yield f"{path} = {value:g} {unit}"
+
+
+def _interval(answer: dict[str, Any], path: str) -> Iterator[str]:
+    """What is wrong with the interval of an answer: it holds the value, in order, and rests on something."""
+    value, ci95 = answer.get("value"), answer.get("ci95")
+    if isinstance(value, int | float) and isinstance(ci95, list) and len(ci95) == 2:
+        slack = 1e-9 * max(1.0, abs(value))
+        if not ci95[0] - slack <= value <= ci95[1] + slack:
+            yield f"{path}: {value:g} outside its interval {ci95[0]:g} to {ci95[1]:g}"
+        if answer.get("n") == 0:
+            yield f"{path}: an interval from nothing"
 
 
 @functools.cache

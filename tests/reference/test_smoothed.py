@@ -349,3 +349,11 @@ def test_what_an_analysis_would_compare_with_is_foreseen_without_running_it() ->
     truth = flight(truth_hz=50.0)
     assert foreseen(truth, phases, choose(truth, phases)) == "the logged truth."
     assert sampled(20.0).source in told
+
+
+@pytest.mark.parametrize("scale", [0.0, 1.0 / 9.80665, 3.0])
+def test_no_smoother_is_made_of_an_accelerometer_that_shows_no_gravity(scale: float) -> None:
+    log = flight()
+    assert smoothed.not_smoothed(log, segments.build(log)) == ""
+    log.imus[0].acc.x = scale * log.imus[0].acc.x
+    assert "no gravity" in smoothed.not_smoothed(log, segments.build(log))

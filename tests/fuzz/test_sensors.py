@@ -1,0 +1,89 @@
+"""A sensor that fails in a way that only physics shows: what then judges the others is right."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import analysis, flight, formats, rotation
+from attlog.errors import LogUnusable
+from attlog.flight.model import Attitude
+from attlog.formats.base import Messages
+from attlog.metrics.base import Case
+from attlog.reference import smoothed
+from tests.conftest import SAMPLES
+from tests.fuzz.sensors import AXES, FAULTS, any_fault, faulty, without_truth
+
+PX4, COPTER, TELEMETRY = "px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"
+LOGS = (PX4, COPTER, TELEMETRY)
+TILT_DEG, SIGMAS = 3.0, 4.0
+"""So far a reference may be from truth (RMS), or so many of its own sigmas."""
+CHEAP = (
+    (PX4, "gyro", "radians"), (PX4, "gyro", "one axis reversed"), (PX4, "gyro", "stopped"),
+    (COPTER, "gyro", "half as much again"), (COPTER, "gyro", "late"), (COPTER, "attitude", "swapped"),
+    (TELEMETRY, "gyro", "swapped"), (PX4, "attitude", "backwards"),
+    (PX4, "accelerometer", "in g"), (COPTER, "accelerometer", "zero"),
+)  # fmt: skip
+OPEN = {("accelerometer", f) for f in ("swapped", "reversed", "one axis reversed", "noisy", "late", "backwards")}
+OPEN |= {("compass", "reversed"), ("compass", "one axis reversed"), ("gyro", "spiked")}
+"""Told (gravity direction, declination, gyro range), but a smoother may still be made of it that is 3 to 8 deg off."""
+EVERY = [(log, sensor, fault) for log in LOGS for sensor in AXES for fault in FAULTS if (sensor, fault) not in OPEN]
+
+
+@functools.cache
+def opened(name: str) -> Messages:
+    return formats.open(SAMPLES / name)
+
+
+@functools.cache
+def truth(name: str) -> tuple[float, Attitude]:
+    log = flight.flight_in(opened(name))
+    assert log.truth is not None
+    return log.t0_us * 1e-6, log.truth
+
+
+def prepared(messages: Messages) -> Case:
+    return analysis.prepare(flight.flight_in(without_truth(messages)), {"estimators": ["gyro"]})
+
+
+def off_deg(case: Case, name: str) -> float:
+    """How far (deg RMS) down by the reference is from down by the truth."""
+    reference, (begin, true) = case.reference, truth(name)
+    t = reference.t + case.log.t0_us * 1e-6 - begin
+    used = (t > true.t[0]) & (t < true.t[-1]) & (reference.t >= reference.scoring_start)
+    nearest = np.clip(np.searchsorted(true.t, t[used]), 0, len(true.t) - 1)
+    tilt = rotation.inclination_angle(rotation.error(reference.q[used], true.q[nearest]))
+    return float(np.degrees(np.sqrt(np.mean(tilt**2)))) if used.any() else 0.0
+
+
+def honest(name: str, sensor: str, fault: str) -> None:
+    case = prepared(faulty(opened(name), sensor, fault))
+    if case.reference.kind == "onboard" and sensor == "attitude":
+        return  # nothing else was there to judge by; agreement with it is called agreement
+    off, own = off_deg(case, name), smoothed.sigma_deg(case.reference, "inclination")
+    assert case.reference.kind == "none" or off <= max(TILT_DEG, SIGMAS * own)
+
+
+@pytest.mark.parametrize(("name", "sensor", "fault"), CHEAP)
+def test_what_judges_after_a_fault_of_a_sensor_is_right(name: str, sensor: str, fault: str) -> None:
+    honest(name, sensor, fault)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "sensor", "fault"), EVERY)
+def test_what_judges_after_any_fault_of_a_sensor_is_right(name: str, sensor: str, fault: str) -> None:
+    with contextlib.suppress(LogUnusable):  # refused is honest
+        honest(name, sensor, fault)
+
+
+def test_a_fault_changes_all_axes_and_nothing_else() -> None:
+    whole, broken = opened(COPTER), faulty(opened(COPTER), "gyro", "half")
+    for axis in "XYZ":
+        assert broken["IMU", 0][f"Gyr{axis}"] == pytest.approx(0.5 * whole["IMU", 0][f"Gyr{axis}"], rel=1e-6)
+    assert (broken["IMU", 0]["AccX"] == whole["IMU", 0]["AccX"]).all()
+    assert any_fault(whole, 3).tables.keys() == whole.tables.keys()
+    assert faulty(opened(PX4), "gyro", "swapped").path == Path(opened(PX4).path)
