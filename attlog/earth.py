@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 
 ROTATION_RATE_RAD_S = 7.292115e-5
 """The earth's rotation (WGS 84), rad/s."""
@@ -59,6 +60,7 @@ def heading_turn(lat_deg: float) -> float:
     return -math.degrees(ROTATION_RATE_RAD_S) * 60.0 * math.sin(math.radians(lat_deg))
 
 
+@lru_cache(maxsize=64)  # the same place and day are asked for by half a dozen checks; each reads the model's file
 def field(lat: float, lon: float, alt_m: float, unix_time: float | None) -> Field | None:
     """The field at a place (deg, deg, m) and time (Unix s), None where no model covers it.
 

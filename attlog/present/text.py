@@ -36,12 +36,14 @@ def json_for_terminal(text: str) -> str:
 
 def cleaned(value: Any) -> Any:
     """The same for every text inside a JSON value; numbers that JSON cannot hold become null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, int):
+        return value
     if isinstance(value, str):
         return clean(value)
     if isinstance(value, dict):
         return {k: cleaned(v) for k, v in value.items()}
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
     return [cleaned(v) for v in value] if isinstance(value, Iterable) else value
 
 

@@ -49,9 +49,13 @@ def source_hash(text: bytes) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text).digest()).decode()
 
 
-@cache
 def bundle(folder: Path = FOLDER) -> Bundle:
     """The small bundle of this installation, else the full one of the Python package."""
+    return _unpacked(folder)
+
+
+@cache
+def _unpacked(folder: Path) -> Bundle:
     try:
         packed = (folder / SMALL).read_bytes()
         version = (folder / "stamp").read_text(encoding="utf-8").split()[1]
