@@ -23,6 +23,8 @@ def answerable(log: FlightLog, case: Case | None) -> list[Answerable]:
         reason = next((p.text for p in log.problems if p.severity == "error"), "There is no usable IMU in this log.")
         setting = "" if log.imus else log.advice("imu")
         return [Answerable(q, False, reason, "" if setting in reason else setting) for q in ASKED]
+    if fault := case.reference.gyro_fault:
+        return [Answerable(q, False, _sentence(fault)) for q in ASKED]
     return [_told(q, ask(case, q), case) for q in ASKED]
 
 

@@ -94,7 +94,7 @@ def foreseen(log: FlightLog, segments: Segments, chosen: Reference) -> str:
     )
     if chosen.kind == "truth":
         return f"{otherwise}."
-    if why := not_smoothed(log, segments):
+    if why := chosen.gyro_fault or not_smoothed(log, segments):
         return f"{otherwise} (no smoother: {why})."
     located = any(np.count_nonzero(g.fix >= FIX_3D) > 1 for g in log.gnss)
     aids = [word for word, there in (("GNSS", located), ("magnetometer", log.mag is not None)) if there]

@@ -13,6 +13,7 @@ from attlog import analysis, flight, formats, rotation
 from attlog.errors import LogUnusable
 from attlog.flight.model import Attitude
 from attlog.formats.base import Messages
+from attlog.health import answerable
 from attlog.metrics.base import Case
 from attlog.reference import smoothed
 from tests.conftest import SAMPLES
@@ -78,6 +79,15 @@ def test_what_judges_after_a_fault_of_a_sensor_is_right(name: str, sensor: str, 
 def test_what_judges_after_any_fault_of_a_sensor_is_right(name: str, sensor: str, fault: str) -> None:
     with contextlib.suppress(LogUnusable):  # refused is honest
         honest(name, sensor, fault)
+
+
+def test_what_info_foresees_of_a_gyro_that_is_wrong_is_what_analyze_does() -> None:
+    case = prepared(faulty(opened(PX4), "gyro", "one axis reversed"))
+    assert case.reference.kind == "onboard"
+    assert "no smoother: the logged gyro" in smoothed.foreseen(case.log, case.segments, case.reference)
+    assert not any(answer.can for answer in answerable(case.log, case))
+    sound = prepared(opened(PX4))
+    assert any(answer.can for answer in answerable(sound.log, sound))
 
 
 def test_a_fault_changes_all_axes_and_nothing_else() -> None:
