@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -29,11 +30,15 @@ def is_full(error: BaseException | None) -> bool:
 def write_atomic(path: Path, data: str | bytes) -> None:
     """Write through a temporary file in the same folder and rename; an old file survives any failure.
 
-    The file gets the rights that any new file of the process gets there. OutputError
-    says what could not be written and why.
+    The file gets the rights that any new file of the process gets there. What UTF-8 cannot hold (a byte of a file's
+    name that is none) is written as an escape. OutputError says what could not be written and why.
     """
     with writing(path) as file:
-        file.write(data.encode("utf-8") if isinstance(data, str) else data)
+        file.write(_bytes(data))
+
+
+def _bytes(data: str | bytes) -> bytes:
+    return data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
 
 
 def write_together(files: Mapping[Path, str | bytes]) -> None:
@@ -42,7 +47,7 @@ def write_together(files: Mapping[Path, str | bytes]) -> None:
     with ExitStack() as open_files:
         for path, data in files.items():
             file = open_files.enter_context(writing(path))
-            file.write(data.encode("utf-8") if isinstance(data, str) else data)
+            file.write(_bytes(data))
             file.flush()
             if path.is_dir():  # renaming would fail when another has its name already
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -64,10 +69,12 @@ def staged(folder: Path) -> Iterator[Path]:
         for path in made:
             if (folder / path.name).is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / path.name))
+            if is_special(folder / path.name):
+                raise FileExistsError(errno.EEXIST, "is a device, a pipe or a socket", str(folder / path.name))
         for path in made:
             path.replace(folder / path.name)
     except OSError as error:
-        place = error.filename if isinstance(error, IsADirectoryError) else folder
+        place = error.filename if isinstance(error, (IsADirectoryError, FileExistsError)) else folder
         raise _cannot(Path(place), error) from error
     except OutputError as error:
         raise OutputError(str(error).replace(str(stage), str(folder))) from error.__cause__
@@ -78,7 +85,15 @@ def staged(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[BinaryIO]:
-    """The same for what is written bit by bit: a file that takes its name when the block ends well, else none."""
+    """The same for what is written bit by bit: a file that takes its name when the block ends well, else none.
+
+    A terminal, ``/dev/null``, a pipe or ``/dev/stdout`` are written into as they are: a file in their place would end
+    them, for all programs where root does it.
+    """
+    if is_special(path):
+        with _into(path) as special:
+            yield special
+        return
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -97,6 +112,35 @@ def writing(path: Path) -> Iterator[BinaryIO]:
                 temporary.unlink()
         if not isinstance(error, OSError):
             raise
+        raise _cannot(path, error) from error
+
+
+def is_special(path: Path) -> bool:
+    """Whether a name is none of a file or folder, or one that the system keeps for what a process has open."""
+    try:
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            return True
+        where = os.path.realpath(path.parent)
+        return stat.S_ISREG(mode) and (where in ("/dev", "/dev/fd") or where.startswith("/proc/"))
+    except (OSError, ValueError):  # nothing there, or no name of a file: writing it says so
+        return False
+
+
+@contextmanager
+def _into(path: Path) -> Iterator[BinaryIO]:
+    """What is no file, open for writing. A pipe that nobody reads is refused (it would wait for ever), so are disks."""
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISBLK(mode):
+            raise OSError(errno.EPERM, "is a disk")
+        place = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOCTTY | (os.O_NONBLOCK if stat.S_ISFIFO(mode) else 0))
+        os.set_blocking(place, True)
+        with os.fdopen(place, "wb") as file:
+            yield file
+    except OSError as error:
+        if error.errno == errno.ENXIO:
+            error = OSError(errno.ENXIO, "nobody reads this pipe")
         raise _cannot(path, error) from error
 
 

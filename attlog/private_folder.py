@@ -9,6 +9,8 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
 
 def private_folder(kind: str, version: str) -> Path | None:
     """The folder for things of this kind and version: in the user's cache, else a temporary one; None if neither is.
@@ -42,7 +44,11 @@ def version_of(package: str) -> str:
 def usable(folder: Path) -> bool:
     """True if the folder can be made and written and nobody else can put code into it."""
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # One by one: folders made on the way get the rights of the umask, and with that of many systems (002) the
+        # user's own group could write into them.
+        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _close(folder.parent)  # earlier versions left it open
+        folder.mkdir(mode=0o700, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder):
             pass
         return _private(folder) and _private(folder.parent)
@@ -50,12 +56,19 @@ def usable(folder: Path) -> bool:
         return False
 
 
+def _close(folder: Path) -> None:
+    """Nobody else may write into a folder of the user's; what others put there before is theirs and never used."""
+    info = folder.stat()
+    if hasattr(os, "getuid") and info.st_uid == os.getuid() and info.st_mode & OTHERS_WRITE:
+        folder.chmod(stat.S_IMODE(info.st_mode) & ~OTHERS_WRITE)
+
+
 def _private(folder: Path) -> bool:
     """True if the folder belongs to the user and is not writable by others (POSIX; elsewhere True)."""
     if not hasattr(os, "getuid"):
         return True
     info = folder.stat()
-    return info.st_uid == os.getuid() and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return info.st_uid == os.getuid() and not info.st_mode & OTHERS_WRITE
 
 
 def _user() -> str:

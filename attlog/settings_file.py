@@ -14,9 +14,12 @@ def bytes_of(path: Path, largest: int = MAX_SETTINGS_BYTES) -> bytes:
     """What a file holds. LogUnreadable if it cannot be opened, UsageError where it is no file (a device or a pipe
     may never end) or larger than ``largest`` bytes."""
     try:
-        mode = path.stat().st_mode
+        told = path.stat()
+        mode = told.st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise UsageError(f"{path}: is no file but a device or a pipe; write it to a file first")
+        if stat.S_ISREG(mode) and told.st_size > largest:
+            raise _too_large(path, largest)
         with path.open("rb") as file:
             content = file.read(largest + 1)
     except OSError as error:
@@ -24,8 +27,12 @@ def bytes_of(path: Path, largest: int = MAX_SETTINGS_BYTES) -> bytes:
     except ValueError as error:  # a NUL in the name
         raise UsageError(f"{str(path)!r}: no name of a file ({error})") from None
     if len(content) > largest:
-        raise UsageError(f"{path}: larger than {largest / 1e6:,.0f} MB, which no such file is")
+        raise _too_large(path, largest)
     return content
+
+
+def _too_large(path: Path, largest: int) -> UsageError:
+    return UsageError(f"{path}: larger than {largest / 1e6:,.0f} MB, which no such file is")
 
 
 def text_of(path: Path, largest: int = MAX_SETTINGS_BYTES) -> str:

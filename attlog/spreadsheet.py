@@ -12,20 +12,38 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-FORMULA = re.compile(r"\s*[=+\-@＝＋－＠].|[\t\r\n]", re.DOTALL)
+FORMULA = re.compile(r"[\s\"]*[=+\-@＝＋－＠].|[\t\r\n].", re.DOTALL)
 """Beginnings that spreadsheets take for a formula, full-width signs included; they skip white space before them."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.ASCII)
 """What stays a number: formulas begin like these too."""
-UNSEEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Control and direction signs, and bytes that are no UTF-8: they would steer the terminal that shows the file."""
+LINE_END = re.compile(r"\r\n?")
+ANOTHER = re.compile(r"([;\t\n])")
+"""What ends a cell elsewhere."""
+UNSEEN = re.compile(
+    r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2060\u2066-\u2069\ufeff\ud800-\udfff]"
+)
+"""Control and direction signs, marks of byte order, bytes that are no UTF-8: they would steer the terminal that shows
+the file, or hide how it begins."""
 
 
 def cell(value: Any) -> Any:
-    """A value as a CSV cell: a text that would be run gets an apostrophe before it, all else stays what it is."""
+    """A value as a CSV cell: a text that would be run gets an apostrophe before it, all else stays what it is.
+
+    So does the rest of a text behind a line end, a tab or a semicolon: read with another separator, it is a cell. Line
+    ends become ``\\n``, for a lone ``\\r`` ends a row in spreadsheets and is not quoted by those who write CSV.
+    """
     if not isinstance(value, str):
         return value
-    text = UNSEEN.sub("\ufffd", value)
-    return f"'{text}" if FORMULA.match(text) and not NUMBER.fullmatch(text) else text
+    text = UNSEEN.sub("\ufffd", LINE_END.sub("\n", value))
+    parts = ANOTHER.split(text)
+    if len(parts) == 1:
+        return _said(text, text)
+    return _said(parts[0], text) + "".join(_said(part, part) for part in parts[1:])
+
+
+def _said(text: str, whole: str) -> str:
+    """A part of a text, behind an apostrophe where it, or the whole that it begins, would be run."""
+    return f"'{text}" if FORMULA.match(whole) and not NUMBER.fullmatch(text.strip()) else text
 
 
 def csv_text(lines: Iterable[Sequence[Any]]) -> str:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import socket
 import stat
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -128,3 +131,51 @@ def test_files_of_a_stage_move_together_and_errors_name_their_places(tmp_path: P
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a.json", "old")]
+
+
+@POSIX
+def test_a_terminal_is_written_into_and_not_replaced() -> None:
+    ours, theirs = os.openpty()
+    path = Path(os.ttyname(theirs))
+    write_atomic(path, "hello")
+    assert os.read(ours, 5) == b"hello"
+    assert stat.S_ISCHR(path.stat().st_mode)
+    os.close(ours)
+    os.close(theirs)
+
+
+@POSIX
+def test_a_pipe_that_nobody_reads_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OutputError, match="pipe: cannot be written .nobody reads this pipe"):
+        write_atomic(tmp_path / "pipe", "hello")
+    with pytest.raises(OutputError, match="is a device, a pipe or a socket"), staged(tmp_path) as stage:
+        (stage / "pipe").write_text("hello")
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+
+
+@POSIX
+def test_a_socket_is_refused_and_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # its whole path may be longer than a socket's name can be
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("socket")
+        with pytest.raises(OutputError):
+            write_atomic(Path("socket"), "hello")
+    assert stat.S_ISSOCK(Path("socket").stat().st_mode)
+
+
+@pytest.mark.skipif(not os.path.islink("/dev/stdout"), reason="standard output has no name here")
+def test_the_name_of_standard_output_means_what_stands_behind_it(tmp_path: Path) -> None:
+    run = (
+        "import sys; from pathlib import Path; from attlog.output import write_atomic; print('first', flush=True);"
+        "write_atomic(Path('/dev/stdout'), 'second'); write_atomic(Path('/dev/fd/1'), ' third')"
+    )
+    with (tmp_path / "all").open("w") as out:
+        subprocess.run([sys.executable, "-c", run], stdout=out, check=True)
+    assert (tmp_path / "all").read_text() == "first\nsecond third"
+    assert os.path.islink("/dev/stdout")
+
+
+def test_what_utf8_cannot_hold_is_written_as_an_escape(tmp_path: Path) -> None:
+    write_atomic(tmp_path / "file", "a\udcffb")
+    assert (tmp_path / "file").read_text(encoding="utf-8") == "a\\udcffb"

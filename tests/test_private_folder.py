@@ -33,12 +33,30 @@ def test_else_a_temporary_folder_is_taken(homes: Path) -> None:
 
 
 @pytest.mark.parametrize("open_to", [0o770, 0o707])
-@pytest.mark.parametrize("which", ["itself", "above"])
-def test_a_folder_that_others_can_write_to_is_refused(tmp_path: Path, open_to: int, which: str) -> None:
+def test_a_folder_that_others_can_write_to_is_refused(tmp_path: Path, open_to: int) -> None:
     folder = tmp_path / "kind" / "version"
     assert usable(folder)
-    (folder if which == "itself" else folder.parent).chmod(open_to)
+    folder.chmod(open_to)
     assert not usable(folder)
+
+
+@pytest.mark.parametrize("open_to", [0o770, 0o707])
+def test_the_folder_above_is_closed_to_others(tmp_path: Path, open_to: int) -> None:
+    folder = tmp_path / "kind" / "version"
+    assert usable(folder)
+    folder.parent.chmod(open_to)
+    assert usable(folder)
+    assert folder.parent.stat().st_mode & 0o22 == 0
+
+
+@pytest.mark.parametrize("umask", [0o002, 0o000])
+def test_whatever_the_umask_the_users_cache_is_taken(homes: Path, umask: int) -> None:
+    before = os.umask(umask)
+    try:
+        found = private_folder("templates", "1")
+    finally:
+        os.umask(before)
+    assert found == homes / "cache" / "attlog" / "templates" / "1"
 
 
 def test_none_is_found_where_nothing_can_be_written(homes: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from typer.core import TyperCommand, TyperGroup
 
 from attlog.cli.given import AsTyped
+from attlog.cli.overwriting import check
 from attlog.errors import UsageError
 
 DEFAULT = "analyze"
@@ -18,6 +19,7 @@ class Group(AsTyped, TyperGroup):
     """The commands; ``attlog flight.ulg`` means ``attlog analyze flight.ulg``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        none_is_empty(args)
         own = {name for option in self.get_params(ctx) for name in (*option.opts, *option.secondary_opts)}
         if args and args[0] not in self.commands and args[0] not in own and looks_like_a_log(args):
             args = [DEFAULT, *args]
@@ -32,8 +34,22 @@ def looks_like_a_log(args: list[str]) -> bool:
     return any(c in first for c in "./\\*?") or os.path.exists(first)
 
 
+def none_is_empty(args: list[str]) -> None:
+    """UsageError for a word without a letter: mostly a variable of a script that was not set, and as a path it would
+    mean the folder one is in."""
+    for k, arg in enumerate(args):
+        option, _, value = arg.partition("=")
+        if arg == "" or (option.startswith("--") and arg.endswith("=") and not value):
+            after = option or (f"after {args[k - 1]}" if k else "")
+            raise UsageError(f"an empty word {after}".rstrip() + "; is a variable not set?")
+
+
 class Plain(AsTyped, TyperCommand):
-    """A command."""
+    """A command, which overwrites none of the files that it reads."""
+
+    def invoke(self, ctx: Any) -> Any:
+        check(str(self.name), ctx.params)
+        return super().invoke(ctx)
 
 
 class WithJson(Plain):

@@ -12,9 +12,10 @@ from attlog import __version__
 from attlog.cli import completion
 from attlog.cli.arguments import command_line
 from attlog.cli.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
-from attlog.cli.options import FilterTimeout
+from attlog.cli.options import FilterTimeout, check_window
 from attlog.cli.progress import progress
 from attlog.errors import PluginTimeout, UsageError, exit_code, message, worst
+from attlog.file_names import file_name
 
 if TYPE_CHECKING:
     from attlog.cli.layout import Line
@@ -83,6 +84,9 @@ def command(
     """Compare configurations on each LOG with the first of them: ratios and differences, pooled over logs."""
     if plotly not in ("inline", "shared"):
         raise UsageError(f"--plotly {plotly}: use inline or shared")
+    if file_name(name) != name:
+        raise UsageError(f"--name {name!r}: no name of a file in the folder of -o; such as {file_name(name)}")
+    check_window(window)
     from attlog.compare.command_words import sorted_out, with_params
     from attlog.compare.compare import compare
     from attlog.compare.table_file import check_suffix

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -143,5 +144,6 @@ def command(
     if os.path.exists(file):
         raise OutputError(f"{file}: exists already and is not overwritten; choose another name")
     write_atomic(file, RUN_TEMPLATE if run else TEMPLATE)
-    to_stdout(f"{file} written. Check it: attlog check-estimator {file}")
-    to_stdout(f"Run it beside the others: attlog analyze LOG --estimators default,{file}")
+    typed = f"./{file}" if str(file).startswith("-") else str(file)
+    to_stdout(f"{file} written. Check it: attlog check-estimator {shlex.quote(typed)}")
+    to_stdout(f"Run it beside the others: attlog analyze LOG --estimators {shlex.quote(f'default,{typed}')}")

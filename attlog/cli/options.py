@@ -127,6 +127,7 @@ def settings(file: Path | None, **options: Any) -> Config:
     read = {"imu": _imu, "mag": _mag, "declination": _declination, "trim": _trim, "input_delay": _input_delay}
     given = {k: read[k](v) if k in read else v for k, v in options.items() if v is not None}
     config = Config.build(given) if file is None else Config.load(file, **given)
+    check_window(config.window)
     if config.params is not None:
         from attlog.flight.parameter_file import read_file
 
@@ -134,6 +135,17 @@ def settings(file: Path | None, **options: Any) -> Config:
     for item in config.estimators:
         _check_filter(item)
     return config
+
+
+def check_window(window: str | None) -> None:
+    """UsageError for what is no window, before any log is read."""
+    if window is not None:
+        from attlog.segments.model import Segments
+
+        try:
+            Segments().spans(window)
+        except ValueError as error:
+            raise UsageError(f"--{error}") from None
 
 
 def _check_filter(item: str) -> None:

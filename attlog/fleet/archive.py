@@ -7,6 +7,7 @@ member may unpack to is limited (``attlog.limits``).
 from __future__ import annotations
 
 import io
+import stat
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -30,8 +31,10 @@ _BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, Runtim
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file begins as zip archives do; False where it cannot be read."""
+    """Whether a file begins as zip archives do; False where it cannot be read, or is a pipe that may never say."""
     try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            return False
         with path.open("rb") as file:
             return file.read(4) in MAGICS
     except OSError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -86,8 +87,10 @@ def of_result(path: Path) -> Entry:
 
 
 def is_result(path: Path) -> bool:
-    """Whether a JSON file says that it is a result, or cannot be read, which reading it tells."""
+    """Whether a JSON file says that it is a result, or cannot be read, which reading it tells; no pipe is asked."""
     try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            return False
         with path.open("rb") as file:
             return SCHEMA_NAME.encode() in file.read(HEAD)
     except OSError:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+from attlog import formats
 from attlog.errors import AttlogError, LogUnreadable
 from attlog.file_names import file_name
 from attlog.fleet.copied import hashed, unreadable
@@ -95,6 +96,7 @@ class Source:
         if self.copy or not (self.member or is_url(self.place)):
             path = Path(self.copy or self.place)
             with self._named(path):
+                formats.recognise(path)  # before all of it is read: a disk's image takes hours
                 yield Local(path, *hashed(path))
             return
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
+import hashlib
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -19,6 +19,7 @@ from attlog.present.text import clean
 from attlog.private_folder import private_folder, version_of
 
 WEB = Path(__file__).parent / "web"
+DIGEST = hashlib.sha256().digest_size
 
 
 def template(name: str, filters: Mapping[str, Callable[..., Any]], folder: Path | None = None) -> Template:
@@ -48,17 +49,27 @@ def shown(value: Any) -> Any:
 
 
 class Kept(BytecodeCache):
-    """Compiled templates as files of a folder; a missing or damaged one is made again, a full disk is no error."""
+    """Compiled templates as files of a folder; a missing or damaged one is made again, a full disk is no error.
+
+    They are code: one that is not as it was written (a checksum stands before it) is never run.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def load_bytecode(self, bucket: Bucket) -> None:
         try:
-            bucket.bytecode_from_string((self._folder / bucket.key).read_bytes())
-        except (OSError, EOFError, ValueError, TypeError, pickle.UnpicklingError):
+            content = (self._folder / bucket.key).read_bytes()
+        except OSError:
+            bucket.reset()
+            return
+        digest, code = content[:DIGEST], content[DIGEST:]
+        if hashlib.sha256(code).digest() == digest:
+            bucket.bytecode_from_string(code)
+        else:
             bucket.reset()
 
     def dump_bytecode(self, bucket: Bucket) -> None:
         with suppress(OutputError):
-            write_atomic(self._folder / bucket.key, bucket.bytecode_to_string())
+            code = bucket.bytecode_to_string()
+            write_atomic(self._folder / bucket.key, hashlib.sha256(code).digest() + code)

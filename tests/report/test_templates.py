@@ -54,6 +54,17 @@ def test_what_is_damaged_is_made_again(kept: Path, own: Path, left: int) -> None
     assert file.read_bytes() == whole
 
 
+def test_a_template_that_is_not_as_it_was_written_is_not_run(kept: Path, own: Path) -> None:
+    """It would be run as it is: Python checks no code that it reads back."""
+    filled(own)
+    (file,) = kept.iterdir()
+    whole = file.read_bytes()
+    for place in range(0, len(whole), 37):
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+        assert filled(own) == "<p>&lt;HI&gt;</p>"
+        assert file.read_bytes() == whole
+
+
 def test_a_folder_that_cannot_be_written_is_no_error(kept: Path, own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept.rmdir()
     kept.write_text("a file")
