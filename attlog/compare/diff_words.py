@@ -8,6 +8,7 @@ from typing import Any
 
 from attlog import plain
 from attlog.compare.diff import ABSENT, Changed, Difference, Moved
+from attlog.present.markdown import escaped
 from attlog.present.numbers import MINUS, counted, half_width, quantity, unit_sign
 from attlog.present.text import clean
 
@@ -48,20 +49,20 @@ def lines(differences: Sequence[Difference], alone: Sequence[tuple[str, str]], e
 def markdown(differences: Sequence[Difference], alone: Sequence[tuple[str, str]], everything: bool) -> Iterator[str]:
     """The same as Markdown."""
     for d in differences:
-        yield from (f"### {_escaped(d.name)}", "", _escaped(summary(d)), "")
+        yield from (f"### {escaped(d.name)}", "", escaped(summary(d)), "")
         for title, entries in _settings(d):
             texts = _limited([_told(e) for e in entries], everything)
-            yield from (f"**{title}**", "", *(f"- {_escaped(text)}" for text in texts), "")
+            yield from (f"**{title}**", "", *(f"- {escaped(text)}" for text in texts), "")
         rows, left = _numbers(d, everything)
         if len(rows) > 1:
-            yield "| " + " | ".join(map(_escaped, rows[0])) + " |"
+            yield "| " + " | ".join(map(escaped, rows[0])) + " |"
             yield "|" + " --- |" * 3 + " ---: |" * 4 + " --- |"
-            yield from ("| " + " | ".join(map(_escaped, row)) + " |" for row in rows[1:])
+            yield from ("| " + " | ".join(map(escaped, row)) + " |" for row in rows[1:])
             yield ""
         if left:
             yield from (f"and {left} more", "")
     if alone:
-        yield from (f"- {_escaped(name)}: only in {side.upper()}" for name, side in alone)
+        yield from (f"- {escaped(name)}: only in {side.upper()}" for name, side in alone)
 
 
 def summary(d: Difference) -> str:
@@ -151,7 +152,3 @@ def _aligned(rows: Table) -> Iterable[str]:
         for r in rows
     ]
     return ["  " + "  ".join(row).rstrip() for row in cells]
-
-
-def _escaped(text: str) -> str:
-    return clean(text).replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

@@ -9,6 +9,7 @@ from attlog.compare import table_file
 from attlog.compare.comparison import Comparison
 from attlog.compare.table import tables
 from attlog.compare.table_file import check_suffix, in_latex
+from attlog.present.markdown import escaped
 
 
 def text(found: Comparison, path: Path) -> str:
@@ -53,20 +54,14 @@ def numbers(found: Comparison) -> str:
 def markdown(found: Comparison) -> str:
     """Sentences and tables as Markdown."""
     parts = [said for verdict in found.verdicts for said in (verdict.lead, *verdict.more)]
-    lines = [f"- {_md(said)}" for said in parts]
+    lines = [f"- {escaped(said)}" for said in parts]
     for table in tables(found):
-        lines += ["", f"**{_md(table.title)}** ({_md(table.caption)})", ""]
+        lines += ["", f"**{escaped(table.title)}** ({escaped(table.caption)})", ""]
         lines.append(table_file.markdown(table.head, table.rows).rstrip())
     broken = [f"{line.name}: {line.reason}" for line in found.logs if line.code]
     if broken:
-        lines += ["", "Not used:", "", *(f"- {_md(b)}" for b in broken)]
+        lines += ["", "Not used:", "", *(f"- {escaped(b)}" for b in broken)]
     return "\n".join(lines) + "\n"
-
-
-def _md(text: str) -> str:
-    for sign in "\\|*_`<[":
-        text = text.replace(sign, "\\" + sign)
-    return text.replace("\n", " ")
 
 
 def latex(found: Comparison) -> str:

@@ -5,16 +5,27 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Iterable, Sequence
-from html import escape
+from html import escape as escaped
 from pathlib import Path
+
+from attlog.present.text import clean
+from attlog.report.page import WEB as REPORT
 
 WEB = Path(__file__).parent / "web"
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
 
+def escape(text: str) -> str:
+    """Text as HTML, without what would hide or turn round what stands beside it."""
+    return escaped(clean(text))
+
+
 def page(name: str, title: str, subtitle: str, parts: Iterable[str]) -> str:
     """A whole page; ``name`` begins the names of files saved from it. ``parts`` are HTML."""
-    style, script = ((WEB / file).read_text(encoding="utf-8") for file in ("page.css", "page.js"))
+    style, *scripts = (
+        file.read_text(encoding="utf-8") for file in (WEB / "page.css", REPORT / "spreadsheet.js", WEB / "page.js")
+    )
+    script = "\n".join(["'use strict';", *scripts])
     policy = (
         f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"

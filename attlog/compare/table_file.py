@@ -7,6 +7,8 @@ from pathlib import Path
 
 from attlog import spreadsheet
 from attlog.errors import UsageError
+from attlog.present.markdown import escaped
+from attlog.present.text import CONTROL
 
 SUFFIXES = (".csv", ".md", ".tex")
 LATEX = {
@@ -36,8 +38,9 @@ def csv_text(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """The table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+    rule = "|" + " --- |" * len(head) + "\n"
+    first, *others = ("| " + " | ".join(map(escaped, line)) + " |\n" for line in [head, *rows])
+    return "".join([first, rule, *others])
 
 
 def latex(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -54,4 +57,4 @@ def latex(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def in_latex(text: str) -> str:
     """A text with the signs that LaTeX reads otherwise, or not at all, as it writes them."""
-    return "".join(LATEX.get(c, c) for c in text)
+    return "".join(LATEX.get(c, c) for c in CONTROL.sub(" ", " ".join(text.splitlines())))

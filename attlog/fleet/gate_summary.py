@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -11,13 +10,11 @@ from attlog import __version__
 from attlog.errors import OutputError
 from attlog.fleet.judged import Judged, failing
 from attlog.output import write_atomic
+from attlog.present.markdown import escaped
 from attlog.present.numbers import counted
-from attlog.present.text import CONTROL
 
 MOST_BYTES = 900_000
 """GitHub refuses the whole summary of a step above 1 MiB."""
-SPECIAL = re.compile(r"([\\`*_\[\]~|#])")
-LINES = re.compile("[\t\r\n]+")
 
 
 def summary(logs: Sequence[Judged], most: int = MOST_BYTES) -> str:
@@ -87,9 +84,3 @@ def _table(found: Sequence[Judged]) -> Iterator[str]:
 
 def _line(*cells: str) -> str:
     return "| " + " | ".join(map(escaped, cells)) + " |"
-
-
-def escaped(text: str) -> str:
-    """The text as it is, in a cell of a Markdown table: nothing in it is taken for markup or HTML."""
-    plain = CONTROL.sub(" ", LINES.sub(" ", text)).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return SPECIAL.sub(r"\\\1", plain)

@@ -27,7 +27,7 @@ from attlog.report.pack import Store, packed
 from attlog.result import MEASURED_TIMES, Result
 
 WEB = Path(__file__).parent / "web"
-SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "figures.js", "export.js", "page.js")
+SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "figures.js", "spreadsheet.js", "export.js", "page.js")
 """Joined in this order into the one script of the page."""
 FILTERS: dict[str, Callable[..., Any]] = {
     "unit": unit_sign,

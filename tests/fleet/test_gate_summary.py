@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from attlog.errors import OutputError
-from attlog.fleet.gate_summary import MOST_BYTES, escaped, summary, write
+from attlog.fleet.gate_summary import MOST_BYTES, summary, write
 from attlog.fleet.judged import judged
+from attlog.present.markdown import escaped
 from tests.fleet.gated import NASTY, outcome, some
 
 

@@ -58,7 +58,7 @@ def chromium() -> Iterator[Any]:
 class Visit:
     """A page opened from a file or an address, with everything it complained about and asked for."""
 
-    def __init__(self, browser: Any, path: Path | str, **options: Any) -> None:
+    def __init__(self, browser: Any, path: Path | str, *, ready: str = "html[data-drawn]", **options: Any) -> None:
         self.context = browser.new_context(**({"viewport": {"width": 1280, "height": 900}} | options))
         self.page = self.context.new_page()
         self.complaints: list[str] = []
@@ -69,7 +69,7 @@ class Visit:
         self.page.set_default_timeout(PATIENCE_MS)
         self.page.goto(path.as_uri() if isinstance(path, Path) else path)
         if options.get("java_script_enabled", True):
-            self.page.wait_for_selector("html[data-drawn]", state="attached")
+            self.page.wait_for_selector(ready, state="attached")
 
     def figures(self) -> dict[str, bool]:
         """Every figure's place by id, and whether something visible is drawn in it."""

@@ -1,4 +1,3 @@
-'use strict';
 const save = (name, url) => {
   const a = document.createElement('a');
   a.href = url;
@@ -24,9 +23,7 @@ document.querySelectorAll('figure').forEach((figure, i) => {
 });
 document.querySelectorAll('button.csv').forEach((button, i) => {
   button.onclick = () => {
-    const formula = /^\s*[=+@＝＋－＠-](?![\d.]+$).|^[\t\r\n]/; // what a spreadsheet would run
-    const quoted = (cell) => '"' + cell.textContent.replace(formula, "'$&").replaceAll('"', '""') + '"';
-    const rows = [...button.parentElement.querySelectorAll('tr')].map((row) => [...row.children].map(quoted).join(','));
+    const rows = [...button.parentElement.querySelectorAll('tr')].map((row) => [...row.children].map((cell) => spreadsheetCell(cell.textContent)).join(','));
     save(document.body.dataset.name + '-table-' + (i + 1) + '.csv', URL.createObjectURL(new Blob([rows.join('\n')], {type: 'text/csv'})));
   };
 });

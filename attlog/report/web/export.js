@@ -38,12 +38,12 @@ async function picture(id, format) {
 
 // one line per drawn point: what is zoomed in is written in full
 function numbers(id) {
-  const gd = $(id), quoted = (text) => '"' + String(text).replace(/^\s*[=+@＝＋－＠-].|^[\t\r\n]/, "'$&").replace(/"/g, '""') + '"', short = (v) => (typeof v === 'number' ? +v.toPrecision(7) : quoted(v)), lines = ['axis,line,x,y'];
+  const gd = $(id), short = (v) => (typeof v === 'number' ? +v.toPrecision(7) : spreadsheetCell(v)), lines = ['axis,line,x,y'];
   if (D.figures[id].table) return new Blob([D.figures[id].table.map((row) => row.map((v) => (v === null ? '' : short(v))).join(',')).join('\n') + '\n'], { type: 'text/csv' });
   for (const t of gd.data) {
     if (t.visible === false || t.arrow || t.fill === 'toself') continue;
     const ax = gd.layout['yaxis' + (t.yaxis || 'y').slice(1)], title = (ax && ax.title && ax.title.text) || '', x = t.base || t.x;
-    for (let i = 0; i < x.length; i++) if (t.y[i] !== null && x[i] !== null) lines.push([quoted(title), quoted(t.name || ''), short(x[i]), short(t.y[i])].join(','));
+    for (let i = 0; i < x.length; i++) if (t.y[i] !== null && x[i] !== null) lines.push([spreadsheetCell(title), spreadsheetCell(t.name || ''), short(x[i]), short(t.y[i])].join(','));
   }
   return new Blob([lines.join('\n') + '\n'], { type: 'text/csv' });
 }

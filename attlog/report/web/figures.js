@@ -139,7 +139,7 @@ const draws = {
     traces.push(plain('reference', black, x, gaps(values(longest.y.ref)), { mode: x.length < 90 ? 'lines+markers' : 'lines', line: { color: black, width: 2.2 }, marker: { size: 5, color: black }, say: '°', at: ' ms' }));
     if (longest.y.set) traces.push(plain('set-point', black, x, gaps(values(longest.y.set)), { line: { color: css('--mu'), width: 2, dash: 'dash' }, say: '°', at: ' ms' }));
     L.xaxis = axis('time from the start of the movement, ms', { anchor: 'y2' });
-    L.yaxis = axis(safe(f.axis) + ' change, °', { domain: [0.42, 1], range: fitted(traces, 'y', 1, true) });
+    L.yaxis = axis(safe(short(f.axis, 110)) + ' change, °', { domain: [0.42, 1], range: fitted(traces, 'y', 1, true) });
     L.yaxis2 = axis('minus reference, °', { domain: [0, 0.34], nticks: 5, range: fitted(traces, 'y2', 0.5, true) });
     return leaving({ traces, layout: L });
   },
@@ -199,13 +199,13 @@ const draws = {
           type: 'scatter', mode: 'markers', meta: r, name: name(r) + (all ? ', all logs' : ''), x: some.map((d) => d.v), y: some.map(at),
           error_x: { type: 'data', symmetric: false, array: some.map((d) => (d.ci ? inside(d.ci[1]) - d.v : 0)), arrayminus: some.map((d) => (d.ci ? d.v - inside(d.ci[0]) : 0)), color: colour(r), thickness: all ? 3 : 1.6, width: all ? 6 : 3 },
           marker: { size: all ? 13 : 8, symbol: all ? 'diamond' : some.map((d) => (d.told ? 'circle' : 'circle-open')), color: colour(r), line: { color: colour(r), width: 1.6 } },
-          customdata: some.map((d) => safe(d.say)), hovertemplate: '%{customdata}<extra></extra>',
+          customdata: some.map((d) => safe(short(d.say, 160))), hovertemplate: '%{customdata}<extra></extra>',
         });
       }
     }
     const longest = Math.max(1, ...f.lines.map((t) => Math.min(t.length, 28)));
     L.margin.l = Math.min(24 + 6.6 * longest, width(id) * 0.42);
-    L.xaxis = axis(f.axis, { range, type: f.log ? 'log' : 'linear', zeroline: false });
+    L.xaxis = axis(safe(short(f.axis, 110)), { range, type: f.log ? 'log' : 'linear', zeroline: false });
     if (f.log) { const t = ratios(from(range[0]), from(range[1]), narrow(id) ? 5 : 9); L.xaxis.tickvals = t; L.xaxis.ticktext = t.map((v) => minus((v < 1 ? '-' : v > 1 ? '+' : '') + Math.round(Math.abs(v - 1) * 100) + ' %')); }
     L.yaxis = axis('', { tickvals: f.lines.map((_, i) => lines - 1 - i), ticktext: f.lines.map((t) => safe(short(t, 28))), range: [-0.6, lines - 0.4], fixedrange: true, zeroline: false });
     L.shapes.push({ type: 'line', xref: 'x', yref: 'paper', x0: f.log ? 1 : 0, x1: f.log ? 1 : 0, y0: 0, y1: 1, line: { color: css('--tx'), width: 1.3 } });
@@ -244,7 +244,7 @@ function dotted(id, all, title, unit) {
       type: 'scatter', mode: 'markers', x: [out < 0 ? ends[0] : out ? ends[1] : d.v], y: [y], meta: d.r, visible: !hidden.has(d.r), name: name(d.r), cliponaxis: !out,
       error_x: out ? undefined : d.ci ? { type: 'data', symmetric: false, array: [d.ci[1] - d.v], arrayminus: [d.v - d.ci[0]], color: colour(d.r), thickness: 2, width: 4 } : undefined,
       marker: { size: 9, symbol: out ? (out < 0 ? 'triangle-left' : 'triangle-right') : SYMBOLS[d.where] || 'circle', color: full && d.ok !== false ? colour(d.r) : css('--bg'), line: { color: colour(d.r), width: 2 } },
-      hovertemplate: name(d.r) + (d.where ? ', ' + safe(d.where) : '') + ': ' + minus(d.v.toFixed(2)) + unit + (d.ci ? ' [' + minus(d.ci[0].toFixed(2)) + ' to ' + minus(d.ci[1].toFixed(2)) + ']' : '') + '<extra></extra>',
+      hovertemplate: name(d.r) + (d.where ? ', ' + safe(short(d.where, 110)) : '') + ': ' + minus(d.v.toFixed(2)) + unit + (d.ci ? ' [' + minus(d.ci[0].toFixed(2)) + ' to ' + minus(d.ci[1].toFixed(2)) + ']' : '') + '<extra></extra>',
     });
   }
   const longest = Math.max(1, ...rows.map((r) => Math.min(D.rows[r].name.length, 22)));

@@ -9,7 +9,7 @@ const PRINT_WIDTH = 684;
 // plotly reads tags and entities in texts: nothing that looks like one may reach it
 const safe = (text) => String(text).replace(/&/g, '＆').replace(/</g, '‹').replace(/>/g, '›').replace(/%\{/g, '%(').replace(/\$/g, '＄');
 const short = (text, n) => (text.length > n ? text.slice(0, n - 1) + '…' : text);
-const name = (r) => safe(D.rows[r].name);
+const name = (r) => safe(short(D.rows[r].name, 60)); // a figure has no room for more, and plotly none to measure it
 
 const minus = (text) => text.replace(/-/g, '\u2212');
 const clock = (s) => minus(s.toFixed(1)) + ' s';
