@@ -127,6 +127,8 @@ def _builder(hint: Any, may_lack: tuple[str, ...]) -> Build:
     if dataclasses.is_dataclass(hint):
         return _dataclass(typing.cast(type, hint), may_lack)
     origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if hasattr(origin, "__value__"):  # ``type X[T] = ...``, as numpy 2.5 says NDArray where Python knows how (3.12)
+        return _builder(origin.__value__[args], may_lack)
     if origin in (typing.Union, types.UnionType):
         others = tuple(_builder(a, may_lack) for a in args if a is not types.NoneType)
         return functools.partial(_one_of, others, types.NoneType in args)

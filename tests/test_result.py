@@ -181,3 +181,17 @@ def test_the_schema_names_the_version_that_is_read() -> None:
 
     assert schema()["properties"]["schema"] == {"const": SCHEMA}
     assert "traces" not in schema()["properties"]
+
+
+def test_an_array_may_be_named_by_a_type_statement() -> None:
+    """As numpy 2.5 names ``NDArray`` on Python 3.12 and later: there nothing could be read back."""
+    from typing import TypeVar
+
+    import numpy as np
+    from typing_extensions import TypeAliasType
+
+    kind = TypeVar("kind", bound=np.generic)
+    named = TypeAliasType("named", np.ndarray[tuple[Any, ...], np.dtype[kind]], type_params=(kind,))
+    made: Any = dataclasses.make_dataclass("Made", [("x", named[np.int64]), ("y", named[np.float64] | None)])
+    found: Any = restored(made, {"x": [1, 2], "y": [0.5]})
+    assert (found.x.dtype, found.x.tolist(), found.y.dtype) == (np.int64, [1, 2], np.float64)

@@ -13,6 +13,8 @@ from attlog.errors import AttlogError, UsageError
 
 WRITTEN = {"junit": "--junit", "summary": "--summary", "table": "--table", "output": "-o"}
 """Parameters of commands that name what is written, and the options that people type."""
+OUTPUT_IS_A_FILE = ("extract", "diff", "table", "simulate")
+"""Elsewhere ``-o`` is a folder, and a file of that name is left alone without this."""
 WRITES_LOGS = "simulate"
 
 
@@ -20,6 +22,8 @@ def check(command: str, given: Mapping[str, Any]) -> None:
     """UsageError where a file to write, among the parameters of a command, is a log or one of the files to read."""
     read = [word for name, value in given.items() if name not in WRITTEN for word in _words(value)]
     for name, option in WRITTEN.items():
+        if name == "output" and command not in OUTPUT_IS_A_FILE:
+            continue
         for path in _words(given.get(name)):
             if not os.path.isfile(path):
                 continue

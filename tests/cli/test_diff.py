@@ -38,7 +38,7 @@ def test_formats_go_to_the_terminal_or_to_a_file(attlog, two: tuple[Path, Path],
     assert found["logs"][0]["moved"][0]["new"] == 9.0
     done = attlog("diff", *two, "--format", "markdown", "-o", tmp_path / "x.md")
     assert (done.code, done.out) == (1, "")
-    assert "| mahony | airborne | lag_ms |" in (tmp_path / "x.md").read_text(encoding="utf-8")
+    assert r"| mahony | airborne | lag\_ms |" in (tmp_path / "x.md").read_text(encoding="utf-8")
 
 
 def test_wrong_usage_is_2_and_files_that_cannot_be_used_are_65_and_66(
