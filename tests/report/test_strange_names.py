@@ -58,7 +58,7 @@ def compared(folder: Path) -> Path:
         line.name = line.path = name
     found.configurations[1].label = NAMES[-1]
     path = folder / "compare.html"
-    comparison_page.write(found, path)
+    path.write_text(comparison_page.render(found), encoding="utf-8")
     return path
 
 
