@@ -6,6 +6,7 @@ Command modules import typer and nothing heavy, so that ``attlog --help`` answer
 from __future__ import annotations
 
 import gc
+import os
 import sys
 import traceback
 from typing import Annotated
@@ -50,10 +51,15 @@ def _root(
 COLLECTED_AFTER = 200_000
 """New objects; Python's 700 cost a short run 8 % of its time, 20,000 still 2 %: nearly all that it makes is kept."""
 
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
+"""numpy reads it when it is imported. Products of a log's arrays are too small for threads: those that wait in turns for
+the next cost 0.2 s of CPU in a short ``analyze``, and more on a busy machine. Whoever sets the variable has his way."""
+
 
 def main() -> None:
     """Entry point: run the command, print expected errors as one message, end with the documented exit code."""
     gc.set_threshold(COLLECTED_AFTER)
+    os.environ.setdefault(*ONE_THREAD)
     streams.show_everything()
     sys.exit(guarded(_ended, sys.argv[1:]))
 

@@ -53,7 +53,7 @@ def _gains_of(t: Array, est: Array, ref: Array, segment: NDArray[np.int64]) -> A
     for place, use, part in [*((k, moving[:, k], slice(k, k + 1)) for k in range(3)), (3, together, slice(None))]:
         if np.count_nonzero(use) >= MIN_SAMPLES:
             moved = np.where(use[:, None], ref[:, part], 0.0)
-            gains[place] = float(np.vdot(est[:, part], moved)) / float(np.vdot(moved, moved))
+            gains[place] = float(np.sum(est[:, part] * moved)) / float(np.sum(moved * moved))
     return gains
 
 
