@@ -52,8 +52,8 @@ COLLECTED_AFTER = 200_000
 """New objects; Python's 700 cost a short run 8 % of its time, 20,000 still 2 %: nearly all that it makes is kept."""
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
-"""numpy reads it when it is imported. Products of a log's arrays are too small for threads: those that wait in turns for
-the next cost 0.2 s of CPU in a short ``analyze``, and more on a busy machine. Whoever sets the variable has his way."""
+"""numpy reads it when it is imported. Products of a log's arrays are too small for threads: those that wait for more to
+do cost 0.2 s of CPU in a short ``analyze``, and more on a busy machine. Whoever sets the variable has his way."""
 
 
 def main() -> None:

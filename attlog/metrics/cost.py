@@ -21,7 +21,7 @@ BASE = "mahony"
 SAMPLES, STEP_S = 3000, 0.004
 MAG_EVERY = 5
 REPEATS = 6
-"""From the smallest to the largest of 6, the median lies with 97 % (1 - 2 / 2^6), whatever the distribution; of 5, 94."""
+"""From the smallest to the largest of 6 the median lies with 97 % (1 - 2 / 2^6), whatever the distribution; 5: 94 %."""
 
 _MEASURED = f"""Processor time of the filter's own loop per IMU sample, on the machine that made this result: median of
     {REPEATS} runs over the same {SAMPLES} made samples (250 Hz, magnetometer 50 Hz). Interval: from the fastest to the
