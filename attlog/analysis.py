@@ -212,6 +212,7 @@ class Passing:
     def hear(self, row: Row, line: EstimatorRow) -> None:
         """Fill in a row's line of the table; a replayed row is empty afterwards."""
         case, log, samples = self.seen, self.seen.log, len(row.t)
+        row.aux = {}  # no metric looks at it, and in a long log it is as large as the attitude
         case.rows.append(row)
         if self.witnesses is not None:
             part_of(log, "What filters say against the reference", partial(self.witnesses.hear, row), lambda: None)

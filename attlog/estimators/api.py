@@ -155,7 +155,8 @@ def estimate(
     if aids is not None and not isinstance(aids, Aids):
         raise UsageError(f"aids must be attlog.estimators.Aids, not {type(aids).__name__}")
     values = {k: v for k, (v, _) in estimator.resolve(row.preset, given, log=log).items()}
-    samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
+    lead = estimator.origin != "attlog" or (estimator.run is None and estimator.vectors_at == "start")
+    samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead)
     if estimator.run is not None:
         aids = replace(aids or Aids(), sampling=sampling)
     return loop.with_line(estimator, lambda: loop.run(estimator, samples, values, q0, int(every), aids))

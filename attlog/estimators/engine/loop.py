@@ -183,7 +183,7 @@ def collect(
     counted, spans = without_heading(samples, silent)
     return Estimate(
         t=samples.t[rows],
-        q=to_true_north(out[:, :4].copy(), values),
+        q=np.ascontiguousarray(to_true_north(out[:, :4], values)),
         bias=None if bias is None else bias.copy(),
         aux=aux,
         segment=samples.segment[rows],
@@ -305,12 +305,17 @@ def _try_plainly(estimator: Estimator) -> None:
     _twin(estimator)(state, params, *data, *extra)
 
 
+def end_to_end(parts: list[Array]) -> Array:
+    """Arrays joined; of one, the usual case, itself: in long logs a copy adds up."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
 def joined_aux(found: list[Estimate]) -> dict[str, Array]:
     """What segments tell beside attitude and bias, end to end; NaN where one does not tell what another does."""
     shapes = {name: x.shape[1:] for e in reversed(found) for name, x in e.aux.items()}
     first = found[0].aux if found else {}
     names = dict.fromkeys([*first, *shapes])
-    return {n: np.concatenate([e.aux.get(n, np.full((len(e.q), *shapes[n]), np.nan)) for e in found]) for n in names}
+    return {n: end_to_end([e.aux.get(n, np.full((len(e.q), *shapes[n]), np.nan)) for e in found]) for n in names}
 
 
 def _whole_segments(
@@ -341,8 +346,7 @@ def _whole_segments(
                 one = returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock
         found.append(one)
-    q = np.concatenate([e.q for e in found]) if found else np.empty((0, 4))
-    q = to_true_north(q, values)
+    q = to_true_north(end_to_end([e.q for e in found]) if found else np.empty((0, 4)), values)
     if q0 is not None and len(q) and not s.mag.any():
         want = rotation.error(np.asarray(q0, np.float64), q[0])
         q = rotation.turn_about_down(q, rotation.heading_angle(want))
@@ -354,7 +358,7 @@ def _whole_segments(
     return Estimate(
         t=s.t,
         q=q,
-        bias=np.concatenate(biases) if biases and len(biases) == len(found) else None,
+        bias=end_to_end(biases) if biases and len(biases) == len(found) else None,
         aux=joined_aux(found),
         segment=s.segment,
         skipped=dict(skipped),

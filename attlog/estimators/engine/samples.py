@@ -69,8 +69,13 @@ def prepare(
     dt: ArrayLike | None = None,
     sampling: Sampling = "interval",
     hold_mag: bool = True,
+    lead: bool = True,
 ) -> Samples:
-    """Cleaned samples for the kernels; the input is never changed. UsageError for wrong shapes."""
+    """Cleaned samples for the kernels; the input is never changed. UsageError for wrong shapes.
+
+    ``lead``: whether :func:`handed` will be asked for the vectors of the sample before, which then need no copy.
+    Without, ``acc`` may be the input itself: for filters that write to nothing they are given.
+    """
     if sampling not in ("interval", "instant"):
         raise UsageError(f"sampling={sampling} is not known; give interval or instant")
     has_mag = mag is not None
@@ -100,8 +105,11 @@ def prepare(
             skipped[name] = count
     segment = np.cumsum(restart).astype(np.int64)
     use = _mag_use(t, mag, segment, hold_mag)
-    led = _led(acc), _led(mag), _led(use)
-    acc, mag, use = led[0][1:], led[1][1:], led[2][1:]
+    led = (_led(acc), _led(mag), _led(use)) if lead else None
+    if led is not None:
+        acc, mag, use = led[0][1:], led[1][1:], led[2][1:]
+    else:
+        acc, mag = (np.require(x, requirements=("C", "W")) for x in (acc, mag))
     return Samples(t, step, substeps, rate, acc, mag, use, segment, np.flatnonzero(first), skipped, led)
 
 

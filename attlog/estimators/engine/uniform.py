@@ -59,9 +59,11 @@ def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> Uniform:
 
 def _resample(t: Array, x: Array, grid: Array, period: float) -> Array:
     """Means over the grid's intervals of ``x`` (n, 3), whose rows are means over the input's intervals."""
-    integral = np.vstack([np.zeros(3), np.cumsum(x[1:] * np.diff(t)[:, None], axis=0)])
-    at = np.stack([np.interp(grid, t, integral[:, i]) for i in range(3)], axis=1)
-    mean = np.vstack([x[:1], np.diff(at, axis=0) / period])
+    step, mean = np.diff(t), np.empty((len(grid), 3))
+    mean[:1] = x[:1]
+    for i in range(3):  # one axis at a time: in long logs copies add up
+        integral = np.concatenate([[0.0], np.cumsum(x[1:, i] * step)])
+        mean[1:, i] = np.diff(np.interp(grid, t, integral)) / period
     # The last interval reaches beyond the input: only its covered part was integrated.
     covered = min((t[-1] - grid[-2]) / period, 1.0) if len(grid) > 1 else 1.0
     mean[-1] /= covered
@@ -70,5 +72,10 @@ def _resample(t: Array, x: Array, grid: Array, period: float) -> Array:
 
 def typical_size(mag: Array) -> Array:
     """The field (n, 3) in any unit scaled to a median norm of 50, zero rows kept: packages think in microtesla."""
+    return mag * typical_scale(mag)
+
+
+def typical_scale(mag: Array) -> float:
+    """The factor that does it; 1 for a field (n, 3) that is nowhere."""
     norm = np.sqrt(np.sum(mag**2, axis=1))
-    return mag * (TYPICAL_FIELD_UT / float(np.median(norm[norm > 0]))) if norm.any() else mag
+    return TYPICAL_FIELD_UT / float(np.median(norm[norm > 0])) if norm.any() else 1.0

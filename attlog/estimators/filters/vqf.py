@@ -20,6 +20,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -27,7 +29,7 @@ import numpy as np
 from attlog import rotation
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.engine.start import MOTION_S
-from attlog.estimators.engine.uniform import typical_size, uniform
+from attlog.estimators.engine.uniform import Uniform, typical_scale, uniform
 
 SOURCE = "Laidig2023; package vqf"
 NEEDS = {"gyro", "acc"}
@@ -78,6 +80,8 @@ PRESETS = {"package": {"tau_acc": 3.0, "tau_mag": 9.0, "bias_sigma": 0.5, "bias_
 FRD = np.array([1.0, -1.0, -1.0])
 TO_NED = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0])
 TO_FRD = np.array([0.0, 1.0, 0.0, 0.0])
+BLOCK = 50_000
+"""Samples handed to the package at once."""
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping[str, float | str]) -> Estimate:
@@ -93,19 +97,18 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
         "biasClip": float(params["bias_clip"]),
     }
     filter_ = VQF(u.period, u.period, u.mag_period, **settings)
-    flipped = [np.ascontiguousarray(x * FRD) for x in (u.gyr, u.acc, typical_size(u.mag))]
-    clock = time.thread_time()
-    out = settled(filter_, flipped if has_mag else flipped[:2], round(float(params["settle"]) / u.period))
-    spent = time.thread_time() - clock
-    del flipped
-    q = rotation.multiply(rotation.multiply(TO_NED, out["quat9D" if has_mag else "quat6D"]), TO_FRD)
+    begun = 0 if not has_mag else 1 + int(np.argmax(u.mag.any(axis=1)))
+    out = updated(filter_, u, has_mag, round(float(params["settle"]) / u.period), begun)
+    nothing = np.empty((0, 3))
+    u = replace(u, gyr=nothing, acc=nothing, mag=nothing)
+    q = out.q
     if not has_mag:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
     else:
-        heading_from_start(u.t, u.mag, q, rotation.multiply(rotation.multiply(TO_NED, out["quat6D"]), TO_FRD))
+        heading_from_start(u.t, q, out.inertial)
     rows = np.clip(np.searchsorted(u.t, t), 0, len(u.t) - 1)
-    sigma = out["biasSigma"][rows][:, None]
-    bias = (out["bias"] * FRD)[rows]
+    sigma = out.sigma[rows][:, None]
+    bias = out.bias[rows]
     clipped = int(np.count_nonzero(np.abs(bias).max(axis=1) >= np.deg2rad(0.999 * float(params["bias_clip"]))))
     return Estimate(
         t=t,
@@ -113,17 +116,17 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
         bias=bias,
         aux={"bias_sigma": sigma},
         skipped={"bias_beyond_clip": clipped} if clipped else {},
-        ns_per_update=1e9 * spent / len(t),
+        ns_per_update=1e9 * out.seconds / len(t),
     )
 
 
-def heading_from_start(t: Array, mag: Array, q: Array, inertial: Array) -> None:
+def heading_from_start(t: Array, q: Array, inertial: Array) -> None:
     """Turn, in place, what was said before the first field: by the heading that it shows, if it belongs to the start.
 
     Before a later one heading starts at 0.
-    ``q`` (n, 4) with, ``inertial`` (n, 4) without magnetometer; ``mag`` (n, 3), zero rows where there is none.
+    ``q`` (n, 4) with magnetometer; ``inertial`` (k, 4) without, up to the first field.
     """
-    field = int(np.argmax(mag.any(axis=1)))
+    field = len(inertial) - 1
     if t[field] - t[0] > MOTION_S:
         q[:field] = rotation.turn_about_down(q[:field], -rotation.to_euler(q[0])[2])
     else:
@@ -132,13 +135,40 @@ def heading_from_start(t: Array, mag: Array, q: Array, inertial: Array) -> None:
         )
 
 
-def settled(filter_: Any, samples: list[Array], first: int) -> dict[str, Array]:
-    """The package's output for all samples, of which the ``first`` teach no bias from motion."""
-    if first <= 0:
-        return dict(filter_.updateBatch(*samples))
-    filter_.setMotionBiasEstEnabled(False)
-    parts = [filter_.updateBatch(*(np.ascontiguousarray(x[:first]) for x in samples))]
-    filter_.setMotionBiasEstEnabled(True)
-    if first < len(samples[0]):
-        parts.append(filter_.updateBatch(*(np.ascontiguousarray(x[first:]) for x in samples)))
-    return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
+@dataclass(slots=True)
+class Updated:
+    """What is kept of the package's output: ``q`` (m, 4), ``bias`` (m, 3), ``sigma`` (m,), in our axes.
+
+    ``inertial``: the first attitudes without magnetometer; ``seconds``: CPU time of the package.
+    """
+
+    q: Array
+    bias: Array
+    sigma: Array
+    inertial: Array
+    seconds: float = 0.0
+
+
+def updated(filter_: Any, u: Uniform, has_mag: bool, settle: int, begun: int) -> Updated:
+    """The package over all samples, of which the first ``settle`` teach no bias from motion.
+
+    In blocks: it tells 60 numbers for each sample, of which a long log keeps eight. ``begun``: how many attitudes
+    without magnetometer are wanted.
+    """
+    m, name, scale = len(u.t), "quat9D" if has_mag else "quat6D", typical_scale(u.mag)
+    found = Updated(np.empty((m, 4)), np.empty((m, 3)), np.empty(m), np.empty((begun, 4)))
+    edges = sorted({min(max(settle, 0), m), *range(0, m, BLOCK), m})
+    for a, b in pairwise([0, *(edge for edge in edges if edge > 0)]):
+        own = slice(a, b)
+        sensed = [u.gyr[own], u.acc[own], *([u.mag[own] * scale] if has_mag else [])]
+        flipped = [np.ascontiguousarray(x * FRD) for x in sensed]
+        filter_.setMotionBiasEstEnabled(a >= settle)
+        clock = time.thread_time()
+        out = filter_.updateBatch(*flipped)
+        found.seconds += time.thread_time() - clock
+        found.q[own] = rotation.multiply(rotation.multiply(TO_NED, out[name]), TO_FRD)
+        found.bias[own], found.sigma[own] = out["bias"] * FRD, out["biasSigma"]
+        if a < begun:
+            inertial = out["quat6D"][: begun - a]
+            found.inertial[a : a + len(inertial)] = rotation.multiply(rotation.multiply(TO_NED, inertial), TO_FRD)
+    return found
