@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def sorted_out(words: Sequence[str]) -> Words:
     A configuration is a filter's name, alone or with ``@`` or ``:``, a ``.py`` or ``.csv`` file, or a ``.toml`` file of
     them; everything else is a log. A file that is called like a filter is meant with ``./`` before it.
     """
-    found = Words()
+    found, filters = Words(), frozenset(estimators.names())
     problems: list[str] = []
     names: dict[str, Configuration] = {}
     worst = UsageError.exit_code
@@ -44,7 +44,7 @@ def sorted_out(words: Sequence[str]) -> Words:
                 found.wanted.options |= wanted.options
                 for one in wanted.configurations:
                     names.setdefault(one.name, one)
-            elif is_configuration(word):
+            elif is_configuration(word, filters):
                 one = parse(word)
                 names.setdefault(one.name, one)
             elif not os.path.exists(word) and not set("*?[/\\.") & set(word):
@@ -63,10 +63,10 @@ def sorted_out(words: Sequence[str]) -> Words:
     return found
 
 
-def is_configuration(word: str) -> bool:
-    """Whether a word names a filter, an estimator file or an estimate, not a log."""
+def is_configuration(word: str, filters: Collection[str]) -> bool:
+    """Whether a word names one of the filters, an estimator file or an estimate, not a log."""
     head = re.split(r"[@:]", word, maxsplit=1)[0]
-    if head in estimators.names() or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
+    if head in filters or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
         return True
     return not os.path.exists(word) and (KEYS.match(word) is not None or ("@" in word and "/" not in word))
 
