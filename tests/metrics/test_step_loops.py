@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from attlog.kernels.loops import function_of
+from attlog.kernels import loops
 from attlog.metrics import aiding_loop, step_columns, steps
 from attlog.metrics.step_columns import MARGIN_S, STRIDE_S
 from tests.metrics.motions import motion, sampled
@@ -88,11 +88,11 @@ def test_without_a_compiler_the_loops_give_the_same_bits(monkeypatch):
     found = columns_of(100.0, 25.0)
     compiled = found.products(0.003, 0.008, np.ones(6))[0], found.correlations(np.array([0.0, 0.01]))
     monkeypatch.setenv("ATTLOG_NO_JIT", "1")
-    function_of.cache_clear()
+    loops._loaded.cache_clear()
     try:
         plain = found.products(0.003, 0.008, np.ones(6))[0], found.correlations(np.array([0.0, 0.01]))
     finally:
-        function_of.cache_clear()
+        loops._loaded.cache_clear()
     for a, b in zip(compiled, plain, strict=True):
         np.testing.assert_array_equal(a, b)
 
