@@ -10,7 +10,7 @@ import numpy as np
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, part_of
-from attlog.reference import clock, smoothed, turning
+from attlog.reference import clock, dip, smoothed, turning
 from attlog.reference.build import build, without
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.reference.options import Options
@@ -47,7 +47,8 @@ def choose(
     if kind != "auto":
         return replace(_asked(log, segments, options, kind, smooth), gyro_fault=gyro_fault)
     out |= {name: fault.why for name, fault in faults.items() if fault.of == "attitude"}
-    out |= {smoothed.NAME: gyro_fault} if gyro_fault else {}
+    acc_fault = "" if gyro_fault else dip.accelerometer_contradicted(log, segments, log.onboard_attitude)
+    out |= {smoothed.NAME: gyro_fault or acc_fault} if gyro_fault or acc_fault else {}
     return replace(_best(log, segments, options, smooth, out, second), gyro_fault=gyro_fault)
 
 

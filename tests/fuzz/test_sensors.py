@@ -29,7 +29,7 @@ CHEAP = (
     (TELEMETRY, "gyro", "swapped"), (PX4, "attitude", "backwards"),
     (PX4, "accelerometer", "in g"), (COPTER, "accelerometer", "zero"),
 )  # fmt: skip
-OPEN = {("accelerometer", f) for f in ("swapped", "reversed", "one axis reversed", "noisy", "late", "backwards")}
+OPEN = {("accelerometer", f) for f in ("noisy", "late", "backwards")}
 OPEN |= {("compass", "reversed"), ("compass", "one axis reversed"), ("gyro", "spiked")}
 """Told (gravity direction, declination, gyro range), but a smoother may still be made of it that is 3 to 8 deg off."""
 EVERY = [(log, sensor, fault) for log in LOGS for sensor in AXES for fault in FAULTS if (sensor, fault) not in OPEN]

@@ -1,0 +1,71 @@
+"""Whose down is it where accelerometer and attitude disagree? The earth's field dips below level by a known angle.
+
+A smoother made of an accelerometer in a frame of its own is sure of a down that is none. The field
+is measured by a third sensor: where it dips as it must below the level of the attitude that flew,
+and not below that of the accelerometer, the accelerometer is the one that is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from attlog import rotation
+from attlog.flight.model import Array, Attitude, FlightLog
+from attlog.reference import declination
+from attlog.segments import Segments, gaps, spans
+
+QUIET = ("rest", "idle", "hover")
+"""Where the mean specific force is gravity's; the first kind that the log has."""
+RIGHT_DEG, WRONG_DEG = 10.0, 25.0
+"""How far the dip may be from the model's: iron and a bad calibration stay below the first, no compass error without
+another cause reaches the second where the first holds for the same field."""
+FEWEST = 10
+"""Records of each sensor in a quiet segment."""
+DOWN = np.array([0.0, 0.0, 1.0])
+
+
+def accelerometer_contradicted(log: FlightLog, segments: Segments, attitude: Attitude | None) -> str:
+    """Why the accelerometer's down is none; empty where nothing tells, or it is right."""
+    imu, model = log.replay_imu, declination.model(log)
+    if imu is None or attitude is None or log.mag is None or model is None:
+        return ""
+    kind = next((k for k in QUIET if segments.of(k)), None)
+    if kind is None:
+        return ""
+    mag = log.mags[log.mag].field
+    by_force, by_attitude = [], []
+    for one in segments.of(kind):
+        force, field = (_mean(*gaps.rising(s.t_best, s.x), one.t0, one.t1) for s in (imu.acc, mag))
+        flown = spans.between(attitude.t, one.t0, one.t1)
+        if force is None or field is None or flown.stop - flown.start < FEWEST:
+            continue
+        down = np.mean(rotation.rotate_inverse(attitude.q[flown], DOWN), axis=0)
+        by_force.append(_dip_deg(-force, field))
+        by_attitude.append(_dip_deg(down, field))
+    if not by_force:
+        return ""
+    off = [abs(float(np.median(dips)) - model.inclination_deg) for dips in (by_force, by_attitude)]
+    if not (off[0] >= WRONG_DEG and off[1] <= RIGHT_DEG):
+        return ""
+    return (
+        f"the field dips by {np.median(by_force):.0f} deg below the level of the accelerometer, by "
+        f"{np.median(by_attitude):.0f} deg below that of {attitude.source} and by {model.inclination_deg:.0f} deg on "
+        "earth: the accelerometer's axes are wrong"
+    )
+
+
+def _mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:
+    """The mean (3,) of the samples in a span; None for too few or none with a direction."""
+    inside = spans.between(t, t0, t1)
+    if inside.stop - inside.start < FEWEST:
+        return None
+    mean: Array = np.mean(x[inside], axis=0)
+    return mean if mean.any() else None
+
+
+def _dip_deg(down: Array, field: Array) -> float:
+    """The angle of a field below the level of a down, deg."""
+    size = math.sqrt(float(down @ down) * float(field @ field))
+    return math.degrees(math.asin(max(-1.0, min(1.0, float(down @ field) / size)))) if size > 0 else math.nan
