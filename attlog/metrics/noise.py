@@ -61,6 +61,10 @@ METRICS: tuple[Metric, ...] = (
 )
 
 
+LARGEST_DEG = 180.0
+"""No angle is larger: an interval that reaches so far, as of two unlike windows, says nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Measured:
     """The windows of a row in one phase: they begin at ``t0`` (k,) s.
@@ -206,6 +210,8 @@ def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Mea
         correction = step**2 / 12.0
     on = partial(typical, ids, values, prior, correction)
     told = on(ids)
+    if told.ci95 is not None and told.ci95[1] > LARGEST_DEG:
+        told, reason = Summary(told.value, None), "its windows differ too much to give an interval"
     if row.kind == "onboard" and phase != "rest":
         told = one_digit(told)
         reason = "of another IMU path with its own delay: known to one digit"

@@ -30,6 +30,10 @@ METRICS: tuple[Metric, ...] = (
 )  # fmt: skip
 
 
+LARGEST_DEG = 180.0
+"""A heading that is further from its mean drift has turned round: no size of it means anything."""
+
+
 def pooled(records: list[drift.Blocks], shortest_s: float) -> tuple[float, interval.Interval | None, int] | None:
     """RMS in deg about each record's mean drift, its interval and the number of groups; None without a long record."""
     residuals: list[Array] = []
@@ -68,6 +72,11 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         reason = f"the longest record is {longest:.0f} s; {shortest_s:.0f} s are needed"
         return {"wander_deg": missing("record_too_short", reason, "deg", window)}
     value, ci95, groups = found
+    if value > LARGEST_DEG:
+        reason = f"the heading runs round by {value:.0f} deg about its mean drift: it does not wander, it is lost"
+        return {"wander_deg": missing("diverged", reason, "deg", window)}
+    if ci95 is not None and ci95[1] > LARGEST_DEG:
+        ci95 = None
     floor = case.reference.floor_deg if window == "airborne" else row.step_deg / 2.0
     answer = Answer(
         value, "deg", window, groups, sum(r.seconds for r in records), ci95,

@@ -207,6 +207,14 @@ def test_a_refused_attitude_is_no_heading_reference_and_every_comparison_says_wh
         assert answers[name].reason == case.reference.fault
 
 
+def test_a_heading_that_runs_round_is_lost_and_does_not_wander_by_turns():
+    """A rate that changes by 8 deg/s within a rest: thousands of degrees about the mean drift."""
+    t, _ = turning(0.0)
+    row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(32.0) * t**2 / t[-1]))
+    answer = wander.compute(flights.case([row], REST), row, "rest")["wander_deg"]
+    assert (answer.value, answer.code) == (None, "diverged")
+
+
 def test_wander_is_what_the_mean_drift_leaves():
     t, _ = turning(0.0)
     swing = np.radians(0.2) * np.sin(2 * np.pi * t / 7.3)
