@@ -26,7 +26,7 @@ from attlog.config import Config
 from attlog.errors import AttlogError, LogUnusable, PluginError, PluginTimeout, UsageError
 from attlog.estimators.base import Estimate
 from attlog.estimators.registry import BUILT_IN
-from attlog.flight import read
+from attlog.flight import read, room
 from attlog.flight.model import FlightLog, Imu, Problem, part_of
 from attlog.freed import give_back
 from attlog.health import Check, answerable, audit
@@ -70,6 +70,7 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
         log = _given(source, config) if isinstance(source, FlightLog) else _read(source, config)
     if log.imu is None:
         raise LogUnusable(_why_no_imu(log))
+    room.check_rest(log, room.ANALYSIS)
     with clock("segments"):
         phases = segments.build(log)
         windows = _windows(config, phases)

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from attlog import formats, reference, segments
-from attlog.flight import flight_in
+from attlog.flight import flight_in, room
 from attlog.flight.model import FlightLog, part_of
 from attlog.flight.record_time import ends_of
+from attlog.freed import give_back
 from attlog.health import answerable, audit
 from attlog.health.findings import contradiction, findings
 from attlog.kernels.loops import briefly
@@ -47,11 +48,16 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
     messages.forget()
+    room.check_rest(log, room.INFO)
+    imu = log.replay_imu
+    samples = 0 if imu is None else len(imu.gyro.t)
+    give_back(samples)
     phases = segments.build(log) if log.imu is not None else None
     chosen, case = (None, None) if phases is None else part_of(
         log, "The reference", partial(_compared, log, phases), partial(_alone, log, phases)
     )  # fmt: skip
     checks = audit(log, phases, chosen)
+    give_back(samples)
     answers = part_of(log, "What can be answered", lambda: answerable(log, case), list)
     compared = ""
     if phases is not None and chosen is not None:

@@ -6,6 +6,7 @@ import importlib
 import math
 import runpy
 import sys
+import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -202,3 +203,21 @@ def test_salvage_keeps_99_percent_and_under_one_false_record_a_file(script: Scri
         if row.reader == "attlog":
             assert row.kept_pct > 99, row
             assert row.false <= row.files, row
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
+def test_a_reader_takes_no_more_than_twice_the_file_for_the_columns_of_a_replay(
+    name: str, script: Script, tmp_path: Path
+) -> None:
+    """The limit of docs/formats.md: the file's own bytes, where its records lie, and the wanted records once."""
+    path = script("made_logs").repeated(SAMPLES / name, tmp_path / name, 8_000_000)
+    readers = script("readers")
+    formats.open(path)  # layouts and tables that are made once for a process
+    tracemalloc.start()
+    try:
+        log = formats.open(path)
+        readers.columns(log, readers.WANTED[path.suffix])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert 1.0 < peak / path.stat().st_size <= 2.0

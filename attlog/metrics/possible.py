@@ -18,6 +18,7 @@ from attlog import rotation
 from attlog.estimators.base import Estimate
 from attlog.estimators.engine import samples
 from attlog.flight.model import Imu
+from attlog.freed import give_back
 from attlog.metrics import drift_air, drift_rest, followed, injection, lag, rmse
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Case, per_case
@@ -55,8 +56,10 @@ def stand_in(case: Case) -> Row:
     """The gyro alone as a row of a case with an IMU; no compiler is loaded for it."""
     imu = case.log.replay_imu
     assert imu is not None
-    estimate = integrated(imu, case.gyro_of(imu), case.reference.clock)
-    row = replayed(case.log, case.segments, case.reference, estimate, name=STAND_IN)
+    row = replayed(
+        case.log, case.segments, case.reference, integrated(imu, case.gyro_of(imu), case.reference.clock), name=STAND_IN
+    )
+    give_back(len(row.t))
     row.imu = imu
     row.status = "ok" if row.status in ("diverged", "not_converged") else row.status
     return row
@@ -66,11 +69,10 @@ def integrated(imu: Imu, rates: Array, clock: str) -> Estimate:
     """The unit's ``rates`` (n, 3) integrated from level at each restart, at the samples that every filter uses."""
     t = imu.gyro.t_best if clock == "sample" else imu.gyro.t
     clean = samples.prepare(t, rates, imu.acc.x, dt=imu.dt, sampling=imu.gyro.sampling)
-    turned = rotation.from_rotvec(np.where(clean.substeps[:, None] > 0, clean.gyr * clean.dt[:, None], 0.0))
-    first = clean.acc[clean.begin]
+    angles, first = np.where(clean.substeps > 0, clean.dt, 0.0)[:, None] * clean.gyr, clean.acc[clean.begin]
     times, segment, begins = clean.t, clean.segment, clean.begin.tolist()
     del clean, rates
-    q = products(turned)
+    q = products(rotation.from_rotvec(angles))
     for begin, end, acc in zip(begins, [*begins[1:], len(q)], first, strict=True):
         q[begin:end] = rotation.multiply(rotation.multiply(levelled(acc), rotation.conjugate(q[begin])), q[begin:end])
     return Estimate(times, q, segment=segment)
@@ -90,6 +92,7 @@ def products(q: Array) -> Array:
     padded = np.zeros((-(-n // size) * size, 4))
     padded[:, 0] = 1.0
     padded[:n] = q
+    del q
     blocks = padded.reshape(-1, size, 4)
     for k in range(1, size):
         blocks[:, k] = rotation.multiply(blocks[:, k - 1], blocks[:, k])

@@ -27,24 +27,27 @@ def replayed(
     t = np.asarray(estimate.t, np.float64)
     segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
     # Where a late field sets the heading the attitude jumps, as it does at a restart.
-    segment = segment + np.searchsorted([t1 for _, t1 in estimate.no_heading], t, side="right")
+    late = estimate.no_heading
+    if late:
+        segment = segment + np.searchsorted([t1 for _, t1 in late], t, side="right")
     row = Row(
         name, "replay", t, rotation.normalize(estimate.q), segment, uses_mag,
         causal=estimate.causal, bias=estimate.bias, skipped=dict(estimate.skipped),
         ns_per_update=estimate.ns_per_update, estimator=estimator or name.partition("@")[0],
         parameters=dict(parameters or {}),
     )  # fmt: skip
+    del estimate  # of a long log as much as all that follows
     if reference.trim is not None:
         row.q = trim.apply(row.q, reference.trim)
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
         row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="--trim"))
     row.is_reference = reference.kind == smoothed.NAME and name == smoothed.NAME
     free_heading = not uses_mag or reference.declination_deg is None or reference.heading_by == "nobody"
-    if estimate.no_heading:
-        size = float(sum(t1 - t0 for t0, t1 in estimate.no_heading))
+    if late:
+        size = float(sum(t1 - t0 for t0, t1 in late))
         text = "no field until then: the heading was unknown, nothing before is scored"
         row.steps.append(AlignmentStep("late_field", text, size, "s", applied=not free_heading))
-    return _measure(row, segments, reference, free_heading, [] if free_heading else estimate.no_heading)
+    return _measure(row, segments, reference, free_heading, [] if free_heading else late)
 
 
 def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Row]:

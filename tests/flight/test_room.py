@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from attlog import analyze
 from attlog.errors import TooLittleMemory, exit_code, message
-from attlog.flight import room
+from attlog.flight import read, room
 from attlog.formats.base import Messages, Table
+from attlog.inspection import inspect
+from tests.conftest import SAMPLES
 
 
 def log_of(samples: int, name: str = "sensor_combined") -> Messages:
@@ -20,9 +24,20 @@ def log_of(samples: int, name: str = "sensor_combined") -> Messages:
 
 def test_samples_beyond_the_memory_are_refused_with_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(room, "free_bytes", lambda: 4_000_000_000)
-    room.check(log_of(4_000_000_000 // room.BYTES_PER_SAMPLE))
-    with pytest.raises(TooLittleMemory, match=r"long.ulg: needs some 6\.\d GB .* 20,000,000 .* 4\.0 GB are free"):
-        room.check(log_of(20_000_000))
+    room.check(log_of(4_000_000_000 // room.FLIGHT))
+    with pytest.raises(TooLittleMemory, match=r"long.ulg: needs some 5\.1 GB .* 30,000,000 .* 4\.0 GB are free"):
+        room.check(log_of(30_000_000))
+
+
+@pytest.mark.parametrize("work", [inspect, analyze])
+def test_what_is_made_of_a_flight_is_asked_for_too(
+    work: Callable[[Path], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "SMALL", 0)
+    samples = len(read(SAMPLES / "px4_hover.ulg").imus[0].gyro.t)
+    monkeypatch.setattr(room, "free_bytes", lambda: samples * room.FLIGHT)  # enough to read it
+    with pytest.raises(TooLittleMemory, match=r"px4_hover\.ulg: needs"):
+        work(SAMPLES / "px4_hover.ulg")
 
 
 def test_what_is_short_or_has_no_inertial_samples_or_nobody_tells_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,7 @@ from attlog.limits import MAX_SENDERS
 
 SIGNED = 0x01  # incompatibility flag of MAVLink 2: a signature of 13 bytes follows the checksum
 SIGNATURE_LENGTH = 13
-_CHUNK = 1 << 22  # bytes whose packets are sought at once, bounds the memory
+_CHUNK = 1 << 21  # bytes whose packets are sought at once, bounds the memory
 _PADDING = 16  # packets of up to this many bytes difference share one checksum pass
 _BATCH = 1 << 18  # bytes whose checksums are taken at once, stays in cache
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from attlog.formats.ulog.index import HEADER, Bytes, Sizes, identifier_at
-from attlog.formats.ulog.records import ENOUGH, FILE_HEADER, MAGIC, SYNC, is_record
+from attlog.formats.ulog.records import ENOUGH, FILE_HEADER, MAGIC, SYNC, is_odd_definition, is_record
 
 DATA = ord("D")
 ANCHOR_RECORDS = 3
@@ -55,8 +55,11 @@ class Framing:
         """Whether the beginning of a record stands here whose end is missing."""
         return position + 3 > stop or (self.end(position) > stop and self._begins_well(position))
 
-    def leads_on(self, position: int, stop: int, records: int) -> bool:
-        """Whether ``records`` well-formed records follow, or the end of the section comes before."""
+    def leads_on(self, position: int, stop: int, records: int, *, odd: bool = False) -> bool:
+        """Whether ``records`` well-formed records follow, or the end of the section comes before.
+
+        ``odd``: behind a good record definitions under names that no logger gives will do too.
+        """
         for _ in range(records):
             if position >= stop - 2 or self.is_header(position):
                 return True
@@ -71,7 +74,7 @@ class Framing:
                     return False
             elif is_record(kind, self._head(position, end), end - position - 3):
                 self.checked = position
-            else:
+            elif not odd or not is_odd_definition(kind, self._head(position, end), end - position - 3):
                 return False
             position = end
         return True

@@ -103,6 +103,7 @@ class _Reader:
         """The topics with records, by name; what goes beyond the limits is said."""
         tables: dict[tuple[str, int], Table] = {}
         columns: dict[int, int] = {}
+        in_groups = any(len(topic.parts) > 1 for topic in self.topics.values())
         for (name, multi), topic in sorted(self.topics.items()):
             offset = int(topic.parts[0][1][0])
             more = sum(layout.columns for layout in topic.layouts if id(layout) not in columns)
@@ -112,7 +113,7 @@ class _Reader:
                 break
             columns |= {id(layout): layout.columns for layout in topic.layouts}
             with self.barrier.around(name, "its table", offset):
-                table = topic.table(self.data, name, multi, self.barrier.around)
+                table = topic.table(self.data, name, multi, self.barrier.around, own_starts=in_groups)
                 if self.damaged:
                     table = self._without_doubtful(table)
                     topic.forget()
@@ -170,7 +171,7 @@ class _Reader:
         kind = self.raw[position + 2]
         if kind == DATA or not self.framing.is_strict(position, end):
             return self._loose_record(position, end, stop)
-        if not self.framing.leads_on(end, stop, 1):
+        if not self.framing.leads_on(end, stop, 1, odd=True):
             return None
         self._take(kind, position, end)
         return end
@@ -180,7 +181,7 @@ class _Reader:
         kind, length = self.raw[position + 2], end - position - 3
         if kind == 0 or not length or (not KINDS[kind] and length > LARGEST_UNKNOWN):
             return None
-        if (kind == DATA and length < 2) or not self.framing.leads_on(end, stop, 2):
+        if (kind == DATA and length < 2) or not self.framing.leads_on(end, stop, 2, odd=kind != DATA):
             return None
         may_hide_records = kind != DATA or length > LONG_UNKNOWN
         if may_hide_records and self.framing.anchor(position + 1, end) < end:

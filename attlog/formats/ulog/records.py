@@ -30,6 +30,8 @@ ENOUGH = 2 * LONGEST_BINARY_TEXT
 
 _KEY = re.compile(rb"[\w/]+(?:\[\d{1,5}\])? [^\x00-\x20\x7f]+")
 _FORMAT_START = re.compile(rb"[\w/-]{1,255}:[\w/]{1,255}(?:\[\d{1,20}\])? [\w\[\]]+")
+_NAME_AT = {ord("F"): 0, ord("A"): 3, ord("I"): 0, ord("P"): 0, ord("M"): 1, ord("Q"): 1}
+"""Where the name, or its length, begins in the payload."""
 _TOPIC = re.compile(rb"[\w/-]+")
 _NUMBERS = {"int32_t": struct.Struct("<i"), "float": struct.Struct("<f")}
 _SCALARS = {
@@ -45,6 +47,23 @@ def is_record(kind: int, head: bytes, size: int) -> bool:
     """
     check = _CHECKS.get(kind)
     return check is not None and check(head, size)
+
+
+def is_odd_definition(kind: int, head: bytes, size: int) -> bool:
+    """Whether a payload defines something under a name that no logger gives: framed as the type demands, in letters.
+
+    Enough for a record that follows a good one; not to find records among garbage.
+    """
+    at = _NAME_AT.get(kind)
+    if at is None or size <= at or size > len(head):
+        return False
+    if kind in b"IMPQ":
+        at, size = at + 1, at + 1 + head[at]
+    try:
+        name = head[at:size].decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return bool(name) and size <= len(head) and name.isprintable()
 
 
 def text(raw: bytes) -> str:

@@ -35,10 +35,14 @@ class Topic:
             self.layouts.append(layout)
         self.parts.append((len(self.layouts) - 1, offsets))
 
-    def table(self, data: Bytes, name: str, multi: int, guard: Guard) -> Table:
-        """The topic's table; fields are those that all its layouts share. Gives up the parts."""
+    def table(self, data: Bytes, name: str, multi: int, guard: Guard, *, own_starts: bool = False) -> Table:
+        """The topic's table; fields are those that all its layouts share. Gives up the parts.
+
+        ``own_starts``: where records were sorted in several groups, one part would keep all of its group.
+        """
         parts, self.parts = self.parts, []
-        starts = parts[0][1] if len(parts) == 1 else np.concatenate([offsets for _, offsets in parts])
+        one = len(parts) == 1 and not own_starts
+        starts = parts[0][1] if one else np.concatenate([offsets for _, offsets in parts])
         which = None
         if len(self.layouts) > 1:
             which = np.repeat(np.array([k for k, _ in parts], np.int8), [len(offsets) for _, offsets in parts])

@@ -159,3 +159,23 @@ def test_the_time_of_a_parameter_and_of_a_text_may_be_any_number(tmp_path: Path)
     assert change.t_us is None or 0 <= change.t_us < 2**63
     assert found["a", 0]["timestamp"][1] == late, "an undamaged log reads as it stands"
     assert [t.text for t in found.texts] == ["late"]
+
+
+@pytest.mark.parametrize("odd", ["bad name", "../x", "a.b", "t\u00fcr"])
+def test_a_refused_name_costs_no_neighbouring_definition(odd: str, tmp_path: Path) -> None:
+    """As pyulog reads the other topic, in a log too short for three good records between the bad ones."""
+    from pyulog import ULog
+
+    path = tmp_path / "tiny.ulg"
+    path.write_bytes(
+        crafted.log(
+            crafted.form(f"{odd}:{crafted.STAMP}float x;"), crafted.form(f"a:{crafted.STAMP}float x;"),
+            crafted.subscribe(odd, 2), crafted.subscribe("a", 1), crafted.one(0), crafted.data(2, 10_001, b"\0" * 4),
+            crafted.one(2), crafted.one(3),
+        )
+    )  # fmt: skip
+    log = formats.open(path)
+    official = next(data for data in ULog(str(path)).data_list if data.name == "a")
+    np.testing.assert_array_equal(log["a", 0]["timestamp"], official.data["timestamp"])
+    assert len(log["a", 0]) == 3
+    assert [place.lost for place in log.damage if "no records" in place.lost] == []
