@@ -34,6 +34,8 @@ FEW = 8
 """Records that are walked one by one before a block is compared."""
 SEGMENT = 1 << 19
 """Records that a compiled walk takes at once: large buffers, which the system maps in large pages."""
+USUAL_RECORD = 48
+"""Bytes of a data record; a file of shorter ones is walked in more segments."""
 WORTH_COMPILED, WORTH_IF_READY = 32 << 20, 4 << 20
 """Below this many bytes loading compiled code costs more than it saves; the second where kernels run already."""
 DATA = ord("D")
@@ -215,8 +217,9 @@ class NumbaChain:
 
     def _new_buffers(self) -> None:
         """Room for the next segment; a long segment keeps its buffers, only short ones are copied out of them."""
-        self._starts = np.empty(SEGMENT, np.int64)
-        self._ids = np.empty(SEGMENT, np.uint16)
+        room = min(SEGMENT, len(self._data) // USUAL_RECORD + FEW)
+        self._starts = np.empty(room, np.int64)
+        self._ids = np.empty(room, np.uint16)
 
     def by_id(self, segments: Segments) -> list[tuple[int, Offsets]]:
         """Each id and its records' starts, by counting."""
