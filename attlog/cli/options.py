@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +13,7 @@ import typer
 
 from attlog.cli import completion
 from attlog.cli.common import finite, number_or
-from attlog.errors import UsageError
+from attlog.errors import PluginError, UsageError
 
 if TYPE_CHECKING:
     from attlog.config import Config
@@ -154,7 +155,8 @@ def _check_filter(item: str) -> None:
 
     name = item.partition(":")[0].partition("@")[0]
     if not (name.endswith((".py", ".csv")) and os.path.isfile(name)):
-        estimators.select(item)
+        with suppress(PluginError):  # what a filter of a package does is told in its row
+            estimators.select(item)
 
 
 def commands(context: typer.Context, logs: Sequence[str]) -> list[str]:

@@ -76,3 +76,19 @@ def test_an_analysis_with_built_in_filters_needs_no_compiler_once_kernels_are_at
         if "cannot" in done.stderr:
             pytest.skip(f"no objects can be made here: {done.stderr.strip()}")
     assert done.stdout.split()[-1] == "False"
+
+
+def test_a_filter_of_an_installed_package_that_crashes_is_a_failed_row(attlog, samples, tmp_path, monkeypatch):
+    about = tmp_path / "evil-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[attlog.estimators]\nevil = evil_module\n")
+    (tmp_path / "evil_module.py").write_text("import os\nos.abort()\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    log = samples / "copter_yaw_turns.bin"
+    done = attlog(
+        "analyze", log, "--estimators", "gyro,evil", "--reference", "onboard", "-o", tmp_path / "out", "--json"
+    )
+    assert done.code == 0, done.err
+    rows = {row["name"]: row for row in json.loads(done.out)["estimators"]}
+    assert (rows["gyro"]["status"] != "failed", "SIGABRT" in rows["evil"]["reason"]) == (True, True)
