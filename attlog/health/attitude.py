@@ -6,6 +6,7 @@ import numpy as np
 
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
+from attlog.health.reason import as_sentence
 from attlog.reference.turning import LEAST_DPS, LEAST_HZ, LEAST_INTERVALS, other_axes, rotations
 from attlog.segments import resets
 from attlog.segments.model import Segments
@@ -24,8 +25,7 @@ def checks(log: FlightLog, segments: Segments, gyro_fault: str = "") -> list[Che
         return [not_judged("coverage", "There is no onboard attitude in this log.", "good from 95 %")]
     against = against_attitude(log, imu, onboard, segments)
     if gyro_fault:
-        text = f"{gyro_fault[0].upper()}{gyro_fault[1:]}."
-        against = Check("gyro against attitude", "bad", text, CONTRADICTED, "", against.threshold)
+        against = Check("gyro against attitude", "bad", as_sentence(gyro_fault), CONTRADICTED, "", against.threshold)
     return [coverage(imu, onboard, log.onboard or ""), against, *trims(log, onboard)]
 
 

@@ -17,6 +17,7 @@ from attlog.health import against_smoother, frozen, many_of_a_kind
 from attlog.health.attitude import CONTRADICTED
 from attlog.health.gyro import HOPELESS_DPS
 from attlog.health.model import FAILED, Check
+from attlog.health.reason import as_sentence
 from attlog.reference.model import Reference
 
 ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
@@ -203,9 +204,7 @@ def contradiction(reference: Reference) -> list[Problem]:
     gave_way = [reference.refused[name] for name in ("truth", "onboard") if taken and name in reference.refused]
     if gave_way:
         means = f"Filters are compared with {taken} and not with it."
-        return [
-            Problem("reference_contradicted", "error", f"{why[0].upper()}{why[1:]}.", means=means) for why in gave_way
-        ]
+        return [Problem("reference_contradicted", "error", as_sentence(why), means=means) for why in gave_way]
     if not reference.fault:
         return []
     asked = "It was asked for as reference all the same"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from attlog.flight.model import FlightLog
 from attlog.health.model import Answerable
+from attlog.health.reason import as_sentence
 from attlog.metrics.base import Case
 from attlog.metrics.possible import ASKED, Possible, ask
 
@@ -24,12 +25,12 @@ def answerable(log: FlightLog, case: Case | None) -> list[Answerable]:
         setting = "" if log.imus else log.advice("imu")
         return [Answerable(q, False, reason, "" if setting in reason else setting) for q in ASKED]
     if fault := case.reference.gyro_fault:
-        return [Answerable(q, False, _sentence(fault)) for q in ASKED]
+        return [Answerable(q, False, as_sentence(fault)) for q in ASKED]
     return [_told(q, ask(case, q), case) for q in ASKED]
 
 
 def _told(question: str, found: Possible, case: Case) -> Answerable:
-    reason = _sentence("; ".join(found.found or found.why))
+    reason = as_sentence("; ".join(found.found or found.why))
     return Answerable(question, found.can, reason, "" if found.can else setting(question, found.codes, case))
 
 
@@ -44,9 +45,3 @@ def setting(question: str, codes: tuple[str, ...], case: Case) -> str:
     if "reference_too_slow" in codes:
         return log.advice("attitude", reference.rate)
     return STEPS if question == "late" and log.kind.hovers and {"no_events", "too_few_events"} & {*codes} else ""
-
-
-def _sentence(text: str) -> str:
-    """A reason as a sentence."""
-    text = text.rstrip(".")
-    return f"{text[:1].upper()}{text[1:]}."
