@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from attlog import formats
-from attlog.errors import AttlogError, LogUnreadable
+from attlog import formats, limits
+from attlog.errors import AttlogError, LogUnreadable, NotALog
 from attlog.file_names import file_name
 from attlog.fleet.copied import hashed, unreadable
 from attlog.fleet.urls import is_url, shown
@@ -96,7 +96,7 @@ class Source:
         if self.copy or not (self.member or is_url(self.place)):
             path = Path(self.copy or self.place)
             with self._named(path):
-                formats.recognise(path)  # before all of it is read: a disk's image takes hours
+                _worth_reading(path)
                 yield Local(path, *hashed(path))
             return
         try:
@@ -131,3 +131,15 @@ class Source:
 def _printable(text: str) -> str:
     """Without control characters: a member's name is a stranger's text on the user's terminal."""
     return "".join(c if c.isprintable() or "\ud800" <= c <= "\udfff" else "?" for c in text)
+
+
+def _worth_reading(path: Path) -> None:
+    """NotALog for a large file that is none, before all of it is read: a disk's image takes hours.
+
+    A small one is read for its hash, by which a batch that goes on knows that it was tried.
+    """
+    try:
+        formats.recognise(path)
+    except NotALog:
+        if path.stat().st_size > limits.READ_BYTES:
+            raise
