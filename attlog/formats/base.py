@@ -200,9 +200,10 @@ T = TypeVar("T")
 
 
 class Later(Generic[T]):
-    """A list of a log that may be given as a function that makes it: it is called by the first who asks.
+    """A list of a log that may be given as a function that makes it: the first who asks has it called with the log.
 
-    Columns are decoded when somebody asks for them, and so are parameters, of which a log states thousands.
+    Columns are decoded when somebody asks for them, and so are parameters, of which a log states thousands. A function
+    that knew the log itself would keep it, and all its bytes, until the collector of cycles comes by.
     """
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -219,12 +220,12 @@ class Later(Generic[T]):
             return list  # what a dataclass takes for the default: a function that makes an empty one
         found = getattr(log, self._place)
         if callable(found):
-            found = found()
+            found = found(log)
             setattr(log, self._place, found)
         values: list[T] = found
         return values
 
-    def __set__(self, log: object, values: list[T] | Callable[[], list[T]]) -> None:
+    def __set__(self, log: object, values: list[T] | Callable[[Any], list[T]]) -> None:
         setattr(log, self._place, values)
 
 
@@ -295,8 +296,8 @@ class Messages(Mapping[tuple[str, int], Table]):
             self.format,
             self.size,
             tables,
-            lambda: [p for p in self.params if b.start <= p.offset < b.end],
-            lambda: [x for x in self.texts if b.start <= x.offset < b.end],
+            lambda _: [p for p in self.params if b.start <= p.offset < b.end],
+            lambda _: [x for x in self.texts if b.start <= x.offset < b.end],
             self.info,
             self.damage,
             self.damage_bytes,

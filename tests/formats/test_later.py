@@ -22,14 +22,14 @@ def log(**given: object) -> Messages:
 def test_a_function_is_asked_once_and_only_when_its_list_is_wanted() -> None:
     asked = []
 
-    def make() -> list[ParamChange]:
-        asked.append(1)
+    def make(of: Messages) -> list[ParamChange]:
+        asked.append(of)
         return [ParamChange("A", 1.0)]
 
     made = log(params=make)
     assert not asked
     made.params.append(ParamChange("B", 2.0))
-    assert ([p.name for p in made.params], len(asked)) == (["A", "B"], 1)
+    assert ([p.name for p in made.params], [of is made for of in asked]) == (["A", "B"], [True])
 
 
 def test_lists_are_each_logs_own() -> None:

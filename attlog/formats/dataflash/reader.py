@@ -67,9 +67,9 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
         damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
     )  # fmt: skip
 
-    def told(message: str, what: str, of: Callable[[Messages, Timeline], list[T]]) -> list[T]:
+    def told(message: str, what: str, of: Callable[[Messages, Timeline], list[T]], log: Messages) -> list[T]:
         with around(message, what, None):
-            return of(messages, clock)
+            return of(log, clock)
         return []
 
     messages.params = partial(told, "PARM", "parameters", params)

@@ -66,9 +66,9 @@ def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8]
     if chosen is not None:
         clock = timeline(messages, chosen)
 
-        def told(message: str, what: str, of: Callable[[Messages, int, Timeline], list[T]]) -> list[T]:
+        def told(message: str, what: str, of: Callable[[Messages, int, Timeline], list[T]], log: Messages) -> list[T]:
             with around(message, what, None):
-                return of(messages, chosen, clock)
+                return of(log, chosen, clock)
             return []
 
         messages.params = partial(told, "PARAM_VALUE", "parameters", _params)

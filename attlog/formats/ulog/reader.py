@@ -90,9 +90,9 @@ class _Reader:
             position = self._walk(position, stop)
         self._end_log()
         tables = self._tables()
-        del self.chain  # its buffers would wait for the collector of cycles
         ends = [*self.boots[1:], self.size]
         content = self.content
+        del self.content, self.framing, self.chain  # they know the reader: all would wait for the collector of cycles
         return Messages(
             self.path, "ulog", self.size, tables, content.params, content.texts, content.info,
             sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, content.dropouts_ms,
