@@ -32,11 +32,14 @@ def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
     def hand_on(number: int, _: Any) -> None:
         os.kill(child, number)
 
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)}
     for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) != signal.SIG_IGN:
+        if before[number] != signal.SIG_IGN:
             signal.signal(number, hand_on)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts both: the child decides
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    for number, handler in before.items():
+        signal.signal(number, handler)
     if code == -signal.SIGBUS:
         print(f"attlog: {large[0]}: became shorter while it was read; try again when it is whole", file=sys.stderr)
         return LogUnreadable.exit_code

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import stat
 import threading
 from collections.abc import Callable
@@ -111,8 +112,11 @@ def test_what_is_no_log_is_refused_before_it_is_read(attlog: Callable[..., Any],
     image = tmp_path / "disk.ulg"
     with image.open("wb") as file:
         file.truncate(1 << 40)
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in signals]
     for command in ("analyze", "batch"):
         assert attlog(command, image, "-o", tmp_path / "out").code == 65
+    assert [signal.getsignal(number) for number in signals] == before  # another process has watched the mapped file
     settings = tmp_path / "settings.toml"
     os.link(image, settings)
     assert attlog("analyze", LOG, "--config", settings).code == 2
