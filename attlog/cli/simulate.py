@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.cli.common import Quiet, Verbose, to_stdout
+from attlog.cli.common import Quiet, Verbose, to_stderr, to_stdout
 from attlog.cli.completion import scenarios
 from attlog.cli.options import FilterTimeout
 from attlog.cli.progress import progress
@@ -104,6 +104,8 @@ def command(
         _list()
         return
     flown = _scenario(scenario, settings or [], estimator)
+    if not quiet:
+        _warn(flown, scenario)
     if printed:
         from attlog.simulate.scenario_text import as_toml
 
@@ -147,6 +149,15 @@ def _scenario(name: str, settings: list[str], estimator: str | None) -> Scenario
     if estimator is not None:
         values["estimator"] = {"name": estimator}
     return build(values, origin=place_of(name).name)
+
+
+def _warn(flown: Scenario, name: str) -> None:
+    """Say what of a scenario changes nothing."""
+    from attlog.simulate.scenario import place_of
+    from attlog.simulate.without_effect import without_effect
+
+    for sentence in without_effect(flown):
+        to_stderr(f"attlog: {place_of(name).name}: {sentence}")
 
 
 def _files(

@@ -5,10 +5,20 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 from pydantic.dataclasses import dataclass
 
 from attlog.simulate.sensors.settings import STRICT, ZERO, NotNegative, Positive, Three
+
+
+def _date(written: object) -> object:
+    """The time that a text tells; a day alone begins at midnight."""
+    if not isinstance(written, str):
+        return written
+    try:
+        return datetime.fromisoformat(written)
+    except ValueError:
+        raise ValueError("must be a date, 2024-03-01 or 2024-03-01T12:00:00Z") from None
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -20,7 +30,7 @@ class Place:
     lon_deg: Annotated[float, Field(ge=-180, le=180)] = 8.545
     alt_m: Annotated[float, Field(ge=-500, le=6000)] = 488.0
     heading_deg: float = 0.0
-    date: datetime = datetime(2025, 6, 1, 10, 0, tzinfo=UTC)
+    date: Annotated[datetime, BeforeValidator(_date)] = datetime(2025, 6, 1, 10, 0, tzinfo=UTC)
 
     @property
     def unix_time(self) -> float:

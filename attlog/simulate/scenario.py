@@ -8,10 +8,12 @@ here and radians inside.
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 from collections.abc import Iterator, Mapping
+from datetime import date, time
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -23,6 +25,7 @@ from attlog.simulate.commands import Command, Motion
 from attlog.simulate.fault import Fault
 from attlog.simulate.loop import Controller, Estimator, Logging, Loop
 from attlog.simulate.place import Anomaly, Place, Wind
+from attlog.simulate.scenario_errors import lines
 from attlog.simulate.sensors.settings import STRICT, Sensors
 from attlog.simulate.vehicle import Vehicle
 
@@ -31,6 +34,7 @@ NAME = r"^[^/\\\x00-\x1f]*$"
 """Names are names of files: no path."""
 MOST_STEPS = 20_000_000
 """Steps of physics in a flight: what an hour or two at the default rates take, about 1 GB and minutes."""
+OF_ROTORS = ("off", "scale")
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -92,67 +96,16 @@ def values_of(name_or_path: str | Path) -> dict[str, Any]:
 
 def build(values: Mapping[str, Any], origin: str = "scenario") -> Scenario:
     """A scenario from plain values, as TOML holds them. UsageError lists every problem with its place."""
+    # As JSON a list may stand for a tuple and nothing else for a number: neither "15" nor true.
+    text = json.dumps(dict(values), default=_written)
     try:
-        scenario = TypeAdapter(Scenario).validate_python(dict(values))
+        scenario = TypeAdapter(Scenario).validate_json(text, strict=True)
     except ValidationError as error:
-        raise UsageError("\n".join(f"{origin}: {line}" for line in _explain(error))) from None
-    problems = _contradictions(scenario)
+        raise UsageError("\n".join(f"{origin}: {line}" for line in lines(error, Scenario))) from None
+    problems = [*_refused_spans(scenario), *_contradictions(scenario)]
     if problems:
         raise UsageError("\n".join(f"{origin}: {line}" for line in problems))
     return scenario
-
-
-def _explain(error: ValidationError) -> list[str]:
-    """One line per thing that is wrong, each with its place in the file."""
-    lines = []
-    for item in error.errors():
-        where = _place(item["loc"])
-        if item["type"] == "unexpected_keyword_argument":
-            key = str(item["loc"][-1])
-            lines.append(f"unknown key {where}{suggestion(key, _known(item['loc'][:-1]))}")
-        elif item["type"] in ("missing", "missing_argument"):
-            lines.append(f"{where}: is missing")
-        elif item["type"] in ("dataclass_type", "dict_type"):
-            lines.append(f"{where}: must be a table (got {item['input']!r})")
-        elif item["type"] == "string_pattern_mismatch":
-            lines.append(f"{where}: {item['input']!r} is no name of a file")
-        else:
-            lines.append(f"{where}: {item['msg'].removeprefix('Value error, ')} (got {item['input']!r})")
-    return lines
-
-
-def _place(loc: tuple[int | str, ...]) -> str:
-    """``sensors.imu[0].rate_hz`` of a place in the values."""
-    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
-    return text.lstrip(".") or "the file"
-
-
-def _known(loc: tuple[int | str, ...]) -> list[str]:
-    """The keys that the table at a place may have."""
-    table: Any = Scenario
-    for part in loc:
-        if isinstance(part, str):
-            table = _table(get_type_hints(table).get(part))
-        if table is None:
-            return []
-    return [f.name for f in dataclasses.fields(table)]
-
-
-def _table(kind: Any) -> Any:
-    """The table within a declared type such as ``tuple[Imu, ...]`` or ``Motion | None``, None if there is none."""
-    if dataclasses.is_dataclass(kind):
-        return kind
-    return next((found for inner in get_args(kind) if (found := _table(inner)) is not None), None)
-
-
-def _each(sensors: Sensors) -> Iterator[tuple[str, Any]]:
-    """Every sensor with its place in the file."""
-    for kind in dataclasses.fields(sensors):
-        value = getattr(sensors, kind.name)
-        for k, one in enumerate(value if isinstance(value, tuple) else ()):
-            yield f"sensors.{kind.name}[{k}]", one
-        if dataclasses.is_dataclass(value):
-            yield f"sensors.{kind.name}", value
 
 
 def _contradictions(scenario: Scenario) -> list[str]:
@@ -164,15 +117,11 @@ def _contradictions(scenario: Scenario) -> list[str]:
             f"seconds: {scenario.seconds:g} s at loop.rate_hz x substeps = {raw:g} are too many steps; "
             f"take up to {MOST_STEPS / raw:g} s"
         )
-    for where, sensor in _each(scenario.sensors):
+    for where, sensor in scenario.sensors.each():
         if sensor.rate_hz > raw:
             found.append(
                 f"{where}.rate_hz: {sensor.rate_hz:g} is more than the raw rate, loop.rate_hz x substeps = {raw:g}"
             )
-        for key in ("gaps", "outages"):
-            for first, last in getattr(sensor, key, ()):
-                if last < first:
-                    found.append(f"{where}.{key}: [{first:g}, {last:g}] ends before it begins")
     for k, imu in enumerate(scenario.sensors.imu):
         if not len(imu.vibration.harmonics) == len(imu.vibration.acc_m_s2) == len(imu.vibration.gyro_dps):
             found.append(f"sensors.imu[{k}].vibration: harmonics, acc_m_s2 and gyro_dps must be equally long")
@@ -180,6 +129,9 @@ def _contradictions(scenario: Scenario) -> list[str]:
         found.append("sensors.imu: at least one is needed")
     if scenario.motion is not None and scenario.command:
         found.append("motion, command: give one of them; a prescribed motion flies no commands")
+    battery = scenario.sensors.battery
+    if battery.empty_v > battery.full_v:
+        found.append(f"sensors.battery: empty_v {battery.empty_v:g} is above full_v {battery.full_v:g}")
     lift, weight = 4.0 * scenario.vehicle.thrust_max_n, scenario.vehicle.mass_kg * 9.81
     if scenario.command and lift < 1.2 * weight:
         found.append(f"vehicle: four rotors lift {lift:.1f} N, too little to fly a weight of {weight:.1f} N")
@@ -190,4 +142,26 @@ def _contradictions(scenario: Scenario) -> list[str]:
     for k, fault in enumerate(scenario.fault):
         if fault.instance >= counts[fault.part]:
             found.append(f"fault[{k}].instance: there is no {fault.part} {fault.instance}")
+        if fault.part == "rotor" and fault.kind not in OF_ROTORS:
+            found.append(f"fault[{k}].kind: a rotor can be {' or '.join(OF_ROTORS)}, not {fault.kind}")
+        if fault.part != "rotor" and fault.kind == "off":
+            found.append(f"fault[{k}].kind: only a rotor is off; a sensor that sends nothing is silent")
     return found
+
+
+def _refused_spans(scenario: Scenario) -> Iterator[str]:
+    """Times without samples that are none."""
+    for where, sensor in scenario.sensors.each():
+        for key in ("gaps", "outages"):
+            for first, last in getattr(sensor, key, ()):
+                if last < first:
+                    yield f"{where}.{key}: [{first:g}, {last:g}] ends before it begins"
+                elif first < 0.0:
+                    yield f"{where}.{key}: [{first:g}, {last:g}] begins before the flight, which starts at 0 s"
+
+
+def _written(value: object) -> str:
+    """What TOML knows beside JSON's values: dates and times, as text. TypeError for anything else."""
+    if isinstance(value, (date, time)):
+        return value.isoformat()
+    raise TypeError(f"{value!r} is no value of a TOML file")

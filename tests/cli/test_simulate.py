@@ -34,6 +34,17 @@ def test_one_flight_becomes_several_logs(attlog, tmp_path):
         assert flights.read(path).simulated
 
 
+def test_what_a_shorter_flight_leaves_out_is_told_and_the_rest_flown(attlog, tmp_path):
+    words = ("simulate", "hover", "--set", "seconds=20", "-o", tmp_path / "x.ulg")
+    done = attlog(*words, "--print")
+    assert done.code == 0
+    assert done.err.splitlines() == [
+        "attlog: hover.toml: command[2]: hold at 26 s is not flown; the flight ends after 20 s (seconds)",
+        "attlog: hover.toml: command[3]: land at 86 s is not flown; the flight ends after 20 s (seconds)",
+    ]
+    assert attlog(*words, "--print", "-q").err == ""
+
+
 def test_a_folder_gets_a_log_of_each_seed_in_each_format(attlog, tmp_path):
     done = attlog("simulate", "static", *SHORT, "--seeds", "9..10,3", "-o", tmp_path / "all", "--format", "ulg",
                   "--format", "bin", "-q")  # fmt: skip
@@ -108,7 +119,7 @@ def test_values_and_parameters_are_taken_from_the_command_line(attlog, tmp_path)
         (("static", "-o", "folder", "--seeds", "1..3", "--seed", "1"), 2, "--seed or --seeds"),
         (("static", "-o", "x.ulg", "--set", "seconds"), 2, "write KEY=VALUE"),
         (("static", "-o", "x.ulg", "--set", "secnods=3"), 2, "did you mean seconds?"),
-        (("static", "-o", "x.ulg", "--set", "seconds=-3"), 2, "seconds: Input should be greater"),
+        (("static", "-o", "x.ulg", "--set", "seconds=-3"), 2, "seconds: must be greater"),
         (("static", "-o", "x.ulg", "--set", "sensors.imu.2.rate_hz=3"), 2, "there are 1 of imu"),
         (("static", "-o", "x.ulg", "--set", "seconds.x=3"), 2, "has nothing below it"),
         (("static", "-o", "x.ulg", "--param", "A=b"), 2, "NAME=VALUE with a number"),

@@ -62,11 +62,55 @@ def test_all_problems_of_a_file_are_told_at_once(tmp_path: Path) -> None:
         ({"vehicle": {"mass_kg": 6}, "command": [{"t": 0, "do": "arm"}]}, "too little to fly"),
         ({"command": [{"t": 5, "do": "arm"}, {"t": 4, "do": "takeoff"}]}, "ascend"),
         ({"fault": [{"t": 5, "part": "mag", "kind": "stuck", "instance": 2}]}, "there is no mag 2"),
+        (
+            {"fault": [{"t": 5, "part": "rotor", "kind": "stuck"}]},
+            "fault[0].kind: a rotor can be off or scale",
+        ),
+        ({"fault": [{"t": 5, "part": "gyro", "kind": "off"}]}, "fault[0].kind: only a rotor is off"),
+        ({"sensors": {"imu": [{"gaps": [[-5, 1]]}]}}, "sensors.imu[0].gaps: [-5, 1] begins before the flight"),
+        ({"sensors": {"battery": {"full_v": 11, "empty_v": 12}}}, "sensors.battery: empty_v 12 is above full_v 11"),
     ],
 )
 def test_values_that_contradict_each_other_are_refused(values: dict[str, object], told: str) -> None:
     with pytest.raises(UsageError, match=told.replace("[", r"\[").replace("+", r"\+")):
         build(values)
+
+
+@pytest.mark.parametrize(
+    ("toml", "told"),
+    [
+        ("seconds = -60", "seconds: must be greater than or equal to 1 (got -60)"),
+        ("seconds = true", "seconds: must be a valid number (got True)"),
+        ('seconds = "60 s"', "seconds: must be a number without quotes; its unit stands in the key (got '60 s')"),
+        ('seconds = "60"', "seconds: must be a number without quotes; its unit stands in the key (got '60')"),
+        ("seconds = 2020-01-01", "seconds: must be a number"),
+        ("seconds = nan", "seconds: must be a finite number (got nan)"),
+        ("[[fault]]\nt = -1\npart = 'mag'\nkind = 'stuck'", "fault[0].t: must be greater than or equal to 0 (got -1)"),
+        ("[[command]]\nt = 1\ndo = 'takeoff'\nup_cm = 300", "unknown key command[0].up_cm; did you mean up_m?"),
+        (
+            "[command]\nt = 1\ndo = 'arm'",
+            "command: must be a list of tables, [[command]] each, with keys such as t, do",
+        ),
+        ("[wind]\nmean_ned_m_s = 5", "wind.mean_ned_m_s: must be a list of values (got 5)"),
+        ("[wind]\nmean_ned_m_s = [5, 0]", "wind.mean_ned_m_s[2]: is missing"),
+        ("[[sensors.imu]]\ngaps = [[1, 2, 3]]", "sensors.imu[0].gaps[0]: must have 2 values (got [1, 2, 3])"),
+        ("[loop]\nsubsteps = 2.5", "loop.substeps: must be a valid integer (got 2.5)"),
+        (
+            "[place]\ndate = 'yesterday'",
+            "place.date: must be a date, 2024-03-01 or 2024-03-01T12:00:00Z (got 'yesterday')",
+        ),
+    ],
+)
+def test_a_value_of_the_wrong_kind_is_told_with_its_place(toml: str, told: str) -> None:
+    with pytest.raises(UsageError) as error:
+        build(tomllib.loads(toml), "mine.toml")
+    assert [line for line in str(error.value).splitlines() if not line.startswith(f"mine.toml: {told}")] == []
+
+
+def test_dates_may_be_written_in_every_form_of_toml() -> None:
+    midnight = 1709251200.0  # date -u -d 2024-03-01 +%s
+    for written in ("2024-03-01", '"2024-03-01"', "2024-03-01T00:00:00", "2024-03-01T00:00:00Z"):
+        assert build(tomllib.loads(f"place.date = {written}")).place.unix_time == midnight
 
 
 def test_an_unknown_name_suggests_the_nearest() -> None:

@@ -7,7 +7,9 @@ barometer. Turn-on biases are what a calibration in the field leaves.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
@@ -186,3 +188,12 @@ class Sensors:
     baro: tuple[Baro, ...] = (Baro(),)
     battery: Battery = Battery()
     rpm: Rpm | None = Rpm()
+
+    def each(self) -> Iterator[tuple[str, Any]]:
+        """Every sensor with its place in a scenario's file: ``sensors.imu[0]``, ``sensors.battery``."""
+        for kind in fields(self):
+            value = getattr(self, kind.name)
+            for k, one in enumerate(value if isinstance(value, tuple) else ()):
+                yield f"sensors.{kind.name}[{k}]", one
+            if is_dataclass(value):
+                yield f"sensors.{kind.name}", value
