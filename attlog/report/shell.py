@@ -32,10 +32,11 @@ def render(
     store: Store,
     document: Any,
     scripts: Sequence[str] = (),
+    styles: Sequence[str] = (),
     shared: bool = False,
     **words: Any,
 ) -> str:
-    """The page as text. ``template`` and ``scripts`` (run before the page starts to draw) stand in ``folder``.
+    """The page as text. ``template``, ``scripts`` (run before the page starts to draw), ``styles`` stand in ``folder``.
 
     ``rows``: name, slot, dash, shown, onboard, lost of each line; ``document``: the JSON that can be saved from the
     page; ``shared``: the bundle lies beside the page; ``words``: what else the template wants.
@@ -49,7 +50,9 @@ def render(
         "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for f in figures},
         "shared": {"src": plot.name, "integrity": plot.hash} if shared else None,
     }
-    style = (WEB / "style.css").read_text(encoding="utf-8")
+    style = "".join(
+        file.read_text(encoding="utf-8") for file in (WEB / "style.css", *(folder / name for name in styles))
+    )
     *drawing, start = [WEB / name for name in SCRIPTS]
     parts = [file.read_text(encoding="utf-8") for file in (*drawing, *(folder / name for name in scripts), start)]
     script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])

@@ -59,6 +59,7 @@ def test_the_page_says_every_sentence_and_which_log_was_not_used() -> None:
     for said in (found.verdicts[0].lead, *found.verdicts[0].more):
         assert said.replace("<", "&lt;") in text.replace("\u00a0", " ")
     assert WHY in text
+    assert "=&#34;" not in text, "an attribute of the template was taken for text"
     assert "http://" not in text.replace("http://www.w3.org", "")
 
 

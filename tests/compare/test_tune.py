@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from attlog.compare.tune_words import document, mean_left_out, paste, sentences,
 from attlog.errors import LogUnusable, UsageError
 from attlog.flight.model import Attitude, FlightLog
 from attlog.testing.motion import GRAVITY, Noise, motion
+from tests.report.browser import Visit
 from tests.segments.flights import imu_log
 
 GYRO, ACC = 0.004, 0.05
@@ -104,9 +106,22 @@ def test_what_is_told_can_be_pasted_and_read(planted: Tuned) -> None:
     assert "Worth taking" in said
     assert "1 log of 4 can only be compared with the onboard attitude" in said
     page = tune_page(planted, ABOUT, {})
-    assert "default-src 'none'" in page
-    assert "Worth taking" in page
+    assert "default-src &#39;none&#39;" in page
+    assert "Worth taking" in page.replace("\u00a0", " ")
     assert json.loads(json.dumps(document(planted, {}, {}), allow_nan=False))["schema"] == "attlog-tune/1"
+
+
+def test_every_setting_that_was_tried_is_drawn(planted: Tuned, tmp_path: Path, browser: Any) -> None:
+    path = tmp_path / "tune.html"
+    path.write_text(tune_page(planted, ABOUT, {}), encoding="utf-8")
+    visit = Visit(browser, path)
+    assert visit.figures() == {"tried0": True}
+    assert visit.complaints == []
+    (dots,) = visit.page.evaluate("document.getElementById('tried0').data.map((t) => [t.x, t.marker.color])")
+    assert sorted(dots[0]) == pytest.approx(sorted(float(s["kp"]) for s, _ in planted.found.tried), rel=1e-4)
+    red = [x for x, colour in zip(*dots, strict=True) if dots[1].count(colour) == 1]
+    assert red == [pytest.approx(planted.found.setting["kp"], rel=1e-4)]
+    visit.close()
 
 
 def test_nothing_to_judge_by_is_refused_with_the_reason() -> None:
