@@ -145,6 +145,13 @@ class LogBuilder:
                 f"{source}: left out {kept.backward} of {len(t_us)} records, which go back in time.",
                 count=kept.backward,
             )
+        if kept.unset:
+            self.problem(
+                "unset_times",
+                "warning",
+                f"{source}: left out {kept.unset:,} of {len(t_us):,} records, whose time stamp was never set (0).",
+                count=kept.unset,
+            )
         if kept.false:
             self.problem(
                 "false_times",

@@ -29,6 +29,8 @@ NO_MOTION = (
 )
 REFUSED_SHARE = 0.5
 """A unit of which more records than this are refused shows no motion with the few that are left."""
+MISSED_S, MISSED_SHARE = 5.0, 0.05
+"""What another unit saw beyond the one that is replayed is told where it is longer than both of these."""
 LOW_RATE_HZ = 45.0
 """Below the 50 Hz of a default log vibration is aliased and lags carry a low-rate mark."""
 
@@ -134,7 +136,7 @@ def choose_unit(
         text = (
             "No record of the gyro and accelerometer in this log can be used."
             if refused
-            else f"This log holds no gyro and accelerometer data. {logging.advice('imu')}"
+            else f"This log holds no continuous gyro and accelerometer data of one unit. {logging.advice('imu')}"
         )
         builder.problem("no_imu", "error", text)
         return None
@@ -189,8 +191,29 @@ def choose_unit(
             f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and lags below "
             f"{1000 / unit.rate:.0f} ms cannot be told. {logging.advice('fast_imu', unit.rate)}",
         )
+    if asked is None:
+        _tell_what_others_saw(builder, units, wanted)
     builder.choices["imu"] = sentence(reason)
     return wanted
+
+
+def _tell_what_others_saw(builder: LogBuilder, units: list[Candidate], wanted: int) -> None:
+    """A warning where another unit was logged before the one to replay begins, or after it ends."""
+    mine = units[wanted]
+    first, last = int(mine.t_us[0]), int(mine.t_us[-1])
+    for other in units:
+        if other is mine or not other.usable or other.rate < REPLAY_MIN_HZ or len(other.t_us) < REPLAY_MIN_SAMPLES:
+            continue
+        begin, end = int(other.t_us[0]), int(other.t_us[-1])
+        missed = 1e-6 * (max(first - begin, 0) + max(end - last, 0))
+        if missed > max(MISSED_S, MISSED_SHARE * 1e-6 * (max(end, last) - min(begin, first))):
+            builder.problem(
+                "imu_covers_a_part", "warning",
+                f"{mine.source} is replayed, which was logged for {1e-6 * (last - first):.1f} s; {other.source} was "
+                f"logged from {1e-6 * (begin - first):.1f} s to {1e-6 * (end - first):.1f} s on the same clock. What "
+                f"happened in {missed:.1f} s of it is not in this result: --imu {other.index} replays the other.",
+            )  # fmt: skip
+            return
 
 
 def sentence(reason: str) -> str:

@@ -26,6 +26,8 @@ ISOLATED_MOST = 64
 """Records in a row that may be false: what a torn write or a damaged sector changes."""
 HELD_US = 1_000_000
 """A repeated value is kept once in this time."""
+UNSET = 3
+"""So many stamps of 0 were never set: they tell no order and no duration."""
 GAP_FACTOR = 5.0
 GAP_S = 0.05
 """A gap is longer than max(GAP_FACTOR * median interval, GAP_S) (docs/metrics.md)."""
@@ -64,17 +66,18 @@ class Kept:
     duplicates: int = 0
     backward: int = 0
     false: int = 0
+    unset: int = 0
 
     @property
     def dropped(self) -> int:
         """All records left out."""
-        return self.duplicates + self.backward + self.false
+        return self.duplicates + self.backward + self.false + self.unset
 
 
 def plausible(t_us: Stamps, alone: Alone | None = None, whole: Stamps | None = None) -> Kept:
     """The records (n,) whose stamps rise strictly and are contradicted by nothing.
 
-    Later records with an equal stamp are duplicates (two tasks log one message).
+    Later records with an equal stamp are duplicates (two tasks log one message), several of 0 are unset.
     Of stamps that go back, the longest rising subsequence stays, so that one record
     with a false late time does not take the good ones after it with it. Records half a
     day from most others are false. So are a few behind a gap at whose times, says
@@ -84,9 +87,12 @@ def plausible(t_us: Stamps, alone: Alone | None = None, whole: Stamps | None = N
     t = np.asarray(t_us, np.int64)
     if len(t) == 0:
         return Kept(np.zeros(0, np.int64))
-    index = np.flatnonzero((t >= 0) & (t <= LATEST_US))
+    unset = int(np.count_nonzero(t == 0))
+    if unset < UNSET:
+        unset = 0
+    index = np.flatnonzero((t >= (1 if unset else 0)) & (t <= LATEST_US))
     index = index[_within_half_a_day(t[index])]
-    false = len(t) - len(index)
+    false = len(t) - len(index) - unset
     duplicates = backward = 0
     steps = np.diff(t[index])
     if (steps <= 0).any():
@@ -103,7 +109,7 @@ def plausible(t_us: Stamps, alone: Alone | None = None, whole: Stamps | None = N
             duplicates += again
             backward += len(lost) - again
     lone = np.zeros(0, np.int64) if alone is None else _contradicted(t[index], alone, t if whole is None else whole)
-    return Kept(np.delete(index, lone), duplicates, backward, false + len(lone))
+    return Kept(np.delete(index, lone), duplicates, backward, false + len(lone), unset)
 
 
 def _within_half_a_day(t: Stamps) -> NDArray[np.int64]:

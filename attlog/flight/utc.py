@@ -15,9 +15,9 @@ LEAP_SECONDS = (
 
 def gps_time_us(week: NDArray[np.int64], milliseconds: NDArray[np.int64]) -> NDArray[np.int64]:
     """Unix time in us of GPS week and milliseconds of the week; 0 where the week is unset or impossible."""
-    gps_s = GPS_EPOCH_S + week * 604_800
+    known = (week > 0) & (week < 5000) & (milliseconds >= 0) & (milliseconds < 604_800_000)
+    gps_us = (GPS_EPOCH_S + np.where(known, week, 0) * 604_800) * 1_000_000 + np.where(known, milliseconds, 0) * 1000
     leap = np.full(len(week), LEAP_SECONDS[0][1])
-    for start, seconds in LEAP_SECONDS:
-        leap = np.where(gps_s >= start, seconds, leap)
-    known = (week > 1000) & (week < 5000) & (milliseconds >= 0) & (milliseconds < 604_800_000)
-    return np.where(known, (gps_s - leap) * 1_000_000 + milliseconds * 1000, 0)
+    for start, seconds in LEAP_SECONDS:  # in the middle of a GPS week, as on 2015-07-01
+        leap = np.where(gps_us >= (start + seconds) * 1_000_000, seconds, leap)
+    return np.where(known, gps_us - leap * 1_000_000, 0)

@@ -25,6 +25,12 @@ def test_later_records_with_an_equal_stamp_are_duplicates() -> None:
     assert (kept.index % 2 == 0).all(), "the first of each pair stays"
 
 
+def test_several_stamps_of_zero_were_never_set() -> None:
+    kept = plausible(np.concatenate([np.zeros(300, np.int64), EVEN]))
+    assert (kept.unset, kept.duplicates, kept.index[0], len(kept.index)) == (300, 0, 300, 100)
+    assert plausible(np.arange(100) * 10_000).unset == 0, "a clock that starts at 0 does so once"
+
+
 def test_one_false_late_time_does_not_take_the_good_ones_with_it() -> None:
     t = EVEN.copy()
     t[50] += 3_000_000

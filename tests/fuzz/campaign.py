@@ -27,14 +27,16 @@ from pathlib import Path
 from unittest import mock
 
 from tests.conftest import SAMPLES, corpus_root
+from tests.fuzz.fields import swept
 from tests.fuzz.mutate import mutated
 from tests.fuzz.sensors import any_fault
 from tests.fuzz.values import hostile
 
 SUFFIXES = (".ulg", ".bin", ".tlog", ".log", ".px4log", ".mavlink")
 COMMANDS = ("analyze", "analyze", "analyze", "analyze", "default", "report", "info", "extract")
-KINDS = ("bytes", "columns", "sensors")
-"""Broken bytes, broken columns of a sound file, and whole sensors that fail as they do on vehicles."""
+KINDS = ("bytes", "columns", "sensors", "fields")
+"""Broken bytes, broken columns of a sound file, whole sensors that fail as they do on vehicles, and each field that is
+read with each value that no sensor gives."""
 CODES = {"analyze": {0, 65, 66}, "default": {0, 65, 66}, "report": {0, 65, 66}, "info": {0, 65, 66},
          "extract": {0, 2, 65, 66}}  # fmt: skip
 """What each command may end with: done, nothing to analyse, no file to read; 2 where nothing is to extract."""
@@ -155,7 +157,7 @@ def _attempt(trial: Trial, path: Path, folder: Path, out: io.TextIOBase) -> int:
     from attlog import formats
 
     opened = formats.open
-    change = {"columns": hostile, "sensors": any_fault}.get(trial.kind)
+    change = {"columns": hostile, "sensors": any_fault, "fields": swept}.get(trial.kind)
     broken = opened if change is None else (lambda *a, **k: change(opened(*a, **k), trial.seed))
     output = tempfile.mkdtemp(dir=folder)
     with mock.patch.object(formats, "open", broken):

@@ -52,7 +52,7 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
         one = builder.attempt(RECEIVERS[unit], partial(one_receiver, builder, clock, instance, unit), None)
         log.gnss += [] if one is None else [one]
     if clock.unix is not None:
-        log.utc_offset = (clock.unix + builder.t0_us) * 1e-6
+        log.utc_offset = date(builder, clock.unix + builder.t0_us)
     for suffix in ("", "2", "3"):
         height = builder.attempt("The barometer", partial(baro, builder, clock, instance, suffix), None)
         log.baro += [] if height is None else [height]
@@ -60,6 +60,15 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder, clock, instance), None)
     log.battery = builder.attempt("SYS_STATUS", lambda: battery(builder, clock, instance), None)
     log.texts = builder.attempt("Texts", builder.texts, [])
+
+
+def date(builder: LogBuilder, unix_us: int) -> float | None:
+    """Unix time in s, None and a problem where it is none of a flight."""
+    if physics.UTC_US.low <= unix_us <= physics.UTC_US.high:
+        return unix_us * 1e-6
+    text = f"SYSTEM_TIME: its date is none of a flight ({physics.UTC_US.why})."
+    builder.problem("values_out_of_range", "warning", text)
+    return None
 
 
 def heartbeats(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int | None, log: FlightLog) -> None:

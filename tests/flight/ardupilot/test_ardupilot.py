@@ -250,6 +250,46 @@ def test_gps_week_and_leap_seconds_give_the_calendar() -> None:
     assert gps_time_us(np.array([0]), before)[0] == 0
 
 
+def test_a_leap_second_in_the_middle_of_a_gps_week_counts_from_its_instant() -> None:
+    # 2015-07-01 was a Wednesday: GPS week 1851 began on Sunday, 2015-06-28
+    week, day_ms = np.array([1851, 1851]), 86_400_000
+    told = gps_time_us(week, np.array([3 * day_ms + 16_000 - 2_000, 3 * day_ms + 17_000]))
+    assert told.tolist() == [(1_435_708_800 - 2) * 10**6, 1_435_708_800 * 10**6]
+
+
+def test_a_receiver_whose_week_counter_turned_over_tells_no_date() -> None:
+    n = 20
+    place = {"Lat": np.full(n, 47.0), "Lng": np.full(n, 8.0), "Alt": np.full(n, 500.0), "Spd": np.zeros(n),
+             "GCrs": np.zeros(n), "VZ": np.zeros(n), "Status": np.full(n, 3), "GMS": 1000 * np.arange(n)}  # fmt: skip
+    for week, code in ((2300, set()), (2300 - 1024, {"values_out_of_range"}), (2300 - 2048, {"values_out_of_range"})):
+        gps = {"TimeUS": micros(n, 5.0), "GWk": np.full(n, week, np.uint16), **place}
+        log = read({("IMU", 0): imu(), ("GPS", 0): gps})
+        assert (log.utc_offset is None) == bool(code), week
+        assert {p.code for p in log.problems} - {"no_mag"} == code, week
+
+
+def test_what_another_unit_saw_before_or_after_the_replayed_one_is_told() -> None:
+    late = imu(TimeUS=micros(N, RATE, 10_000_000 + 20_000_000))
+    log = read({("IMU", 0): imu(), ("IMU", 1): late})
+    told = [p.text for p in log.problems if p.code == "imu_covers_a_part"]
+    assert log.imus[log.imu].index == 0
+    assert len(told) == 1
+    assert "from 20.0 s to 40.0 s" in told[0]
+    assert "--imu 1" in told[0]
+    asked, together = read({("IMU", 0): imu(), ("IMU", 1): late}, imu=1), read({("IMU", 0): imu(), ("IMU", 1): imu()})
+    assert "imu_covers_a_part" not in {p.code for p in (*asked.problems, *together.problems)}
+
+
+def test_a_gyro_of_one_unit_and_an_accelerometer_of_another_are_no_pair() -> None:
+    whole = imu(2000, 1000.0)
+    gyr = {c: whole[c] for c in ("TimeUS", "GyrX", "GyrY", "GyrZ")}
+    acc = {c: whole[c] for c in ("TimeUS", "AccX", "AccY", "AccZ")}
+    log = read({("GYR", 0): gyr, ("ACC", 1): acc})
+    assert log.imu is None
+    told = [p.text for p in log.problems if p.code == "no_imu"]
+    assert "of one unit" in told[0], "the log does hold a gyro and an accelerometer"
+
+
 def test_rate_setpoints_in_hundredths_of_a_degree_are_recognised_by_the_gyro() -> None:
     rng = np.random.default_rng(3)
     truth = rng.normal(0, 0.5, (N, 3))
