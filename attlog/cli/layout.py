@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
-from dataclasses import dataclass
+
+from attlog.dataclass import dataclass
 
 GAP = 2
 NARROWEST = 30

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 from attlog import estimators
 from attlog.compare.settings import SETTINGS, Value, said, written
+from attlog.dataclass import dataclass
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimator, suggestion
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from attlog.compare.configuration import checked
 from attlog.compare.grid import RANGE, Setting, text_of
+from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators import Parameter
 from attlog.estimators.base import COMMON, Estimator

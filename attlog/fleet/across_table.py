@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from attlog.dataclass import dataclass
 from attlog.fleet.across_logs import Across, Column, Log, Spread, grouped, spread
 from attlog.present.names import CODES
 from attlog.present.numbers import number, unit_sign

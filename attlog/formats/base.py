@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, overload, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from attlog.dataclass import dataclass
 
 Guard = Callable[[str, str, int | None], AbstractContextManager[None]]
 """A message, what of it is read and where: around what may fail, see :mod:`attlog.formats.barrier`."""

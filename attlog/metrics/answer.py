@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from attlog.dataclass import dataclass
 from attlog.metrics.units import UnitValues
 
 CODES = (

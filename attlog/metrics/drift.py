@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.dataclass import dataclass
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, Record
 from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_SLACK_S

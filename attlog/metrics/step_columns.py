@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.dataclass import dataclass
 from attlog.estimators.engine.vectors import GRAVITY
 from attlog.kernels.loops import function_of
 from attlog.metrics import aiding

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from attlog.dataclass import dataclass
 from attlog.metrics import aiding, step_columns, step_fit, steps
 from attlog.metrics.base import Case, per_case, per_row
 from attlog.metrics.rmse import why_never_airborne

@@ -8,11 +8,12 @@ axis, or those that two rows share.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from attlog.dataclass import dataclass
 from attlog.metrics import aiding
 from attlog.metrics.quantiles import student
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.dataclass import dataclass
 from attlog.metrics.base import Case, per_case
 from attlog.reference.model import Reference
 from attlog.segments import gaps

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators
+from attlog.dataclass import dataclass
 from attlog.estimators.engine.samples import Sampling
 from attlog.metrics.base import Case
 from attlog.metrics.evidence import imu_of, within

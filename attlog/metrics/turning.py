@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.dataclass import dataclass
 from attlog.metrics.steps import Event
 from attlog.segments import gaps
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from attlog.dataclass import dataclass
 from attlog.plain import DIGITS, IN_JSON
 
 Array = NDArray[np.float64]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from attlog.dataclass import dataclass
 from attlog.present.columns import Column
 from attlog.present.contest import Judged, why_unranked
 from attlog.present.names import CODES

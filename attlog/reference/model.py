@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.dataclass import dataclass
 from attlog.flight.model import Imu
 
 Array = NDArray[np.float64]

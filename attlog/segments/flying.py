@@ -7,11 +7,10 @@ without climb and without speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.dataclass import dataclass
 from attlog.flight.model import FlightLog, Stream
 from attlog.segments import motion, spans
 from attlog.segments.spans import Span

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.dataclass import dataclass
 from attlog.segments import spans
 
 Array = NDArray[np.float64]

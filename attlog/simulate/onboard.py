@@ -18,13 +18,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog import rotation
+from attlog.dataclass import dataclass
 from attlog.errors import PluginError, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse, registry
 from attlog.estimators.aids import (

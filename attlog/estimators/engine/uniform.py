@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from attlog import rotation
+from attlog.dataclass import dataclass
 from attlog.estimators.base import Array
 
 JITTER = 0.05

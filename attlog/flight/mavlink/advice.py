@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from attlog.dataclass import dataclass
 from attlog.flight.advice import What, stand_still
 
 KINDS = {"PX4": ".ulg", "ArduPilot": ".bin"}

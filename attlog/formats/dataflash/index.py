@@ -12,13 +12,14 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.dataclass import dataclass
 from attlog.formats.dataflash import compiled
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import Offsets, gather, offset_type

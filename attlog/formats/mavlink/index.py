@@ -9,13 +9,14 @@ Source: MAVLink guide, "Packet Serialization"; CRC-16/MCRF4XX.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.dataclass import dataclass
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import Offsets, gather, offset_type
 from attlog.formats.mavlink.compiled import compiled_packets, pays

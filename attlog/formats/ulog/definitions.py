@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from attlog.dataclass import dataclass
 from attlog.formats.base import Remark
 from attlog.formats.ulog.layout import Formats, Layout
 from attlog.limits import MAX_FORMATS, MAX_REDEFINED, MAX_RESUBSCRIBED

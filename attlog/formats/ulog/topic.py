@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.dataclass import dataclass
 from attlog.formats.base import Field, Guard, Table
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes, Offsets

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from attlog.dataclass import dataclass
 from attlog.present.contest import Contest, Judged, why_unranked
 from attlog.present.names import NOT_JUDGED, name_in_sentence
 from attlog.present.numbers import below, listed
