@@ -80,9 +80,9 @@ def compute(
     ``cost=False`` leaves out what has to be measured by running the filter again. ``only``: the metrics that are
     wanted, by id or by what their ids begin with before a dot; others come where one question answers both.
     ``coverage_pct`` stands beside comparisons of a row that was scored on less than 95 % of
-    its time. A row that gravity does not correct is a baseline: it is ranked nowhere.
+    its time. A row that gravity does not correct is a baseline: it is ranked nowhere. What tells nothing is withheld.
     """
-    from attlog.metrics import level
+    from attlog.metrics import level, telling
 
     table: dict[str, dict[str, Answer]] = {}
     asked = [q for q in questions() if (cost or q is not measured()) and (not only or _is_of(q, only))]
@@ -92,6 +92,9 @@ def compute(
         answers = table.setdefault(window, {})
         for question in asked:
             answers |= _asked(question, case, row, window)
+            for metric in question.METRICS:
+                if metric.name in answers:
+                    telling.withhold(metric.name, metric.better, answers[metric.name])
         for name, answer in answers.items():
             if partly and name.startswith(COMPARED):
                 answer.coverage_pct = row.coverage_pct

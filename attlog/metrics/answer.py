@@ -29,6 +29,7 @@ CODES = (
     "lag_at_edge",
     "rate_too_low",
     "record_too_short",
+    "too_uncertain",
     "part_failed",
 )
 

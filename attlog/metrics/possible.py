@@ -23,6 +23,7 @@ from attlog.metrics import drift_air, drift_rest, followed, injection, lag, rmse
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.settled import PHASES, why_none
+from attlog.metrics.telling import withhold
 from attlog.metrics.windows import of_row
 from attlog.reference import replayed
 from attlog.reference.model import Row
@@ -108,7 +109,7 @@ def ask(case: Case, question: str) -> Possible:
 
 def closest(case: Case) -> Possible:
     """Tilt errors against the reference."""
-    answer = looked_up(case, rmse.compute, "inclination_rmse_deg", AIR)
+    answer = looked_up(case, rmse.compute, "inclination_rmse_deg", AIR, "low")
     if answer.value is None:
         return refused(answer)
     return Possible((f"{answer.seconds:.0f} s to compare with {case.reference.source}",))
@@ -156,16 +157,20 @@ def drifting(case: Case) -> Possible:
         found.append(f"{max(flown.values()):.0f} s in the air against {', '.join(flown)}")
     if found:
         return Possible(tuple(found))
-    nearest = next((a for a in air.values() if a.code in ("record_too_short", "not_covered")), air[ONBOARD])
+    nearest = next(
+        (a for a in air.values() if a.code in ("too_uncertain", "record_too_short", "not_covered")), air[ONBOARD]
+    )
     both = [refused(a) for a in (rest, nearest)]
     return Possible((), tuple(w for p in both for w in p.why), tuple(c for p in both for c in p.codes))
 
 
-def looked_up(case: Case, compute: Compute, metric: str, windows: tuple[str, ...]) -> Answer:
+def looked_up(case: Case, compute: Compute, metric: str, windows: tuple[str, ...], better: str = "zero") -> Answer:
     """The stand-in's answer in the first window that has a value, else in the first that the metric is about."""
     first: Answer | None = None
     for window in windows:
         answer = compute(case, stand_in(case), window).get(metric)
+        if answer is not None:
+            withhold(metric, better, answer)
         if answer is not None and answer.value is not None:
             return answer
         first = first or answer

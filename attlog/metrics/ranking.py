@@ -20,6 +20,7 @@ from attlog.dataclass import dataclass
 from attlog.metrics import pairs
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Metric
+from attlog.metrics.telling import withhold
 from attlog.metrics.units import Ids, Kind, UnitValues
 from attlog.reference.model import Row
 
@@ -43,6 +44,11 @@ class Family:
 
     rows: list[str]
     told: list[tuple[str, str]]
+
+    def without(self, names: list[str]) -> Family:
+        """The family when these rows are taken out of it."""
+        pairs_left = [pair for pair in self.told if not set(pair) & set(names)]
+        return Family([n for n in self.rows if n not in names], pairs_left) if names else self
 
     @property
     def best(self) -> list[str]:
@@ -188,7 +194,10 @@ def rank(table: Table, rows: Iterable[Row], metrics: Mapping[str, Metric]) -> Ra
         for column in sorted((c for c in columns if c in metrics), key=lambda c: bool(metrics[c].decided_by)):
             metric = metrics[column]
             answers = {n: table[n][window][column] for n in names if column in table[n].get(window, {})}
-            families[column] = _family(answers, metric, families.get(metric.decided_by))
+            compared = _family(answers, metric, families.get(metric.decided_by))
+            families[column] = compared.without(
+                [n for n in compared.rows if withhold(column, metric.better, answers[n])]
+            )
         for column in (c for c in columns if c in families):
             _mark(found, window, column, families[column])
     return found

@@ -8,6 +8,8 @@ from attlog.result import Result
 DRIFT_AIR = "drift_air_deg_per_min"
 
 
+TOO_UNCERTAIN = "too_uncertain"
+"""The code of an answer that leaves so much open that it tells nothing."""
 QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "course")
 """The order in which a heading reference is quoted; with truth no other is."""
 
@@ -15,11 +17,16 @@ QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "course")
 def quoted_heading_reference(result: Result) -> str:
     """The heading reference by which drift in the air is told, whatever it ranks.
 
-    The first of QUOTED by which any replayed row has a value.
+    The first of QUOTED by which any replayed row has a value; truth also where it tells nothing.
     """
     replayed = [row for row in result.estimators if row.kind == "replay"]
+    unsure = ""
     for name in QUOTED:
-        found = (find(row, f"{DRIFT_AIR}.{name}", AIR) for row in replayed)
-        if any(a is not None and has_value(a) for a in found):
+        found = [find(row, f"{DRIFT_AIR}.{name}", AIR) for row in replayed]
+        if any(has_value(a) for a in found):
             return name
-    return "onboard"
+        if any(a is not None and a.code == TOO_UNCERTAIN for a in found):
+            if name == "truth":
+                return name
+            unsure = unsure or name
+    return unsure or "onboard"

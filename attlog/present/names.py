@@ -129,6 +129,7 @@ CODES = {
     "lag_at_edge": ("not a pure delay", "not pure"),
     "rate_too_low": ("rate too low", "low rate"),
     "record_too_short": ("too short", "short"),
+    "too_uncertain": ("tells nothing", "unsure"),
     "part_failed": ("failed", "bug"),
 }
 """What a cell without a value says, by code, and the same in at most 9 letters; the sentence stands beside it."""
@@ -138,6 +139,7 @@ NOT_JUDGED = {
     "lag_at_edge": "wrong angle in the movement",
     "too_few_events": "too few steps",
     "not_covered": "not comparable",
+    "too_uncertain": "too uncertain to tell",
     "diverged": "diverged",
     "not_converged": "did not settle",
     "failed": "failed",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from attlog.metrics.answer import Record
+from attlog.present.heading import quoted_heading_reference
 from tests.present.made import DRIFT_AIR, DRIFT_REST, absent, drift, merged, row, sentence, verdict
 from tests.present.made import result as made
 
@@ -99,3 +100,23 @@ def test_without_any_drift_both_reasons_are_given():
 def test_the_part_that_is_not_answered_is_explained():
     air = merged(drift(6.0, against="onboard"), absent(DRIFT_REST, "rest", "no_rest", "no rest"))
     assert verdict("drifting", made([row("a", air)])).not_judged == [("a", "at rest, no rest")]
+
+
+def test_filters_whose_drift_tells_nothing_are_named_apart_with_the_reason():
+    unsure = absent(f"{DRIFT_AIR}.onboard", "airborne", "too_uncertain", "34 s, too noisy to see even 60 deg/min")
+    rows = [row("a", drift(1.0, 2.0, against="onboard")), row("b", unsure)]
+    assert sentence("drifting", made(rows)) == (
+        "In the air against onboard (agreement, not truth), no drift is told of A: less than 3.0°/min; "
+        "it cannot be told of B: 34 s, too noisy to see even 60°/min."
+    )
+    assert sentence("drifting", made([row("b", unsure)])) == ("Cannot be judged: 34 s, too noisy to see even 60°/min.")
+
+
+def test_truth_is_quoted_also_where_nothing_can_be_told_by_it():
+    rows = [
+        row(
+            "a",
+            merged(absent(f"{DRIFT_AIR}.truth", "airborne", "too_uncertain", "too noisy"), drift(1.0, against="mag")),
+        )
+    ]
+    assert quoted_heading_reference(made(rows)) == "truth"

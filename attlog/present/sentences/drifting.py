@@ -11,7 +11,7 @@ from attlog.present.names import NOT_JUDGED, against_heading
 from attlog.present.numbers import below, duration, moment, quantity
 from attlog.present.numbers import counted as count
 from attlog.present.rows import AIR, REST
-from attlog.present.sentences.reasons import cannot, commonest, switch, why_not
+from attlog.present.sentences.reasons import cannot, commonest, switch, untold, why_not
 from attlog.present.sentences.words import bars, bound, counted, left_out, onboard_part, some, values
 from attlog.present.text import typeset
 from attlog.result import Result, Verdict
@@ -76,6 +76,7 @@ def drift_part(found: Contest, where: str) -> str:
     others = [j for j in found.filters if not j.ranked and j not in disagree and j.row.status == "ok"]
     if others:
         parts.append(f"{counted([j.name for j in others])} {'is' if len(others) == 1 else 'are'} not ranked")
+    parts += [unsure] if (unsure := untold(found)) else []
     parts += last_named([j for j in found.filters if j.row.status not in ("ok", "not_judged")])
     if not parts:
         parts = [f"no filter can be ranked: {why_not(found)}"]

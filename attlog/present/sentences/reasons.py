@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from attlog.present.contest import Absent, Contest, why_unranked
+from attlog.present.heading import TOO_UNCERTAIN
 from attlog.present.names import NOT_JUDGED, name_in_sentence
 from attlog.present.rows import is_baseline
 from attlog.present.sentences.words import counted, why_absent
@@ -28,6 +29,14 @@ def cannot(result: Result, without: list[Absent], nothing: str) -> str:
     flew = ((result.log.get("seconds") or {}).get("airborne") or 0.0) > 0
     advice = f" {ADVICE[code]}" if code in ADVICE and flew else ""
     return f"Cannot be judged: {reason or nothing}.{switch(result, code)}{advice}"
+
+
+def untold(found: Contest) -> str:
+    """Whose value leaves too much open, and why: ``it cannot be told of Madgwick: ...``; empty for nobody."""
+    rows = [a for a in found.absent if a.code == TOO_UNCERTAIN and a.row.kind == "replay" and not is_baseline(a.row)]
+    if not rows:
+        return ""
+    return f"it cannot be told of {counted([name_in_sentence(a.row) for a in rows])}: {commonest(rows)[1]}"
 
 
 def switch(result: Result, code: str) -> str:
