@@ -54,7 +54,9 @@ from attlog.estimators.filters.inertial.layout import (
     T,
     X,
 )
+from attlog.estimators.filters.inertial.recursion import run_recursion
 from attlog.estimators.filters.inertial.start import align, look_for_rest
+from attlog.estimators.filters.navigation.start import chained
 from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.obtain import obtained
@@ -78,12 +80,13 @@ KERNEL: dict[str, Callable[..., Any]] = {
     "finish": mekf.finish,
 }
 SIGNATURE = (
-    "i8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], f8[:, ::1], f8[:, ::1], "
-    "f8[:, ::1], f8[:, ::1], f8[:, ::1])"
+    "i8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], b1, f8[:, ::1], i8[::1], f8[:, ::1], "
+    "f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])"
 )
 RECORD = f"""
-def record(state, params, dt, gyr, acc, mag, q, end, nominal, sums, before, after, error):
+def record(state, params, dt, gyr, acc, mag, keep, q, end, nominal, sums, before, after, error):
     count = 0
+    row = 0
     for k in range(len(dt)):
         h = dt[k]
         ends = False
@@ -102,22 +105,23 @@ def record(state, params, dt, gyr, acc, mag, q, end, nominal, sums, before, afte
         if ends:
             if count > 0:
                 for j in range({SUMS}):
-                    sums[count, j] = state[{T} + j]
+                    sums[row, j] = state[{T} + j]
                 predict(state, params)
                 for j in range({N * N}):
-                    before[count, j] = state[{P} + j]
+                    before[row, j] = state[{P} + j]
                 correct(state, params)
                 for j in range({N}):
-                    error[count, j] = state[{X} + j]
+                    error[row, j] = state[{X} + j]
                 finish(state)
             for j in range({N * N}):
-                after[count, j] = state[{P} + j]
+                after[row, j] = state[{P} + j]
             for j in range(3):
-                nominal[count, j] = state[{BIAS} + j]
+                nominal[row, j] = state[{BIAS} + j]
             for j in range({N - 6}):
-                nominal[count, 3 + j] = state[{M} + j]
-            end[count] = k
+                nominal[row, 3 + j] = state[{M} + j]
+            end[row] = k
             count += 1
+            row = count if keep else 0
     return count
 """
 
@@ -182,14 +186,13 @@ def smooth(
     values = mekf_values(params or {}, float(t[-1] - t[begin]) if len(t) else 0.0)
     data = [np.ascontiguousarray(x[begin:], np.float64) for x in (dt, gyr, acc, mag)]
     data[0][:1] = 0.0
-    run = forward(data, values, None)
+    run = forward(data, values, None, keep=False)
     if len(run.end) == 0:
         return short(t, run, begin, clock)
     expected = values[ACC_BIAS_SIGMA]
-    for _ in range(ROUNDS):
-        values[ACC_BIAS_SIGMA], state = acc_bias_spread(run, expected), run.state
-        del run  # its records are as large as those of the next
-        run = forward(data, values, state)
+    for later in range(ROUNDS):
+        values[ACC_BIAS_SIGMA] = acc_bias_spread(run, expected)
+        run = forward(data, values, run.state, keep=later == ROUNDS - 1)
     back = backward(run, values)
     q, bias = between(run, back, dt, gyr, begin)
     block = np.clip(np.searchsorted(begin + run.end, np.arange(len(t))), 0, len(run.end) - 1)
@@ -239,11 +242,14 @@ def kernel(jit: bool) -> Any:
     return obtained(RECORD_KERNEL)
 
 
-def forward(data: list[Array], values: Array, known: Array | None) -> Forward:
-    """The filter over samples (dt, gyr, acc, mag), recorded; ``known`` is the last state of an earlier run."""
+def forward(data: list[Array], values: Array, known: Array | None, keep: bool = True) -> Forward:
+    """The filter over samples (dt, gyr, acc, mag), recorded; ``known`` is the last state of an earlier run.
+
+    Without ``keep`` there is a record of the last block alone.
+    """
     dt = data[0]
     n, blocks = len(dt), int(np.sum(dt) / (0.75 * values[BLOCK])) + 3
-    blocks = min(blocks, n + 1)
+    blocks = min(blocks, n + 1) if keep else 1
     state = mekf.start(values, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     # The rounds look for the prior of the accelerometer bias; within a run it stands.
     state[EXPECT_TIME] = -np.inf
@@ -257,7 +263,8 @@ def forward(data: list[Array], values: Array, known: Array | None) -> Forward:
     q, end = np.empty((n, 4)), np.zeros(blocks, np.int64)
     shapes = (N - 3, SUMS, N * N, N * N, N)
     kept = [np.zeros((blocks, k)) for k in shapes]
-    count = int(kernel(cache.jit_wanted())(state, values, *data, q, end, *kept)) if n else 0
+    count = int(kernel(cache.jit_wanted())(state, values, *data, keep, q, end, *kept)) if n else 0
+    count = count if keep else min(count, 1)
     nominal, sums, before, after, error = (x[:count] for x in kept)
     return Forward(q, end[:count], nominal, sums, before.reshape(-1, N, N), after.reshape(-1, N, N), error, state)
 
@@ -287,42 +294,28 @@ def gains(run: Forward, values: Array, a: int, b: int) -> Array:
     scaled = p * inverse[:, :, None] * inverse[:, None, :]
     scaled[:, range(N), range(N)] += 1e-10 + none
     right = inverse[:, :, None] * (f @ after)
-    return np.swapaxes(inverse[:, :, None] * np.linalg.solve(scaled, right), 1, 2)
+    return np.ascontiguousarray(np.swapaxes(inverse[:, :, None] * np.linalg.solve(scaled, right), 1, 2))
 
 
 def backward(run: Forward, values: Array) -> Backward:
     """The pass from the last block to the first (1, 2)."""
     m = len(run.end)
     at_begin, at_end = np.zeros((m, 3)), np.zeros((m, 3))
-    states, tilt, heading = np.empty((m, N - 3)), np.empty(m), np.empty(m)
-    dx, covariance = np.zeros(N), run.after[-1]
-    for b in range(m, 0, -CHUNK):
+    states, variance = np.empty((m, N - 3)), np.empty((m, 2))
+    dx, covariance = np.zeros(N), run.after[-1].ravel().copy()
+    before, after = run.before.reshape(m, N * N), run.after.reshape(m, N * N)
+    for b in range(m, 1, -CHUNK):
         a = max(b - CHUNK, 1)
-        c = gains(run, values, a, b) if a < b else np.empty((0, N, N))
-        for k in range(b - 1, a - 1, -1):
-            keep(states, tilt, heading, k, run.nominal[k] + dx[3:], covariance)
-            delta = dx + run.error[k]
-            delta[:3] = composed(dx[:3], run.error[k, :3])
-            at_end[k] = delta[:3]
-            gain = c[k - a]
-            dx = gain @ delta
-            at_begin[k] = dx[:3]
-            covariance = run.after[k - 1] + gain @ (covariance - run.before[k]) @ gain.T
-    keep(states, tilt, heading, 0, run.nominal[0] + dx[3:], covariance)
+        own = slice(a, b)
+        run_recursion()(
+            gains(run, values, a, b).reshape(-1, N * N), before[own], after[a - 1 : b - 1], run.error[own],
+            run.nominal[own], dx, covariance, at_begin[own], at_end[own], states[own], variance[own],
+        )  # fmt: skip
+    states[0] = run.nominal[0] + dx[3:]
+    variance[0] = covariance[0] + covariance[N + 1], covariance[2 * N + 2]
     at_end[0] = at_begin[0] = dx[:3]
+    tilt, heading = np.sqrt(np.maximum(variance, 0.0)).T
     return Backward(at_begin, at_end, states, tilt, heading)
-
-
-def keep(states: Array, tilt: Array, heading: Array, k: int, state: Array, covariance: Array) -> None:
-    """Write what is known at block end k."""
-    states[k] = state
-    tilt[k] = np.sqrt(max(covariance[0, 0] + covariance[1, 1], 0.0))
-    heading[k] = np.sqrt(max(covariance[2, 2], 0.0))
-
-
-def composed(a: Array, b: Array) -> Array:
-    """The rotation vector of exp(a) exp(b)."""
-    return rotation.to_rotvec(rotation.multiply(rotation.from_rotvec(a), rotation.from_rotvec(b)))
 
 
 def between(run: Forward, back: Backward, dt: Array, gyr: Array, begin: int) -> tuple[Array, Array]:
@@ -344,9 +337,8 @@ def between(run: Forward, back: Backward, dt: Array, gyr: Array, begin: int) -> 
     bias = back.states[np.clip(np.searchsorted(begin + run.end, np.arange(n)), 0, m - 1), :3]
     first = begin + int(run.end[0])
     matrix = np.eye(3) + back.states[0, 3:12].reshape(3, 3)
-    for k in range(first, 0, -1):
-        turned = rotation.from_rotvec(-dt[k] * (matrix @ (gyr[k] - back.states[0, :3])))
-        q[k - 1] = rotation.multiply(q[k], turned)
+    turns = -dt[first::-1, None] * ((gyr[first::-1] - back.states[0, :3]) @ matrix.T)
+    q[:first] = rotation.multiply(q[first], chained(np.roll(turns, 1, axis=0)))[:0:-1]
     return q, bias
 
 

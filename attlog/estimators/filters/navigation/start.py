@@ -219,9 +219,14 @@ def _pairs(inputs: Inputs, tuned: Tuned, force: Running, end: float) -> tuple[Ar
 
 def turned_by_gyro(gyr: Array, dt: Array) -> Array:
     """Attitudes (n, 4) relative to the first sample, from the gyro alone."""
-    q = np.empty((len(dt), 4))
-    run_chain()(rotation.from_rotvec(gyr * dt[:, None]), q)
-    return rotation.normalize(q)
+    return rotation.normalize(chained(gyr * dt[:, None]))
+
+
+def chained(turns: Array) -> Array:
+    """The turns (n, 3), rotation vectors, one after the other (n, 4); the first is taken as none."""
+    q = np.empty((len(turns), 4))
+    run_chain()(rotation.from_rotvec(turns), q)
+    return q
 
 
 def _field(inputs: Inputs, q: Array) -> Array:

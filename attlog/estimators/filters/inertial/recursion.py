@@ -1,0 +1,111 @@
+"""Equations (1) and (2) of :mod:`backward`, block after block. One function for the compiler."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+from attlog.estimators.engine.loop import SOURCES
+from attlog.estimators.filters.inertial.layout import N
+from attlog.kernels import cache, generate
+from attlog.kernels.kernel import Kernel
+from attlog.kernels.obtain import obtained
+
+SIGNATURE = (
+    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], "
+    "f8[:, ::1], f8[:, ::1])"
+)
+SCRATCH = (("f8", (N * N,)), ("f8", (N * N,)), ("f8", (N,)))
+
+
+def composed(a: Any, b: Any, out: Any) -> None:
+    """``out`` (3,) becomes the rotation vector of exp(a) exp(b)."""
+    x = 0.5 * math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+    y = 0.5 * math.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2])
+    u = 0.5 * math.sin(x) / x if x > 1e-9 else 0.5
+    v = 0.5 * math.sin(y) / y if y > 1e-9 else 0.5
+    a0, a1, a2, a3 = math.cos(x), u * a[0], u * a[1], u * a[2]
+    b0, b1, b2, b3 = math.cos(y), v * b[0], v * b[1], v * b[2]
+    w = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
+    c1 = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
+    c2 = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
+    c3 = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
+    s = math.sqrt(c1 * c1 + c2 * c2 + c3 * c3)
+    k = 2.0 * math.atan2(s, abs(w)) / s if s > 1e-12 else 2.0
+    k = -k if w < 0.0 else k
+    out[0], out[1], out[2] = k * c1, k * c2, k * c3
+
+
+def added(out: Any, i: int, factor: float, x: Any, j: int) -> None:
+    """Row ``i`` of ``out`` += factor times row ``j`` of ``x``, matrices (N * N,) row by row."""
+    for m in range(N):
+        out[i * N + m] += factor * x[j * N + m]
+
+
+def sandwiched(G: Any, D: Any, add: Any, half: Any, turned: Any) -> None:
+    """``D`` <- add + G D G^T, all (N * N,) row by row; ``half`` and ``turned`` are scratch."""
+    for i in range(N):
+        for k in range(N):
+            turned[k * N + i] = G[i * N + k]
+            half[i * N + k] = 0.0
+    for i in range(N):
+        for k in range(N):
+            added(half, i, G[i * N + k], D, k)
+    for i in range(N * N):
+        D[i] = add[i]
+    for i in range(N):
+        for k in range(N):
+            added(D, i, half[i * N + k], turned, k)
+
+
+def recursion(
+    gains: Any, before: Any, after: Any, error: Any, nominal: Any, dx: Any, covariance: Any, at_begin: Any, at_end: Any,
+    states: Any, variance: Any, half: Any, turned: Any, delta: Any,
+) -> None:  # fmt: skip
+    """Blocks (m), last first: ``dx`` (N,) and ``covariance`` (N * N,) are carried on in place.
+
+    ``gains`` C from a block to the one before it, ``before`` of the block, ``after`` of the one before it (m, N * N);
+    ``error`` (m, N), ``nominal`` (m, N - 3). Written: ``at_begin``, ``at_end`` (m, 3), ``states`` (m, N - 3), and
+    ``variance`` (m, 2) of tilt and heading at the block's end. The last arguments are scratch.
+    """
+    for k in range(len(gains) - 1, -1, -1):
+        for i in range(N - 3):
+            states[k, i] = nominal[k, i] + dx[3 + i]
+        variance[k, 0] = covariance[0] + covariance[N + 1]
+        variance[k, 1] = covariance[2 * N + 2]
+        composed(dx, error[k], delta)
+        for i in range(3, N):
+            delta[i] = dx[i] + error[k, i]
+        for i in range(3):
+            at_end[k, i] = delta[i]
+        for i in range(N):
+            total = 0.0
+            for j in range(N):
+                total += gains[k, i * N + j] * delta[j]
+            dx[i] = total
+        for i in range(3):
+            at_begin[k, i] = dx[i]
+        for i in range(N * N):
+            covariance[i] -= before[k, i]
+        sandwiched(gains[k], covariance, after[k], half, turned)
+
+
+RECURSION_KERNEL = Kernel(
+    "inertial recursion",
+    "recursion",
+    functools.partial(generate.with_helpers, {"recursion": recursion}, jit=True),
+    SIGNATURE,
+    "the inertial smoother's way back",
+    SOURCES,
+    SCRATCH,
+)
+
+
+@functools.lru_cache(maxsize=1)
+def run_recursion() -> Callable[..., Any]:
+    """The compiled :func:`recursion`; plain Python where no compiler is wanted."""
+    if cache.jit_wanted():
+        return obtained(RECURSION_KERNEL)
+    return lambda *values: recursion(*values, *RECURSION_KERNEL.room())
