@@ -68,11 +68,12 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     looks = constants != "fixed" and fixes is not None and fixes.t[-1] - fixes.t[0] >= LEAST_GNSS_S
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=looks)
     tuned, gate = started(params), float(params["soft_gate"])
-    known = passes.solved(passes.telling(inputs, TOLD_S), tuned, gate, spread=False) if looks else None
-    if known is not None:
-        tuned = passes.held(known.next)
+    known = None
+    if looks:
+        solution = passes.solved(passes.telling(inputs, TOLD_S), tuned, gate, spread=False)
+        tuned, known = passes.held(solution.next), solution.begin.x + solution.found.first
+        del solution  # with what its passes stored
     found, begin = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])
-    del known  # with what its passes stored
     nodes = attitude.node_before(found, len(t))
     bias = found.bias[nodes]
     horizon = inputs.lag + MARGIN_S + max(tuned.gnss_delay, tuned.mag_delay, 0.0)

@@ -13,7 +13,6 @@ import numpy as np
 
 from attlog.estimators.filters.navigation.layout import GNSS_DELAY, MAG_DELAY
 from attlog.estimators.filters.navigation.measured import Inputs
-from attlog.estimators.filters.navigation.schedule import scheduled
 from attlog.estimators.filters.navigation.settings import Tuned
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import Start
@@ -44,13 +43,8 @@ def by_state(found: Pass, tuned: Tuned) -> Tuned:
 def by_likelihood(runner: Runner, inputs: Inputs, tuned: Tuned, begin: Start, gate: float, step: float) -> Tuned:
     """The GNSS delay of the highest likelihood on a grid of ``step`` s around the present one, then of a parabola."""
     t = inputs.sensed_at
-    a, b = float(t[0]) + MARGIN_S, float(t[-1]) - MARGIN_S
-    inner = replace(
-        inputs,
-        velocity=None if inputs.velocity is None else inputs.velocity.between(a, b),
-        position=None if inputs.position is None else inputs.position.between(a, b),
-    )
-    if inner.velocity is None:
+    inner = float(t[0]) + MARGIN_S, float(t[-1]) - MARGIN_S
+    if inputs.velocity is None or inputs.velocity.between(*inner) is None:
         return tuned
     held = begin.copy()
     held.P[GNSS_DELAY, :] = held.P[:, GNSS_DELAY] = 0.0
@@ -60,7 +54,8 @@ def by_likelihood(runner: Runner, inputs: Inputs, tuned: Tuned, begin: Start, ga
     def value(k: int) -> float:
         if k not in known:
             tau = tuned.gnss_delay + k * step
-            found = runner.forward(scheduled(inner, replace(tuned, gnss_delay=tau)), held, par)
+            schedule = runner.timetable.scheduled(replace(tuned, gnss_delay=tau), within=inner)
+            found = runner.forward(schedule, held, par)
             known[k] = found.likelihood - 0.5 * ((tau - USUAL_S) / USUAL_SIGMA_S) ** 2
         return known[k]
 

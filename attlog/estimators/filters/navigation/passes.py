@@ -24,7 +24,7 @@ from attlog.estimators.filters.navigation.layout import (
     V,
 )
 from attlog.estimators.filters.navigation.measured import Inputs
-from attlog.estimators.filters.navigation.schedule import Schedule, scheduled
+from attlog.estimators.filters.navigation.schedule import Schedule
 from attlog.estimators.filters.navigation.settings import Tuned
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import Start, covariance, start
@@ -81,7 +81,7 @@ def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES, spre
     for number in range(passes):
         if number > 0:
             begin = start(inputs, tuned, begin if moving else None)
-        schedule = scheduled(inputs, tuned)
+        schedule = runner.timetable.scheduled(tuned)
         use = along if number >= OWN_LINEARISATION and not kicked else None
         if use is not None and schedule_of is not None:
             use = _at_nodes(use, schedule_of, schedule, inputs)
@@ -145,7 +145,7 @@ def first_start(runner: Runner, inputs: Inputs, tuned: Tuned, gate: float) -> St
     begin = start(inputs, tuned)
     if inputs.mag is not None or inputs.velocity is None:
         return begin
-    schedule, par = scheduled(inputs, tuned), tuned.packed(inputs.gravity, gate)
+    schedule, par = runner.timetable.scheduled(tuned), tuned.packed(inputs.gravity, gate)
     tried = [begin.turned(2.0 * np.pi * k / HEADINGS) for k in range(HEADINGS)]
     for one in tried:
         one.P[:, :] = covariance(inputs, tuned, one.q, one.x, one.how, bool(one.P[POS, POS] < 100.0))
@@ -169,16 +169,14 @@ def _at_nodes(q: Array, before: Schedule, now: Schedule, inputs: Inputs) -> Arra
 
 
 def causal(
-    inputs: Inputs, tuned: Tuned, gate: float, known: Solution | None = None, constants: Collection[str] = ()
+    inputs: Inputs, tuned: Tuned, gate: float, known: Array | None = None, constants: Collection[str] = ()
 ) -> tuple[Pass, Start]:
-    """One pass forward. ``tuned`` says noise and delays; ``constants`` of a ``known`` solution are begun with."""
+    """One pass forward. ``tuned`` says noise and delays; ``constants`` of a ``known`` state (39,) are begun with."""
     runner = Runner(inputs)
-    if known is not None:
-        runner.store = known.runner.store
     begin = first_start(runner, inputs, tuned, gate)
     if known is not None:
         begin = _begun_with(begin, known, constants)
-    schedule = scheduled(inputs, tuned, begin.how == "motion" and inputs.velocity is not None)
+    schedule = runner.timetable.scheduled(tuned, begin.how == "motion" and inputs.velocity is not None)
     return runner.forward(schedule, begin, tuned.packed(inputs.gravity, gate)), begin
 
 
@@ -188,10 +186,9 @@ def held(tuned: Tuned) -> Tuned:
     return replace(tuned, prior=prior)
 
 
-def _begun_with(begin: Start, known: Solution, constants: Collection[str]) -> Start:
-    """A start with some constants of the sensors where the whole log puts them."""
+def _begun_with(begin: Start, smoothed: Array, constants: Collection[str]) -> Start:
+    """A start with some constants of the sensors where a smoothed state (39,) has them."""
     out = begin.copy()
-    smoothed = known.begin.x + known.found.first
     level = float(np.hypot(smoothed[EARTH], smoothed[EARTH + 1]))
     for name in constants:
         row, count, sigma = CONSTANTS[name]

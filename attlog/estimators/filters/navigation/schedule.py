@@ -37,68 +37,142 @@ class Schedule:
     """(m + 1,) how many scalar updates the events before each node can make."""
 
 
-def scheduled(inputs: Inputs, tuned: Tuned, settling: bool = False) -> Schedule:
-    """Every aid at the sample next to when it was true, and nodes between them at least every 20 ms.
+@dataclass(slots=True)
+class Placed:
+    """Events of one kind at their samples: ``at`` (e,), ``offset`` (e,) s, ``z`` (e, 3), ``shape`` (e, 3) of the noise
+    around one, 0 where a component is not told; centred means ``force``, ``rate`` (e, 3), 0 where no row needs them."""
 
-    ``settling``: aids count less in the first seconds, for a filter that starts degrees off would else be sure of
-    what it linearised there.
-    """
-    t = inputs.sensed_at
-    parts = []
+    kind: int
+    when: Array
+    at: Ints
+    offset: Array
+    z: Array
+    shape: Array
+    force: Array
+    rate: Array
+
+
+class Timetable:
+    """The schedules of one run. What they share is made once: of a search for a delay only the fixes move."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self.t = inputs.sensed_at
+        self.looks = rest_times(inputs)
+        self.force = Running(self.t, inputs.acc)
+        self.rate = Running(self.t, inputs.gyr)
+        self.resting_rate = self.rate.mean(self.looks - REST_MEAN_S, self.looks)
+        slot = np.floor((self.t - self.t[0]) / NODE_S + 1e-6).astype(np.int64)
+        begins = np.concatenate([[0], np.flatnonzero(np.diff(slot) > 0) + 1])
+        self.slot = np.repeat(np.arange(len(begins)), np.diff(np.append(begins, len(slot))))
+        self.last = np.append(begins[1:] - 1, len(slot) - 1)
+        self.kept: dict[int, tuple[float, Placed]] = {}
+
+    def scheduled(self, tuned: Tuned, settling: bool = False, within: tuple[float, float] | None = None) -> Schedule:
+        """Every aid at the sample next to when it was true, and nodes between them at least every 20 ms.
+
+        ``settling``: aids count less in the first seconds, for a filter that starts degrees off would else be sure of
+        what it linearised there. ``within``: of the fixes only those stamped in this span.
+        """
+        placed = self._placed(tuned, within)
+        order = np.argsort(np.concatenate([p.at for p in placed]), kind="stable") if placed else np.zeros(0, np.int64)
+
+        def gathered(columns: list[Array]) -> Array:
+            return np.concatenate(columns)[order] if columns else np.zeros((0, 3))
+
+        levels = _levels(tuned, self.inputs.velocity is None)
+        sigma = gathered([p.shape * levels[p.kind] for p in placed])
+        if settling:
+            when = np.concatenate([p.when for p in placed])[order] if placed else np.zeros(0)
+            sigma *= (1.0 + SETTLE_MORE * np.exp(-(when - self.t[0]) / SETTLE_S))[:, None]
+        kind = np.concatenate([np.full(len(p.at), p.kind) for p in placed])[order] if placed else order
+        at = np.concatenate([p.at for p in placed])[order] if placed else order
+        offset = np.concatenate([p.offset for p in placed])[order] if placed else np.zeros(0)
+        nodes = self._nodes(at)
+        scalars = np.concatenate([[0], np.cumsum(np.where(kind == BARO, 1, 3))])
+        node_event = np.append(np.searchsorted(at, nodes), len(at)).astype(np.int64)
+        return Schedule(
+            nodes, node_event, kind.astype(np.int64), offset, gathered([p.z for p in placed]),
+            gathered([p.force for p in placed]), gathered([p.rate for p in placed]), sigma,
+            np.ascontiguousarray(self.inputs.rest[nodes]), scalars[node_event].astype(np.int64),
+        )  # fmt: skip
+
+    def _placed(self, tuned: Tuned, within: tuple[float, float] | None) -> list[Placed]:
+        """The events of each kind, in order of the kinds."""
+        i, t = self.inputs, self.t
+        out = []
+        for kind, m, columns in ((VELOCITY, i.velocity, [0, 0, 0]), (POSITION, i.position, [0, 0, 1])):
+            m = m if m is None or within is None else m.between(*within)
+            if m is not None:
+                assert m.sigma is not None
+                out.append(self._place(kind, m.t - tuned.gnss_delay, m.x, m.sigma[:, columns]))
+        if i.velocity is None and i.position is None:
+            slow = np.arange(t[0] + NEAR_S, t[-1], NEAR_S)
+            out.append(self._place(VELOCITY, slow, np.zeros((len(slow), 3)), np.ones((len(slow), 3))))
+        if i.baro is not None:
+            m = i.baro
+            out.append(self._once(BARO, 0.0, m.t, _wide(m.x), np.tile([1.0, 0.0, 0.0], (len(m.t), 1))))
+        if i.mag is not None:
+            out.append(self._once(MAG, tuned.mag_delay, i.mag.t, i.mag.x, np.ones((len(i.mag.t), 3))))
+        if len(self.looks):
+            ones = np.ones((len(self.looks), 3))
+            out.append(self._once(STILL, 0.0, self.looks, np.zeros_like(ones), ones))
+            out.append(self._once(NO_RATE, 0.0, self.looks, self.resting_rate, ones))
+        return out
+
+    def _once(self, kind: int, delay: float, when: Array, z: Array, shape: Array) -> Placed:
+        """Events that stay where they are while their delay does."""
+        if kind not in self.kept or self.kept[kind][0] != delay:
+            self.kept[kind] = delay, self._place(kind, when - delay, z, shape)
+        return self.kept[kind][1]
+
+    def _place(self, kind: int, when: Array, z: Array, shape: Array) -> Placed:
+        t = self.t
+        shape = np.where(np.isfinite(z), shape, 0.0)
+        inside = (when >= t[0]) & (when <= t[-1])
+        if not inside.all():
+            when, z, shape = when[inside], z[inside], shape[inside]
+        at = np.clip(np.searchsorted(t, when), 1, max(len(t) - 1, 1))
+        # Of two samples as near the earlier one, whatever rounding says.
+        at = np.where((when - t[at - 1]) < (t[np.minimum(at, len(t) - 1)] - when) + TIE_S, at - 1, at)
+        order = np.argsort(at, kind="stable")
+        when, at, z, shape = when[order], at[order], np.nan_to_num(z[order]), shape[order]
+        centre, some = t[at], len(t) > 1
+        none = np.zeros((len(at), 3))
+        force = self.force.mean(centre - FORCE_S, centre + FORCE_S) if kind == VELOCITY and some else none
+        rate = self.rate.mean(centre - RATE_S, centre + RATE_S) if kind in (VELOCITY, MAG) and some else none
+        return Placed(kind, when, at, when - centre, z, shape, force, rate)
+
+    def _nodes(self, at: Ints) -> Ints:
+        """Samples with events, the ends, where rest begins and ends, and enough others."""
+        rest = self.inputs.rest
+        node = np.zeros(len(self.t), bool)
+        node[at] = True
+        node[:-1] |= rest[1:] != rest[:-1]
+        node[[0, -1]] = True
+        # Whatever the events, a sample ends each slot of 20 ms that holds no event itself.
+        taken = np.zeros(len(self.last), bool)
+        taken[self.slot[node]] = True
+        node[self.last[~taken]] = True
+        return np.flatnonzero(node)
+
+
+def scheduled(inputs: Inputs, tuned: Tuned, settling: bool = False) -> Schedule:
+    """The schedule of a run that needs only one."""
+    return Timetable(inputs).scheduled(tuned, settling)
+
+
+def _levels(tuned: Tuned, near: bool) -> dict[int, Array]:
+    """The noise (3,) of each kind of events; ``near``: no GNSS tells a velocity."""
     r = tuned.r
-    if inputs.velocity is not None:
-        m = inputs.velocity
-        assert m.sigma is not None
-        parts.append((VELOCITY, m.t - tuned.gnss_delay, m.x, m.sigma[:, :1] * [r[0], r[0], r[1]]))
-    if inputs.position is not None:
-        m = inputs.position
-        assert m.sigma is not None
-        s = np.column_stack([m.sigma[:, 0], m.sigma[:, 0], m.sigma[:, 1]]) * [r[2], r[2], r[3]]
-        parts.append((POSITION, m.t - tuned.gnss_delay, m.x, s))
-    if inputs.velocity is None and inputs.position is None:
-        slow = np.arange(t[0] + NEAR_S, t[-1], NEAR_S)
-        parts.append((VELOCITY, slow, np.zeros((len(slow), 3)), np.full((len(slow), 3), NEAR_M_S)))
-    if inputs.baro is not None:
-        m = inputs.baro
-        parts.append((BARO, m.t, _wide(m.x), np.tile([r[4], 0.0, 0.0], (len(m.t), 1))))
-    if inputs.mag is not None:
-        m = inputs.mag
-        parts.append((MAG, m.t - tuned.mag_delay, m.x, np.full((len(m.t), 3), r[5])))
-    looks = rest_times(inputs)
-    if len(looks):
-        rate = Running(t, inputs.gyr).mean(looks - REST_MEAN_S, looks)
-        parts.append((STILL, looks, np.zeros((len(looks), 3)), np.full((len(looks), 3), r[7])))
-        parts.append((NO_RATE, looks, rate, np.full((len(looks), 3), r[6])))
-    kind = np.concatenate([np.full(len(p[1]), p[0]) for p in parts]) if parts else np.zeros(0, np.int64)
-    when = np.concatenate([p[1] for p in parts]) if parts else np.zeros(0)
-    z = np.concatenate([p[2] for p in parts]) if parts else np.zeros((0, 3))
-    sigma = np.concatenate([p[3] for p in parts]) if parts else np.zeros((0, 3))
-    sigma = np.where(np.isfinite(z), sigma, 0.0)
-    if settling:
-        sigma = sigma * (1.0 + SETTLE_MORE * np.exp(-(when - t[0]) / SETTLE_S))[:, None]
-    inside = (when >= t[0]) & (when <= t[-1])
-    at = np.searchsorted(t, when)
-    at = np.clip(at, 1, max(len(t) - 1, 1))
-    # Of two samples as near the earlier one, whatever rounding says.
-    at = np.where((when - t[at - 1]) < (t[np.minimum(at, len(t) - 1)] - when) + TIE_S, at - 1, at)
-    order = np.flatnonzero(inside)
-    order = order[np.lexsort((kind[order], at[order]))]
-    kind, when, z, sigma, at = kind[order], when[order], np.nan_to_num(z[order]), sigma[order], at[order]
-    offset = when - t[at]
-    nodes = _nodes(t, inputs.rest, at)
-    first = np.searchsorted(at, nodes)
-    f_mean, w_mean = np.zeros((len(when), 3)), np.zeros((len(when), 3))
-    if len(when) and len(t) > 1:
-        centre = t[at]
-        f_mean = Running(t, inputs.acc).mean(centre - FORCE_S, centre + FORCE_S)
-        w_mean = Running(t, inputs.gyr).mean(centre - RATE_S, centre + RATE_S)
-    scalars = np.concatenate([[0], np.cumsum(np.where(kind == BARO, 1, 3))])
-    node_event = np.append(first, len(when)).astype(np.int64)
-    return Schedule(
-        nodes, node_event, kind.astype(np.int64), np.ascontiguousarray(offset), np.ascontiguousarray(z),
-        np.ascontiguousarray(f_mean), np.ascontiguousarray(w_mean), np.ascontiguousarray(sigma),
-        np.ascontiguousarray(inputs.rest[nodes]), scalars[node_event].astype(np.int64),
-    )  # fmt: skip
+    return {
+        VELOCITY: np.full(3, NEAR_M_S) if near else r[[0, 0, 1]],
+        POSITION: r[[2, 2, 3]],
+        BARO: np.full(3, r[4]),
+        MAG: np.full(3, r[5]),
+        STILL: np.full(3, r[7]),
+        NO_RATE: np.full(3, r[6]),
+    }
 
 
 def rest_times(inputs: Inputs) -> Array:
@@ -111,17 +185,6 @@ def rest_times(inputs: Inputs) -> Array:
     last = at[np.flatnonzero(np.r_[np.diff(slot) > 0, True])]
     whole: Array = t[last][t[last] - t[0] >= REST_MEAN_S]
     return whole
-
-
-def _nodes(t: Array, rest: NDArray[np.int8], at: Ints) -> Ints:
-    """Samples with events, the ends, where rest begins and ends, and enough others."""
-    change = np.flatnonzero(np.diff(rest) != 0)
-    fixed = np.unique(np.concatenate([at, change, [0, len(t) - 1]]))
-    slot = np.floor((t - t[0]) / NODE_S + 1e-6).astype(np.int64)
-    # Whatever the events, a sample ends each slot of 20 ms that holds no event itself.
-    last = np.flatnonzero(np.r_[np.diff(slot) > 0, True])
-    free = last[~np.isin(slot[last], slot[fixed])]
-    return np.union1d(fixed, free).astype(np.int64)
 
 
 def _wide(x: Array) -> Array:

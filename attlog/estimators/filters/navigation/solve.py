@@ -19,7 +19,7 @@ from attlog.estimators.filters.navigation.kernels import run_backward, run_forwa
 from attlog.estimators.filters.navigation.layout import FROZEN, LIKELIHOOD, MEMORY, ROW, SUMS, WIDE, N
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.motion import padded, square
-from attlog.estimators.filters.navigation.schedule import Schedule
+from attlog.estimators.filters.navigation.schedule import Schedule, Timetable
 from attlog.estimators.filters.navigation.start import Start
 
 PART_NODES = 20_000
@@ -57,10 +57,11 @@ class Pass:
 
 
 class Runner:
-    """Runs over one set of inputs; keeps the storage that passes share."""
+    """Runs over one set of inputs; keeps the storage and the times that passes share."""
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
+        self.timetable = Timetable(inputs)
         self.store: dict[str, Array] = {}
 
     def forward(self, schedule: Schedule, begin: Start, par: Array, along: Array | None = None) -> Pass:
