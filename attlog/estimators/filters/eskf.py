@@ -8,10 +8,10 @@ that does not fit for a while opens the hard iron.
 
 Attitudes are causal: each stands on samples up to its own time (a delayed aid acts when it came, and the gyro carries
 the attitude from there). ``constants=log`` (default): noise levels, delays, prior spreads, scale factors (gyro, soft
-iron) and the antenna's lever arm are constants of the sensors that the smoother finds in the whole log (in 40 min of a
-longer one), as a tuned vehicle has them; ``fixed``: the defaults, nothing of the future; ``calibrated``: also biases,
-hard iron and declination start where the whole log puts them, which no vehicle knows. Less than 30 s of GNSS keeps the
-defaults.
+iron) and the antenna's lever arm are constants of the sensors that the smoother finds in the log (of one above 400 s
+in those 400 s that turn most), as a tuned vehicle has them; ``fixed``: the defaults, nothing of the future;
+``calibrated``: also biases, hard iron and declination start where the smoother puts them, which no vehicle knows. Less
+than 30 s of GNSS keeps the defaults.
 
 Source: Sola2017 (error state, here with the error in earth axes).
 """
@@ -53,8 +53,8 @@ BEGUN_WITH: dict[str, tuple[str, ...]] = {
     "fixed": (),
     "calibrated": tuple(passes.CONSTANTS),
 }
-TOLD_S = 2400.0
-"""Of a longer log so much is looked at for the constants: ten passes over six hours took most of the analysis."""
+TOLD_S = 400.0
+"""Of a longer log so much is looked at for the constants, where it turns most (measured: docs/smoother.md)."""
 LEAST_GNSS_S = 30.0
 """Less tells no delay and no noise."""
 MARGIN_S = 0.6

@@ -35,7 +35,9 @@ SEARCH = {1: 0.030, 2: 0.012}
 """After these passes the GNSS delay is searched with this step in s."""
 FOUND_SIGMA_S = 0.003
 HEADINGS = 12
-GRID_S = 60.0
+GRID_S = 15.0
+FASTEST, FIXES_S = 1.0, 2.0
+"""A rate in rad/s, the mean between two fixes, and the longest time between these that counts."""
 WORSE = 0.01
 """A likelihood that falls by more is a pass that went wrong."""
 
@@ -127,15 +129,24 @@ def _delays(
 
 
 def telling(inputs: Inputs, longest: float) -> Inputs:
-    """What constants are found in: all of a run, or of a longer one ``longest`` s with most fixes of GNSS in motion."""
+    """What constants are found in: all of a run, or of a longer one the ``longest`` s with fixes that turn most.
+
+    Who accelerates has to turn before: without that nothing shows a delay, and without turns nothing soft iron. Rest
+    and what lacks fixes count nothing, and no rate counts more than FASTEST, else a blow would win.
+    """
     t, fixes = inputs.sensed_at, inputs.velocity
     if fixes is None or t[-1] - t[0] <= longest:
         return inputs
     at = np.clip(np.searchsorted(t, fixes.t), 0, len(t) - 1)
-    moving = np.concatenate([[0], np.cumsum(inputs.rest[at] == 0)])
+    turned = np.cumsum(inputs.gyr * inputs.dt[:, None], axis=0)[at]
+    seconds = np.diff(t[at])
+    moving = (seconds > 0.0) & (seconds < FIXES_S) & (inputs.rest[at[1:]] == 0)
+    square = np.sum(np.diff(turned, axis=0) ** 2, axis=1) / np.where(moving, seconds, 1.0) ** 2
+    told = np.cumsum(np.where(moving, np.minimum(square, FASTEST**2) * seconds, 0.0))
+    told = np.concatenate([[0.0, 0.0], told])
     begins = np.arange(t[0], t[-1] - longest + GRID_S, GRID_S)
-    told = moving[np.searchsorted(fixes.t, begins + longest)] - moving[np.searchsorted(fixes.t, begins)]
-    begin = float(begins[np.argmax(told)])
+    seen = told[np.searchsorted(fixes.t, begins + longest)] - told[np.searchsorted(fixes.t, begins)]
+    begin = float(begins[np.argmax(seen)])
     a, b = np.searchsorted(t, [begin, begin + longest])
     return inputs.part(int(a), int(b))
 
