@@ -67,6 +67,10 @@ METRICS: tuple[Metric, ...] = tuple(
 )
 
 
+HALF_TURN_DEG = 180.0
+"""No attitude is further from another, so no interval of an error ends beyond it."""
+
+
 def groups_of(n: int, duration: float, length: float = GROUP_S["inclination"]) -> list[slice]:
     """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of ``length`` s; none below 4 s."""
     if duration < SHORTEST_S or n < MIN_SAMPLES:
@@ -86,7 +90,7 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval
     if spread is None or square == 0.0:
         return math.sqrt(square), None if spread is None else (0.0, 0.0)
     factor = math.exp(0.25 * (spread[1] - spread[0]) / square)
-    return math.sqrt(square), (math.sqrt(square) / factor, math.sqrt(square) * factor)
+    return math.sqrt(square), (math.sqrt(square) / factor, min(math.sqrt(square) * factor, HALF_TURN_DEG))
 
 
 def statistic(
@@ -117,7 +121,7 @@ def percentile_95(angle: Array, groups: list[slice], ordered: Array) -> tuple[fl
     if shares is None or whole[1] is None or whole[0] == 0.0:
         return value, shares
     low, high = (value * end / whole[0] for end in whole[1])
-    return value, (min(shares[0], low), max(shares[1], high))
+    return value, (min(shares[0], low), min(max(shares[1], high), HALF_TURN_DEG))
 
 
 def compute(case: Case, row: Row, window: str, only: Collection[str] | None = None) -> dict[str, Answer]:

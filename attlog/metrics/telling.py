@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from attlog.metrics.answer import Answer
 
 CODE = "too_uncertain"
-ENOUGH_S, ENOUGH_EVENTS = 300.0, 30
+ENOUGH_S, ENOUGH_EVENTS, ENOUGH_WINDOWS = 300.0, 30, 4
 """A flight of usual length, and the movements that a pilot may be asked for. What would need more is too noisy."""
 ORDERS = 100.0
 """The ends of an interval that are further apart than this do not even tell how many digits the value has."""
@@ -21,22 +21,21 @@ PERFECT = {"zero": 0.0, "one": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """``size``: the distance from perfect that is known without the log; ``shown`` with its unit; ``what`` it is."""
+    """``size``: the distance from perfect that is known without the log; ``even``: what is then not shown, in words."""
 
     size: float
-    shown: str
-    what: str
+    even: str
 
 
 LIMITS: dict[str, Limit] = {
-    "drift_": Limit(60.0, "60 deg/min", "what a gyro that nobody calibrated turns by"),
-    "lag_": Limit(50.0, "50 ms", "a third of what the attitude loop of a usual autopilot has to spare"),
-    "step_gain": Limit(1.0, "1", "the whole movement"),
-    "step_error_pct": Limit(100.0, "100 %", "the whole movement"),
-    "overshoot_pct": Limit(100.0, "100 %", "the whole movement"),
-    "gyro_bias_error_dps": Limit(1.0, "1 deg/s", "the offset of a gyro that nobody calibrated"),
-    "noise_": Limit(1.0, "1 deg", "the whole error of a usual filter"),
-    "hover_jitter_deg": Limit(5.0, "5 deg", "more than a vehicle that holds its place moves by"),
+    "drift_": Limit(60.0, "the 60 deg/min that an uncalibrated gyro turns by"),
+    "lag_": Limit(50.0, "a lag of 50 ms, a third of what the attitude loop of a usual autopilot has to spare"),
+    "step_gain": Limit(1.0, "whether the movement is followed at all"),
+    "step_error_pct": Limit(100.0, "an error of the whole movement"),
+    "overshoot_pct": Limit(100.0, "an overshoot by the whole movement"),
+    "gyro_bias_error_dps": Limit(1.0, "the 1 deg/s that an uncalibrated gyro is off by"),
+    "noise_": Limit(1.0, "its order of magnitude"),
+    "hover_jitter_deg": Limit(5.0, "its order of magnitude"),
 }
 """By what metric ids begin with. Errors against the reference are not here: they describe what was flown."""
 
@@ -72,15 +71,16 @@ def _beyond(better: str, ci95: tuple[float, float]) -> float:
 def _why(metric: str, limit: Limit, better: str, answer: Answer) -> str:
     """The reason: too short where more of the same would do, by the square root of its length; else too noisy."""
     times = (_beyond(better, answer.ci95 or (0.0, 0.0)) / limit.size) ** 2
-    if metric.startswith(("lag_", "step_", "overshoot")):
-        is_of, needed, enough = _counted(answer.n, "quick movement"), times * answer.n, float(ENOUGH_EVENTS)
-        more = _counted(math.ceil(needed), "quick movement")
+    in_events = metric.startswith(("lag_", "step_", "overshoot"))
+    needed = times * (answer.n if in_events else answer.seconds)
+    if better == "low":
+        what, more, short = "window" if answer.n == 1 else "windows", "", answer.n < ENOUGH_WINDOWS
+        evidence = f"{answer.n} {what} {'is' if answer.n == 1 else 'are'}"
+    elif in_events:
+        more, short = f"; about {math.ceil(needed)} are needed", needed <= ENOUGH_EVENTS
+        evidence = f"{answer.n} quick movements are"
     else:
-        is_of, needed, enough = f"{answer.seconds:.0f} s", times * answer.seconds, ENOUGH_S
-        more = f"{10.0 * math.ceil(needed / 10.0):.0f} s"
-    why = f"too short; about {more} are needed" if needed <= enough else "too noisy"
-    return f"{is_of}, {why} to see even {limit.shown}, {limit.what}"
-
-
-def _counted(n: int, thing: str) -> str:
-    return f"{n} {thing}{'' if n == 1 else 's'}"
+        more, short = f"; about {10.0 * math.ceil(needed / 10.0):.0f} s are needed", needed <= ENOUGH_S
+        evidence = f"{answer.seconds:.0f} s are"
+    few = "too few" if in_events or better == "low" else "too short"
+    return f"{evidence} {few if short else 'too noisy'} to show even {limit.even}{more if short else ''}"

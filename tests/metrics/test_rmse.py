@@ -215,3 +215,11 @@ def test_the_95th_percentile_is_not_known_better_than_the_size_of_the_errors():
         assert low / value <= least / size * (1 + 1e-9)
         assert high / value >= most / size * (1 - 1e-9)
         assert low < value < high
+
+
+def test_no_interval_of_an_error_ends_beyond_half_a_turn():
+    angle = np.concatenate([np.full(100, 170.0), np.full(300, 1.0)])
+    groups = rmse.groups_of(len(angle), 20.0)
+    for name in ("rmse", "p95"):
+        value, ci95 = rmse.statistic(angle, name, groups)
+        assert ci95[0] <= value <= ci95[1] == 180.0

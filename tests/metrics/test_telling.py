@@ -50,11 +50,13 @@ def test_the_reason_tells_a_record_that_is_too_short_from_one_that_is_too_noisy(
     short, noisy = answer(-90.0, 60.0), answer(-900.0, 60.0)
     withhold(DRIFT, "zero", short)
     withhold(DRIFT, "zero", noisy)
-    assert short.reason.startswith("34 s, too short; about 80 s are needed to see even 60 deg/min")  # 34 x 1.5^2
-    assert noisy.reason.startswith("34 s, too noisy to see even 60 deg/min")
+    assert short.reason.startswith("34 s are too short to show even the 60 deg/min")
+    assert short.reason.endswith("; about 80 s are needed")  # 34 x 1.5^2
+    assert noisy.reason.startswith("34 s are too noisy to show even the 60 deg/min")
     few = answer(-60.0, 20.0, "ms", n=4)
     withhold("lag_ms", "zero", few)
-    assert few.reason.startswith("4 quick movements, too short; about 6 quick movements are needed")
+    assert few.reason.startswith("4 quick movements are too few to show even a lag of 50 ms")
+    assert few.reason.endswith("; about 6 are needed")
 
 
 def test_rests_that_disagree_keep_their_range():

@@ -28,6 +28,7 @@ def contradictions(result: Result) -> list[str]:
     for verdict in result.verdicts:
         said = verdict.sentence
         rules = [*superlatives(result, verdict), *bounds(result, verdict), *figures(result, verdict)]
+        rules += untold(result, verdict) if verdict.question == "drifting" else []
         rules += [*answered(result, verdict), *bars(result, verdict), *heading_references(result, verdict)]
         odd = CODE.finditer(" ".join([said, *verdict.notes]))
         rules += [f"code or id in words: {m[0]!r}" for m in odd if m[0] not in messages]
@@ -129,6 +130,18 @@ def bounds(result: Result, verdict: Verdict) -> Iterator[str]:
                 yield f"{row.name} can be {max(map(abs, answer.ci95)):.3g}, said to be less than {stated[-1]}"
 
 
+def untold(result: Result, verdict: Verdict) -> Iterator[str]:
+    """A row of which it cannot be told has no value, and neither bound nor drift is said of it."""
+    for m in re.finditer(r"it cannot be told of ([^:]*):", verdict.sentence):
+        part = next(p for p in re.split(r"(?=In the air against)", verdict.sentence) if m[0] in p)
+        column = drift_metric(part) if part.startswith("In the air against") else DRIFT_REST
+        for name in rows_in(result, m[1]):
+            row = next(r for r in result.estimators if r.name == name)
+            answer = row.metrics.get("airborne" if column != DRIFT_REST else "rest", {}).get(column)
+            if answer is None or answer.code != "too_uncertain":
+                yield f"{name} could be told"
+
+
 def figures(result: Result, verdict: Verdict) -> Iterator[str]:
     """Every number in a sentence is a number of the columns that it is about, or the sigma of what is compared with."""
     if any(words in verdict.sentence for words in NO_ANSWER):
@@ -137,6 +150,7 @@ def figures(result: Result, verdict: Verdict) -> Iterator[str]:
     own = result.reference.sigma_tilt_deg if result.reference is not None and verdict.question == "closest" else None
     known |= set() if own is None else {number(own, "deg", False)}
     said = re.sub(r"^Do not rely on this, .*?\. (?=[A-Z])", "", verdict.sentence)
+    said = re.sub(r" to show even [^;.]*", "", said)  # what is known without the log
     for m in NUMBER.finditer(said):
         if m[0].lstrip("+−") not in known and m[0] not in known:
             yield f"{m[0]} is no number of the table"

@@ -33,7 +33,8 @@ def cannot(result: Result, without: list[Absent], nothing: str) -> str:
 
 def untold(found: Contest) -> str:
     """Whose value leaves too much open, and why: ``it cannot be told of Madgwick: ...``; empty for nobody."""
-    rows = [a for a in found.absent if a.code == TOO_UNCERTAIN and a.row.kind == "replay" and not is_baseline(a.row)]
+    unsure = [a for a in found.absent if a.code == TOO_UNCERTAIN and a.row.status == "ok"]
+    rows = [a for a in unsure if a.row.kind == "replay" and not is_baseline(a.row)]
     if not rows:
         return ""
     return f"it cannot be told of {counted([name_in_sentence(a.row) for a in rows])}: {commonest(rows)[1]}"
