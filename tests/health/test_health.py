@@ -234,6 +234,10 @@ def test_a_rest_counts_only_when_filters_have_settled() -> None:
     log = deepcopy(good("px4_steps.ulg"))
     phases = segments.build(log)
     first = phases.of("rest")[0]
+    gyro = log.imus[0].gyro
+    still = int(np.searchsorted(gyro.t, 10.0))
+    for begin in range(still, int(np.searchsorted(gyro.t, 35.0)), still):  # it goes on resting where it took off
+        gyro.x[begin : begin + still] = gyro.x[:still]
     for seconds, can in ((26.0, False), (30.0, True)):
         one = Segments([*phases.of("continuous"), Segment("rest.long", first.t0, first.t0 + seconds)])
         found = {a.question: a for a in answerable(log, prepared(log, one))}
