@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight import inertial, magnetic, parameters
-from attlog.flight.ardupilot import attitude, imus, state
+from attlog.flight.ardupilot import attitude, imus, state, vehicle
 from attlog.flight.ardupilot.advice import Settings
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
@@ -47,8 +47,8 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     why = f"it fed the primary EKF core ({family}F4.PI)"
     if flew is None and chosen:
         flew, why = chosen[0].index, "the first; the log does not tell the primary one"
-    firmware = builder.attempt("The firmware", lambda: state.firmware(messages), Firmware("ArduPilot"))
-    family_of_vehicle = builder.attempt("The vehicle", lambda: state.family_of(messages, values), "")
+    firmware = builder.attempt("The firmware", lambda: vehicle.firmware(messages), Firmware("ArduPilot"))
+    family_of_vehicle = builder.attempt("The vehicle", lambda: vehicle.family_of(messages, values), "")
     logging = Settings(family_of_vehicle, firmware.version, values)
     position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
     begin = builder.attempt("The first time stamp", lambda: first_stamp(builder, chosen, position), 0)

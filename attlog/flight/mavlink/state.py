@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from attlog.flight import physics, receiver
-from attlog.flight.ardupilot import state
+from attlog.flight.ardupilot import vehicle
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.mavlink.clock import UNIX_US, PacketClock
 from attlog.flight.model import Firmware, FlightLog, Gnss, Stream, TimeLine
@@ -27,7 +27,7 @@ def firmware(messages: Messages, instance: int, autopilot: int | None) -> Firmwa
     """Who flew: ArduPilot by its start message, else the version number of AUTOPILOT_VERSION."""
     name = {ARDUPILOT: "ArduPilot", PX4: "PX4"}.get(autopilot or 0, "unknown autopilot")
     if autopilot == ARDUPILOT:
-        told = state.firmware(messages)
+        told = vehicle.firmware(messages)
         if told.version:
             return told
     table = messages.tables.get(("AUTOPILOT_VERSION", instance))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.flight.ardupilot.state import ARMED, DISARMED, LANDED, NOT_LANDED
+from attlog.flight.ardupilot.phases import ARMED, DISARMED, LANDED, NOT_LANDED
 from attlog.flight.utc import GPS_EPOCH_S, LEAP_SECONDS
 from attlog.formats import ParamChange, Recording, Text
 from attlog.formats.recording import Columns, Key
