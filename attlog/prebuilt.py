@@ -53,7 +53,7 @@ def kernels() -> Iterator[Kernel]:
         aiding_loop.SEEN,
         aiding_loop.SUMMED,
         step_loops.PRODUCTS,
-        step_loops.CORRELATIONS,
+        step_loops.POWERS,
         INTERPOLATED,
     )
     try:

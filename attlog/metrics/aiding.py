@@ -17,6 +17,7 @@ from the row's own attitude and the samples that the filter saw:
 from __future__ import annotations
 
 import math
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +86,8 @@ class Samples:
     """An IMU and its magnetometer as the filters' loop takes them, at ``t`` (n,).
 
     ``f`` (n, 3) specific force; ``m`` (n, 3) the last field direction, turned on with the
-    gyro for 1.5 periods of the magnetometer, then zero; ``age`` (n,) s since it was measured, 0 where it is new.
+    gyro for 1.5 periods of the magnetometer, then zero; ``age`` (n,) s since it was measured,
+    ``new`` (k,) where it was.
     """
 
     t: Array
@@ -93,6 +95,7 @@ class Samples:
     m: Array
     age: Array
     step: float
+    new: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 def seen_by(case: Case, row: Row) -> Samples | None:
@@ -127,21 +130,22 @@ def _samples(case: Case, unit: Imu, with_field: bool) -> Samples | None:
     t, w, f = (np.ascontiguousarray(x, np.float64) for x in gaps.only(good, t, unit.gyro.x, unit.acc.x))
     found = Samples(t, f, np.zeros((len(t), 3)), np.zeros(len(t)), float(np.median(np.diff(t))))
     if with_field and case.log.mag is not None:
-        field = case.log.mags[case.log.mag].field
+        measured = case.log.mags[case.log.mag].field
         mean = np.concatenate([w[:1], w[1:] if unit.gyro.sampling == "interval" else 0.5 * (w[1:] + w[:-1])])
-        _hold(found, mean, place(t, field.t_best, field.x))
+        _hold(found, mean, place(t, measured.t_best, measured.x))
     return found
 
 
-def _hold(found: Samples, rate: Array, field: Array) -> None:
-    """Fill in the field: each sample turned back by the gyro, sample for sample, until it is too old or replaced."""
-    size = np.sqrt(np.sum(field * field, axis=1))
+def _hold(found: Samples, rate: Array, measured: Array) -> None:
+    """Fill in the field, ``measured`` (n, 3) or NaN: each sample is turned back by the gyro, sample for sample, until
+    it is too old or replaced."""
+    size = np.sqrt(np.sum(measured * measured, axis=1))
     at = np.flatnonzero(np.isfinite(size) & (size > 0))
     if len(at) < 2:
         return
-    t, m = found.t, field[at] / size[at, None]
+    t, m = found.t, measured[at] / size[at, None]
     period = float(np.median(np.diff(t[at])))
-    source, ends = at, np.append(at[1:], len(t))
+    found.new, source, ends = at, at, np.append(at[1:], len(t))
     while len(at):
         found.m[at], found.age[at] = m, t[at] - t[source]
         more = (at + 1 < ends) & (t[np.minimum(at + 1, len(t) - 1)] - t[source] <= HOLD_PERIODS * period)
@@ -157,14 +161,14 @@ class Sensors:
         self.slow = track.step > 1.5 * seen.step
         trim = case.reference.trim if row.kind == "replay" else None
         self.back = np.zeros(0) if trim is None else rotation.from_rotvec(trim)
-        self.uses_mag = row.uses_mag and bool(seen.m.any())
+        self.uses_mag = row.uses_mag and len(seen.new) > 0
         self.bias = None if row.bias is None else gaps.only(rotation.finite(row.q), row.bias)[0]
         self.north = self._north() if self.uses_mag else 0.0
         self.impulse = _impulse(seen) if self.slow else None
 
     def _north(self) -> float:
         """Where the row sees magnetic north on average, rad."""
-        new = np.flatnonzero((self.seen.age == 0.0) & self.seen.m.any(axis=1))
+        new = self.seen.new
         at = np.searchsorted(self.track.t, self.seen.t[new])
         inside = at < len(self.track.t)
         mean = np.sum(rotation.rotate(self.track.q[at[inside]], self.seen.m[new[inside]]), axis=0)
@@ -184,7 +188,10 @@ class Sensors:
 
     def _mean_force(self, stack: Stack, impulse: Array) -> Array:
         before, now = (self.track.t[np.maximum(k, 0)] for k in (stack.index - 1, stack.index))
-        ends = [np.column_stack([np.interp(at, self.seen.t, impulse[:, j]) for j in range(3)]) for at in (before, now)]
+        i, j = np.searchsorted(self.seen.t, [before.min(), now.max()])
+        near = slice(max(int(i) - 1, 0), int(j) + 1)  # alone: interp would look at the whole flight
+        t, area = self.seen.t[near], impulse[near].T
+        ends = [np.column_stack([np.interp(at, t, x) for x in area]) for at in (before, now)]
         return np.asarray((ends[1] - ends[0]) / np.maximum(now - before, 1e-9)[:, None])
 
 

@@ -56,11 +56,22 @@ def of_median(values: ArrayLike) -> Interval | None:
     The r-th smallest and r-th largest value, r the largest rank whose binomial coverage is at least 95 %.
     """
     x = np.sort(np.asarray(values, np.float64))
-    k, outside, rank = len(x), 0.0, 0
-    while rank < k // 2 and 2.0 * (outside + math.comb(k, rank) * 0.5**k) <= 0.05:
-        outside += math.comb(k, rank) * 0.5**k
+    rank = _median_rank(len(x))
+    return (float(x[rank - 1]), float(x[len(x) - rank])) if rank else None
+
+
+@lru_cache(maxsize=1024)
+def _median_rank(k: int) -> int:
+    """How many of k values may lie outside on each side: twice the coins of k that show so few heads, at most 5 %.
+
+    Whole numbers: their shares of 2^k are too small for floating point from some thousand values on.
+    """
+    outside, ways, rank = 0, 1, 0
+    while rank < k // 2 and 40 * (outside + ways) <= 1 << k:
+        outside += ways
+        ways = ways * (k - rank) // (rank + 1)
         rank += 1
-    return (float(x[rank - 1]), float(x[k - rank])) if rank else None
+    return rank
 
 
 @lru_cache(maxsize=256)

@@ -13,9 +13,9 @@ from attlog.dataclass import dataclass
 from attlog.estimators.engine.vectors import GRAVITY
 from attlog.kernels.loops import function_of
 from attlog.metrics import aiding
-from attlog.metrics.step_loops import CORRELATIONS, PRODUCTS, correlations, event_products
+from attlog.metrics.step_loops import POWERS, PRODUCTS, event_products, powers
 from attlog.metrics.steps import Event
-from attlog.metrics.turning import Stack, Turning, around, blocks, stacked
+from attlog.metrics.turning import Stack, Turning, stacked
 
 Array = NDArray[np.float64]
 
@@ -26,11 +26,20 @@ MARGIN_S = 0.30
 STRIDE_S = 64.0
 """Events are laid behind each other on one time axis; none lasts that long."""
 HEAVY_M_S2 = 2.0 * GRAVITY
-MIN_PAIRS = 4
 SIZE = 12
 """Columns: rate of the row, slope, rate of the reference, its product with the axis (3), aiding (6)."""
 MOVED = 9
 """Most that is moved by the delay: seven columns of the row, two free, the slope."""
+
+
+@dataclass(frozen=True, slots=True)
+class Covered:
+    """An event that row and reference show without a gap: their samples around it, its ``axis`` (3,) in the body."""
+
+    event: Event
+    row: slice
+    ref: slice
+    axis: Array
 
 
 @dataclass(slots=True)
@@ -51,7 +60,7 @@ class Part:
 
 @dataclass(slots=True)
 class Columns:
-    """All events of one row. ``slow_row`` tells that the reference is the one that is moved.
+    """Some events of one row. ``slow_row`` tells that the reference is the one that is moved.
 
     ``begin`` and ``end`` (pairs,) number the samples of the slower one between which a
     rate is taken, ``of`` (pairs,) the event.
@@ -63,14 +72,14 @@ class Columns:
     begin: NDArray[np.int64]
     end: NDArray[np.int64]
     of: NDArray[np.int64]
-    events: list[Event]
-    heavy: float
-    """Share of the samples in which the specific force exceeds 2 g."""
+    heavy: int
+    """Of how many samples the specific force exceeds 2 g."""
 
     @property
-    def axis(self) -> NDArray[np.int64]:
-        """Body axis (events,) of each event."""
-        return np.array([e.axis for e in self.events], np.int64)
+    def nbytes(self) -> int:
+        """What they take of memory."""
+        arrays = (self.slow.t, self.slow.x, self.fast.t, self.fast.x, self.begin, self.end, self.of)
+        return sum(x.nbytes for x in arrays)
 
     def products(self, delay: float, slope_s: float, aids: Array) -> tuple[Array, NDArray[np.int64]]:
         """Sums of products (events, 12, 12) of the columns centred per event, and lines per event (events,).
@@ -79,9 +88,11 @@ class Columns:
         aiding of gains ``aids`` (6,), or the reference's rate.
         """
         main = self.fast.about if self.slow_row else self.fast.about - self.fast.x[:, 1:] @ aids
-        events, first = len(self.events), np.searchsorted(self.of, np.arange(len(self.events) + 1))
-        out, count = np.empty((events, SIZE, SIZE)), np.empty(events, np.int64)
+        events, first = len(self.slow.low), np.searchsorted(self.of, np.arange(len(self.slow.low) + 1))
+        out, count = np.zeros((events, SIZE, SIZE)), np.zeros(events, np.int64)
         some = np.flatnonzero(np.diff(first))
+        if len(some) == 0:
+            return out, count
         samples = self.end[first[some + 1] - 1] - self.begin[first[some]] + 1
         function_of(PRODUCTS, event_products)(
             out, count, np.empty((samples.max(), MOVED)), np.empty((np.diff(first).max(), SIZE)),
@@ -90,13 +101,16 @@ class Columns:
         )  # fmt: skip
         return out, count
 
-    def correlations(self, delays: Array) -> Array:
-        """Correlation (n,) of both rates about the axes at delays (n,) s, centred per event, of some samples."""
-        step = max(1, len(self.begin) // (THINNED * len(self.events)))
+    def powers(self, delays: Array) -> Array:
+        """Squares of the row's and of the reference's rate about the axes, and their product (n, 3), at delays (n,) s.
+
+        Summed over some of the samples, centred per event.
+        """
+        out, events = np.zeros((len(delays), 3)), len(self.slow.low)
+        step = max(1, len(self.begin) // (THINNED * events))
         begin, end, of = (np.ascontiguousarray(x[::step]) for x in (self.begin, self.end, self.of))
-        out = np.empty(len(delays))
-        function_of(CORRELATIONS, correlations)(
-            out, np.empty((2, len(begin))), np.empty((3, len(self.events))), -delays if self.slow_row else delays,
+        function_of(POWERS, powers)(
+            out, np.empty((2, len(begin))), np.empty((3, events)), -delays if self.slow_row else delays,
             self.slow.t, self.slow.about, self.fast.t, self.fast.about, begin, end, of,
         )  # fmt: skip
         return out
@@ -106,55 +120,55 @@ THINNED = 60
 """About so many samples per event tell where the correlation is largest."""
 
 
-def build(row: Turning, ref: Turning, events: Sequence[Event], sensors: aiding.Sensors | None) -> Columns | None:
-    """The columns of the events that both attitudes cover without a gap; None without any."""
-    slow_row = row.step > 1.05 * ref.step
-    row_parts = around(row, events, 0.0 if slow_row else MARGIN_S)
-    ref_parts = around(ref, events, MARGIN_S if slow_row else 0.0)
-    covered = [
-        (e, a, b) for e, a, b in zip(events, row_parts, ref_parts, strict=True) if a is not None and b is not None
-    ]
-    found = [(e, a, b, u) for e, a, b in covered if (u := axis_of(ref, e)) is not None]
-    if not found:
-        return None
-    kept = [e for e, _, _, _ in found]
-    axes = np.array([u for _, _, _, u in found])
-    in_row, in_ref = stacked([a for _, a, _, _ in found]), stacked([b for _, _, b, _ in found])
+def build(
+    row: Turning, ref: Turning, events: Sequence[Covered], sensors: aiding.Sensors | None, slow_row: bool
+) -> Columns:
+    """The columns of some events (at least one)."""
+    kept, axes = [one.event for one in events], np.array([one.axis for one in events])
+    in_row, in_ref = stacked([one.row for one in events]), stacked([one.ref for one in events])
     reference = _part(ref, in_ref, kept, _about(ref, in_ref, axes))
     own, heavy = np.zeros((len(in_row.index), 1 + len(aiding.NAMES))), 0
-    for part, stack in blocks(in_row):
-        (x, y, z), (ux, uy, uz) = row.turned[stack.index].T, axes[in_row.of[part]].T
-        own[part, 0] = x * ux + y * uy + z * uz
-        if sensors is not None:
-            seen = sensors.around(stack)
-            own[part, 1:] = aiding.turned(row, stack, seen, axes[in_row.of[part.start] :][: len(stack.first)])
-            heavy += int(np.count_nonzero(np.einsum("ni,ni->n", seen.f, seen.f) > HEAVY_M_S2**2))
+    own[:, 0] = _along(row, in_row, axes)
+    if sensors is not None:
+        seen = sensors.around(in_row)
+        own[:, 1:] = aiding.turned(row, in_row, seen, axes)
+        heavy = int(np.count_nonzero(np.einsum("ni,ni->n", seen.f, seen.f) > HEAVY_M_S2**2))
     estimate = _part(row, in_row, kept, own)
     slow, fast, stack = (estimate, reference, in_row) if slow_row else (reference, estimate, in_ref)
     step = row.step if slow_row else ref.step
     begin, end, of = _pairs(slow.t, stack, kept, max(2, round(SPAN_S / step)))
-    if len(begin) < MIN_PAIRS:
-        return None
-    return Columns(slow, fast, slow_row, begin, end, of, kept, heavy / len(in_row.index))
+    return Columns(slow, fast, slow_row, begin, end, of, heavy)
+
+
+def _along(track: Turning, stack: Stack, axes: Array) -> Array:
+    """The turning (n,) about each event's axis (events, 3)."""
+    (x, y, z), (ux, uy, uz) = track.turned[stack.index].T, axes[stack.of].T
+    return np.asarray(x * ux + y * uy + z * uz)
 
 
 def _about(ref: Turning, stack: Stack, axes: Array) -> Array:
     """The reference's turning (n, 4) about each event's axis (events, 3), and its product with that axis."""
-    out = np.empty((len(stack.index), 4))
-    for part, own in blocks(stack):
-        (x, y, z), (ux, uy, uz) = ref.turned[own.index].T, axes[stack.of[part]].T
-        out[part, 0] = x * ux + y * uy + z * uz
-        out[part, 1], out[part, 2], out[part, 3] = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
-    return out
+    (x, y, z), (ux, uy, uz) = ref.turned[stack.index].T, axes[stack.of].T
+    return np.column_stack([x * ux + y * uy + z * uz, y * uz - z * uy, z * ux - x * uz, x * uy - y * ux])
+
+
+def axes_of(ref: Turning, events: Sequence[Event]) -> Array:
+    """The events' axes (events, 3) in the body, NaN without any.
+
+    That is the reference's turning from onset to the 90 % point, with the sign of the stroke.
+    """
+    times = np.array([(e.onset, e.t90, e.delta_deg) for e in events]).reshape(-1, 3)
+    i, j = (np.searchsorted(ref.t, times[:, k]) for k in (0, 1))
+    turn = ref.turned[np.minimum(j, len(ref.t) - 1)] - ref.turned[np.maximum(i - 1, 0)]
+    length = np.sqrt(np.einsum("ni,ni->n", turn, turn))
+    scale = np.divide(np.copysign(1.0, times[:, 2]), length, out=np.full(len(turn), math.nan), where=length >= 1e-6)
+    return np.asarray(turn * scale[:, None])
 
 
 def axis_of(ref: Turning, event: Event) -> Array | None:
-    """The event's axis (3,) in the body: the reference's turning from onset to the 90 % point, sign of the stroke."""
-    i, j = np.searchsorted(ref.t, [event.onset, event.t90])
-    i, j = max(int(i) - 1, 0), min(int(j), len(ref.t) - 1)
-    turn = ref.turned[j] - ref.turned[i]
-    length = float(np.linalg.norm(turn))
-    return None if length < 1e-6 else turn * math.copysign(1.0 / length, event.delta_deg)
+    """The same (3,) of one event; None without any."""
+    axis = axes_of(ref, [event])[0]
+    return axis if np.isfinite(axis[0]) else None
 
 
 def _part(track: Turning, stack: Stack, events: list[Event], x: Array) -> Part:
@@ -162,8 +176,7 @@ def _part(track: Turning, stack: Stack, events: list[Event], x: Array) -> Part:
     begin = np.array([e.begin for e in events])
     t = track.t[stack.index] - begin[stack.of] + STRIDE_S * stack.of
     last = np.append(stack.first[1:], len(t)) - 1
-    for i, j in zip(stack.first.tolist(), (last + 1).tolist(), strict=True):
-        x[i:j] -= x[i].copy()
+    x -= x[stack.first][stack.of]
     return Part(t, x, t[stack.first], t[last])
 
 

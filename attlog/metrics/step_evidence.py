@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.dataclass import dataclass
-from attlog.metrics import aiding, step_columns, step_fit, steps
+from attlog.metrics import aiding, step_fit, step_groups, steps
 from attlog.metrics.base import Case, per_case, per_row
 from attlog.metrics.rmse import why_never_airborne
 from attlog.metrics.step_solution import MIN_EVENTS, Fit
@@ -50,8 +50,8 @@ def _evidence(case: Case, row: Row, window: str) -> Evidence | None:
     track = Turning(row.t, row.q, row.segment)
     seen = aiding.seen_by(case, row)
     sensors = None if seen is None else aiding.Sensors(case, row, track, seen)
-    columns = step_columns.build(track, reference_turning(case), events_in(case, row, window), sensors)
-    return None if columns is None else Evidence(step_fit.fit(columns), columns.events)
+    groups = step_groups.groups(track, reference_turning(case), events_in(case, row, window), sensors)
+    return None if groups is None else Evidence(step_fit.fit(groups), groups.events)
 
 
 @per_case

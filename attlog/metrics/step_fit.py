@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.metrics import aiding
-from attlog.metrics.step_columns import Columns
+from attlog.metrics.step_groups import Groups
 from attlog.metrics.step_solution import GAIN, PLAIN, Fit, Sums, Y, left, ridge
 from attlog.metrics.steps import AXES
 
@@ -27,20 +27,20 @@ SLOPE_S, LARGEST_STEP_S = 0.008, 0.020
 ENOUGH_S, MOST_STEPS = 3e-5, 20
 
 
-def fit(columns: Columns) -> dict[str, Fit]:
+def fit(groups: Groups) -> dict[str, Fit]:
     """The fit of all events (``all``) and, with its misalignment and aiding kept, of each axis that has some."""
-    delay, at_edge = _start(columns)
-    sums = _sums(columns, delay, None)
+    delay, at_edge = _start(groups)
+    sums = _sums(groups, delay, None)
     for _ in range(MOST_STEPS):
         total = sums.products.sum(axis=0)
         x = sums.solve(total)
         step = float(np.clip(sums.step(x), -LARGEST_STEP_S, LARGEST_STEP_S))
         delay = float(np.clip(delay + step, -RANGE_S, RANGE_S))
-        sums = _sums(columns, delay, (x, float(left(total, x))))
+        sums = _sums(groups, delay, (x, float(left(total, x))))
         if abs(step) < ENOUGH_S or abs(delay) >= RANGE_S:
             break
     at_edge = at_edge or abs(delay) > RANGE_S - 1e-3
-    sums.plain, _ = columns.products(delay, SLOPE_S, np.zeros(len(aiding.NAMES)))
+    sums.plain, _ = groups.products(delay, SLOPE_S, np.zeros(len(aiding.NAMES)))
     present = np.flatnonzero(sums.lines)
     if len(present) == 0:
         return {}
@@ -55,20 +55,21 @@ def fit(columns: Columns) -> dict[str, Fit]:
     return fits
 
 
-def _start(columns: Columns) -> tuple[float, bool]:
+def _start(groups: Groups) -> tuple[float, bool]:
     """The delay of the largest correlation on a coarse grid, and whether that is the grid's end."""
     grid = np.arange(-RANGE_S, RANGE_S + 1e-9, COARSE_S)
-    best = int(np.argmax(columns.correlations(grid)))
+    best = int(np.argmax(groups.correlations(grid)))
     return float(grid[best]), best in (0, len(grid) - 1)
 
 
-def _sums(columns: Columns, delay: float, last: tuple[Array, float] | None) -> Sums:
+def _sums(groups: Groups, delay: float, last: tuple[Array, float] | None) -> Sums:
     """The products at a delay; ``last`` are coefficients and residual squares of the step before."""
     aids = np.zeros(len(aiding.NAMES)) if last is None else last[0][PLAIN:]
-    products, count = columns.products(delay, SLOPE_S, aids)
+    products, count = groups.products(delay, SLOPE_S, aids)
     total, lines = products.sum(axis=0), max(int(count.sum()), 1)
     squares = total[Y, Y] - total[Y, GAIN] ** 2 / max(total[GAIN, GAIN], 1e-30) if last is None else last[1]
     return Sums(
-        products, products, count, np.array([e.end - e.begin for e in columns.events]), delay, columns.slow_row,
-        ridge(total, float(max(squares, 0.0)) / lines, lines), heavy=columns.heavy, axis=columns.axis,
+        products, products, count, np.array([e.end - e.begin for e in groups.events]), delay, groups.slow_row,
+        ridge(total, float(max(squares, 0.0)) / lines, lines), heavy=groups.heavy,
+        axis=np.array([e.axis for e in groups.events], np.int64),
     )  # fmt: skip

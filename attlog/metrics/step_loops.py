@@ -5,8 +5,6 @@ Both attitudes lie on one time axis, event after event; the faster one is interp
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,8 +18,8 @@ PRODUCTS_SIGNATURE = (
     "void(f8[:, :, ::1], i8[::1], f8[:, ::1], f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[::1]), (f8[:, ::1]), (f8[::1]), "
     "(f8[::1]), (f8[::1]), (i8[::1]), (i8[::1]), (i8[::1]), f8, f8, i8)"
 )
-CORRELATIONS_SIGNATURE = (
-    "void(f8[::1], f8[:, ::1], f8[:, ::1], (f8[::1]), (f8[::1]), (f8[::1]), (f8[::1]), (f8[::1]), "
+POWERS_SIGNATURE = (
+    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], (f8[::1]), (f8[::1]), (f8[::1]), (f8[::1]), (f8[::1]), "
     "(i8[::1]), (i8[::1]), (i8[::1]))"
 )
 
@@ -108,11 +106,13 @@ def event_products(
                 out[e, i, j] = out[e, j, i]
 
 
-def correlations(
+def powers(
     out: Array, x: Array, sums: Array, delays: Array, slow_t: Array, slow_x: Array, fast_t: Array, fast_x: Array,
     begin: Index, end: Index, of: Index,
 ) -> None:  # fmt: skip
-    """Fill ``out`` with the correlation of both rates, centred per event, at each of ``delays`` [s] of the faster one.
+    """Fill ``out`` (delays, 3) with sums of squares of two rates, centred per event, and of their product.
+
+    The first is that of the faster one, at each of ``delays`` [s], the second that of the slower one.
 
     ``slow_x``, ``fast_x`` (n,) are what both have turned, ``begin``, ``end`` (pairs,) samples of the slower one, ``of``
     their events. ``x`` (2, pairs) and ``sums`` (3, events) are room.
@@ -144,9 +144,8 @@ def correlations(
             xx, yy, xy = 0.0, 0.0, 0.0
             for p in range(pairs):
                 xx, yy, xy = xx + x[1, p] * x[1, p], yy + x[0, p] * x[0, p], xy + x[1, p] * x[0, p]
-            size = math.sqrt(xx * yy)
-            out[g] = xy / size if size > 0.0 else 0.0
+            out[g, 0], out[g, 1], out[g, 2] = xx, yy, xy
 
 
 PRODUCTS = kernel_of(event_products, PRODUCTS_SIGNATURE, "metrics", "the fit of quick movements", SOURCES)
-CORRELATIONS = kernel_of(correlations, CORRELATIONS_SIGNATURE, "metrics", "the coarse fit of quick movements", SOURCES)
+POWERS = kernel_of(powers, POWERS_SIGNATURE, "metrics", "the coarse fit of quick movements", SOURCES)

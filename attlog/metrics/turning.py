@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import field
 
 import numpy as np
@@ -40,7 +40,8 @@ class Turning:
         self.segment = gaps.renumber(gaps.number(self.t), self.segment[good], lost)
         self.step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else math.inf
         self.turned = np.zeros((len(self.t), 3))
-        np.cumsum(np.degrees(rotation.increments(self.q)), axis=0, out=self.turned[1:])
+        turn = rotation.increments(self.q)
+        np.cumsum(np.degrees(turn, out=turn), axis=0, out=self.turned[1:])
 
 
 @dataclass(slots=True)
@@ -63,26 +64,18 @@ def around(track: Turning, events: Sequence[Event], margin: float) -> list[slice
     """
     if len(track.t) < 2:
         return [None] * len(events)
-    first = np.searchsorted(track.t, [e.begin - margin for e in events])
-    last = np.searchsorted(track.t, [e.end + margin for e in events])
-    middle = np.searchsorted(track.t, [e.middle for e in events])
-    found: list[slice | None] = []
-    for event, i, j, m in zip(events, first.tolist(), last.tolist(), middle.tolist(), strict=True):
-        own = track.segment[i:j] == track.segment[min(m, len(track.t) - 1)]
-        same = np.flatnonzero(own)
-        part = slice(i + int(same[0]), i + int(same[-1]) + 1) if len(same) > 1 else None
-        reaches = (
-            part is not None
-            and track.t[part.start] <= event.onset - REACH_BEFORE_S
-            and track.t[part.stop - 1] >= min(event.t90 + REACH_AFTER_S, event.end)
-        )
-        found.append(part if reaches else None)
-    return found
+    last = len(track.t) - 1
+    times = np.array([(e.begin, e.onset, e.middle, e.t90, e.end) for e in events]).reshape(-1, 5)
+    begin, onset, middle, t90, close = times.T
+    own = track.segment[np.minimum(np.searchsorted(track.t, middle), last)]  # segments are numbered in time
+    first = np.maximum(np.searchsorted(track.t, begin - margin), np.searchsorted(track.segment, own))
+    end = np.minimum(np.searchsorted(track.t, close + margin), np.searchsorted(track.segment, own, side="right"))
+    reaches = (end - first > 1) & (track.t[np.minimum(first, last)] <= onset - REACH_BEFORE_S)
+    reaches &= track.t[end - 1] >= np.minimum(t90 + REACH_AFTER_S, close)
+    return [slice(i, j) if ok else None for i, j, ok in zip(first.tolist(), end.tolist(), reaches, strict=True)]
 
 
 REACH_BEFORE_S, REACH_AFTER_S = 0.1, 0.3
-BLOCK = 4096
-"""Samples of several events that are looked at together."""
 
 
 def stacked(parts: Sequence[slice]) -> Stack:
@@ -92,17 +85,3 @@ def stacked(parts: Sequence[slice]) -> Stack:
     of = np.repeat(np.arange(len(parts)), sizes)
     start = np.array([p.start for p in parts], np.int64)
     return Stack(np.arange(int(sizes.sum())) - first[of] + start[of], of, first)
-
-
-def blocks(stack: Stack) -> Iterator[tuple[slice, Stack]]:
-    """The stack event by event or a few at once: which of its samples, and those events as a stack of their own.
-
-    What is computed on the way then stays in the processor's cache, and costs a long log no memory.
-    """
-    ends = np.append(stack.first[1:], len(stack.index))
-    at = 0
-    while at < len(ends):
-        last = max(at, int(np.searchsorted(ends, stack.first[at] + BLOCK, side="right")) - 1)
-        own = slice(int(stack.first[at]), int(ends[last]))
-        yield own, Stack(stack.index[own], stack.of[own] - at, stack.first[at : last + 1] - own.start)
-        at = last + 1

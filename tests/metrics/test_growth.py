@@ -11,7 +11,7 @@ import pytest
 
 from attlog import rotation
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.metrics import allan, bias, common_bias, drift_rest, step_columns, step_curves, step_fit, steps
+from attlog.metrics import allan, bias, common_bias, drift_rest, step_curves, step_fit, step_groups, steps
 from attlog.reference import clock, gravity, scoring
 from attlog.segments.model import Segment
 from tests.metrics import flights
@@ -125,7 +125,7 @@ def test_leaving_out_each_event_solves_once_and_not_event_by_event(monkeypatch):
     for seconds in (20.0, 100.0):
         t, q = motion("steps", seconds)
         row, ref = sampled(t, q, 100.0, 0.005), sampled(t, q, 50.0)
-        columns = step_columns.build(row, ref, steps.find(ref.t, ref.q, ref.segment), None)
+        columns = step_groups.groups(row, ref, steps.find(ref.t, ref.q, ref.segment), None)
         solved.clear()
         found = step_fit.fit(columns)["all"]
         counts.append((len(found.events), len(solved)))

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from attlog import rotation
 from attlog.metrics import interval, step_error
@@ -70,6 +71,13 @@ def test_the_interval_of_a_median_has_the_ranks_of_printed_tables(n, ranks):
     """Ranks for 95 % of Conover, Practical Nonparametric Statistics, and most books of tables."""
     found = interval.of_median(np.arange(1.0, n + 1.0)[::-1])
     assert found == ranks
+
+
+def test_the_interval_of_a_median_of_thousands_is_that_of_the_binomial_distribution():
+    for n in (649, 1100, 5000):
+        rank = int(binom.ppf(0.025, n, 0.5))
+        rank += bool(2.0 * binom.cdf(rank, n, 0.5) <= 0.05)
+        assert interval.of_median(np.arange(1.0, n + 1.0)) == (rank, n + 1 - rank)
 
 
 def test_units_are_magnitudes_whatever_the_unit():

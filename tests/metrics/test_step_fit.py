@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog import rotation
 from attlog.flight.model import Imu, Mag, Stream
-from attlog.metrics import aiding, lag, step_columns, step_evidence, step_fit, step_solution, steps
+from attlog.metrics import aiding, lag, step_evidence, step_fit, step_groups, step_solution, steps
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.metrics.motions import STEP_S, aided, motion, sampled
@@ -15,7 +15,7 @@ DELAY = 0.0073
 
 def fit(row, ref, events=None, sensors=None):
     events = steps.find(ref.t, ref.q, ref.segment) if events is None else events
-    return step_fit.fit(step_columns.build(row, ref, events, sensors))
+    return step_fit.fit(step_groups.groups(row, ref, events, sensors))
 
 
 @pytest.mark.parametrize("misaligned_deg", [0.0, 3.5])
@@ -133,7 +133,7 @@ def test_the_jackknife_is_that_of_refits_without_each_event():
 
 def test_the_half_width_is_students_t_on_the_jackknife_error():
     """Values 1, 2, 3, 4: spread 5, error sqrt(3/4 5) = 1.936, t(0.975, 3) = 3.182 (printed tables)."""
-    columns = step_columns.build(*(sampled(*motion("steps", 30.0), 50.0),) * 2, [], None)
+    columns = step_groups.groups(*(sampled(*motion("steps", 30.0), 50.0),) * 2, [], None)
     assert columns is None
     found = fit(sampled(*motion("steps", 20.0), 200.0), sampled(*motion("steps", 20.0), 50.0))["all"]
     found.left_out = np.array([[1.0], [2.0], [3.0], [4.0]])

@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 
 from attlog.kernels import loops
-from attlog.metrics import aiding_loop, step_columns, steps
+from attlog.metrics import aiding_loop, step_columns, step_groups, steps
 from attlog.metrics.step_columns import MARGIN_S, STRIDE_S
 from tests.metrics.motions import motion, sampled
 
-KERNELS = (aiding_loop.SEEN, aiding_loop.SUMMED, step_columns.PRODUCTS, step_columns.CORRELATIONS)
+KERNELS = (aiding_loop.SEEN, aiding_loop.SUMMED, step_columns.PRODUCTS, step_columns.POWERS)
 
 
 def columns_of(row_hz, ref_hz):
     """The columns of some events; aiding as numbers that mean nothing."""
     t, q = motion("steps", 25.0)
     row, ref = sampled(t, q, row_hz, 0.004), sampled(t, q, ref_hz, offset=0.0013)
-    found = step_columns.build(row, ref, steps.find(ref.t, ref.q, ref.segment), None)
+    groups = step_groups.groups(row, ref, steps.find(ref.t, ref.q, ref.segment), None)
+    (found,) = groups.each()
     part = found.slow if found.slow_row else found.fast
     part.x[:, 1:] = np.cumsum(np.random.default_rng(2).standard_normal(part.x[:, 1:].shape), axis=0)
     return found
@@ -26,7 +27,7 @@ def slowly(found, delay, slope_s, aids):
     shift = -delay if found.slow_row else delay
     main = found.fast.x[:, 0] - (0.0 if found.slow_row else found.fast.x[:, 1:] @ aids)
     products, lines = [], []
-    for event in range(len(found.events)):
+    for event in range(len(found.fast.low)):
         rows = []
         for i, j in zip(found.begin[found.of == event], found.end[found.of == event], strict=True):
             a, b = found.slow.t[[i, j]] + shift
@@ -63,9 +64,9 @@ def test_the_products_are_those_of_the_columns_built_pair_by_pair(row_hz, ref_hz
 
 
 @pytest.mark.parametrize(("row_hz", "ref_hz"), [(200.0, 50.0), (50.0, 200.0)])
-def test_the_coarse_correlations_are_those_of_rates_centred_per_event(row_hz, ref_hz):
+def test_the_coarse_powers_are_those_of_rates_centred_per_event(row_hz, ref_hz):
     found = columns_of(row_hz, ref_hz)
-    step = max(1, len(found.begin) // (step_columns.THINNED * len(found.events)))
+    step = max(1, len(found.begin) // (step_columns.THINNED * len(found.fast.low)))
     begin, end, of = found.begin[::step], found.end[::step], found.of[::step]
     for delay in (-0.25, 0.0, 0.004):
         shift = -delay if found.slow_row else delay
@@ -75,7 +76,8 @@ def test_the_coarse_correlations_are_those_of_rates_centred_per_event(row_hz, re
         for v in (x, y):
             for event in np.unique(of):
                 v[of == event] -= np.mean(v[of == event])
-        assert found.correlations(np.array([delay]))[0] == pytest.approx(np.corrcoef(x, y)[0, 1], abs=1e-12)
+        xx, yy, xy = found.powers(np.array([delay]))[0]
+        np.testing.assert_allclose([xx, yy, xy], [x @ x, y @ y, x @ y], rtol=1e-9)
 
 
 def test_events_lie_so_far_apart_that_none_reaches_into_the_next():
@@ -86,11 +88,11 @@ def test_events_lie_so_far_apart_that_none_reaches_into_the_next():
 
 def test_without_a_compiler_the_loops_give_the_same_bits(monkeypatch):
     found = columns_of(100.0, 25.0)
-    compiled = found.products(0.003, 0.008, np.ones(6))[0], found.correlations(np.array([0.0, 0.01]))
+    compiled = found.products(0.003, 0.008, np.ones(6))[0], found.powers(np.array([0.0, 0.01]))
     monkeypatch.setenv("ATTLOG_NO_JIT", "1")
     loops._loaded.cache_clear()
     try:
-        plain = found.products(0.003, 0.008, np.ones(6))[0], found.correlations(np.array([0.0, 0.01]))
+        plain = found.products(0.003, 0.008, np.ones(6))[0], found.powers(np.array([0.0, 0.01]))
     finally:
         loops._loaded.cache_clear()
     for a, b in zip(compiled, plain, strict=True):
