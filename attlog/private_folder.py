@@ -20,8 +20,13 @@ def private_folder(kind: str, version: str) -> Path | None:
     import platformdirs
 
     user = Path(platformdirs.user_cache_dir("attlog")) / kind / version
-    temporary = Path(tempfile.gettempdir()) / f"attlog-{kind}-{_user()}" / version
-    return next((folder for folder in (user, temporary) if usable(folder)), None)
+    if usable(user):
+        return user
+    try:
+        temporary = Path(tempfile.gettempdir()) / f"attlog-{kind}-{_user()}" / version
+    except OSError:  # no folder of the system's can be written either: a container that is read-only
+        return None
+    return temporary if usable(temporary) else None
 
 
 @cache

@@ -107,7 +107,7 @@ def _peak_of(pid: int, readers: list[threading.Thread]) -> float:
     """Most anonymous memory (MB) that was seen while the process had its outputs open."""
     most = float("nan")
     while any(reader.is_alive() for reader in readers):
-        found = anonymous_mb(pid) + sum(mb for each in _children(pid) if (mb := anonymous_mb(each)) == mb)
+        found = anonymous_mb(pid) + sum(mb for each in children(pid) if (mb := anonymous_mb(each)) == mb)
         most = found if most != most or found > most else most
         readers[0].join(SAMPLED_S)
         if not readers[0].is_alive():
@@ -115,7 +115,7 @@ def _peak_of(pid: int, readers: list[threading.Thread]) -> float:
     return most
 
 
-def _children(pid: int) -> Iterator[int]:
+def children(pid: int) -> Iterator[int]:
     """The processes that a process started, and theirs: a log that is mapped is read under a watching one."""
     for place in Path("/proc").glob(f"{pid}/task/*/children"):
         try:
@@ -124,7 +124,7 @@ def _children(pid: int) -> Iterator[int]:
             continue
         for each in found:
             yield each
-            yield from _children(each)
+            yield from children(each)
 
 
 def anonymous_mb(pid: int | None = None) -> float:

@@ -3,7 +3,8 @@
     python benchmarks/soak.py [many|huge|hours|filters|all] [--analyses 1000] [--gigabytes 2] [--corpus DIR]
 
 many      so many analyses in one process, sample logs and small logs of the corpus by turns, reports written: memory,
-          file handles, threads, temporary files before and after; nothing may grow once the first fifth has passed
+          file handles, threads, child processes, temporary files before and after, and the trends of memory and of
+          Python's blocks with their intervals; nothing may grow once the first fifth has passed
 huge      a log of two gigabytes, made by repetition: ``info``, and ``analyze`` with gyro and mahony
 hours     six hours at 25 Hz, default filters
 filters   twenty estimators at once on a sample log
@@ -27,11 +28,16 @@ from pathlib import Path
 
 import commands
 from made_logs import SAMPLES, kept
-from measured import anonymous_mb, child
+from measured import anonymous_mb, child, children
 from readers import corpus_of
 
+SMALL, LOGS = 450_000, (".ulg", ".bin", ".log", ".tlog", ".px4log", ".mavlink")
+"""Bytes and kinds of the corpus's logs that are taken."""
 GROWTH_MB = 30.0
 """What a thousand analyses may add to the process: arenas of the allocator breathe by some MB."""
+TREND_MB, TREND_BLOCKS = 10.0, 2000.0
+"""What 1000 analyses may add beyond doubt, by the lower end of the interval: the whole memory wanders by tens of MB
+with the allocator; blocks that Python holds (some 300,000) are counted to the last and tell what is kept for good."""
 HUGE_MB_PER_GB, HUGE_S_PER_GB, INFO_S_PER_GB = 1500.0, 120.0, 15.0
 HOURS_S, HOURS_MB = 30.0, 400.0
 TWENTY = (
@@ -55,26 +61,36 @@ class Seen:
 
 
 def many(analyses: int, corpus: Path | None) -> Iterator[Seen]:
-    """Analyses by turns in this process; growth between the first fifth and the end."""
+    """Analyses by turns in this process; growth between the first fifth and the end, and the trend of memory there."""
     import attlog
 
     logs = sorted(p for p in SAMPLES.iterdir() if p.suffix in (".ulg", ".bin", ".tlog"))
     if corpus:
-        logs += [p for p in sorted((corpus / "logs").iterdir()) if p.stat().st_size < 400_000 and p.suffix != ".md"]
+        found = sorted((corpus / "logs").iterdir())
+        logs += [p for p in found if p.stat().st_size < SMALL and p.suffix.lower() in LOGS]
     temporary, ended = tempfile.mkdtemp(prefix="attlog-soak-"), 0
     tempfile.tempdir = temporary
     folder = Path(temporary) / "out"
     folder.mkdir()
+    settled = max(analyses // 5, min(len(logs), analyses))
     first: dict[str, float] = {}
+    memory: list[float] = []
+    blocks: list[int] = []
     begin = time.process_time()
     for i in range(analyses):
+        which = i % len(logs)
         try:
-            result = attlog.analyze(logs[i % len(logs)], {"estimators": ["gyro", "mahony"]})
+            # Every fourth log has the default filters.
+            result = attlog.analyze(logs[which], {"estimators": ["gyro", "mahony"]} if which % 4 else None)
             result.to_html(folder / "page.html")
             del result
         except attlog.AttlogError:
             ended += 1
-        if i + 1 == max(analyses // 5, min(len(logs), analyses)):
+        memory.append(anonymous_mb())
+        if which == len(logs) - 1:
+            gc.collect()
+            blocks.append(sys.getallocatedblocks())
+        if i + 1 == settled:
             first = held(temporary)
         if (i + 1) % 50 == 0:
             now = ", ".join(f"{name} {value:.0f}" for name, value in held(temporary).items())
@@ -84,9 +100,35 @@ def many(analyses: int, corpus: Path | None) -> Iterator[Seen]:
     shutil.rmtree(temporary)
     each = (time.process_time() - begin) / analyses
     print(f"  {each:.2f} s of CPU each, {len(logs)} logs, {ended} refused")
+    rounds = [memory[at : at + len(logs)] for at in range(settled, analyses - len(logs) + 1, len(logs))]
+    if len(rounds) > 2:
+        low, high = trend([sum(each) / len(each) for each in rounds], 1000 / len(logs))
+        print(f"  memory's trend over {len(rounds)} rounds of all logs: {low:+.1f} to {high:+.1f} MB in 1000 analyses")
+        yield Seen("memory's trend, lower end, in 1000 analyses", low, TREND_MB, "MB")
+        late = [float(each) for each in blocks[-len(rounds) :]]
+        low, high = trend(late, 1000 / len(logs))
+        print(f"  Python's blocks of memory, {late[-1]:.0f}: {low:+.0f} to {high:+.0f} in 1000 analyses")
+        yield Seen("blocks' trend, lower end, in 1000 analyses", low, TREND_BLOCKS, "")
     yield Seen(f"{analyses} analyses, memory grown by", last["MB"] - first["MB"], GROWTH_MB, "MB")
-    for name in ("handles", "threads", "temporaries"):
+    for name in ("handles", "threads", "children", "temporaries"):
         yield Seen(f"{analyses} analyses, {name} grown by", last[name] - first[name], 0.0, "")
+
+
+def trend(means: list[float], steps: float) -> tuple[float, float]:
+    """How much a series changes in so many of its steps: the 95 % interval of the straight line through it.
+
+    Each value is a mean over one round of all logs: what a single log needs more than another has cancelled in it.
+    """
+    import numpy as np
+
+    from attlog.metrics.quantiles import student
+
+    x = np.arange(len(means)) - (len(means) - 1) / 2
+    y = np.array(means) - np.mean(means)
+    slope = float(x @ y / (x @ x))
+    off = y - slope * x
+    wide = student(0.975, len(means) - 2) * float(np.sqrt(off @ off / (len(means) - 2) / (x @ x)))
+    return steps * (slope - wide), steps * (slope + wide)
 
 
 def held(temporary: str) -> dict[str, float]:
@@ -97,6 +139,7 @@ def held(temporary: str) -> dict[str, float]:
         "MB": anonymous_mb(),
         "handles": float(len(os.listdir(handles))) if handles.is_dir() else 0.0,
         "threads": float(threading.active_count()),
+        "children": float(sum(1 for _ in children(os.getpid()))),
         "temporaries": float(len(os.listdir(temporary))),
     }
 

@@ -47,11 +47,3 @@ def test_every_option_of_the_readme_exists(attlog, line: str) -> None:
     help_text = attlog(command, "--help").out
     for option in (a for a in arguments if a.startswith("-") and a != "-"):
         assert option in help_text, (command, option)
-
-
-@pytest.mark.parametrize("document", ["README.md", "docs/cli.md"])
-def test_every_linked_file_exists(document: str) -> None:
-    path = ROOT / document
-    links = re.findall(r"\]\((?!https?://)([^)#]+)\)", path.read_text(encoding="utf-8"))
-    missing = [link for link in links if not (path.parent / link).exists()]
-    assert not missing

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,16 @@ def test_else_a_temporary_folder_is_taken(homes: Path) -> None:
     assert found is not None
     assert found.parent.parent == homes
     assert str(os.getuid()) in found.parent.name
+
+
+def test_where_nothing_can_be_written_nothing_is_kept(homes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A container whose file system is read-only has no temporary folder at all, which Python tells by an error."""
+    (homes / "cache").write_text("no folder")
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setattr("tempfile._candidate_tempdir_list", lambda: [str(homes / "cache" / "nowhere")])
+    with pytest.raises(FileNotFoundError):
+        tempfile.gettempdir()
+    assert private_folder("templates", "1") is None
 
 
 @pytest.mark.parametrize("open_to", [0o770, 0o707])

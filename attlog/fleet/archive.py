@@ -98,7 +98,11 @@ def _archive(place: str) -> Iterator[zipfile.ZipFile]:
             with _opened(file, place) as archive:
                 yield archive
             return
-    with TemporaryDirectory(prefix="attlog-") as folder:
+    try:
+        room = TemporaryDirectory(prefix="attlog-")
+    except OSError as error:
+        raise LogUnreadable(f"{shown(place)}: no temporary folder for it ({error.strerror or error})") from error
+    with room as folder:
         path = Path(folder) / "archive.zip"
         download(place, path)
         with _opened(path, place) as archive:

@@ -65,7 +65,11 @@ def content(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
         raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error})") from error
     if not packed:
         return map_bytes(path), None
-    with tempfile.TemporaryFile(prefix="attlog-") as file:
+    try:
+        unpacked = tempfile.TemporaryFile(prefix="attlog-")
+    except OSError as error:
+        raise LogUnreadable(f"{path}: no temporary folder to unpack it in ({error.strerror or error})") from error
+    with unpacked as file:
         lost = unpack(path, file)
         return map_open_file(file, path), lost
 

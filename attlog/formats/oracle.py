@@ -61,7 +61,11 @@ def read(path: Path, log_format: str) -> Columns:
     """
     from attlog.formats.compression import is_gzip, unpack
 
-    with tempfile.TemporaryDirectory(prefix="attlog-") as folder:
+    try:
+        room = tempfile.TemporaryDirectory(prefix="attlog-")
+    except OSError as error:
+        raise OracleFailed(f"no temporary folder for what it says ({error.strerror or error})") from error
+    with room as folder:
         answer, printed, log = Path(folder, "answer"), Path(folder, "printed"), path.absolute()
         if is_gzip(path):
             log = Path(folder, "log")

@@ -158,3 +158,17 @@ def test_nothing_is_left_in_the_temporary_folder(tmp_path: Path, monkeypatch: py
     log = formats.open(tmp_path / "x.gz")
     assert len(log["sensor_combined", 0]["timestamp"]) > 1000
     assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def test_a_system_without_a_temporary_folder_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A container whose file system is read-only: plain logs are read all the same."""
+    import tempfile
+
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: [str(tmp_path / "nowhere")])
+    packed, plain = tmp_path / "x.gz", SAMPLES / "px4_steps.ulg"
+    packed.write_bytes(gzip.compress(plain.read_bytes(), 1))
+    with pytest.raises(LogUnreadable, match=r"x\.gz: no temporary folder to unpack it in"):
+        formats.open(packed)
+    assert len(formats.open(plain)["sensor_combined", 0]["timestamp"]) > 1000
+    assert "no temporary folder" in verify(plain).text
