@@ -87,12 +87,6 @@ class Config:
         """Plain values for the result and for TOML; keys that are None are left out."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
-    def to_toml(self) -> str:
-        """The configuration as TOML text that ``load`` accepts."""
-        import tomli_w
-
-        return tomli_w.dumps(self.resolved())
-
 
 def _rows(value: Any) -> list[str]:
     if isinstance(value, str):

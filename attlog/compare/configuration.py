@@ -15,7 +15,7 @@ from pathlib import Path
 from attlog import estimators
 from attlog.compare.settings import SETTINGS, Value, said, written
 from attlog.dataclass import dataclass
-from attlog.errors import AttlogError, UsageError
+from attlog.errors import UsageError
 from attlog.estimators.base import Estimator, suggestion
 
 FILES = (".py", ".csv")
@@ -143,22 +143,6 @@ def unknown(estimator: Estimator, key: str) -> UsageError:
     own = [p.name for p in estimator.parameters]
     hint = suggestion(key, [*own, *SETTINGS])
     return UsageError(f"{estimator.name} has no parameter {key}, and no setting before a filter is called so{hint}")
-
-
-def parse_all(texts: Iterable[str]) -> list[Configuration]:
-    """The configurations of a command line, each once. UsageError tells everything wrong with all of them."""
-    found: dict[str, Configuration] = {}
-    problems = []
-    for text in texts:
-        try:
-            one = parse(text)
-        except AttlogError as error:
-            problems.append(str(error))
-        else:
-            found.setdefault(one.name, one)
-    if problems:
-        raise UsageError("\n".join(problems))
-    return list(found.values())
 
 
 def labels(configurations: Sequence[Configuration]) -> dict[str, str]:

@@ -7,8 +7,6 @@ from attlog.compare.difference_words import favour, seen, signed, span, value
 from attlog.dataclass import dataclass
 from attlog.present.numbers import counted, unit_sign
 
-ALL_LOGS = "all logs"
-
 
 @dataclass(frozen=True, slots=True)
 class Table:

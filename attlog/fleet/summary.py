@@ -24,7 +24,6 @@ WHY = {
     75: "took more time or memory than allowed",
 }
 """What exit codes mean for a log."""
-BEHIND = "attlog: "
 
 
 def summary(

@@ -33,18 +33,12 @@ class Verdict:
     reason: str = ""
 
 
-def regression_gain(t: Array, q_est: Array, q_ref: Array, segment: NDArray[np.int64]) -> Array:
-    """Gains (4,) of the estimate's turning on the reference's: body x, y, z and all axes together.
-
-    Regression through the origin of the rotations between neighbouring samples, over
-    those where the reference turns faster than 5 deg/s; steps between segments (gaps,
-    resets) are cut out. NaN where fewer than 20 samples move.
-    """
-    return _gains_of(t, rotation.increments(q_est), rotation.increments(q_ref), segment)
-
-
 def _gains_of(t: Array, est: Array, ref: Array, segment: NDArray[np.int64]) -> Array:
-    """The same of what both turned (n - 1, 3) in rad."""
+    """Gains (4,) of the estimate's turning on the reference's, of what both turned (n - 1, 3) in rad between samples.
+
+    Body x, y, z and all axes together. Regression through the origin, over samples where the reference turns faster
+    than 5 deg/s; steps between segments (gaps, resets) are cut out. NaN where fewer than 20 samples move.
+    """
     dt = np.diff(t)
     known = (np.diff(segment) == 0) & (dt > 0) & rotation.finite(est) & rotation.finite(ref)
     est, ref, dt = gaps.only(known, est, ref, dt)

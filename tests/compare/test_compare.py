@@ -9,7 +9,7 @@ import pytest
 
 from attlog.compare.compare import compare, log_names
 from attlog.compare.comparison import Comparison, Over
-from attlog.compare.configuration import parse, parse_all
+from attlog.compare.configuration import parse
 from attlog.compare.questions import asked
 from attlog.config import Config
 from attlog.errors import UsageError
@@ -29,7 +29,7 @@ def over(found: Comparison, metric: str, configuration: str) -> Over:
 def known() -> Comparison:
     """One log, and what makes a known difference to one filter."""
     specs = ["mahony", "mahony:latency=10", "mahony:lowpass=20", "mahony:rate=50"]
-    return compare([STEPS], [*parse_all(specs), parse("mahony", "again")])
+    return compare([STEPS], [*map(parse, specs), parse("mahony", "again")])
 
 
 def test_a_latency_is_found_as_lag_to_a_tenth_of_a_millisecond(known: Comparison) -> None:
@@ -48,7 +48,7 @@ def test_means_of_samples_make_nothing_late(known: Comparison) -> None:
 
 
 def test_a_gyro_that_shows_too_much_shows_in_the_step_gain() -> None:
-    found = compare([STEPS], parse_all(["mahony", "mahony:gyro_scale=1.03"]), metrics=["step_gain"])
+    found = compare([STEPS], [parse(text) for text in ["mahony", "mahony:gyro_scale=1.03"]], metrics=["step_gain"])
     gains = [cell.value or 0.0 for cell in found.questions[0].cells[STEPS.name].values()]
     assert gains[1] - gains[0] == pytest.approx(0.03, abs=0.003)
 
@@ -64,7 +64,7 @@ def test_the_same_configuration_twice_differs_by_exactly_nothing(known: Comparis
 
 
 def test_what_a_log_cannot_do_costs_the_configuration_alone(known: Comparison) -> None:
-    found = compare([STEPS], parse_all(["mahony", "mahony:rpm_notch=20", "mahony:lowpass=5000"]))
+    found = compare([STEPS], [parse(text) for text in ["mahony", "mahony:rpm_notch=20", "mahony:lowpass=5000"]])
     cells = found.questions[0].cells[STEPS.name]
     assert cells["mahony"].status == "ok"
     assert cells["mahony:rpm_notch=20"].status == "failed"
@@ -77,7 +77,7 @@ def test_one_broken_log_of_many_is_a_line_with_its_reason(tmp_path: Path) -> Non
     broken.write_bytes(b"not a log" * 100)
     other = tmp_path / STEPS.name
     shutil.copy(STEPS, other)
-    configurations = parse_all(["mahony:kp=0.3", "mahony:kp=0.6"])
+    configurations = [parse(text) for text in ["mahony:kp=0.3", "mahony:kp=0.6"]]
     logs = [other, broken, TURNS]
     one = compare(logs, configurations)
     assert [(line.name, line.code) for line in one.logs] == [(other.name, 0), ("broken.bin", 65), (TURNS.name, 0)]
@@ -88,7 +88,7 @@ def test_one_broken_log_of_many_is_a_line_with_its_reason(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_processes_find_what_one_process_finds(tmp_path: Path) -> None:
-    configurations = parse_all(["mahony:kp=0.3", "mahony:kp=0.6"])
+    configurations = [parse(text) for text in ["mahony:kp=0.3", "mahony:kp=0.6"]]
     logs = [STEPS, tmp_path / "none.bin", TURNS]
     assert compare(logs, configurations, jobs=2).to_json() == compare(logs, configurations).to_json()
 
@@ -100,12 +100,15 @@ def test_two_logs_of_one_name_are_told_apart() -> None:
 
 def test_one_configuration_is_no_comparison() -> None:
     with pytest.raises(UsageError, match="two configurations or more"):
-        compare([STEPS], parse_all(["mahony"]))
+        compare([STEPS], [parse(text) for text in ["mahony"]])
 
 
 def test_other_questions_can_be_asked_in_one_window() -> None:
     found = compare(
-        [STEPS], parse_all(["mahony:kp=0.3", "mahony:kp=0.6"]), Config(window="30:60"), metrics=["total_rmse_deg"]
+        [STEPS],
+        [parse(text) for text in ["mahony:kp=0.3", "mahony:kp=0.6"]],
+        Config(window="30:60"),
+        metrics=["total_rmse_deg"],
     )
     assert [(q.metric, q.windows) for q in found.questions] == [("total_rmse_deg", ["30:60"])]
     with pytest.raises(UsageError, match="there is no metric lagms; did you mean lag_ms"):
