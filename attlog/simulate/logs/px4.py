@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import __version__
-from attlog.formats import Layout, ParamChange, Recording
+from attlog.formats import Layout, Recording
 from attlog.formats.recording import Columns, Key
 from attlog.rotation import to_euler
 from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, ImuStream
+from attlog.simulate.logs.px4_parameters import ACCS, BAROS, GNSS_ID, GYROS, MAGS, OFFSETS, parameters
 from attlog.simulate.logs.px4_topics import topic
 from attlog.simulate.logs.records import (
     START_US,
@@ -34,13 +35,6 @@ from attlog.simulate.logs.records import (
     vibration,
 )
 
-GYROS = ACCS = (1310988, 1310996, 1311004, 1311012)
-MAGS = (197388, 197644, 197900, 198156)
-BAROS = (6620172, 6620428)
-GNSS_ID = 11469065
-"""Device ids of PX4's simulated sensors."""
-OFFSETS = {"GYRO": (0.01, -0.02, 0.015), "ACC": (0.1, -0.05, 0.15)}
-"""What the raw samples of a unit carry and its calibration takes off [rad/s, m/s^2]."""
 MODES = {"STABILIZE": 15, "ALTCTL": 1, "ALT_HOLD": 1, "POSCTL": 2, "LOITER": 2, "GUIDED": 14, "OFFBOARD": 14,
          "AUTO": 3, "MISSION": 3, "HOLD": 4, "RTL": 5, "ACRO": 10, "TAKEOFF": 17, "LAND": 18}  # fmt: skip
 """nav_state."""
@@ -62,7 +56,7 @@ def recording(flight: Flight) -> Recording:
     messages |= dict(_truth(flight))
     return Recording(
         {key: columns for key, columns in messages.items() if len(columns["timestamp"])},
-        _parameters(flight),
+        parameters(flight),
         texts(flight, START_US),
         {
             "sys_name": "PX4", "ver_hw": "SITL_ATTLOG", "ver_sw": f"attlog {__version__} simulate",
@@ -325,33 +319,3 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 def _both(t: NDArray[np.float64]) -> dict[str, Any]:
     """Stamps of what is published when it is computed."""
     return {"timestamp": micros(t), "timestamp_sample": micros(t)}
-
-
-def _parameters(flight: Flight) -> list[ParamChange]:
-    """Parameters with PX4's defaults where the scenario differs from them."""
-    control, loop = flight.scenario.controller, flight.scenario.loop
-    instant = any(imu.sampling == "instant" for imu in flight.imus)
-    values: list[tuple[str, float | int, float | int]] = [  # name, value, PX4's default
-        ("MAV_TYPE", 2, 2), ("SYS_AUTOSTART", 4001, 0), ("SYS_HAS_MAG", int(bool(flight.mags)), 1),
-        ("SDLOG_PROFILE", 1 << 0 | 1 << 4, 1), ("SDLOG_MODE", 2, 0),
-        ("IMU_INTEG_RATE", round(flight.imus[0].rate_hz) if flight.imus else 200, 200),
-        ("IMU_GYRO_RATEMAX", round(loop.rate_hz), 400),
-        ("EKF2_MAG_DECL", float(flight.declination_deg), 0.0), ("EKF2_DECL_TYPE", 0, 3),
-        ("SENS_BOARD_ROT", 0, 0), ("SENS_BOARD_X_OFF", 0.0, 0.0), ("SENS_BOARD_Y_OFF", 0.0, 0.0),
-        ("SENS_BOARD_Z_OFF", 0.0, 0.0),
-        ("MC_ROLL_P", control.angle_kp, 6.5), ("MC_PITCH_P", control.angle_kp, 6.5),
-        ("MC_YAW_P", control.yaw_angle_kp, 2.8), ("MC_ROLLRATE_P", control.rate_kp, 0.15),
-        ("MC_ROLLRATE_I", control.rate_ki, 0.2), ("MC_ROLLRATE_D", control.rate_kd, 0.003),
-        ("MC_PITCHRATE_P", control.rate_kp, 0.15), ("MC_PITCHRATE_I", control.rate_ki, 0.2),
-        ("MC_PITCHRATE_D", control.rate_kd, 0.003), ("MC_YAWRATE_P", control.yaw_rate_kp, 0.2),
-        ("MC_YAWRATE_I", control.yaw_rate_ki, 0.1),
-    ]  # fmt: skip
-    for kind, ids, count in (("GYRO", GYROS, len(flight.imus)), ("ACC", ACCS, len(flight.imus)),
-                             ("MAG", MAGS, len(flight.mags))):  # fmt: skip
-        for k in range(min(count, len(ids))):
-            values += [(f"CAL_{kind}{k}_ID", ids[k], 0), (f"CAL_{kind}{k}_PRIO", 75 - 25 * (k > 0), -1)]
-            values += [(f"CAL_{kind}{k}_ROT", -1, -1)]
-            if instant and kind in OFFSETS:
-                values += [(f"CAL_{kind}{k}_{axis}OFF", x, 0.0) for axis, x in zip("XYZ", OFFSETS[kind], strict=True)]
-    found = [ParamChange(name, default, None, True) for name, value, default in values if value != default]
-    return [ParamChange(name, value) for name, value, _ in values] + found
