@@ -33,6 +33,10 @@ MAX_LAYOUTS = 64
 MAX_GUESSES = 16
 """Places of the time stamp that are tried for records whose subscription is lost."""
 
+MAX_IDS_FOLLOWED = 512
+"""Ids of a ULog without a definition whose records are followed by their size alone; more are looked at one by one.
+Real logs subscribe to some 200 topics, and each of these ids has what was read so far sorted once."""
+
 MAX_INFO = 10_000
 """Statements of a log about itself. Real ones make about 40, at 400 bytes of memory each."""
 

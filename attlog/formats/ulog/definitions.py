@@ -43,24 +43,18 @@ class Definitions:
         else:
             self._redefined += 1
 
-    def subscribe(self, identifier: int, name: str, multi: int) -> tuple[Subscription | None, bool]:
-        """What the id means from now on, None if its definition cannot be used; and whether it meant something else."""
+    def subscription(self, identifier: int, name: str, multi: int) -> Subscription | None:
+        """What a subscription says that the id means from now on; None if the definition cannot be used."""
         layout = self._formats.layout(name)
         before = self.by_id.get(identifier)
         if isinstance(layout, str):
             self.why_not.setdefault(identifier, (name, layout))
-            return None, False
+            return None
         now = Subscription(name, multi, layout)
-        if before is None:
-            self.by_id[identifier] = now
-            return now, False
-        if before == now:
-            return before, False
+        if before is None or before == now:
+            return before or now
         self._resubscribed += 1
-        if self._resubscribed > MAX_RESUBSCRIBED:
-            return before, False
-        self.by_id[identifier] = now
-        return now, True
+        return before if self._resubscribed > MAX_RESUBSCRIBED else now
 
     def without_subscription(self, size: int) -> list[tuple[str, Layout]]:
         """Formats that no id stands for, whose records have so many bytes behind the id. Asked at the log's end."""

@@ -31,12 +31,16 @@ from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Offsets, Segme
 from attlog.formats.ulog.layout import Layout
 from attlog.formats.ulog.records import FILE_HEADER, LARGEST_UNKNOWN, MAGIC, SYNC_MARK, text
 from attlog.formats.ulog.topic import Topic
-from attlog.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_LAYOUTS
+from attlog.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
 
 __all__ = ["read"]
 
 LONG_UNKNOWN = 300
 """Bytes from which on a data record of an unknown id is looked into: does it hide records that we know?"""
+RECENT, LOOKED_BACK = 3, 256
+"""Records whose times stand for now, and those among which they are sought where some are of unknown ids."""
+ALIKE = 8
+"""Records of an unknown id and one size, looked at one by one, after which such are followed like known ones."""
 
 
 def read(path: Path | str, *, data: Bytes | None = None) -> Messages:
@@ -63,7 +67,8 @@ class _Reader:
         self.sizes = Sizes()
         self.clock = RecordClock(self.raw)
         self.framing = Framing(data, self.sizes, lambda start: self.clock.is_timely(start, self.recent))
-        self.chain = chain(self.data, self.sizes)
+        self.followed = Sizes()
+        self.chain = chain(self.data, self.followed)
         self.topics: dict[tuple[str, int], Topic] = {}
         self.content = Content(self._time_before)
         self.damage: list[Damage] = []
@@ -75,6 +80,7 @@ class _Reader:
         self.remarks: list[Remark] = []
         self.barrier = Barrier(self.remarks)
         self.unknown: dict[int, array[int]] = {}
+        self.alike: dict[int, tuple[int, int]] = {}
         self.segments: Segments = []
         self.pending = 0
         self.appended: list[int] = []
@@ -157,8 +163,19 @@ class _Reader:
             self._group()
         self.segments.append((starts, ids))
         self.pending += len(starts)
-        self.last = int(starts[-1])
-        self.recent = starts[-3:].tolist()
+        self._remember()
+
+    def _remember(self) -> None:
+        """The last record of the last segment, and the last ones whose times can be told."""
+        starts, ids = self.segments[-1] if self.segments else (np.zeros(0, np.int64), np.zeros(0, np.uint16))
+        self.last = int(starts[-1]) if len(starts) else 0
+        if self.alike and len(starts):
+            starts = starts[-LOOKED_BACK:]
+            starts = starts[self.sizes.smallest[ids[-LOOKED_BACK:]] > 0]
+            if not len(starts):
+                self.recent = [start for start in self.recent if start <= self.last]
+                return
+        self.recent = starts[-RECENT:].tolist()
 
     def _record(self, position: int, stop: int) -> int | None:
         """Take in the record that is no known data; the next position, None where there is no record."""
@@ -187,10 +204,21 @@ class _Reader:
         if may_hide_records and self.framing.anchor(position + 1, end) < end:
             return None
         if kind == DATA:
-            self.unknown.setdefault(identifier_at(self.raw, position), array("q")).append(position)
+            self._take_unknown(identifier_at(self.raw, position), position, length)
         elif kind in b"IMFPQALC":
             self._take(kind, position, end)
         return end
+
+    def _take_unknown(self, identifier: int, position: int, length: int) -> None:
+        """Take in a data record that no definition describes; many of one size need not be asked one by one."""
+        self.unknown.setdefault(identifier, array("q")).append(position)
+        if self.followed.smallest[identifier] or len(self.alike) >= MAX_IDS_FOLLOWED:
+            return
+        size, count = self.alike.get(identifier, (length, 0))
+        self.alike[identifier] = length, count + 1 if size == length else 1
+        if size == length and count + 1 == ALIKE:
+            self.followed.set(identifier, length, length)
+            self.chain.forget()
 
     # Damage.
 
@@ -220,8 +248,7 @@ class _Reader:
         self.pending -= 1
         if len(starts) > 1:
             self.segments.append((starts[:-1], ids[:-1]))
-        self.recent = self.segments[-1][0][-3:].tolist() if self.segments else []
-        self.last = self.recent[-1] if self.recent else 0
+        self._remember()
 
     def _without_doubtful(self, table: Table) -> Table:
         """The table without the records that damage went through unseen."""
@@ -243,7 +270,8 @@ class _Reader:
         """Sort what is pending; give records whose subscription is lost to the one topic that they can be."""
         self._group()
         for identifier, places in self.unknown.items():
-            starts = np.frombuffer(places, np.int64)
+            starts = np.sort(np.frombuffer(places, np.int64))
+            first = int(starts[0])
             lengths = 3 + self.data[starts].astype(np.int64) + 256 * self.data[starts + 1].astype(np.int64)
             found = None
             if identifier not in self.definitions.by_id and identifier not in self.definitions.why_not:
@@ -252,15 +280,16 @@ class _Reader:
                 name, layout = found
                 self._add((name, 0), layout, starts)
                 lost = f"the subscription of id {identifier}; its {len(starts)} records can only be {name}"
-                self._damaged(places[0], places[0], lost, f"read as {name}")
+                self._damaged(first, first, lost, f"read as {name}")
                 continue
             name, why = self.definitions.why_not.get(identifier, ("", ""))
             what = f"{name}, which cannot be used: {why}" if name else (
                 f"id {identifier}, which no readable definition describes")  # fmt: skip
             lost = f"{len(starts)} records ({lengths.sum()} bytes) of {what}"
-            self._damaged(places[0], places[0], lost, "skipped one by one")
+            self._damaged(first, first, lost, "skipped one by one")
             self.damage_bytes += int(lengths.sum())
         self.unknown.clear()
+        self.alike.clear()
         if self.headers <= MAX_BOOTS:  # else a header after the other may bring its own
             said = {remark.text for remark in self.remarks}
             self.remarks += [remark for remark in self.definitions.remarks() if remark.text not in said]
@@ -297,6 +326,7 @@ class _Reader:
             self.boots.append(position)
         self.content.start(self.raw[position + 7], struct.unpack_from("<Q", self.raw, position + 8)[0])
         self.sizes.forget()
+        self.followed.forget()
         self.chain.forget()
 
     def _take(self, kind: int, position: int, end: int) -> None:
@@ -319,14 +349,17 @@ class _Reader:
     def _take_subscription(self, payload: bytes) -> None:
         self.content.in_data = True
         multi, identifier = struct.unpack_from("<BH", payload)
-        subscription, is_changed = self.definitions.subscribe(identifier, text(payload[3:]), multi)
+        subscription = self.definitions.subscription(identifier, text(payload[3:]), multi)
         if subscription is None:
             return
-        if is_changed:
-            self._group()
+        if subscription != self.definitions.by_id.get(identifier):
+            if self.followed.smallest[identifier]:
+                self._group()  # what came before keeps its meaning
+            self.definitions.by_id[identifier] = subscription
         layout = subscription.layout
         self.clock.subscribe(identifier, layout)
-        if self.sizes.set(identifier, layout.size + 2, layout.full_size + 2):
+        self.sizes.set(identifier, layout.size + 2, layout.full_size + 2)
+        if self.followed.set(identifier, layout.size + 2, layout.full_size + 2):
             self.chain.forget()
 
     def _take_flags(self, payload: bytes, position: int) -> None:
@@ -342,7 +375,8 @@ class _Reader:
 
     def _time_before(self, position: int) -> int | None:
         """The stamp of the last data record before, None if there is none that a clock can show."""
-        stamp = self.clock.time_at(self.last) if self.last and self.last < position else None
+        last = self.recent[-1] if self.recent else 0
+        stamp = self.clock.time_at(last) if last and last < position else None
         return stamp if stamp is not None and stamp < LATEST_US else None
 
     # From starts to tables.
@@ -353,8 +387,11 @@ class _Reader:
             return
         segments, self.segments, self.pending = self.segments, [], 0
         for identifier, part in self.chain.by_id(segments):
-            meant = self.definitions.by_id[identifier]
-            self._add((meant.name, meant.multi), meant.layout, part)
+            meant = self.definitions.by_id.get(identifier)
+            if meant is None:
+                self.unknown.setdefault(identifier, array("q")).frombytes(part.astype(np.int64).tobytes())
+            else:
+                self._add((meant.name, meant.multi), meant.layout, part)
 
     def _add(self, key: tuple[str, int], layout: Layout, offsets: Offsets) -> None:
         if key not in self.topics:

@@ -13,6 +13,7 @@ import pytest
 from attlog import formats
 from attlog.flight import remarks
 from attlog.formats import Messages
+from attlog.formats.ulog import reader
 from attlog.limits import MAX_BOOTS, MAX_COLUMNS, MAX_FORMATS, MAX_INFO, MAX_LAYOUTS, MAX_RESUBSCRIBED
 from tests.formats.ulog import crafted
 from tests.formats.ulog.crafted import BUILDERS, PLAIN, STAMP, data, form, log, one, record, subscribe
@@ -179,3 +180,35 @@ def test_a_refused_name_costs_no_neighbouring_definition(odd: str, tmp_path: Pat
     np.testing.assert_array_equal(log["a", 0]["timestamp"], official.data["timestamp"])
     assert len(log["a", 0]) == 3
     assert [place.lost for place in log.damage if "no records" in place.lost] == []
+
+
+def test_records_before_an_id_changes_its_topic_keep_the_topic_they_had(tmp_path: Path) -> None:
+    raw = log(PLAIN, form(f"b:{STAMP}float y;"), *(one(k) for k in range(20)), subscribe("b", 1),
+              *(one(k) for k in range(20, 50)))  # fmt: skip
+    found = read(raw, tmp_path / "changes.ulg")
+    assert {key: table["timestamp"].tolist() for key, table in found.items()} == {
+        ("a", 0): [10_000 + k for k in range(20)],
+        ("b", 0): [10_000 + k for k in range(20, 50)],
+    }
+
+
+def test_records_without_subscription_are_followed_not_asked_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Four topics whose records alternate; two of them have lost their subscription, one is subscribed late."""
+    names = {3: "b", 4: "c", 5: "d"}
+    forms = [form(f"{name}:{STAMP}uint8_t[{i}] x;") for i, name in names.items()]
+    body = [b"".join([one(k), *(data(i, 10_000 + k, bytes(i)) for i in names)]) for k in range(4000)]
+    raw = log(PLAIN, *forms, *body[:2000], subscribe("d", 5), *body[2000:])
+    asked = []
+    loose = reader._Reader._loose_record
+    monkeypatch.setattr(reader._Reader, "_loose_record", lambda *given: asked.append(given) or loose(*given))
+    found = read(raw, tmp_path / "lost.ulg")
+    assert {name: len(table) for (name, _), table in found.items()} == {"a": 4000, "b": 4000, "c": 4000, "d": 2000}
+    assert found["c", 0]["timestamp"].tolist() == [10_000 + k for k in range(4000)]
+    assert sorted(d.lost.partition(" (")[0] for d in found.damage) == [
+        "2000 records",
+        "the subscription of id 3; its 4000 records can only be b",
+        "the subscription of id 4; its 4000 records can only be c",
+    ]
+    assert len(asked) < 100
