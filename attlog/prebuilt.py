@@ -32,8 +32,9 @@ def kernels() -> Iterator[Kernel]:
     from attlog.estimators.filters.inertial.recursion import RECURSION_KERNEL
     from attlog.estimators.filters.navigation.kernels import BACKWARD_KERNEL, CHAIN_KERNEL, FORWARD_KERNEL
     from attlog.estimators.registry import BUILT_IN
+    from attlog.formats import copying, grouping
     from attlog.formats.dataflash import compiled as dataflash
-    from attlog.formats.mavlink.compiled import WALK
+    from attlog.formats.mavlink import compiled as mavlink
     from attlog.formats.ulog import index
     from attlog.metrics import aiding_loop, step_loops
     from attlog.rotation_loops import INTERPOLATED
@@ -45,10 +46,12 @@ def kernels() -> Iterator[Kernel]:
         CHAIN_KERNEL,
         RECORD_KERNEL,
         RECURSION_KERNEL,
+        copying.COPY,
+        grouping.COUNT,
+        grouping.SCATTER,
         index.WALK,
-        index.COUNT,
-        index.SCATTER,
-        WALK,
+        mavlink.WALK,
+        mavlink.PAYLOAD,
         dataflash.WALK,
         aiding_loop.SEEN,
         aiding_loop.SUMMED,

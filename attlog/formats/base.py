@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
 
+Offsets = NDArray[np.signedinteger[Any]]
+"""Places in a file, see :func:`attlog.formats.mapping.offset_type`."""
+
 Guard = Callable[[str, str, int | None], AbstractContextManager[None]]
 """A message, what of it is read and where: around what may fail, see :mod:`attlog.formats.barrier`."""
 
@@ -51,8 +54,8 @@ class Table:
 
     ``table["GyrX"]`` is the column with its stored dtype, ``table.value("Roll")``
     the same as float64 with the format's own scaling applied (what the format's
-    official library prints). ``offsets`` (n,) int64 are the byte offsets of the
-    records in the file; slices of a table stay lazy.
+    official library prints). ``offsets`` (n,) are the byte offsets of the records in
+    the file, int32 where that holds them; slices of a table stay lazy.
     """
 
     def __init__(
@@ -60,8 +63,8 @@ class Table:
         name: str,
         instance: int,
         fields: dict[str, Field] | Callable[[], dict[str, Field]],
-        offsets: NDArray[np.int64],
-        decode: Callable[[str, NDArray[np.int64]], NDArray[Any]],
+        offsets: Offsets,
+        decode: Callable[[str, Offsets], NDArray[Any]],
         guard: Guard | None = None,
     ) -> None:
         self.name = name

@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Boot
-from attlog.formats.mapping import Offsets
+from attlog.formats.base import Boot, Offsets
 from attlog.limits import LAST_TIME_US, MAX_BOOTS, MAX_TIME_JUMP_S
 
 Timeline = tuple[Offsets, NDArray[np.int64]]

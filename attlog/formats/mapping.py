@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from attlog import limits
 from attlog.errors import LogUnreadable, LogUnusable
-
-Offsets = NDArray[np.signedinteger[Any]]
-"""Places in a file, see :func:`offset_type`."""
+from attlog.formats.base import Offsets
+from attlog.formats.compiled import if_cheap, is_ready
+from attlog.formats.copying import COPY
 
 
 def map_bytes(path: str | Path) -> NDArray[np.uint8]:
@@ -62,6 +62,11 @@ def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArra
         return np.zeros((0, *dtype.shape), dtype.base)
     if dtype.itemsize == 1:
         return data.take(at).view(dtype.base).reshape(len(at), *dtype.shape)
+    if at.dtype == np.int32 and is_ready(len(at) * dtype.itemsize) and (loop := if_cheap(COPY)) is not None:
+        found = np.empty(len(at) * dtype.itemsize, np.uint8)
+        if loop(data, at, dtype.itemsize, found) < len(at):
+            raise IndexError("an offset leaves no room for its value")
+        return found.view(dtype.base).reshape(len(at), *dtype.shape)
     bytewise = np.ndarray((len(data) - dtype.itemsize + 1,), f"V{dtype.itemsize}", buffer=data, strides=(1,))
     raw = bytewise[at]
     return raw.view(dtype.base).reshape(len(at), *dtype.shape)
@@ -74,16 +79,16 @@ class Records:
     it, so that a table in use takes the memory of its records once.
     """
 
-    def __init__(self, fetch: Callable[[NDArray[np.int64]], NDArray[Any]]) -> None:
+    def __init__(self, fetch: Callable[[Offsets], NDArray[Any]]) -> None:
         self._fetch = fetch
-        self._offsets: NDArray[np.int64] | None = None
+        self._offsets: Offsets | None = None
         self._records: NDArray[Any] = np.zeros(0)
 
     def forget(self) -> None:
         """Drop the copy."""
         self._offsets, self._records = None, np.zeros(0)
 
-    def __call__(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+    def __call__(self, column: str, offsets: Offsets) -> NDArray[Any]:
         """One column at some records; text without what stands behind its first NUL."""
         if self._offsets is not offsets:
             self._records, self._offsets = self._fetch(offsets), offsets

@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from attlog import formats
+from attlog.formats.dataflash import compiled as dataflash_compiled
 from attlog.formats.dataflash import index as dataflash_index
 from attlog.formats.mapping import offset_type
+from attlog.formats.mavlink import compiled as mavlink_compiled
 from attlog.formats.mavlink import index as mavlink_index
+from attlog.formats.ulog import index as ulog_index
+from attlog.formats.ulog import reader as ulog_reader
 
 
-@pytest.mark.parametrize("name", ["copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
+@pytest.mark.parametrize("name", ["copter_steps_stabilize.bin", "copter_steps_stabilize.tlog", "px4_hover.ulg"])
 def test_offsets_of_both_widths_give_the_same_log(
     name: str, samples: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -22,13 +26,13 @@ def test_offsets_of_both_widths_give_the_same_log(
     path = tmp_path / name
     path.write_bytes(raw)
     narrow = formats.open(path)
-    for module in (dataflash_index, mavlink_index):
+    for module in (dataflash_index, dataflash_compiled, mavlink_index, mavlink_compiled, ulog_index, ulog_reader):
         monkeypatch.setattr(module, "offset_type", lambda size: np.int64)
     wide = formats.open(path)
     assert narrow.keys() == wide.keys()
     assert narrow.damage == wide.damage != []
     for key, table in narrow.items():
-        assert table.offsets.dtype == np.int64
+        assert (table.offsets.dtype, wide[key].offsets.dtype) == (np.int32, np.int64)
         assert np.array_equal(table.offsets, wide[key].offsets)
         for column in table.fields:
             assert table[column].tobytes() == wide[key][column].tobytes()

@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.base import Messages
+from attlog.formats.base import Messages, Offsets
 from attlog.formats.clock import Timeline, false_times, in_file_order
 from attlog.formats.dataflash.index import HEADER_LENGTH, Format, Index
-from attlog.formats.mapping import Offsets, gather
+from attlog.formats.mapping import gather
 from attlog.limits import LAST_TIME_US
 
 

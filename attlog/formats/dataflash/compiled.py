@@ -7,30 +7,26 @@ pass. Used where the machine code is at hand and worth loading.
 
 from __future__ import annotations
 
-import sys
-from functools import cache
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.formats import compiled
 from attlog.formats.compiled import if_cheap, kernel_of
-from attlog.formats.mapping import gather
+from attlog.formats.mapping import gather, offset_type
 from attlog.kernels.obtain import obtained
 
-WORTH_COMPILED = 64 << 20
-"""Below this many bytes loading compiled code costs more than it saves (40 ms against 0.5 ms per MB)."""
+WORTH_COMPILED = 32 << 20
+"""Below this many bytes loading compiled code costs more than it saves (25 ms against 0.5 ms per MB)."""
 
-WORTH_ONCE_LOADED = 1 << 18
-"""The same in a process that has compiled code loaded already."""
+Found = tuple[NDArray[np.int32], NDArray[np.int16], NDArray[np.int64]]
 
 _FIRST = 1 << 14  # records for which there is room before their mean length is known
 
 
 def pays(data: NDArray[np.uint8]) -> bool:
-    """Whether :class:`Follower` can be used and is worth it."""
-    least = WORTH_ONCE_LOADED if "llvmlite" in sys.modules else WORTH_COMPILED
-    return len(data) >= least and _walk() is not None
+    """Whether :class:`Follower` can be used and is worth it; it counts places in 32 bits."""
+    is_worth = offset_type(len(data)) is np.int32 and compiled.pays("dataflash", len(data), WORTH_COMPILED)
+    return is_worth and if_cheap(WALK) is not None
 
 
 class Follower:
@@ -42,11 +38,11 @@ class Follower:
     def __init__(self, data: NDArray[np.uint8]) -> None:
         self.lengths, self.layouts = np.zeros(256, np.int32), np.zeros(256, np.int16)
         self._data, self._count = data, 0
-        self._step = _walk() or obtained(WALK)
+        self._step = if_cheap(WALK) or obtained(WALK)
         self._starts, self._kinds, self._stamps = _room(_FIRST)
 
     @property
-    def found(self) -> tuple[NDArray[np.int64], NDArray[np.int16], NDArray[np.int64]]:
+    def found(self) -> Found:
         """Offset, layout and first 8 bytes of payload of each record so far."""
         n = self._count
         return self._starts[:n], self._kinds[:n], self._stamps[:n]
@@ -96,8 +92,8 @@ class Follower:
         self._starts[:n], self._kinds[:n], self._stamps[:n] = starts, kinds, stamps
 
 
-def _room(records: int) -> tuple[NDArray[np.int64], NDArray[np.int16], NDArray[np.int64]]:
-    return np.empty(records, np.int64), np.empty(records, np.int16), np.empty(records, np.int64)
+def _room(records: int) -> Found:
+    return np.empty(records, np.int32), np.empty(records, np.int16), np.empty(records, np.int64)
 
 
 def walk(data, position, lengths, layouts, starts, kinds, stamps):  # type: ignore[no-untyped-def]
@@ -122,11 +118,5 @@ def walk(data, position, lengths, layouts, starts, kinds, stamps):  # type: igno
 
 
 WALK = kernel_of(
-    walk, "i8((u1[::1]), i8, i4[::1], i2[::1], i8[::1], i2[::1], i8[::1])", "formats/dataflash/compiled.py"
+    walk, "i8((u1[::1]), i8, i4[::1], i2[::1], i4[::1], i2[::1], i8[::1])", "formats/dataflash/compiled.py"
 )
-
-
-@cache
-def _walk() -> Any:
-    """The compiled walk, None where it would have to be compiled first."""
-    return if_cheap(WALK)

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
+from attlog.formats.base import Offsets
 from attlog.formats.dataflash import compiled
 from attlog.formats.losses import Losses
-from attlog.formats.mapping import Offsets, gather, offset_type
+from attlog.formats.mapping import gather, offset_type
 from attlog.limits import MAX_FORMATS, MAX_LAYOUTS_OF_A_NAME
 
 FMT_TYPE = 128
@@ -266,7 +267,7 @@ def _walked(data: NDArray[np.uint8]) -> Index | None:
     if position + len(rest) < len(data) or not _is_cut(rest, chain.lengths) or found.refused:
         return None
     starts, kinds, stamps = chain.found
-    index = Index(found.layouts, starts.astype(offset_type(len(data))), kinds, stamps)
+    index = Index(found.layouts, starts, kinds, stamps)
     if rest:
         index.losses.add(position, len(rest), f"{len(rest)} bytes at the end of the file", "end of file")
     return index

@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
 from attlog.formats.barrier import Barrier
-from attlog.formats.base import Boot, Messages, Remark
+from attlog.formats.base import Boot, Messages, Offsets, Remark
 from attlog.formats.clock import Timeline, boots_between, restarts
 from attlog.formats.dataflash.clock import drop_false_times, time_column, timeline
 from attlog.formats.dataflash.content import params, texts
 from attlog.formats.dataflash.index import HEADER_LENGTH, Format, Index, index_records
 from attlog.formats.dataflash.tables import Units, build_tables, tell_unreadable
 from attlog.formats.dataflash.units import units_of
-from attlog.formats.mapping import Offsets, gather, map_bytes, text_of
+from attlog.formats.mapping import gather, map_bytes, text_of
 
 __all__ = ["read"]
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.barrier import unguarded
-from attlog.formats.base import Field, Guard, Table
+from attlog.formats.base import Field, Guard, Offsets, Table
 from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index
+from attlog.formats.grouping import by_kind
 from attlog.formats.mapping import Records, gather
 from attlog.limits import MAX_INSTANCES
 
@@ -60,7 +61,7 @@ class _Described:
     def fields(self) -> dict[str, Field]:
         return self._found[0]
 
-    def table(self, instance: int, offsets: NDArray[np.int64], guard: Guard) -> Table:
+    def table(self, instance: int, offsets: Offsets, guard: Guard) -> Table:
         decode = Records(lambda at: gather(self._data, at, self._found[1]))
         return Table(self._fmt.name, instance, self.fields, offsets, decode, guard)
 
@@ -77,14 +78,13 @@ def build_tables(
     ``guard`` goes around each message.
     """
     units = units or {}
-    order = np.argsort(index.layout, kind="stable")
-    bounds = [0, *np.bincount(index.layout, minlength=len(index.layouts)).cumsum().tolist()]
+    found_of = dict(by_kind([(index.offsets, index.layout.view(np.uint16))]))
     parts: dict[tuple[str, int], list[Table]] = {}
     for k, fmt in enumerate(index.layouts):
-        if bounds[k] == bounds[k + 1] or not fmt.readable:
+        offsets = found_of.get(k)
+        if offsets is None or not fmt.readable:
             continue
         try:
-            offsets = index.offsets[order[bounds[k] : bounds[k + 1]]].astype(np.int64, copy=False)
             for part in _parts(data, fmt, offsets, units.get(k, ("", tuple)), by_instance, guard):
                 parts.setdefault((fmt.name, part.instance), []).append(part)
         except Exception as error:  # the guard is asked only now: entering it for each message costs more than they do
@@ -102,7 +102,7 @@ def build_tables(
 def _parts(
     data: NDArray[np.uint8],
     fmt: Format,
-    offsets: NDArray[np.int64],
+    offsets: Offsets,
     described: tuple[str, Callable[[], tuple[str | None, ...]]],
     by_instance: bool,
     guard: Guard,
@@ -175,7 +175,7 @@ class MixedTable(Table):
         self._place = np.concatenate([np.arange(len(p)) for p in parts])[order]
         super().__init__(parts[0].name, parts[0].instance, fields, every[order], self._mixed, guard)
 
-    def _mixed(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+    def _mixed(self, column: str, offsets: Offsets) -> NDArray[Any]:
         """A column of all records; a table only ever decodes its own offsets."""
         dtype = self.fields[column].dtype
         blank = np.nan if dtype.kind == "f" else 0

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
+from attlog.formats.base import Offsets
 from attlog.formats.losses import Losses
-from attlog.formats.mapping import Offsets, gather, offset_type
+from attlog.formats.mapping import gather, offset_type
 from attlog.formats.mavlink.compiled import compiled_packets, pays
 from attlog.formats.mavlink.crc import crc_of_padded_rows, crc_of_rows
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V1, V2

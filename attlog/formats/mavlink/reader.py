@@ -20,10 +20,13 @@ from numpy.typing import NDArray
 
 from attlog.errors import LogUnusable
 from attlog.formats.barrier import Barrier
-from attlog.formats.base import Boot, Field, Guard, Messages, ParamChange, Remark, Table, Text
+from attlog.formats.base import Boot, Field, Guard, Messages, Offsets, ParamChange, Remark, Table, Text
 from attlog.formats.clock import Timeline, boots, times_before
+from attlog.formats.compiled import if_cheap, is_ready
+from attlog.formats.grouping import KINDS, by_kind
 from attlog.formats.mapping import Records, gather, map_bytes, text_of, texts_of
 from attlog.formats.mavlink.clock import CLOCK_MESSAGES, of_system, timeline
+from attlog.formats.mavlink.compiled import PAYLOAD
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
 from attlog.formats.mavlink.dialect import STAMP, catalogue, layout
 from attlog.formats.mavlink.index import Packets, index_packets
@@ -84,16 +87,11 @@ def _tables(data: NDArray[np.uint8], packets: Packets, guard: Guard) -> dict[tup
     """The tables by message name and sender, in the order in which their first packets stand in the file."""
     numbers, number = _ranked(packets.ids)
     senders, sender = _ranked(packets.senders)
-    kinds = len(numbers) * len(senders)
-    keys = number.astype(np.min_scalar_type(kinds))  # 16 bits sort in linear time
-    keys *= keys.dtype.type(len(senders))
-    keys += sender
-    order = np.argsort(keys, kind="stable")
-    counts = np.bincount(keys, minlength=kinds)
-    ends = counts.cumsum()
+    keys: NDArray[np.unsignedinteger[Any]] = number.astype(np.uint32) * np.uint32(len(senders)) + sender
+    if len(numbers) * len(senders) <= KINDS:
+        keys = keys.astype(np.uint16)
     tables: dict[tuple[str, int], Table] = {}
-    for k in counts.nonzero()[0].tolist():
-        offsets = packets.offsets[order[ends[k] - counts[k] : ends[k]]].astype(np.int64, copy=False)
+    for k, offsets in by_kind([(packets.offsets, keys)]):
         instance = int(senders[k % len(senders)])
         name, fields, record = layout(int(numbers[k // len(senders)]))
         if packets.stamped:
@@ -117,7 +115,7 @@ class _Decoder:
         self._data = data
         self._fields = Records(lambda offsets: payloads(data, offsets, record))
 
-    def __call__(self, column: str, offsets: NDArray[np.int64]) -> NDArray[Any]:
+    def __call__(self, column: str, offsets: Offsets) -> NDArray[Any]:
         if column == STAMP:
             return gather(self._data, offsets - STAMP_LENGTH, np.dtype(">u8")).astype(np.int64)
         return self._fields(column, offsets)
@@ -126,9 +124,14 @@ class _Decoder:
         self._fields.forget()
 
 
-def payloads(data: NDArray[np.uint8], offsets: NDArray[np.int64], record: np.dtype[Any]) -> NDArray[Any]:
+def payloads(data: NDArray[np.uint8], offsets: Offsets, record: np.dtype[Any]) -> NDArray[Any]:
     """The payloads of packets at some offsets as records; bytes that the sender left out are zero."""
     size = record.itemsize
+    if offsets.dtype == np.int32 and is_ready(len(offsets) * size) and (loop := if_cheap(PAYLOAD)) is not None:
+        found = np.empty(len(offsets) * size, np.uint8)
+        if loop(data, offsets, size, found) < len(offsets):
+            raise IndexError("no packet begins at an offset")
+        return found.view(record)
     begin = offsets + np.where(data.take(offsets) == V2, np.uint8(10), np.uint8(6))
     length = data[1:].take(offsets)
     fits = begin <= len(data) - size

@@ -10,8 +10,9 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.formats.base import Offsets
 from attlog.formats.mapping import gather
-from attlog.formats.ulog.index import HEADER, Bytes, Offsets, identifier_at
+from attlog.formats.ulog.index import HEADER, Bytes, identifier_at
 from attlog.formats.ulog.layout import Layout
 from attlog.limits import MAX_TIME_JUMP_S
 

@@ -10,19 +10,17 @@ its machine code is at hand, since compiling it costs more than it saves on one 
 
 from __future__ import annotations
 
-import sys
-from functools import cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats.compiled import if_cheap, kernel_of
-from attlog.kernels.kernel import Kernel
+from attlog.formats.base import Offsets
+from attlog.formats.compiled import if_cheap, kernel_of, pays
+from attlog.formats.mapping import offset_type
 from attlog.kernels.obtain import obtained
 
 Bytes = NDArray[np.uint8]
-Offsets = NDArray[np.int64]
 Identifiers = NDArray[np.uint16]
 Segments = list[tuple[Offsets, Identifiers]]
 """Starts and ids of data records that follow each other, in file order."""
@@ -32,12 +30,10 @@ FIRST_BLOCK = 1 << 12
 """Bytes compared at once after the sizes changed, four times as many each time until BLOCK: they may change again."""
 FEW = 8
 """Records that are walked one by one before a block is compared."""
-SEGMENT = 1 << 19
-"""Records that a compiled walk takes at once: large buffers, which the system maps in large pages."""
-USUAL_RECORD = 48
-"""Bytes of a data record; a file of shorter ones is walked in more segments."""
-WORTH_COMPILED, WORTH_IF_READY = 32 << 20, 4 << 20
-"""Below this many bytes loading compiled code costs more than it saves; the second where kernels run already."""
+SEGMENT = 1 << 14
+"""Records that a compiled walk takes at once: what it writes stays in the processor's cache until it is copied."""
+WORTH_COMPILED = 32 << 20
+"""Below this many bytes loading compiled code costs more than it saves."""
 DATA = ord("D")
 SYNC_MARK = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 """A record of its own, which the logger writes now and then so that the places behind damage are found."""
@@ -86,9 +82,6 @@ class Chain(Protocol):
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
         """Starts and ids of a segment of consecutive data records from ``position`` on that ends before ``stop``."""
 
-    def by_id(self, segments: Segments) -> list[tuple[int, Offsets]]:
-        """Each id and its records' starts, in the given order within."""
-
     def forget(self) -> None:
         """Drop what was concluded from the sizes before."""
 
@@ -99,8 +92,7 @@ class NumpyChain:
     group = 1 << 15
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
-        self._data = data
-        self._sizes = sizes
+        self._data, self._sizes, self._width = data, sizes, offset_type(len(data))
         self.forget()
 
     def forget(self) -> None:
@@ -118,20 +110,11 @@ class NumpyChain:
             self._look(position)
         first = int(self._starts.searchsorted(position))
         if first == len(self._starts) or self._starts[first] != position:
-            return self._starts[:0], self._ids[:0]
+            return self._starts[:0].astype(self._width), self._ids[:0]
         last = int(self._breaks[self._breaks.searchsorted(first)]) + 1
         if self._ends[last - 1] > stop:
             last = first + int(self._ends[first:last].searchsorted(stop, side="right"))
-        return self._starts[first:last], self._ids[first:last]
-
-    def by_id(self, segments: Segments) -> list[tuple[int, Offsets]]:
-        """Each id and its records' starts, by a radix sort."""
-        starts = np.concatenate([starts for starts, _ in segments])
-        ids = np.concatenate([ids for _, ids in segments])
-        order = ids.argsort(kind="stable")
-        starts, ids = starts.take(order), ids.take(order)
-        begins = (ids[1:] != ids[:-1]).nonzero()[0] + 1
-        return list(zip(ids[[0, *begins]].tolist(), np.split(starts, begins), strict=True))
+        return self._starts[first:last].astype(self._width), self._ids[first:last]
 
     def _few(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
         """The first records after the sizes changed, one by one."""
@@ -146,7 +129,7 @@ class NumpyChain:
             starts.append(position)
             ids.append(identifier)
             position += 3 + size
-        return np.array(starts, np.int64), np.array(ids, np.uint16)
+        return np.array(starts, self._width), np.array(ids, np.uint16)
 
     def _look(self, position: int) -> None:
         """All places in the next block that look like a data record, and where their chain breaks."""
@@ -198,10 +181,9 @@ class NumbaChain:
     group = 1 << 22
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
-        self._data = data
-        self._sizes = sizes
-        self._walk, self._count, self._scatter = (_compiled(k) or obtained(k) for k in (WALK, COUNT, SCATTER))
-        self._new_buffers()
+        self._data, self._sizes, self._width = data, sizes, offset_type(len(data))
+        self._walk = if_cheap(WALK) or obtained(WALK)
+        self._starts, self._ids = np.empty(SEGMENT, np.int64), np.empty(SEGMENT, np.uint16)
 
     def forget(self) -> None:
         """Nothing is kept between calls."""
@@ -210,44 +192,10 @@ class NumbaChain:
         """Starts and ids of the segment, at most one buffer of them; passes over synchronisation marks."""
         sizes, starts, ids = self._sizes, self._starts, self._ids
         n = self._walk(self._data, position, stop, sizes.smallest, sizes.spread, starts, ids)
-        if n < len(starts) // 2:
-            return starts[:n].copy(), ids[:n].copy()
-        self._new_buffers()
-        return starts[:n], ids[:n]
-
-    def _new_buffers(self) -> None:
-        """Room for the next segment; a long segment keeps its buffers, only short ones are copied out of them."""
-        room = min(SEGMENT, len(self._data) // USUAL_RECORD + FEW)
-        self._starts = np.empty(room, np.int64)
-        self._ids = np.empty(room, np.uint16)
-
-    def by_id(self, segments: Segments) -> list[tuple[int, Offsets]]:
-        """Each id and its records' starts, by counting."""
-        counts = np.zeros(65536, np.int64)
-        for _, ids in segments:
-            self._count(ids, counts)
-        ends = counts.cumsum()
-        places, sorted_starts = ends - counts, np.empty(ends[-1], np.int64)
-        for starts, ids in segments:
-            self._scatter(starts, ids, places, sorted_starts)
-        return [(i, sorted_starts[ends[i] - counts[i] : ends[i]]) for i in counts.nonzero()[0].tolist()]
+        return starts[:n].astype(self._width), ids[:n].copy()
 
 
-# Places are unsigned in these loops: a signed one could count from the end, and asking costs a third of the time.
-
-
-def count(ids, counts):  # type: ignore[no-untyped-def]
-    """Add how often each id stands in a segment."""
-    for i in range(len(ids)):
-        counts[ids[i]] += 1
-
-
-def scatter(starts, ids, places, out):  # type: ignore[no-untyped-def]
-    """Put each start at the next free place of its id."""
-    for i in range(len(starts)):
-        place = places[ids[i]]
-        out[np.uint64(place)] = starts[i]
-        places[ids[i]] = place + 1
+# Places are unsigned in this loop: a signed one could count from the end, and asking costs a third of the time.
 
 
 def walk(data, position, stop, smallest, spread, starts, ids):  # type: ignore[no-untyped-def]
@@ -277,18 +225,10 @@ def walk(data, position, stop, smallest, spread, starts, ids):  # type: ignore[n
 
 
 SOURCE = "formats/ulog/index.py"
-COUNT = kernel_of(count, "void(u2[::1], i8[::1])", SOURCE)
-SCATTER = kernel_of(scatter, "void(i8[::1], u2[::1], i8[::1], i8[::1])", SOURCE)
 WALK = kernel_of(walk, "i8((u1[::1]), i8, i8, u2[::1], u2[::1], i8[::1], u2[::1])", SOURCE)
-
-
-@cache
-def _compiled(kernel: Kernel) -> Any:
-    return if_cheap(kernel)
 
 
 def chain(data: Bytes, sizes: Sizes) -> Chain:
     """The follower that is faster now: compiled where that is at hand, else numpy."""
-    worth = WORTH_IF_READY if "llvmlite" in sys.modules else WORTH_COMPILED
-    pays = len(data) >= worth and all(_compiled(k) for k in (WALK, COUNT, SCATTER))
-    return NumbaChain(data, sizes) if pays else NumpyChain(data, sizes)
+    is_worth = pays("ulog", len(data), WORTH_COMPILED) and if_cheap(WALK) is not None
+    return NumbaChain(data, sizes) if is_worth else NumpyChain(data, sizes)

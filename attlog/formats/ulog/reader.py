@@ -19,15 +19,16 @@ import numpy as np
 
 from attlog.errors import LogUnusable, NotALog
 from attlog.formats.barrier import Barrier
-from attlog.formats.base import Boot, Damage, Messages, Remark, Table
-from attlog.formats.mapping import map_bytes
+from attlog.formats.base import Boot, Damage, Messages, Offsets, Remark, Table
+from attlog.formats.grouping import by_kind
+from attlog.formats.mapping import map_bytes, offset_type
 from attlog.formats.ulog.clock import RecordClock, rise
 from attlog.formats.ulog.content import LATEST_US, Content
 from attlog.formats.ulog.definitions import Definitions
 from attlog.formats.ulog.detect import ENCRYPTED
 from attlog.formats.ulog.doubt import doubtful
 from attlog.formats.ulog.framing import ANCHOR_RECORDS, DATA, KINDS, Framing
-from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Offsets, Segments, Sizes, chain, identifier_at
+from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Segments, Sizes, chain, identifier_at
 from attlog.formats.ulog.layout import Layout
 from attlog.formats.ulog.records import FILE_HEADER, LARGEST_UNKNOWN, MAGIC, SYNC_MARK, text
 from attlog.formats.ulog.topic import Topic
@@ -167,9 +168,12 @@ class _Reader:
 
     def _remember(self) -> None:
         """The last record of the last segment, and the last ones whose times can be told."""
-        starts, ids = self.segments[-1] if self.segments else (np.zeros(0, np.int64), np.zeros(0, np.uint16))
-        self.last = int(starts[-1]) if len(starts) else 0
-        if self.alike and len(starts):
+        if not self.segments:
+            self.last, self.recent = 0, []
+            return
+        starts, ids = self.segments[-1]
+        self.last = int(starts[-1])
+        if self.alike:
             starts = starts[-LOOKED_BACK:]
             starts = starts[self.sizes.smallest[ids[-LOOKED_BACK:]] > 0]
             if not len(starts):
@@ -270,7 +274,7 @@ class _Reader:
         """Sort what is pending; give records whose subscription is lost to the one topic that they can be."""
         self._group()
         for identifier, places in self.unknown.items():
-            starts = np.sort(np.frombuffer(places, np.int64))
+            starts: Offsets = np.sort(np.frombuffer(places, np.int64)).astype(offset_type(self.size))
             first = int(starts[0])
             lengths = 3 + self.data[starts].astype(np.int64) + 256 * self.data[starts + 1].astype(np.int64)
             found = None
@@ -386,7 +390,7 @@ class _Reader:
         if not self.segments:
             return
         segments, self.segments, self.pending = self.segments, [], 0
-        for identifier, part in self.chain.by_id(segments):
+        for identifier, part in by_kind(segments):
             meant = self.definitions.by_id.get(identifier)
             if meant is None:
                 self.unknown.setdefault(identifier, array("q")).frombytes(part.astype(np.int64).tobytes())

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
-from attlog.formats.base import Field, Guard, Table
+from attlog.formats.base import Field, Guard, Offsets, Table
 from attlog.formats.mapping import gather
-from attlog.formats.ulog.index import HEADER, Bytes, Offsets
+from attlog.formats.ulog.index import HEADER, Bytes
 from attlog.formats.ulog.layout import Layout
 from attlog.limits import MAX_LAYOUTS
 
