@@ -102,3 +102,19 @@ def test_a_repeated_value_is_left_out_and_every_change_is_kept() -> None:
     assert np.flatnonzero(only_new(values, t)).tolist() == [0, 4, 8]
     assert only_new(values[:1], t[:1]).tolist() == [True]
     assert only_new(values[:0], t[:0]).tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("interval", "pause", "told"),
+    [
+        (0.02, 0.09, False),
+        (0.02, 0.11, True),
+        (0.001, 0.04, False),
+        (0.001, 0.06, True),
+        (0.2, 0.9, False),
+        (0.2, 1.1, True),
+    ],
+)
+def test_a_gap_is_longer_than_five_intervals_and_50_ms(interval, pause, told):
+    t = np.concatenate([np.arange(20) * interval, 19 * interval + pause + np.arange(20) * interval])
+    assert gaps(t).tolist() == ([20] if told else [])

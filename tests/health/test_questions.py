@@ -7,6 +7,7 @@ import pytest
 
 from attlog import rotation
 from attlog.analysis import prepare
+from attlog.flight.model import Attitude, FlightLog
 from attlog.health import questions
 from attlog.metrics import drift_rest
 from attlog.segments.model import Segment
@@ -26,3 +27,21 @@ def test_a_rest_is_long_enough_for_drift_in_info_exactly_where_it_is_in_an_analy
     found = drift_rest.compute(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
     assert said.can is answered
     assert (found.value is not None) is answered
+
+
+@pytest.mark.parametrize(
+    ("attitude", "reference", "told"),
+    [(False, "none", "log the attitude"), (True, "none", ""), (True, "onboard", "")],
+)
+def test_what_would_log_an_attitude_is_told_where_nothing_is_there_to_compare_with(
+    monkeypatch, attitude, reference, told
+):
+    """With an attitude in the log the setting would help nobody."""
+    monkeypatch.setattr(FlightLog, "advice", lambda log, what, rate=None: f"log the {what}")
+    t = np.arange(0.0, 40.0, 0.02)
+    log = still_log(t)
+    level = Attitude(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), "ATT")
+    log.attitudes, log.onboard = ({"ATT": level}, "ATT") if attitude else ({}, None)
+    case = prepare(log, {"reference": reference})
+    assert case.reference.kind == reference
+    assert questions.setting("closest", (), case) == told

@@ -98,3 +98,11 @@ def test_the_answer_is_the_floor_over_0_664_in_degrees_per_hour():
     assert answer.value == pytest.approx(3600.0 * 1e-3 / 0.664, rel=1e-3)
     assert answer.ci95 == pytest.approx((0.9 * answer.value, 1.2 * answer.value))
     assert allan.floor_answer(d, 90.0, "rest").code == "rest_too_short"
+
+
+def test_the_interval_of_the_walk_is_that_of_allantools_at_one_second():
+    row = walking_row(300.0)
+    answer = allan.compute(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
+    edf = allantools.edf_simple(len(row.t), round(1.0 / STEP), 0)
+    low, high = allantools.confidence_interval(answer.value, edf, ci=0.95)
+    assert answer.ci95 == pytest.approx((low, high), rel=0.01)

@@ -287,3 +287,14 @@ def test_a_reset_of_the_onboard_attitude_at_rest_is_no_drift():
     uncut = flights.case([onboard], [rest])
     uncut.log.attitudes, uncut.log.onboard = cut.log.attitudes, "ATT"
     assert drift.slope(drift_rest.rest_blocks(uncut, onboard, ((0.0, 60.0),))).value > 1.0
+
+
+def test_the_line_that_is_drawn_is_the_least_squares_line_with_an_offset_for_each_segment():
+    """By numpy: one slope, and a column of ones for each segment."""
+    t = np.arange(0.0, 120.0, 0.02)
+    segment = np.searchsorted([50.0, 90.0], t, side="right")
+    e = 3.0 / 60.0 * t + np.array([5.0, -20.0, 40.0])[segment] + np.random.default_rng(8).standard_normal(len(t))
+    blocks = drift.block_means(t, e, segment)
+    design = np.column_stack([blocks.t, *(blocks.segment == s for s in np.unique(blocks.segment))])
+    wanted = design @ np.linalg.lstsq(design, blocks.e, rcond=None)[0]
+    np.testing.assert_allclose(drift.line(blocks), wanted, atol=1e-9)

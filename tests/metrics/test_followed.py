@@ -66,3 +66,22 @@ def test_a_reference_of_another_size_or_shape_is_left_to_the_fit(steps: Case) ->
 
 def test_few_events_are_left_to_the_fit(steps: Case) -> None:
     assert followed.plainly(steps, possible.stand_in(steps), "0:1") is None
+
+
+@pytest.mark.parametrize(("kind", "told"), [("truth", False), ("onboard", True)])
+def test_a_row_ahead_of_its_reference_is_left_to_the_fit_unless_that_is_an_estimate_itself(
+    steps: Case, kind: str, told: bool
+) -> None:
+    """What flew may well be late; truth is not, and a row that is ahead of it has something wrong."""
+    ahead = changed(steps, steps.reference.q, steps.reference.t + 0.03)
+    ahead.reference.kind = kind  # type: ignore[assignment]
+    assert (followed.plainly(ahead, possible.stand_in(steps), "all") is not None) is told
+
+
+def test_a_row_that_shakes_beside_its_movement_is_left_to_the_fit(steps: Case) -> None:
+    """The gain is right, the shape is not: 1 deg at 8 Hz adds tens of deg/s that the reference does not turn."""
+    row = possible.stand_in(steps)
+    shake = rotation.from_rotvec(np.radians(1.0) * np.sin(50.0 * row.t)[:, None] * np.array([1.0, 1.0, 1.0]))
+    shaken = replace(row, q=rotation.multiply(row.q, shake))
+    assert followed.plainly(steps, row, "airborne") is not None
+    assert followed.plainly(steps, shaken, "airborne") is None

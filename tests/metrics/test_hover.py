@@ -43,3 +43,16 @@ def test_two_windows_that_differ_too_much_give_no_interval_instead_of_one_beyond
     assert answer.ci95 is None
     assert "differ too much" in answer.reason
     assert not answer.ranked
+
+
+def test_noise_of_known_size_lies_in_the_interval():
+    """White noise of 0.3 deg at 100 Hz: 4.5 of its 50 Hz lie in the band."""
+    answer = jitter(0.3 * np.random.default_rng(5).standard_normal(len(T)))
+    assert answer.n == 12
+    assert answer.ci95[0] < 0.3 * np.sqrt(4.5 / 50.0) < answer.ci95[1]
+    assert answer.ci95[1] < 1.5 * answer.ci95[0]
+
+
+@pytest.mark.parametrize(("hz", "answered"), [(9.5, False), (10.5, True)])
+def test_ten_values_a_second_are_needed(hz, answered):
+    assert (jitter(0.0, t=np.arange(0.0, 80.0, 1.0 / hz)).code is None) is answered

@@ -208,3 +208,17 @@ def test_an_axis_keeps_the_aiding_and_misalignment_of_the_whole():
     for axis in ("roll", "pitch"):
         np.testing.assert_array_equal(found[axis].x[2:], found["all"].x[2:])
         assert found[axis].delay == pytest.approx(0.0, abs=5e-5)
+
+
+def test_a_delay_with_the_misalignment_held_where_it_is_best_is_the_best_delay():
+    """Least squares: what is held at its optimum leaves the others at theirs."""
+    t, q = motion("steps", 60.0)
+    row = sampled(t, rotation.multiply(q, rotation.from_rotvec(np.radians([2.0, -1.0, 2.5]))), 200.0, DELAY)
+    found = fit(row, sampled(t, q, 100.0))["all"]
+    free, every = found.sums, np.arange(len(found.events))
+    plain = free.plain[every].sum(axis=0)
+    best = np.zeros(step_solution.SCALES.size + 2)
+    normal = plain[1:, 1:] + free.ridge
+    best[:5] = np.linalg.solve(normal[:5, :5], plain[1:6, step_solution.Y])
+    assert np.degrees(np.abs(best[2:5])).max() > 2.0
+    np.testing.assert_allclose(free.keeping(best).without_aiding(every), free.without_aiding(every), rtol=1e-9)

@@ -357,3 +357,10 @@ def test_no_smoother_is_made_of_an_accelerometer_that_shows_no_gravity(scale: fl
     assert smoothed.not_smoothed(log, segments.build(log)) == ""
     log.imus[0].acc.x = scale * log.imus[0].acc.x
     assert "no gravity" in smoothed.not_smoothed(log, segments.build(log))
+
+
+def test_a_turn_between_headings_is_the_mean_over_a_second_on_each_side():
+    rng = np.random.default_rng(3)
+    t, x = np.sort(rng.uniform(0.0, 30.0, 400)), rng.standard_normal(400)
+    wanted = [x[np.abs(t - at) <= 1.0].mean() for at in t]
+    np.testing.assert_allclose(smoothed._slowly(t, x), wanted, atol=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from attlog import segments
-from attlog.flight.model import FlightLog, Stream, TimeLine
+from attlog.flight.model import FlightLog, Gnss, Stream, TimeLine
 from attlog.segments import flying, spans
 
 from .flights import DISARMED, END, LANDED, TAKE_OFF, flight
@@ -109,3 +109,15 @@ def test_a_steady_climb_counts_though_its_height_has_no_ground_to_count_from():
     assert not np.isfinite(seen.height).any()
     assert seen.off[20:-20].all()
     assert not seen.standing.any()
+
+
+@pytest.mark.parametrize(("fix", "known"), [(2, False), (3, True), (5, True)])
+def test_the_height_of_a_log_without_barometer_is_that_of_a_receiver_with_a_3d_fix(fix, known):
+    t = np.arange(0.0, 20.0, 0.2)
+    nothing = np.full(len(t), np.nan)
+    told = Gnss(0, t, "GPS:0", nothing, nothing, 488.0 + t, np.full((len(t), 3), np.nan), nothing, nothing, nothing,
+                np.full(len(t), fix))  # fmt: skip
+    found = flying.height(flight(50.0, baro=[], gnss=[told]))
+    assert (found is not None) is known
+    if found is not None:
+        np.testing.assert_array_equal(found.x[:, 0], 488.0 + t)
