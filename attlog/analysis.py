@@ -347,13 +347,21 @@ def _unmeasured(rows: Sequence[EstimatorRow]) -> list[Problem]:
 
 
 def _slow(chosen: Mapping[str, replay.Chosen], rows: list[Row]) -> list[Problem]:
-    """Plug-ins that ran in plain Python."""
+    """Plug-ins that ran in plain Python, or whose process was lost in a run by which a metric tries them."""
     ran = {row.name.partition("/imu")[0] for row in rows}
-    why = {
-        n: estimators.not_compiled(s.estimator) for n, s in chosen.items() if isinstance(s, estimators.Row) and n in ran
-    }
     text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
-    return [Problem("estimator_not_compiled", "note", f"{n}: {text} ({w}).") for n, w in why.items() if w]
+    found = []
+    for name, spec in chosen.items():
+        if isinstance(spec, estimators.Row) and name in ran:
+            try:
+                why = estimators.not_compiled(spec.estimator)
+            except PluginError as error:
+                code = TIMED_OUT if isinstance(error, PluginTimeout) else "estimator_failed"
+                found.append(Problem(code, "error", f"{name}: in a later run, by which metrics try it: {error}"))
+                continue
+            if why:
+                found.append(Problem("estimator_not_compiled", "note", f"{name}: {text} ({why})."))
+    return found
 
 
 def _late_field(rows: Sequence[Row]) -> list[Problem]:

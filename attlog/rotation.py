@@ -46,11 +46,11 @@ def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]
 
 @_by_blocks(4)
 def normalize(q: ArrayLike) -> Array:
-    """Unit quaternions (..., 4); a quaternion of zero length becomes NaN."""
+    """Unit quaternions (..., 4); one of zero length, or of one beyond any number, becomes NaN."""
     q = np.asarray(q, np.float64)
-    norm = np.asarray(_length(q))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(q / np.where(norm > 0, norm, np.nan)[..., None])
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        norm = np.asarray(_length(q))
+        return np.asarray(q / np.where((norm > 0) & (norm < np.inf), norm, np.nan)[..., None])
 
 
 def finite(x: Array) -> NDArray[np.bool_]:

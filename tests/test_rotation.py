@@ -154,6 +154,8 @@ def test_the_total_error_contains_heading_and_tilt(q):
 
 def test_zero_length_is_no_attitude():
     assert np.isnan(rotation.normalize([0, 0, 0, 0])).all()
+    assert np.isnan(rotation.normalize([1e200, 0, 0, 0])).all(), "its length is no number; 0 would be an error of 0 deg"
+    assert np.isnan(rotation.normalize([np.inf, 0, 0, 0])).all()
     np.testing.assert_allclose(rotation.normalize([[2, 0, 0, 0]]), [[1, 0, 0, 0]])
 
 

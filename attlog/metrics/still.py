@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import estimators
+from attlog import estimators, rotation
 from attlog.dataclass import dataclass
 from attlog.estimators.engine.samples import Sampling
 from attlog.metrics.base import Case
@@ -67,4 +67,4 @@ def end(row: Row, still: Still, gyro: Array, acc: Array, mag: Array | None) -> A
     """The attitude (4,) that the row's filter ends with over such samples. AttlogError where it cannot be run."""
     estimator = estimators.get(row.estimator)
     found = estimators.estimate(estimator, still.t, gyro, acc, mag, sampling=still.sampling, **row.parameters)
-    return np.asarray(found.q[-1])
+    return rotation.normalize(found.q[-1])

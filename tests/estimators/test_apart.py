@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import attlog
 from attlog import estimators
 from attlog.errors import PluginError, PluginTimeout, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, apart
@@ -271,3 +272,29 @@ def test_a_file_called_like_a_built_in_filter_is_a_row_of_its_own(tmp_path: Path
     assert [row.name for row in estimators.select(f"mahony,{mine},{mine}")] == ["mahony", "mahony.py"]
     with pytest.raises(UsageError, match=r"both called mahony\.py; rename one"):
         estimators.select(f"{mine},{other}")
+
+
+LATER = """import time
+from attlog.estimators import estimate
+NEEDS, USES = {"gyro", "acc"}, {"mag"}
+calls = []
+
+def run(t, gyr, acc, mag, aids, params):
+    calls.append(len(t))
+    if len(calls) == 2:
+        time.sleep(30)
+    return estimate("mahony", t, gyr, acc, mag)
+"""
+
+
+def test_a_filter_that_hangs_when_a_metric_tries_it_costs_a_sentence_and_not_the_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "later.py"
+    file.write_text(LATER)
+    monkeypatch.setenv(apart.LIMIT, "3")
+    log = Path(__file__).parents[2] / "sample_logs" / "copter_yaw_turns.bin"
+    result = attlog.analyze(log, {"estimators": ["gyro", str(file)]})
+    row = next(r for r in result.estimators if r.name == "later")
+    assert row.status == "ok"
+    assert next(p.text for p in result.problems if p.code == "estimator_timed_out").startswith("later: in a later run")
