@@ -17,6 +17,7 @@ PACKAGE = Path(attlog.__file__).parent
 EVERYWHERE = {
     "errors",
     "dataclass",
+    "median",
     "limits",
     "rotation",
     "rotation_loops",
@@ -179,6 +180,7 @@ NEEDED_BY_NONE = {"attlog.compare", "attlog.fleet.gating", "pandas", "plotly", "
 NEEDED_BY_NONE |= {"scipy.optimize", "scipy.signal", "urllib.request", "xml"}
 NOT_IN_INFO = {"attlog.cli.analyze", "attlog.estimators.filters", "attlog.estimators.registry", "attlog.metrics.noise"}
 NOT_IN_INFO |= {"attlog.report", "attlog.result", "jinja2", "llvmlite", "numba", "scipy"}
+NOT_IN_INFO |= {"attlog.kernels.obtain", "json", "logging", "numpy.ma"}
 NEEDED_BY_NONE |= {"pydantic", "importlib.metadata", "email", "socket"}
 
 

@@ -25,6 +25,7 @@ from attlog.flight.timing import LATEST_US, Stamps, plausible
 from attlog.flight.witnesses import times_alone
 from attlog.formats.base import Messages, Table
 from attlog.limits import READ_BYTES
+from attlog.median import median
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -233,7 +234,7 @@ class LogBuilder:
         known = (age >= 0) & (age < 1_000_000)
         if len(age) == 0 or np.mean(known) < 0.9 or not age[known].any():
             return None
-        sampled = np.where(known, t_sample_us, t_us - int(np.median(age[known])))
+        sampled = np.where(known, t_sample_us, t_us - int(median(age[known])))
         order = np.arange(len(sampled))
         return self.seconds(np.maximum.accumulate(sampled - order) + order)
 

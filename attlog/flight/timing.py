@@ -16,6 +16,7 @@ from attlog.dataclass import dataclass
 from attlog.flight import physics
 from attlog.formats.base import Table
 from attlog.limits import MAX_TIME_JUMP_S
+from attlog.median import median
 
 Stamps = NDArray[np.int64]
 LATEST_US = int(physics.CLOCK_US.high)
@@ -185,4 +186,4 @@ def gaps(t: NDArray[np.float64]) -> NDArray[np.int64]:
     if len(t) < 3:
         return np.zeros(0, np.int64)
     dt = np.diff(t)
-    return np.flatnonzero(dt > max(GAP_FACTOR * float(np.median(dt)), GAP_S)) + 1
+    return np.flatnonzero(dt > max(GAP_FACTOR * float(median(dt)), GAP_S)) + 1

@@ -6,7 +6,6 @@ debug.
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -38,6 +37,8 @@ class Barrier:
         """The same for an error at hand; raises it where it was meant, or is no message's fault, or under test."""
         if isinstance(error, (AttlogError, MemoryError)) or os.environ.get(RAISE):
             raise error
+        import logging  # nearly no log needs it
+
         logging.getLogger("attlog.formats").debug("%s, %s, byte %s", message, what, offset, exc_info=error)
         if message not in self._failed:
             self._failed.add(message)

@@ -11,9 +11,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from attlog.kernels import cache, generate
+from attlog.kernels import loops
 from attlog.kernels.kernel import Kernel
-from attlog.kernels.obtain import at_hand, obtained
 
 WORTH_IF_READY = 1 << 18
 """Bytes from which a compiled loop is worth being asked for, in a process that has loaded compiled code already."""
@@ -24,17 +23,25 @@ def kernel_of(loop: Callable[..., Any], signature: str, source: str, *helpers: s
 
     ``source``: its file below the package; ``helpers``: those of functions that it calls.
     """
-    name = loop.__name__
-    text = functools.partial(generate.with_helpers, {name: loop}, jit=True)
-    return Kernel(f"{source} {name}", name, text, signature, f"the reader's {name}", (source, *helpers, "kernels"))
+    return loops.kernel_of(loop, signature, source, f"the reader's {loop.__name__}", (source, *helpers, "kernels"))
 
 
 @functools.cache
 def if_cheap(kernel: Kernel) -> Callable[..., Any] | None:
     """The compiled loop; None where it would have to be compiled by a process that has no compiler loaded."""
+    from attlog.kernels import cache
+    from attlog.kernels.obtain import at_hand, obtained  # short logs are read without
+
     if not cache.jit_wanted():
         return None
     return at_hand(kernel) or (obtained(kernel) if "numba" in sys.modules else None)
+
+
+def at_any_cost(kernel: Kernel) -> Callable[..., Any]:
+    """The compiled loop, compiled now where no object is at hand."""
+    from attlog.kernels.obtain import obtained
+
+    return obtained(kernel)
 
 
 def is_ready(size: int) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 
 from attlog.flight.model import FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
+from attlog.median import median
 from attlog.segments.model import Segments
 
 BIAS_DPS = (1.0, 3.0)
@@ -56,7 +57,7 @@ def bias(imu: Imu, segments: Segments) -> Check:
         mask = segments.mask(imu.gyro.t, kind)
         if mask.sum() < 10:
             continue
-        x, y, z = (float(v) for v in np.degrees(np.median(imu.gyro.x[mask], axis=0)))
+        x, y, z = (float(v) for v in np.degrees(median(imu.gyro.x[mask], axis=0)))
         worst = max(x, y, z, key=abs)
         text = f"{where} the gyro reads {x:.2f}, {y:.2f}, {z:.2f} deg/s about x, y, z."
         return Check("gyro bias", graded(abs(worst), *BIAS_DPS), text, round(worst, 3), "deg/s", limit)

@@ -27,6 +27,7 @@ from attlog.dataclass import dataclass
 from attlog.estimators.engine.samples import place
 from attlog.flight.model import Imu
 from attlog.kernels.loops import function_of
+from attlog.median import median
 from attlog.metrics.aiding_loop import SEEN, SUMMED, seen_at, summed_aiding
 from attlog.metrics.base import Case, per_case, per_row
 from attlog.metrics.evidence import imu_of, logged_unit
@@ -128,7 +129,7 @@ def _samples(case: Case, unit: Imu, with_field: bool) -> Samples | None:
     if good.sum() < 2:
         return None
     t, w, f = (np.ascontiguousarray(x, np.float64) for x in gaps.only(good, t, unit.gyro.x, unit.acc.x))
-    found = Samples(t, f, np.zeros((len(t), 3)), np.zeros(len(t)), float(np.median(np.diff(t))))
+    found = Samples(t, f, np.zeros((len(t), 3)), np.zeros(len(t)), float(median(np.diff(t))))
     if with_field and case.log.mag is not None:
         measured = case.log.mags[case.log.mag].field
         mean = np.concatenate([w[:1], w[1:] if unit.gyro.sampling == "interval" else 0.5 * (w[1:] + w[:-1])])
@@ -144,7 +145,7 @@ def _hold(found: Samples, rate: Array, measured: Array) -> None:
     if len(at) < 2:
         return
     t, m = found.t, measured[at] / size[at, None]
-    period = float(np.median(np.diff(t[at])))
+    period = float(median(np.diff(t[at])))
     found.new, source, ends = at, at, np.append(at[1:], len(t))
     while len(at):
         found.m[at], found.age[at] = m, t[at] - t[source]

@@ -11,6 +11,7 @@ from attlog import estimators
 from attlog.errors import AttlogError
 from attlog.estimators.engine.loop import run
 from attlog.estimators.engine.samples import prepare
+from attlog.median import median
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph
 from attlog.reference.model import Row
@@ -47,7 +48,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     base = None if mahony is None else measured(mahony)
     ratio = missing("not_applicable", f"needs {BASE} in the same run to compare with", "1", window)
     if base is not None:
-        times = own / np.median(base)
+        times = own / median(base)
         ratio = _answer(times, "1", window, (float(np.min(own) / np.max(base)), float(np.max(own) / np.min(base))))
     return {"cost_ns": _answer(own, "ns", window, (float(np.min(own)), float(np.max(own)))), "cost_ratio": ratio}
 
@@ -55,7 +56,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
 def _answer(times: Array, unit: str, window: str, ci95: tuple[float, float]) -> Answer:
     seconds = 1e-9 * SAMPLES * len(times)
     return Answer(
-        float(np.median(times)), unit, window, len(times), seconds, ci95 if len(times) > 1 else None,
+        float(median(times)), unit, window, len(times), seconds, ci95 if len(times) > 1 else None,
         f"median of {len(times)} runs" if len(times) > 1 else "one replay",
         reason="depends on the machine and what else it does", ranked=False,
     )  # fmt: skip

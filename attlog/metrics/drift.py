@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
+from attlog.median import median
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, Record
 from attlog.metrics.evidence import DRIFT_AIR_S, DRIFT_SLACK_S
@@ -92,7 +93,7 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
         own_t, own_e = t[i:j], np.unwrap(e_deg[i:j], period=360.0)
         index = np.floor((own_t - own_t[0]) / length).astype(int)
         count = np.bincount(index)
-        full = np.flatnonzero(count > 0.5 * np.median(count[count > 0]))
+        full = np.flatnonzero(count > 0.5 * median(count[count > 0]))
         times.append(np.bincount(index, own_t)[full] / count[full])
         means.append(np.bincount(index, own_e)[full] / count[full])
         labels.append(np.full(len(full), label))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
+from attlog.median import median
 from attlog.metrics import pure_delay, steps
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_times
@@ -195,4 +196,4 @@ def sample_step(case: Case, row: Row) -> float:
 
 @per_times
 def _step(case: Case, t: Array) -> float:
-    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    return float(median(np.diff(t))) if len(t) > 1 else 0.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
+from attlog.median import median
 from attlog.metrics import follow, injection, level, moderated, quantisation, windows
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_row
@@ -89,7 +90,7 @@ def variance(residual: Array) -> Array:
 def unsettled(variances: Array) -> int:
     """How many leading windows of a rest settle: variances (k, 4), tilt or heading above 4 x the later median."""
     for k in range(len(variances) - MIN_LATER):
-        later = np.median(variances[k + 1 :, 2:], axis=0)
+        later = median(variances[k + 1 :, 2:], axis=0)
         if not (variances[k, 2:] > UNSETTLED * later).any():
             return k
     return max(0, len(variances) - MIN_LATER)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.median import median
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_case, per_row, per_times
@@ -227,7 +228,7 @@ def usual_step(case: Case, row: Row) -> float:
 
 @per_times
 def _step(case: Case, t: Array) -> float:
-    return float(np.median(np.diff(t)))
+    return float(median(np.diff(t)))
 
 
 def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:

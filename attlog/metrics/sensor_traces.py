@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from attlog import earth
 from attlog.flight.model import FlightLog, Imu
+from attlog.median import median
 from attlog.metrics.base import Case
 from attlog.metrics.envelope import extremes
 from attlog.metrics.evidence import detrended, within
@@ -57,7 +58,7 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
         return []
     size = min(SEGMENT, max(p.stop - p.start for p in pieces))
     starts = [a for p in pieces for a in range(p.start, p.stop - size + 1, size // 2)]
-    step = float(np.median(np.diff(imu.gyro.t)))
+    step = float(median(np.diff(imu.gyro.t)))
     if not starts or step <= 0:
         return []
     chosen = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, SPECTRA).round().astype(int))]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
+from attlog.median import median
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
@@ -99,7 +100,7 @@ class OnEvents:
         """Median and interval on the events with these ids."""
         values = magnitude(self.errors) if self.unit == "deg" else percent(self.errors)
         chosen = values[np.isin(self.errors.ids, ids)]
-        return Summary(float(np.median(chosen)), interval.of_median(chosen))
+        return Summary(float(median(chosen)), interval.of_median(chosen))
 
 
 def magnitude(errors: Errors) -> Array:
@@ -142,5 +143,5 @@ def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: lis
         summary.value, sign, window, count, seconds, summary.ci95, f"median of {count} events, order statistics",
         detail={"p90": float(np.quantile(np.abs(values), 0.9))}, each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, magnitude(errors), here),
-        floor=own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0),
+        floor=own_deg * (100.0 / float(median(errors.stroke)) if unit == "pct" else 1.0),
     )  # fmt: skip

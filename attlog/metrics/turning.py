@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.dataclass import dataclass
+from attlog.median import median
 from attlog.metrics.steps import Event
 from attlog.segments import gaps
 
@@ -38,7 +39,7 @@ class Turning:
         lost = np.cumsum(~good)[good].astype(np.int64)
         self.t, self.q = (np.ascontiguousarray(x, np.float64) for x in gaps.only(good, self.t, self.q))
         self.segment = gaps.renumber(gaps.number(self.t), self.segment[good], lost)
-        self.step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else math.inf
+        self.step = float(median(np.diff(self.t))) if len(self.t) > 1 else math.inf
         self.turned = np.zeros((len(self.t), 3))
         turn = rotation.increments(self.q)
         np.cumsum(np.degrees(turn, out=turn), axis=0, out=self.turned[1:])

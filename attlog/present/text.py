@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterable
@@ -31,6 +30,8 @@ def for_terminal(text: str) -> str:
 
 def json_for_terminal(text: str) -> str:
     """JSON for standard output: what would steer a terminal, all of it inside texts, as JSON's own escapes."""
+    import json
+
     return CONTROL.sub(lambda found: json.dumps(found[0])[1:-1], text)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.flight.model import Attitude, FlightLog
+from attlog.median import median
 from attlog.reference.model import AlignmentStep
 
 Array = NDArray[np.float64]
@@ -42,7 +43,8 @@ def step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) ->
     if not told:
         text = f"{attitude.source} has one time stamp; it is taken for the time of the attitude"
         return AlignmentStep("clock", text, "stamp", source=attitude.source, option="--clock")
-    delay = float(np.nanmedian(attitude.t - times(attitude, "sample"))) * 1e3 if len(attitude.t) else 0.0
+    delays = attitude.t - times(attitude, "sample")
+    delay = float(median(delays[~np.isnan(delays)])) * 1e3 if len(delays) else 0.0
     used = "the time of measurement" if clock == "sample" else "the time of publication"
     text = f"{attitude.source} is compared at {used}; it was published {delay:.1f} ms after the measurement (median)"
     return AlignmentStep("clock", text, delay, "ms", attitude.source, clock == "sample", "--clock")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.errors import AttlogError
 from attlog.flight.model import FlightLog, Imu
+from attlog.median import median
 from attlog.reference import scoring, smoothed, trim
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, Reference, Row
@@ -92,7 +93,7 @@ def _judged(
     common = np.nanmedian(downs, axis=0)
     common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
     distance = _angle(downs, common)
-    typical = np.array([np.median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
+    typical = np.array([median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
     near = np.flatnonzero(typical <= TOGETHER_DEG)
     if len(near) < max(FILTERS, (len(filters) + 1) // 2):
         return None
@@ -117,13 +118,13 @@ def _judged(
     right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
     if right > RIGHT_M_S2 or wrong < WRONG_M_S2:
         return None
-    angle = float(np.median(apart[longest]))
+    angle = float(median(apart[longest]))
     fault = (
         f"{reference.source} is wrong by {angle:.0f} deg: {len(near)} of {len(filters)} filters agree with each other, "
         "and the mean force with them"
     )
     text = (
-        f"Filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
+        f"Filters stay within {median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them, as gravity is, and {_shown(by_reference)} by "
         f"{reference.source}"
     )

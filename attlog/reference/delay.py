@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.errors import UsageError
 from attlog.flight.model import FlightLog, Imu
+from attlog.median import median
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.segments import gaps
 from attlog.segments.increments import Turning
@@ -68,7 +69,7 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
 
     def misfit(tau: float) -> float:
         off = turning.between(start[i] + tau, end[i] + tau) / (end - start)[i, None] - own[i]
-        usual = np.sum((off - np.median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
+        usual = np.sum((off - median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
         if not usual.any():  # nothing like the gyro's rates at this shift
             return math.inf
         off = off[usual] - np.mean(off[usual], axis=0)

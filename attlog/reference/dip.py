@@ -13,6 +13,7 @@ import numpy as np
 
 from attlog import rotation
 from attlog.flight.model import Array, Attitude, FlightLog
+from attlog.median import median
 from attlog.reference import declination
 from attlog.segments import Segments, gaps, spans
 
@@ -46,12 +47,12 @@ def accelerometer_contradicted(log: FlightLog, segments: Segments, attitude: Att
         by_attitude.append(_dip_deg(down, field))
     if not by_force:
         return ""
-    off = [abs(float(np.median(dips)) - model.inclination_deg) for dips in (by_force, by_attitude)]
+    off = [abs(float(median(dips)) - model.inclination_deg) for dips in (by_force, by_attitude)]
     if not (off[0] >= WRONG_DEG and off[1] <= RIGHT_DEG):
         return ""
     return (
-        f"the field dips by {np.median(by_force):.0f} deg below the level of the accelerometer, by "
-        f"{np.median(by_attitude):.0f} deg below that of {attitude.source} and by {model.inclination_deg:.0f} deg on "
+        f"the field dips by {median(by_force):.0f} deg below the level of the accelerometer, by "
+        f"{median(by_attitude):.0f} deg below that of {attitude.source} and by {model.inclination_deg:.0f} deg on "
         "earth: the accelerometer's axes are wrong"
     )
 

@@ -29,8 +29,7 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
     along = np.unwrap(np.radians(errors.heading))
     jumps = scoring.reset_steps(errors, along)
     smooth = along - np.cumsum(jumps)
-    numbers = np.unique(row.segment)
-    place = np.searchsorted(numbers, row.segment)
+    numbers, place = np.unique(row.segment, return_inverse=True)
     own = place[np.clip(np.searchsorted(row.t, errors.t, side="right") - 1, 0, len(row.t) - 1)]
     offset, sources = np.zeros(len(numbers)), []
     for part in gaps.slices(np.ones(len(own), bool), own):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.dataclass import dataclass
 from attlog.flight.model import Array, Attitude, Imu, Mag
+from attlog.median import median
 from attlog.reference.compare import interpolate
 from attlog.segments import gaps
 from attlog.segments.increments import Turning
@@ -82,7 +83,7 @@ def rotations(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[A
     segment = gaps.number(gyro_t)
     at = segment[np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)]
     good = (dt > 0) & (dt <= 1.0) & (t[:-1] >= gyro_t[0]) & (t[1:] <= gyro_t[-1]) & (at[1:] == at[:-1])
-    around = np.unique(np.concatenate([jumps - 2, jumps - 1, jumps])) if len(jumps) else np.zeros(0, np.int64)
+    around = np.concatenate([jumps - 2, jumps - 1, jumps])
     good[around[(around >= 0) & (around < len(good))]] = False
     turned = rotation.to_rotvec(rotation.multiply(rotation.conjugate(attitude.q[:-1]), attitude.q[1:]))
     good &= np.sqrt(np.sum(turned**2, axis=1)) < 1.0
@@ -98,7 +99,7 @@ def otherwise(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] =
     """
     if len(by_gyro) < LEAST_INTERVALS:
         return ""
-    g, a = by_gyro - np.median(by_gyro, axis=0), by_attitude - np.median(by_attitude, axis=0)
+    g, a = by_gyro - median(by_gyro, axis=0), by_attitude - median(by_attitude, axis=0)
     by_the_gyro, by_the_attitude = (np.degrees(x.std(axis=0)) for x in (g, a))
     moving = by_the_gyro >= LEAST_DPS
     if moving.any() and (axes := other_axes(g, a, moving)):
@@ -132,7 +133,7 @@ def alike(by_gyro: Array, by_attitude: Array) -> bool:
     Then both saw the same flight. Where the attitude does what the gyro never did, it is the
     attitude that nothing supports.
     """
-    g, a = (x - np.median(x, axis=0) for x in (by_gyro, by_attitude))
+    g, a = (x - median(x, axis=0) for x in (by_gyro, by_attitude))
     size = np.sqrt(np.outer(np.sum(a * a, axis=0), np.sum(g * g, axis=0)))
     match = np.abs(np.divide(a.T @ g, size, out=np.zeros((3, 3)), where=size > 0))
     return bool(match.max() > LEAST_CORRELATION)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.median import median
 from attlog.segments.model import Segment
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ def gap_limit(t: Array) -> float:
     """The longest interval in s that is still no gap: max(5 median intervals, 50 ms)."""
     dt = np.diff(t)
     dt = dt[np.isfinite(dt) & (dt > 0)]
-    return max(GAP_MEDIANS * float(np.median(dt)), GAP_SECONDS) if len(dt) else GAP_SECONDS
+    return max(GAP_MEDIANS * float(median(dt)), GAP_SECONDS) if len(dt) else GAP_SECONDS
 
 
 def rate(t: Array) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
+from attlog.median import median
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
@@ -46,8 +47,8 @@ class Windows:
 def build(t: Array, gyro: Array, acc: Array) -> Windows:
     """Windows over good samples (n,), (n, 3) rad/s, (n, 3) m/s^2; windows with under 3 samples are left out."""
     dt = np.diff(t)
-    median = float(np.median(dt[dt > 0])) if np.any(dt > 0) else SECONDS
-    seconds = max(SECONDS, MIN_SAMPLES * median)
+    usual = float(median(dt[dt > 0])) if np.any(dt > 0) else SECONDS
+    seconds = max(SECONDS, MIN_SAMPLES * usual)
     segment = gaps.number(t)
     segment_start = t[np.searchsorted(segment, segment)]
     number = np.floor((t - segment_start) / seconds).astype(np.int64)
@@ -58,7 +59,7 @@ def build(t: Array, gyro: Array, acc: Array) -> Windows:
         [_statistics(gyro, acc, key[a : a + BLOCK], count[a : a + BLOCK]) for a in blocks.tolist()], axis=0
     )
     start = segment_start[key] + number[key] * seconds
-    end = np.minimum(start + seconds, t[key + count - 1] + median)
+    end = np.minimum(start + seconds, t[key + count - 1] + usual)
     keep = count >= 3
     values = values[keep]
     return Windows(

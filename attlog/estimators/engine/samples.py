@@ -27,6 +27,7 @@ from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators.base import Array, VectorsAt
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
+from attlog.median import median
 
 Sampling = Literal["interval", "instant"]
 D = TypeVar("D", bound=np.generic)
@@ -87,7 +88,7 @@ def prepare(
     # zeros that nobody writes take no memory
     mag = _vectors(mag, np.inf, skipped, absent_is_missing=True) if has_mag else np.zeros((len(t), 3))
     step = np.diff(t, prepend=t[:1])
-    gap = step > max(GAP_MEDIANS * float(np.median(step[1:])), GAP_LEAST_S) if len(t) > 1 else np.zeros(len(t), bool)
+    gap = step > max(GAP_MEDIANS * float(median(step[1:])), GAP_LEAST_S) if len(t) > 1 else np.zeros(len(t), bool)
     restart = gap & (step > BRIDGE_S)
     bridged = gap & ~restart
     first = restart.copy()
@@ -268,7 +269,7 @@ def _mag_use(t: Array, mag: Array, segment: NDArray[np.int64], hold: bool) -> ND
     at = np.flatnonzero(new)
     if not hold or len(at) < 2 or len(at) == len(t):
         return use.astype(np.int64)
-    period = float(np.median(np.diff(t[at])))
+    period = float(median(np.diff(t[at])))
     source = np.maximum.accumulate(np.where(new, np.arange(len(t)), -1))
     fresh = (source >= 0) & (t - t[source] <= HOLD_PERIODS * period) & (segment == segment[source])
     return np.where(new, NEW, np.where(fresh, HELD, MISSING)).astype(np.int64)

@@ -27,6 +27,7 @@ from attlog.estimators.engine.start import first_seconds, start_attitude, turned
 from attlog.estimators.engine.uniform import typical_size
 from attlog.estimators.engine.vectors import GRAVITY
 from attlog.estimators.propagate import propagated
+from attlog.median import median
 
 SOURCE = "Madgwick2014 chapter 7; package imufusion"
 NEEDS = {"gyro", "acc"}
@@ -50,7 +51,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     import imufusion
 
     step = np.diff(t)
-    period = float(np.median(step)) if len(step) else 0.01
+    period = float(median(step)) if len(step) else 0.01
     settings = imufusion.AhrsSettings()
     settings.convention = imufusion.CONVENTION_NED
     settings.sample_rate = 1.0 / period

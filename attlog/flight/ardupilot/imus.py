@@ -16,6 +16,7 @@ from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, va
 from attlog.flight.model import Array
 from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages, ParamChange, Table
+from attlog.median import median
 
 INCREMENTS_HZ = 100.0
 RAW_HZ = 400.0
@@ -134,7 +135,7 @@ def sample_time(table: Table, clock: Clock) -> Stamps:
     if "SampleUS" not in table:
         return t
     sample = table["SampleUS"].astype(np.int64)
-    return sample if len(t) and abs(int(np.median(t - sample))) < 1_000_000 else t
+    return sample if len(t) and abs(int(median(t - sample))) < 1_000_000 else t
 
 
 def increments(builder: LogBuilder, clock: Clock) -> list[Candidate]:

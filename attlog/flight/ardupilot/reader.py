@@ -17,6 +17,7 @@ from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Firmware, FlightLog, Mag
 from attlog.flight.timing import Stamps, on_a_clock
 from attlog.formats.base import Messages
+from attlog.median import median
 
 MILLIGAUSS = 1e-7
 """Tesla per milligauss, the unit of MAG records."""
@@ -96,7 +97,7 @@ def first_stamp(builder: LogBuilder, chosen: list[inertial.Candidate], position:
         table = builder.messages.first(name)
         own = None if table is None else own_time(table)
         if own is not None and len(own):
-            return int(np.median(own[:5]))
+            return int(median(own[:5]))
     return 0
 
 

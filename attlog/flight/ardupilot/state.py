@@ -14,6 +14,7 @@ from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Array, FlightLog, Imu, Stream
 from attlog.flight.px4.state import utc_offset
+from attlog.median import median
 
 DECLINATION = {"COMPASS_DEC": math.degrees(1.0)}
 """The parameter of the declination and its factor to degrees."""
@@ -90,7 +91,7 @@ def hundredths(t: Array, measured: Array, imu: Imu) -> bool:
     known = measured[np.isfinite(measured)]
     if len(known) == 0:
         return False
-    spread = np.median(np.abs(np.radians(known))), np.median(np.abs(gyro))
+    spread = median(np.abs(np.radians(known))), median(np.abs(gyro))
     return bool(spread[0] > 10.0 * spread[1] and spread[1] > 0)
 
 
@@ -120,7 +121,7 @@ def airspeed(builder: LogBuilder, clock: Clock) -> Stream | None:
 def acc_bias(builder: LogBuilder, clock: Clock) -> Stream | None:
     """Accelerometer bias (n, 3) in m/s^2 of EKF3's primary core (XKF2 of XKF4.PI; the first where that is unknown)."""
     status = builder.messages.first("XKF4")
-    core = int(np.median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
+    core = int(median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
     table = units(builder.messages, "XKF2").get(core)
     if table is None or not all(c in table for c in ("AX", "AY", "AZ")):
         return None

@@ -15,6 +15,7 @@ from attlog.flight.inertial import longest_held
 from attlog.flight.model import Imu, Stream
 from attlog.flight.px4.imus import stamps
 from attlog.formats.base import Table
+from attlog.median import median
 
 TOPIC = "estimator_sensor_bias"
 
@@ -58,4 +59,4 @@ def on_same_gyro(table: Table, imu: Imu) -> bool:
     if imu.device in (None, "", "0") or "gyro_device_id" not in table:
         return True
     ids = table["gyro_device_id"]
-    return not ids.any() or str(int(np.median(ids[ids > 0]))) == imu.device
+    return not ids.any() or str(int(median(ids[ids > 0]))) == imu.device

@@ -18,6 +18,7 @@ from attlog.flight.model import Array, Problem
 from attlog.flight.px4.calibration import calibrate
 from attlog.flight.timing import Stamps, stamps_of
 from attlog.formats.base import Table
+from attlog.median import median
 
 FAST_HZ = 100.0
 DECIMATED = 1.5
@@ -179,7 +180,7 @@ def decimated(t: Stamps, dt: Array) -> bool:
         covered = dt[np.isfinite(dt) & (dt > 0)]
     if len(t) < 3 or len(covered) == 0:
         return False
-    return float(np.median(np.diff(t))) * 1e-6 > DECIMATED * float(np.median(covered))
+    return float(median(np.diff(t))) * 1e-6 > DECIMATED * float(median(covered))
 
 
 def clipped(source: str, table: Table, column: str) -> list[Problem]:
@@ -195,8 +196,8 @@ def clipped(source: str, table: Table, column: str) -> list[Problem]:
 def thinned(source: str, t: Stamps, dt: Array) -> Problem:
     """What is wrong with a :func:`decimated` source."""
     text = (
-        f"{source}: the logger kept one sample per {np.median(np.diff(t)) / 1000:.0f} ms although each "
-        f"covers {np.median(dt) * 1000:.1f} ms; the rotation between them is lost."
+        f"{source}: the logger kept one sample per {median(np.diff(t)) / 1000:.0f} ms although each "
+        f"covers {median(dt) * 1000:.1f} ms; the rotation between them is lost."
     )
     return Problem("imu_decimated", "warning", text)
 

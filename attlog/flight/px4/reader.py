@@ -18,6 +18,7 @@ from attlog.flight.px4.advice import Settings
 from attlog.flight.px4.imus import sample_stamps, stamps
 from attlog.flight.timing import Stamps, on_a_clock
 from attlog.formats.base import Messages
+from attlog.median import median
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
@@ -79,7 +80,7 @@ def first_stamp(builder: LogBuilder, chosen: list[inertial.Candidate], position:
     for name in ("vehicle_attitude", "vehicle_status", "vehicle_gps_position"):
         table = builder.messages.tables.get((name, 0))
         if table is not None and "timestamp" in table:
-            return int(np.median(stamps(table)[:5]))
+            return int(median(stamps(table)[:5]))
     first = [stamps(t)[0] for t in builder.messages.tables.values() if "timestamp" in t and len(t)]
     return int(min(first)) if first else 0
 

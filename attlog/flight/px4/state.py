@@ -14,6 +14,7 @@ from attlog.flight.px4.imus import stamps
 from attlog.flight.timing import only_new
 from attlog.flight.vehicle import PX4_TYPES, named
 from attlog.formats.base import Messages, Table
+from attlog.median import median
 
 DECLINATION = {"EKF2_MAG_DECL": 1.0, "ATT_MAG_DECL": 1.0}
 """Parameters of the declination and their factor to degrees, those of the newer estimator first."""
@@ -182,7 +183,7 @@ def utc_offset(receivers: list[Gnss]) -> float | None:
             continue
         good = (one.utc_us > 0) & (one.fix >= receiver.FIX)
         if good.any():
-            return float(np.median(one.utc_us[good] * 1e-6 - one.t[good]))
+            return float(median(one.utc_us[good] * 1e-6 - one.t[good]))
     return None
 
 

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats import compiled
-from attlog.formats.compiled import if_cheap, kernel_of
+from attlog.formats.compiled import at_any_cost, if_cheap, kernel_of
 from attlog.formats.mapping import gather, offset_type
-from attlog.kernels.obtain import obtained
 
 WORTH_COMPILED = 32 << 20
 """Below this many bytes loading compiled code costs more than it saves (25 ms against 0.5 ms per MB)."""
@@ -38,7 +37,7 @@ class Follower:
     def __init__(self, data: NDArray[np.uint8]) -> None:
         self.lengths, self.layouts = np.zeros(256, np.int32), np.zeros(256, np.int16)
         self._data, self._count = data, 0
-        self._step = if_cheap(WALK) or obtained(WALK)
+        self._step = if_cheap(WALK) or at_any_cost(WALK)
         self._starts, self._kinds, self._stamps = _room(_FIRST)
 
     @property

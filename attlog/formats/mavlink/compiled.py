@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from attlog.formats import compiled
 from attlog.formats.base import Offsets
-from attlog.formats.compiled import if_cheap, kernel_of
+from attlog.formats.compiled import at_any_cost, if_cheap, kernel_of
 from attlog.formats.copying import SOURCE as COPYING
 from attlog.formats.copying import copy_one
 from attlog.formats.mapping import offset_type
 from attlog.formats.mavlink.crc import slicing_tables
-from attlog.kernels.obtain import obtained
 
 WORTH_COMPILED = 12 << 20
 """Below this many bytes loading compiled code costs more than it saves (25 ms against 3 ms per MB)."""
@@ -38,7 +37,7 @@ def compiled_packets(
     ``seeds`` (CRC extra, -1 unknown) and ``sizes`` (payload bytes) by message id. A
     packet inside an accepted one is payload.
     """
-    walk, tables, width = if_cheap(WALK) or obtained(WALK), slicing_tables(), offset_type(len(data))
+    walk, tables, width = if_cheap(WALK) or at_any_cost(WALK), slicing_tables(), offset_type(len(data))
     starts, ends, ids = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int32)
     blocks = []
     position, n = 0, _BLOCK

@@ -15,6 +15,7 @@ from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes, identifier_at
 from attlog.formats.ulog.layout import Layout
 from attlog.limits import MAX_TIME_JUMP_S
+from attlog.median import median
 
 MAX_JUMP_US = MAX_TIME_JUMP_S * 1e6
 
@@ -57,5 +58,5 @@ def rise(data: Bytes, starts: Offsets, layout: Layout) -> bool:
 def far_from_most(timestamps: NDArray[np.uint64]) -> NDArray[np.bool_]:
     """Mask (n,) of the times that are far from the median."""
     times = timestamps.astype(np.float64)
-    far: NDArray[np.bool_] = np.abs(times - np.median(times)) > MAX_JUMP_US
+    far: NDArray[np.bool_] = np.abs(times - median(times)) > MAX_JUMP_US
     return far

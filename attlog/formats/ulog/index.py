@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.formats.base import Offsets
-from attlog.formats.compiled import if_cheap, kernel_of, pays
+from attlog.formats.compiled import at_any_cost, if_cheap, kernel_of, pays
 from attlog.formats.mapping import offset_type
-from attlog.kernels.obtain import obtained
 
 Bytes = NDArray[np.uint8]
 Identifiers = NDArray[np.uint16]
@@ -182,7 +181,7 @@ class NumbaChain:
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data, self._sizes, self._width = data, sizes, offset_type(len(data))
-        self._walk = if_cheap(WALK) or obtained(WALK)
+        self._walk = if_cheap(WALK) or at_any_cost(WALK)
         self._starts, self._ids = np.empty(SEGMENT, np.int64), np.empty(SEGMENT, np.uint16)
 
     def forget(self) -> None:
