@@ -51,6 +51,18 @@ ABOUT: dict[str, About] = {
         means="Filters that check the size of the force trust it less; a wrong direction tilts all of them.",
     ),
     "frozen gyro": About(bad="error", cause=_STOPPED, means="No filter can follow."),
+    "gyro spikes": About(
+        bad="error", cause="Errors on the sensor's bus, or samples that leave its range.",
+        means="Every filter turns by them as if the vehicle had turned.",
+    ),
+    "compass axes": About(
+        bad="error", cause="The compass is mounted otherwise than set, or its axes are mixed up.",
+        fault="compass_mounting", means=_HEADING,
+    ),
+    "accelerometer delay": About(
+        bad="error", cause="Its samples wait in a queue, or are stamped by another clock.",
+        means="Filters take the force of one moment for gravity of another.",
+    ),
     "frozen sensors": About(
         bad="error", cause=_STOPPED,
         means="Filters that use it go on with its last value as if it were measured.",

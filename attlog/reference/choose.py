@@ -10,7 +10,7 @@ import numpy as np
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, part_of
-from attlog.reference import clock, dip, smoothed, turning
+from attlog.reference import clock, sensor_faults, smoothed, turning
 from attlog.reference.build import build, without
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.reference.options import Options
@@ -44,12 +44,15 @@ def choose(
     what = "Whether attitudes turn as the gyro does"
     faults = part_of(log, what, lambda: _turn_otherwise(log, segments), dict[str, turning.Fault])
     gyro_fault = next((fault.why for fault in faults.values() if fault.of == "gyro"), "")
+    broken = sensor_faults.found(log, segments)
     if kind != "auto":
-        return replace(_asked(log, segments, options, kind, smooth), gyro_fault=gyro_fault)
+        asked = _asked(log, segments, options, kind, smooth)
+        return replace(asked, gyro_fault=gyro_fault, sensor_faults=broken)
     out |= {name: fault.why for name, fault in faults.items() if fault.of == "attitude"}
-    acc_fault = "" if gyro_fault else dip.accelerometer_contradicted(log, segments, log.onboard_attitude)
-    out |= {smoothed.NAME: gyro_fault or acc_fault} if gyro_fault or acc_fault else {}
-    return replace(_best(log, segments, options, smooth, out, second), gyro_fault=gyro_fault)
+    misled = gyro_fault or next((fault.why for fault in broken.values() if fault.misleads), "")
+    out |= {smoothed.NAME: misled} if misled else {}
+    best = _best(log, segments, options, smooth, out, second)
+    return replace(best, gyro_fault=gyro_fault, sensor_faults=broken)
 
 
 def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.Fault]:

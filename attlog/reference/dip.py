@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from attlog import rotation
+from attlog.dataclass import dataclass
 from attlog.flight.model import Array, Attitude, FlightLog
 from attlog.median import median
 from attlog.reference import declination
@@ -27,14 +28,52 @@ FEWEST = 10
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
-def accelerometer_contradicted(log: FlightLog, segments: Segments, attitude: Attitude | None) -> str:
+def accelerometer_contradicted(seen: Dips | None, attitude: Attitude | None) -> str:
     """Why the accelerometer's down is none; empty where nothing tells, or it is right."""
+    if seen is None or attitude is None:
+        return ""
+    off = abs(seen.by_force - seen.on_earth), abs(seen.by_attitude - seen.on_earth)
+    if not (off[0] >= WRONG_DEG and off[1] <= RIGHT_DEG):
+        return ""
+    return (
+        f"the field dips by {seen.by_force:.0f} deg below the level of the accelerometer, by "
+        f"{seen.by_attitude:.0f} deg below that of {attitude.source} and by {seen.on_earth:.0f} deg on "
+        "earth: the accelerometer's axes are wrong"
+    )
+
+
+def compass_contradicted(seen: Dips | None, attitude: Attitude | None, source: str) -> str:
+    """Why the compass does not show the earth's field: it dips otherwise below the level of the accelerometer and below
+    that of the attitude that flew, which agree; empty where nothing tells, or it is right."""
+    if seen is None or attitude is None or abs(seen.by_force - seen.by_attitude) > RIGHT_DEG:
+        return ""
+    if abs(seen.by_force - seen.on_earth) < WRONG_DEG:
+        return ""
+    signs = abs(seen.by_force + seen.on_earth) <= RIGHT_DEG and abs(seen.on_earth) >= WRONG_DEG
+    return (
+        f"the field of {source} dips by {seen.by_force:.0f} deg below the level of the accelerometer and of "
+        f"{attitude.source}, by {seen.on_earth:.0f} deg on earth: "
+        f"{'all its axes have the other sign' if signs else 'its axes are wrong, or iron bends it'}"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Dips:
+    """How far (deg) the field points below the levels of the accelerometer and of an attitude, and on earth."""
+
+    by_force: float
+    by_attitude: float
+    on_earth: float
+
+
+def dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> Dips | None:
+    """The median dips over the quiet segments of the first kind that the log has; None where nothing tells."""
     imu, model = log.replay_imu, declination.model(log)
     if imu is None or attitude is None or log.mag is None or model is None:
-        return ""
+        return None
     kind = next((k for k in QUIET if segments.of(k)), None)
     if kind is None:
-        return ""
+        return None
     mag = log.mags[log.mag].field
     by_force, by_attitude = [], []
     for one in segments.of(kind):
@@ -46,15 +85,8 @@ def accelerometer_contradicted(log: FlightLog, segments: Segments, attitude: Att
         by_force.append(_dip_deg(-force, field))
         by_attitude.append(_dip_deg(down, field))
     if not by_force:
-        return ""
-    off = [abs(float(median(dips)) - model.inclination_deg) for dips in (by_force, by_attitude)]
-    if not (off[0] >= WRONG_DEG and off[1] <= RIGHT_DEG):
-        return ""
-    return (
-        f"the field dips by {median(by_force):.0f} deg below the level of the accelerometer, by "
-        f"{median(by_attitude):.0f} deg below that of {attitude.source} and by {model.inclination_deg:.0f} deg on "
-        "earth: the accelerometer's axes are wrong"
-    )
+        return None
+    return Dips(float(median(by_force)), float(median(by_attitude)), model.inclination_deg)
 
 
 def _mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:

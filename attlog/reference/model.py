@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
 from attlog.flight.model import Imu
+
+if TYPE_CHECKING:
+    from attlog.reference.sensor_faults import SensorFault
 
 Array = NDArray[np.float64]
 
@@ -99,6 +102,8 @@ class Reference:
     heading_why: str = ""
     gyro_fault: str = ""
     """Why nothing that is made of the logged gyro can be judged (``reference.turning``); empty where nothing is."""
+    sensor_faults: dict[str, SensorFault] = field(default_factory=dict)
+    """What physics contradicts of the sensors that are replayed, by name (``reference.sensor_faults``)."""
     second: Reference | None = None
     """A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later."""
     delays_seen: list[tuple[Imu, float | None]] = field(default_factory=list, repr=False)

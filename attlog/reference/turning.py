@@ -148,34 +148,40 @@ def field_follows(
     """
     if mag is None:
         return ""
+    start, end, field, changed = field_changes(mag)
+    gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
+    own = attitude.t if attitude.t_sample is None else attitude.t_sample
+    segment = gaps.renumber(gaps.number(own), np.cumsum(np.isin(np.arange(len(own)), jumps)))
+    (before, first), (after, last) = (interpolate(own, attitude.q, segment, t) for t in (start, end))
+    both = (first >= 0) & (first == last) & (start >= gyro_t[0]) & (end <= gyro_t[-1])
+    if np.count_nonzero(both) < LEAST_INTERVALS:
+        return ""
+    before, after, field, changed = before[both], after[both], field[both], changed[both]
+    by_gyro = rotation.from_rotvec(Turning(gyro_t, rate, imu.gyro.sampling).between(start[both], end[both]))
+    by_attitude = rotation.multiply(rotation.conjugate(before), after)
+    left = [
+        float(np.mean(np.sum((rotation.rotate_inverse(turn, field) - changed) ** 2, axis=1)))
+        for turn in (by_gyro, by_attitude)
+    ]
+    if np.degrees(np.sqrt(max(left))) < LEAST_FIELD_DEG:
+        return ""
+    return "attitude" if left[0] > CLEARLY * left[1] else "gyro" if left[1] > CLEARLY * left[0] else ""
+
+
+def field_changes(mag: Mag) -> tuple[Array, Array, Array, Array]:
+    """Times (n,) s about STEP_S apart, from and to, and the direction (n, 3) of the field at both."""
     good = np.isfinite(mag.field.x).all(axis=1)
     t, field = mag.field.t_best[good], mag.field.x[good]
     size = np.sqrt(np.sum(field**2, axis=1, keepdims=True))
     if len(t) < LEAST_INTERVALS or not (size > 0).all():
-        return ""
+        return np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3))
     field = field / size
     end = np.searchsorted(t, t + STEP_S)
     start = np.flatnonzero((end < len(t)) & (np.diff(t, append=t[-1]) < STEP_S))
     end = end[start]
     near = t[end] - t[start] < 2.0 * STEP_S
     start, end = start[near], end[near]
-    gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
-    own = attitude.t if attitude.t_sample is None else attitude.t_sample
-    segment = gaps.renumber(gaps.number(own), np.cumsum(np.isin(np.arange(len(own)), jumps)))
-    (before, first), (after, last) = (interpolate(own, attitude.q, segment, t[i]) for i in (start, end))
-    both = (first >= 0) & (first == last) & (t[start] >= gyro_t[0]) & (t[end] <= gyro_t[-1])
-    if np.count_nonzero(both) < LEAST_INTERVALS:
-        return ""
-    start, end, before, after = start[both], end[both], before[both], after[both]
-    by_gyro = rotation.from_rotvec(Turning(gyro_t, rate, imu.gyro.sampling).between(t[start], t[end]))
-    by_attitude = rotation.multiply(rotation.conjugate(before), after)
-    left = [
-        float(np.mean(np.sum((rotation.rotate_inverse(turn, field[start]) - field[end]) ** 2, axis=1)))
-        for turn in (by_gyro, by_attitude)
-    ]
-    if np.degrees(np.sqrt(max(left))) < LEAST_FIELD_DEG:
-        return ""
-    return "attitude" if left[0] > CLEARLY * left[1] else "gyro" if left[1] > CLEARLY * left[0] else ""
+    return t[start], t[end], field[start], field[end]
 
 
 def other_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
