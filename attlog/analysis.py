@@ -208,6 +208,8 @@ class Passing:
         imu = case.log.replay_imu
         # filters that share a gyro which did not turn so agree in what is wrong
         asked = case.settings.get("reference", "auto") == "auto" and not case.reference.gyro_fault
+        # nor does a force in wrong axes say who is right
+        asked = asked and reference.FRAME not in case.reference.sensor_faults
         self.witnesses = reference.Witnesses(case.log, imu, case.reference, again) if asked and imu else None
 
     def hear(self, row: Row, line: EstimatorRow) -> None:

@@ -7,7 +7,7 @@ from typing import Literal
 
 Fault = Literal[
     "gyro_bias", "accelerometer", "mounting", "compass", "compass_mounting", "interference", "vibration", "declination",
-    "trim", "gaps", "estimator", "crash",
+    "trim", "gaps", "estimator", "crash", "bus",
 ]  # fmt: skip
 """What a remedy is asked for."""
 
@@ -23,6 +23,7 @@ GENERAL: Mapping[Fault, str] = {
     "trim": "Calibrate the level, and correct a tilted mounting in the frame and not in software.",
     "gaps": "Use a faster memory card or log less.",
     "estimator": "Look for its sensors among these findings: vibration, the field, GNSS.",
+    "bus": "Check the sensor's connection and its driver's errors, and fly on another unit if there is one.",
     "crash": "Look at what was reported in the seconds before.",
 }
 """Where nothing is known of the firmware."""

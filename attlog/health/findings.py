@@ -20,6 +20,7 @@ from attlog.health.gyro import HOPELESS_DPS
 from attlog.health.model import FAILED, Check
 from attlog.health.reason import as_sentence
 from attlog.reference.model import Reference
+from attlog.reference.sensor_faults import FRAME
 
 ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
 """Worst first."""
@@ -52,15 +53,19 @@ ABOUT: dict[str, About] = {
     ),
     "frozen gyro": About(bad="error", cause=_STOPPED, means="No filter can follow."),
     "gyro spikes": About(
-        bad="error", cause="Errors on the sensor's bus, or samples that leave its range.",
+        bad="error", cause="Errors on the sensor's bus, or samples that leave its range.", fault="bus",
         means="Every filter turns by them as if the vehicle had turned.",
     ),
     "compass axes": About(
         bad="error", cause="The compass is mounted otherwise than set, or its axes are mixed up.",
         fault="compass_mounting", means=_HEADING,
     ),
+    "accelerometer axes": About(
+        bad="error", cause="The accelerometer is mounted otherwise than set, or its axes are mixed up.",
+        fault="mounting", means="Filters take its down for down and are compared with the attitude that flew, which is right.",
+    ),
     "accelerometer delay": About(
-        bad="error", cause="Its samples wait in a queue, or are stamped by another clock.",
+        bad="error", cause="Its samples wait in a queue, or are stamped by another clock.", fault="bus",
         means="Filters take the force of one moment for gravity of another.",
     ),
     "frozen sensors": About(
@@ -167,6 +172,8 @@ ABOUT: dict[str, About] = {
 """By the name of the check, in the order of entries that are equally bad."""
 BY_ATTITUDE = ("gravity direction", "gravity in flight", "vertical force", "field against attitude", "declination")
 """What is judged by the onboard attitude: nothing of its own where that is refused, or the wrong one."""
+BY_FORCE = ("gravity direction", "gravity in flight", "vertical force", "trim")
+"""What holds the attitude against the accelerometer: nothing of its own where that is the wrong one."""
 UNCHECKED = "What could not be checked may still be wrong."
 PAUSE_S = 5.0
 """A gap this long is a pause of the logger and not lost records."""
@@ -256,6 +263,8 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
         remedy=log.remedies.get(about.fault, "") if about.fault else _logging(check, log), means=means,
     )  # fmt: skip
     if check.name in BY_ATTITUDE and any(p.code == "reference_contradicted" or _wrong_one(p) for p in told):
+        return told
+    if check.name in BY_FORCE and any(p.code == _code(FRAME) for p in told):
         return told
     if check.name.startswith(("field", "magnetometer")) and any(p.code in SPECIFIC for p in told):
         return told

@@ -6,11 +6,12 @@ from attlog.flight.model import FlightLog
 from attlog.health.model import Check
 from attlog.health.reason import as_sentence
 from attlog.reference.model import Reference
-from attlog.reference.sensor_faults import COMPASS, GYRO, LATE
+from attlog.reference.sensor_faults import COMPASS, FRAME, GYRO, LATE
 
 LIMITS = {
     GYRO: "good: fewer than 5 samples 20 times further from their neighbours than usual; bad above 20 deg/min of them",
     COMPASS: "good: no other axes of the compass turn three times better with the gyro, and the dip is within 25 deg",
+    FRAME: "good: the field does not dip by 25 deg otherwise below its level while it is right below the attitude's",
     LATE: "good: no other clock of the accelerometer fits the GNSS velocity nine times better (squared)",
 }
 

@@ -7,10 +7,12 @@ from attlog.reference.heading_references import heading_references
 from attlog.reference.model import AlignmentStep, Errors, HeadingReference, Reference, Row
 from attlog.reference.options import Options
 from attlog.reference.rows import onboard_rows, replayed
+from attlog.reference.sensor_faults import FRAME
 from attlog.reference.smoothed import NAME as SMOOTHER
 from attlog.reference.smoothed import foreseen, joined, not_smoothed, pieces, sigma_deg
 
 __all__ = [
+    "FRAME",
     "SMOOTHER",
     "AlignmentStep",
     "Errors",

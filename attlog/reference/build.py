@@ -55,7 +55,7 @@ def build(
     reference.declination_deg, north = declination.step(log, options.declination)
     reference.input_delay_s, lag = delay.step(log, imu, reference, options.input_delay)
     reference.fault, gravity_step = gravity.check(reference, imu, segments)
-    reference.fault = reference.fault or _frozen(reference, imu)
+    reference.fault = reference.fault or frozen(reference, imu)
     reference.steps = [
         AlignmentStep("reference", why, kind, source=attitude.source, option="--reference"),
         clock.step(log, attitude, which, kind == "smoother"),
@@ -142,7 +142,7 @@ def _north(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[A
     return [north, AlignmentStep("declination_seen", text, seen, "deg", "the log", False)]
 
 
-def _frozen(reference: Reference, imu: Imu | None) -> str:
+def frozen(reference: Reference, imu: Imu | None) -> str:
     """A sentence if the reference never moves while the gyro turns faster than an offset explains, else nothing."""
     if imu is None or not len(imu.gyro.x):
         return ""

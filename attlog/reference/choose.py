@@ -11,8 +11,8 @@ from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, part_of
 from attlog.reference import clock, sensor_faults, smoothed, turning
-from attlog.reference.build import build, without
-from attlog.reference.model import AlignmentStep, Reference
+from attlog.reference.build import build, frozen, without
+from attlog.reference.model import AlignmentStep, Reference, SensorFault
 from attlog.reference.options import Options
 from attlog.segments import Segments, resets
 
@@ -51,7 +51,7 @@ def choose(
     out |= {name: fault.why for name, fault in faults.items() if fault.of == "attitude"}
     misled = gyro_fault or next((fault.why for fault in broken.values() if fault.misleads), "")
     out |= {smoothed.NAME: misled} if misled else {}
-    best = _best(log, segments, options, smooth, out, second)
+    best = _best(log, segments, options, smooth, out, second, broken)
     return replace(best, gyro_fault=gyro_fault, sensor_faults=broken)
 
 
@@ -69,10 +69,15 @@ def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.Fau
 
 def _best(
     log: FlightLog, segments: Segments, options: Options, smooth: Smooth | None, out: dict[str, str],
-    second: Reference | None,
+    second: Reference | None, broken: Mapping[str, SensorFault],
 ) -> Reference:  # fmt: skip
-    """The first of truth, smoother and onboard attitude that nothing speaks against; ``out``: those already refused."""
+    """The first of truth, smoother and onboard attitude that nothing speaks against; ``out``: those already refused.
+
+    ``broken``: what is wrong with the sensors. An accelerometer whose down the field contradicts accuses no attitude.
+    """
     truth = None if "truth" in out else _truth(log, segments, options)
+    if truth is not None and sensor_faults.FRAME in broken:
+        truth.fault = frozen(truth, log.replay_imu)
     if truth is not None and not truth.fault:
         return truth
     if truth is not None:
@@ -85,6 +90,8 @@ def _best(
     if found is not None and not unsure and smoothed.sure_of_heading(found):
         return _taken(found, out)
     onboard = None if "onboard" in out else _onboard(log, segments, options)
+    if onboard is not None and sensor_faults.FRAME in broken:
+        onboard.fault = frozen(onboard, log.replay_imu)
     if onboard is not None and found is not None:
         onboard.fault = onboard.fault or smoothed.contradicts(found, onboard)
     sound = onboard is not None and not onboard.fault

@@ -17,10 +17,12 @@ LEAST_S = 0.3
 """A smaller one is not told from a receiver's."""
 OVER_S = 1.0
 """Velocities change over so long: less is their noise."""
-LEAST_M_S2, FEWEST, LONGEST_S = 0.5, 60, 600.0
+LEAST_M_S2, FEWEST, LONGEST_S = 0.5, 60, 300.0
 """Weaker acceleration (RMS) tells nothing, nor do fewer pairs; of long flights the first minutes are looked at."""
 CLEARLY, ALIKE = 9.0, 0.8
 """The shift leaves so many times less (squared), and then both are alike (correlation)."""
+COARSE, WORTH_A_LOOK = 4, 2.0
+"""Steps of a first look, and how many times less one of them leaves (squared) to be looked at closely."""
 FITS = 0.95
 """Forces that fit so well (correlation) are not late."""
 FIX_3D = 3
@@ -45,12 +47,19 @@ def seconds(log: FlightLog) -> float | None:
         return None
     q, _ = rotation.interpolated(attitude.t, attitude.q, None, grid)
     spans = t[first] - grid[0], t[last] - grid[0]
-    fits = [(_fit(q, force, 0, late, spans, change), late) for late in np.arange(0.0, GNSS_LATE_S, STEP_S)]
-    (left, alike), receiver = min(fits)
+    receivers = np.arange(0.0, GNSS_LATE_S, STEP_S).tolist()
+
+    def fit(shift: int, receiver_s: float) -> tuple[float, float]:
+        return _fit(q, force, shift, receiver_s, spans, change)
+
+    left, alike = min(fit(0, receiver_s) for receiver_s in receivers)
     if alike > FITS:
         return None
     steps = round(RANGE_S / STEP_S)
-    (best, then), shift = min((_fit(q, force, k, receiver, spans, change), k) for k in range(-steps, steps + 1))
+    rough, near = min((fit(k, receivers[1]), k) for k in range(-steps, steps + 1, COARSE))
+    if rough[0] * WORTH_A_LOOK > left:
+        return None
+    (best, then), shift = min((fit(k, r), k) for k in range(near - COARSE, near + COARSE + 1) for r in receivers)
     late = shift * STEP_S
     return late if abs(late) >= LEAST_S - 1e-9 and best * CLEARLY < left and then > ALIKE else None
 

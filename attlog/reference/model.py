@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
 from attlog.flight.model import Imu
-
-if TYPE_CHECKING:
-    from attlog.reference.sensor_faults import SensorFault
 
 Array = NDArray[np.float64]
 
@@ -54,6 +51,19 @@ class Met:
     t: Array
     q: Array
     where: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFault:
+    """What contradicts a sensor: a sentence without capital and full stop, its number, where, and how often."""
+
+    why: str
+    value: float | None = None
+    unit: str = ""
+    t: float | None = None
+    count: int = 1
+    misleads: bool = True
+    """Whether a smoother that believes it is sure of a wrong attitude."""
 
 
 @dataclass(slots=True)

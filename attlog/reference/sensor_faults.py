@@ -9,24 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from attlog.dataclass import dataclass
 from attlog.flight.model import FlightLog, part_of
 from attlog.reference import compass, dip, late_force, spikes
+from attlog.reference.model import SensorFault
 from attlog.segments import Segments
-
-
-@dataclass(frozen=True, slots=True)
-class SensorFault:
-    """What contradicts a sensor: a sentence without capital and full stop, its number, where, and how often."""
-
-    why: str
-    value: float | None = None
-    unit: str = ""
-    t: float | None = None
-    count: int = 1
-    misleads: bool = True
-    """Whether a smoother that believes it is sure of a wrong attitude."""
-
 
 GYRO, COMPASS, LATE, FRAME = "gyro spikes", "compass axes", "accelerometer delay", "accelerometer axes"
 

@@ -22,7 +22,9 @@ def at_home() -> FlightLog:
 
 
 def said(log: FlightLog) -> str:
-    return dip.accelerometer_contradicted(log, segments.build(log), log.onboard_attitude)
+    return dip.accelerometer_contradicted(
+        dip.dips(log, segments.build(log), log.onboard_attitude), log.onboard_attitude
+    )
 
 
 def test_a_sound_accelerometer_is_not_accused() -> None:
@@ -57,4 +59,20 @@ def test_a_dead_accelerometer_or_one_without_numbers_is_no_case_for_the_field() 
     phases = segments.build(log)
     for value in (0.0, np.nan):
         log.imus[0].acc.x = np.full_like(log.imus[0].acc.x, value)
-        assert dip.accelerometer_contradicted(log, phases, log.onboard_attitude) == ""
+        assert dip.accelerometer_contradicted(dip.dips(log, phases, log.onboard_attitude), log.onboard_attitude) == ""
+
+
+def test_a_compass_whose_field_dips_the_other_way_is_found_and_one_in_doubt_is_not() -> None:
+    log = at_home()
+    phases = segments.build(log)
+
+    def compass() -> str:
+        attitude = log.onboard_attitude
+        return dip.compass_contradicted(dip.dips(log, phases, attitude), attitude, "MAG")
+
+    assert compass() == ""
+    field = log.mags[log.mag or 0].field
+    field.x = -field.x
+    assert "all its axes have the other sign" in compass()
+    log.imus[0].acc.x = -log.imus[0].acc.x  # which of the two is wrong, nothing tells
+    assert compass() == ""

@@ -5,7 +5,11 @@ from __future__ import annotations
 from attlog.present.text import typeset
 from attlog.result import Check, Result, Verdict
 
-SPOILING = {"gyro bias": "the gyro is wrong", "gravity": "the accelerometer is wrong"}
+SPOILING = {
+    "gyro bias": "the gyro is wrong",
+    "gravity": "the accelerometer is wrong",
+    "accelerometer axes": "the accelerometer is wrong",
+}
 """Checks of the sensors that every filter lives on, and what a bad one means."""
 
 
