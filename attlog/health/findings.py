@@ -62,7 +62,7 @@ ABOUT: dict[str, About] = {
     ),
     "accelerometer axes": About(
         bad="error", cause="The accelerometer is mounted otherwise than set, or its axes are mixed up.",
-        fault="mounting", means="Filters take its down for down and are compared with the attitude that flew, which is right.",
+        fault="mounting", means="Filters take its down for down. The attitude that flew is right.",
     ),
     "accelerometer delay": About(
         bad="error", cause="Its samples wait in a queue, or are stamped by another clock.", fault="bus",
