@@ -6,6 +6,7 @@ import numpy as np
 
 from attlog.dataclass import dataclass
 from attlog.flight.model import Imu
+from attlog.median import median
 from attlog.segments import gaps
 
 TIMES, LEAST_DPS = 20.0, 100.0
@@ -39,14 +40,14 @@ def of(imu: Imu) -> Spikes:
     if len(t) < 100:
         return Spikes()
     dt = np.diff(t)
-    usual = float(np.median(dt))
+    usual = float(median(dt))
     off = rate[1:-1] - 0.5 * (rate[:-2] + rate[2:])
     size = np.sqrt(np.sum(off**2, axis=1))
     apart = np.sqrt(np.sum((rate[2:] - rate[:-2]) ** 2, axis=1))
     regular = (np.maximum(dt[:-1], dt[1:]) < 1.5 * usual) & np.isfinite(size)
     if not regular.any():
         return Spikes()
-    least = max(TIMES * float(np.median(size[regular])), np.radians(LEAST_DPS))
+    least = max(TIMES * float(median(size[regular])), np.radians(LEAST_DPS))
     found = np.flatnonzero(regular & (size > least) & (size > ALONE * apart))
     if len(found) < FEW:
         return Spikes(len(found))
