@@ -1,10 +1,15 @@
 """``python -m attlog`` and the command ``attlog``."""
 
+import os
 import signal
+import sys
 
 
 def main() -> None:
     """Run the command. An interrupt while it is still being imported ends it without a traceback."""
+    if not os.path.isdir(os.path.dirname(__file__)):  # templates, scenarios and machine code are read as files
+        print("attlog: does not run out of a zip file: install it (pip install), or unpack it", file=sys.stderr)
+        raise SystemExit(2)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from attlog.cli import main as run

@@ -47,3 +47,27 @@ def test_every_option_of_the_readme_exists(attlog, line: str) -> None:
     help_text = attlog(command, "--help").out
     for option in (a for a in arguments if a.startswith("-") and a != "-"):
         assert option in help_text, (command, option)
+
+
+PAGES = [
+    p.relative_to(ROOT).as_posix() for p in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md")]
+]
+
+
+def named() -> dict[str, set[str]]:
+    """What the pages name within their sentences, as `attlog COMMAND --option`: options by command, with the place."""
+    found: dict[str, set[str]] = {}
+    for page in PAGES:
+        prose = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S | re.M)
+        for command, rest in re.findall(r"`attlog ([a-z-]+)( [^`]*)?`", prose):
+            options = re.findall(r"(?<=\s)--[a-z][a-z-]*", rest)
+            found.setdefault(command, set()).update(f"{page}: {option}" for option in options or [""])
+    return found
+
+
+@pytest.mark.parametrize("command", sorted(named()))
+def test_every_command_and_option_that_a_sentence_names_exists(attlog, command: str) -> None:
+    """Those in code blocks are run by ``test_docs_commands.py``."""
+    told = attlog(command, "--help")
+    assert told.code == 0, named()[command]
+    assert [each for each in named()[command] if each.partition(": ")[2] not in told.out] == []

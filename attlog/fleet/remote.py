@@ -132,7 +132,7 @@ def _file_system(url: str) -> tuple[Any, str]:
     except ImportError as error:
         raise UsageError(
             f"{shown(url)}: URLs need packages that are not installed ({error}): "
-            'pip install fsspec[http,s3,gcs], or pip install ".[remote]" in the source folder'
+            'pip install "fsspec[http,s3,gcs]", or pip install ".[remote]" in the source folder'
         ) from None
     except ValueError as error:
         raise UsageError(f"{shown(url)}: {error}") from None

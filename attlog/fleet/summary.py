@@ -16,7 +16,7 @@ from attlog.present.text import typeset
 WORST, SHORTEST = 5, 30
 QUESTIONS = ("closest", "quiet", "late", "drifting")
 WHY = {
-    2: "do not fit the options",
+    2: "did not fit the options",
     65: "cannot be used",
     66: "cannot be read",
     70: "crashed or hit a bug",

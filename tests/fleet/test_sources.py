@@ -345,7 +345,7 @@ def test_what_to_install_is_said(web: Web, monkeypatch: pytest.MonkeyPatch, miss
     monkeypatch.setitem(sys.modules, missing, None)
     (wrong,) = sources([f"{web.url}/logs/"])[1]
     assert isinstance(wrong, UsageError)
-    assert "pip install fsspec[http,s3,gcs]" in str(wrong)
+    assert 'pip install "fsspec[http,s3,gcs]"' in str(wrong), "zsh takes brackets without quotes for a pattern"
 
 
 def test_an_unknown_protocol_is_told() -> None:
