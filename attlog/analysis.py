@@ -111,11 +111,11 @@ def evaluate(
 ) -> Result:
     """What the filters of ``specs`` (those of the configuration if None) are worth on a prepared log.
 
-    ``traces``: keep the arrays that figures are drawn from. ``cost``: measure what each
-    filter costs, which takes longer than running it. ``only``: the metrics that are wanted (as in
-    ``metrics.compute``); the result then has neither verdicts nor problems. UsageError for an unknown
-    estimator or parameter; a plug-in that fails becomes a row with ``status =
-    "failed"``, the others finish. One case may be evaluated many times.
+    ``case``: what :func:`prepare` gave; it may serve many calls. ``command`` stands in the result. ``traces``: keep the
+    arrays that figures are drawn from. ``cost``: measure what each filter costs, which takes longer than running it.
+    ``only``: the metrics that are wanted (as in ``metrics.compute``); the result then has neither verdicts nor
+    problems. UsageError for an unknown estimator or parameter; a plug-in that fails becomes a row with ``status =
+    "failed"``, the others finish.
     """
     if isinstance(specs, str):
         specs = estimators.items(specs)
@@ -244,9 +244,12 @@ class Passing:
 def analyze(
     source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
 ) -> Result:
-    """Everything attlog can say about one log: :func:`prepare` and :func:`evaluate`, with traces and costs.
+    """Everything attlog can say about one log: what ``attlog analyze`` writes, with the lines of its figures.
 
-    Raises what the two raise.
+    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`. ``config`` is a :class:`Config` or a mapping
+    of its names, such as ``{"estimators": ["default", "mahony:kp=0.3"], "reference": "onboard"}``; None: the defaults.
+    ``command`` stands in the result as what was typed. :func:`prepare` and :func:`evaluate` in one call, traces and
+    costs included; raises what the two raise: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError.
     """
     return evaluate(prepare(source, config), traces=True, cost=True, command=command)
 

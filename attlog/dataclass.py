@@ -15,8 +15,15 @@ from operator import attrgetter
 from reprlib import recursive_repr
 from typing import TYPE_CHECKING, Any
 
-NOT_GIVEN = object()
-"""The default of an argument whose value a factory makes."""
+
+class _NotGiven:
+    """The default of an argument whose value a factory makes, shown by ``help`` as Python's own dataclasses do."""
+
+    def __repr__(self) -> str:
+        return "<factory>"
+
+
+NOT_GIVEN = _NotGiven()
 
 
 def lean(

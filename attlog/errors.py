@@ -11,7 +11,10 @@ from collections.abc import Iterable
 
 
 class AttlogError(Exception):
-    """Root of all errors that attlog raises on purpose."""
+    """Root of all errors that attlog raises on purpose.
+
+    ``str(error)`` is a sentence for people, ``exit_code`` what a command ends with; both are told in docs/cli.md.
+    """
 
     exit_code = 70
 

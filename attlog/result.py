@@ -157,7 +157,15 @@ class ReferenceSummary:
 
 @dataclass(slots=True)
 class Result:
-    """Everything ``attlog analyze`` found out about one log."""
+    """Everything ``attlog analyze`` found out about one log; its JSON (``attlog schema``) has the same names.
+
+    ``estimators`` are the rows: each has its answers in ``metrics[window][metric]``, with ``value``, ``ci95``, ``n``
+    and ``unit``, or ``code`` and ``reason`` where there is none. ``verdicts`` say in words which row is closest, quiet,
+    late and drifting. ``problems`` and ``audit``: what is wrong with the log, and what physics says of its sensors.
+    ``segments``: what was going on when; ``reference``: what the rows are compared with, and how it was aligned.
+    ``definitions``: what each metric means. Angles in deg, times in s or ms, as the metric's name says; times on
+    the log's clock, 0 at the first sample of the replayed IMU.
+    """
 
     attlog: dict[str, str]
     command: str
@@ -232,7 +240,11 @@ class Result:
         write_report(self, Path(path), **options)
 
     def table(self, window: str = "all") -> pandas.DataFrame:
-        """Rows by metrics for one window: values, NaN where there is none."""
+        """Values of one window: a line for each row, by its name, a column for each metric; NaN where there is none.
+
+        Columns are named as in the JSON, with the unit in the name (``inclination_rmse_deg``, ``lag_ms``). Empty where
+        the log has no such window.
+        """
         import pandas
 
         rows = {

@@ -135,7 +135,9 @@ def estimate(
     parameters; a preset and ``params`` override it.
 
     The result stands at the input's own good samples; what was left out is counted in
-    ``skipped``. UsageError for wrong shapes, names or values, or a missing sensor.
+    ``skipped``. North is magnetic unless ``declination`` is given, and without ``mag`` where the first heading
+    pointed. Equations and sources of each: docs/estimators.md, ``attlog estimators NAME``. UsageError for wrong shapes,
+    names or values, or a missing sensor; PluginError and PluginTimeout of estimators that are not attlog's.
     """
     row = parse(name) if isinstance(name, str) else name if isinstance(name, Row) else Row(name)
     estimator = row.estimator

@@ -269,9 +269,10 @@ class Estimator:
 class Estimate:
     """What a run returns, at the input's own good samples.
 
-    ``t`` (n,) s, ``q`` (n, 4), ``bias`` (n, 3) rad/s or None, ``aux`` named (n, k)
-    arrays, ``segment`` (n,) int counts restarts after gaps, ``skipped`` counts input that
-    was not used by reason (``nan``, ``time_not_rising``, ``saturated``, ``zero_vector``,
+    ``t`` (n,) s, ``q`` (n, 4) unit quaternions w, x, y, z that turn body axes (forward-right-down) into earth axes
+    (north-east-down, north as in :func:`~attlog.estimators.estimate`), ``bias`` (n, 3) rad/s or None: what is to be
+    taken off the gyro, ``aux`` named (n, k) arrays, ``segment`` (n,) int counts restarts after gaps, ``skipped``
+    counts input that was not used by reason (``nan``, ``time_not_rising``, ``saturated``, ``zero_vector``,
     ``gap_bridged``, ``restart``, ``bias_beyond_clip``) and samples before the heading's first field where that came
     after the start (``late_field``); ``no_heading`` are these times, (begin, end) in s.
     ``ns_per_update`` is the measured cost.

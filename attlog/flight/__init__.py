@@ -36,15 +36,14 @@ def read(
     system: int | None = None,
     params: str | Path | None = None,
 ) -> FlightLog:
-    """The flight in a log file.
+    """The flight in a log file: one clock in s, SI units, body axes forward-right-down, earth axes north-east-down.
 
-    ``imu`` and ``mag`` name an instance instead of the one that flew (``mag="none"``:
-    no magnetometer), ``boot`` one of several power-ups in a file, ``system`` one of
-    several vehicles in a tlog, ``params`` a ground station's parameter file for what the
-    log does not tell (filters under the firmware's names take all of it). NotALog or
-    LogUnusable if the file holds no flight, LogUnreadable if it cannot be
-    opened, TooLittleMemory if the machine cannot hold it, UsageError for a bad parameter file. A log without usable
-    IMU is returned with ``imu`` None and the reason among ``problems``.
+    ``path``: a ULog, DataFlash (``.bin``, ``.log``), tlog or ``.px4log`` file, also with gzip around it. ``imu`` and
+    ``mag`` name an instance instead of the one that flew (``mag="none"``: no magnetometer), ``boot`` one of several
+    power-ups in a file, ``system`` one of several vehicles in a tlog, ``params`` a ground station's parameter file for
+    what the log does not tell (filters under the firmware's names take all of it). NotALog or LogUnusable if the file
+    holds no flight, LogUnreadable if it cannot be opened, TooLittleMemory if the machine cannot hold it, UsageError for
+    a bad parameter file. A log without usable IMU is returned with ``imu`` None and the reason among ``problems``.
     """
     return flight_in(formats.open(path, system), imu=imu, mag=mag, boot=boot, system=system, params=params)
 
