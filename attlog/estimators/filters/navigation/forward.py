@@ -99,14 +99,23 @@ def open_covariance(P: Any, kind: int, r: Any) -> None:
 
 
 def project(P: Any, count: int, wide: int, hi: Any, hv: Any, ph: Any) -> None:
-    """ph = P h of each row h of an event, one after the other in a flat array."""
+    """ph = P h of each row h of an event, one after the other in a flat array; four entries at a time."""
     for i in range(count):
+        out = ph[i * ROW : (i + 1) * ROW]
         for m in range(ROW):
-            ph[i * ROW + m] = 0.0
-        for k in range(wide):
-            at, v = hi[i, k] * ROW, hv[i, k]
+            out[m] = 0.0
+        k = 0
+        while k + 4 <= wide:
+            a, b, c, d = hv[i, k], hv[i, k + 1], hv[i, k + 2], hv[i, k + 3]
+            p, q, r, s = P[hi[i, k] * ROW :], P[hi[i, k + 1] * ROW :], P[hi[i, k + 2] * ROW :], P[hi[i, k + 3] * ROW :]
             for m in range(ROW):
-                ph[i * ROW + m] += v * P[at + m]
+                out[m] = (((out[m] + a * p[m]) + b * q[m]) + c * r[m]) + d * s[m]
+            k += 4
+        while k < wide:
+            a, p = hv[i, k], P[hi[i, k] * ROW :]
+            for m in range(ROW):
+                out[m] += a * p[m]
+            k += 1
 
 
 def along_row(i: int, wide: int, hi: Any, hv: Any, x: Any, at: int) -> float:
