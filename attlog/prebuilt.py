@@ -30,7 +30,7 @@ def kernels() -> Iterator[Kernel]:
     from attlog.estimators.engine.loop import kernel_of
     from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
     from attlog.estimators.filters.inertial.recursion import RECURSION_KERNEL
-    from attlog.estimators.filters.navigation.kernels import BACKWARD_KERNEL, CHAIN_KERNEL, FORWARD_KERNEL
+    from attlog.estimators.filters.navigation.kernels import AHEAD_KERNEL, BACKWARD_KERNEL, CHAIN_KERNEL, FORWARD_KERNEL
     from attlog.estimators.registry import BUILT_IN
     from attlog.formats import copying, grouping
     from attlog.formats.dataflash import compiled as dataflash
@@ -43,6 +43,7 @@ def kernels() -> Iterator[Kernel]:
     yield from (
         FORWARD_KERNEL,
         BACKWARD_KERNEL,
+        AHEAD_KERNEL,
         CHAIN_KERNEL,
         RECORD_KERNEL,
         RECURSION_KERNEL,

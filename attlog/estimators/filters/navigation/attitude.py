@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.estimators.base import Array
+from attlog.estimators.filters.navigation.ahead import RING
+from attlog.estimators.filters.navigation.kernels import run_ahead
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.solve import Pass
 
@@ -92,34 +94,7 @@ def predicted(inputs: Inputs, q: Array, bias: Array, first_bias: Array, horizon:
     ``q`` (n, 4), ``bias`` (n, 3) of the filter at every sample; ``first_bias`` (3,) what was known at the start.
     """
     n, sensed = len(inputs.t), inputs.sensed_at
-    moving = (inputs.rest == 0)[:, None]
-    alone = _chain(np.where(moving, inputs.gyr - first_bias, 0.0), inputs.dt)
-    out = np.empty((n, 4))
-    # Integral of the gyro-only attitude: what a change of the bias does to the turn between two samples.
-    # Kept from sample ``since`` on: what this block looks back to.
-    integral, since, so_far = np.empty((3, 0, 3)), 0, np.zeros((3, 1, 3))
-    for a in range(0, n, BLOCK):
-        own = slice(a, min(a + BLOCK, n))
-        then = np.clip(np.searchsorted(sensed, inputs.t[own] - horizon, side="right") - 1, 0, n - 1)
-        columns = [rotation.rotate(alone[own], np.tile(axis, (len(then), 1))) for axis in np.eye(3)]
-        grown = np.stack([c * inputs.dt[own, None] * moving[own] for c in columns])
-        grown[:, :1] += so_far
-        np.cumsum(grown, axis=1, out=grown)
-        so_far = grown[:, -1:].copy()
-        first = min(int(then[0]), a)
-        integral = np.concatenate([integral[:, first - since :], grown], axis=1)
-        since = first
-        change = bias[then] - first_bias
-        turn = -sum((grown[i] - integral[i, then - since]) * change[:, i : i + 1] for i in range(3))
-        # In the gyro-only frame: out = q_then (G_then^-1) exp(turn) G_now.
-        frame = rotation.multiply(q[then], rotation.conjugate(alone[then]))
-        turned = rotation.multiply(rotation.multiply(frame, rotation.from_rotvec(turn)), alone[own])
-        lead = (inputs.gyr[own] - bias[then]) * inputs.lag
-        out[own] = rotation.normalize(rotation.multiply(turned, rotation.from_rotvec(lead)))
+    then = np.maximum(np.searchsorted(sensed, inputs.t - horizon, side="right") - 1, 0)
+    out, ring = np.empty((n, 4)), np.empty((int(np.max(np.arange(n) - then)) + 1, RING))
+    run_ahead()(then, inputs.dt, inputs.gyr, inputs.rest, inputs.lag, q, bias, first_bias.copy(), ring, out)
     return out
-
-
-def _chain(gyr: Array, dt: Array) -> Array:
-    from attlog.estimators.filters.navigation.start import turned_by_gyro
-
-    return turned_by_gyro(gyr, dt)

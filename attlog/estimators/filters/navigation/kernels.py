@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from attlog.estimators.engine.loop import SOURCES
-from attlog.estimators.filters.navigation import backward, chain, forward
+from attlog.estimators.filters.navigation import ahead, backward, chain, forward
 from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.obtain import obtained
@@ -28,6 +28,10 @@ BACKWARD = {
     "nodes": "i8", "rest_of": SHORTS, "par": VECTOR, "P_rows": VECTOR, "sums": MATRIX, "update_of": INTS, "K": VECTOR,
     "H": MATRIX, "H_at": "i1[:, ::1]", "wide_of": SHORTS, "s_of": VECTOR, "nu_of": VECTOR, "lam": VECTOR, "Lam": VECTOR,
     "d": MATRIX, "spread": MATRIX, "score": VECTOR, "scores": MATRIX, "gone": "b1", "wanted": "b1",
+}  # fmt: skip
+AHEAD = {
+    "then": INTS, "dt": VECTOR, "gyr": MATRIX, "rest": SHORTS, "lag": "f8", "q": MATRIX, "bias": MATRIX,
+    "first_bias": VECTOR, "ring": MATRIX, "out": MATRIX,
 }  # fmt: skip
 
 
@@ -50,6 +54,7 @@ def kernel_of(
 
 FORWARD_KERNEL = kernel_of(forward.forward, FORWARD, forward.SCRATCH, "i8")
 CHAIN_KERNEL = kernel_of(chain.chain, {"steps": MATRIX, "q": MATRIX}, {}, "void")
+AHEAD_KERNEL = kernel_of(ahead.ahead, AHEAD, ahead.SCRATCH, "void")
 BACKWARD_KERNEL = kernel_of(backward.backward, BACKWARD, backward.SCRATCH, "void")
 
 
@@ -69,6 +74,12 @@ def run_backward() -> Callable[..., Any]:
 def run_chain() -> Callable[..., Any]:
     """The compiled :func:`chain.chain`."""
     return _function(chain.chain, CHAIN_KERNEL)
+
+
+@functools.lru_cache(maxsize=1)
+def run_ahead() -> Callable[..., Any]:
+    """The compiled :func:`ahead.ahead`."""
+    return _function(ahead.ahead, AHEAD_KERNEL)
 
 
 def _function(function: Callable[..., Any], kernel: Kernel) -> Callable[..., Any]:

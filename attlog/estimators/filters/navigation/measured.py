@@ -122,9 +122,9 @@ def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8]
         begin = np.mean(mean[:FEW], axis=0)
         turning = np.flatnonzero(np.sqrt(np.sum((mean - begin) ** 2, axis=1)) > STANDS_RAD_S)
         end = b if len(turning) == 0 else float(grid[turning[0]]) - SHORT_S
-        begins = a + REST_EDGE_S if a > t[0] + REST_EDGE_S else -np.inf
-        rest |= (t > begins) & (t <= end - REST_EDGE_S) & (t >= a)
-        still |= (t >= a) & (t <= end)
+        begins = int(np.searchsorted(t, a + REST_EDGE_S, side="right")) if a > t[0] + REST_EDGE_S else 0
+        rest[max(begins, k) : np.searchsorted(t, end - REST_EDGE_S, side="right")] = True
+        still[k : np.searchsorted(t, end, side="right")] = True
     return rest.astype(np.int8), still
 
 

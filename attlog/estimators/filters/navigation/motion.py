@@ -203,8 +203,12 @@ def backward_rows(L: Any, T: float, M: Any, rest: int) -> None:
             L[(BG + 1) * ROW + m] = L[(BG + 1) * ROW + m] + (f1 * a + f4 * b + f7 * c) - (d1 * x + d4 * y + d7 * z)
             L[(BG + 2) * ROW + m] = L[(BG + 2) * ROW + m] + (f2 * a + f5 * b + f8 * c) - (d2 * x + d5 * y + d8 * z)
             L[SCALE * ROW + m] = L[SCALE * ROW + m] + (g0 * a + g3 * b + g6 * c) - (w0 * x + w3 * y + w6 * z)
-            L[(SCALE + 1) * ROW + m] = L[(SCALE + 1) * ROW + m] + (g1 * a + g4 * b + g7 * c) - (w1 * x + w4 * y + w7 * z)
-            L[(SCALE + 2) * ROW + m] = L[(SCALE + 2) * ROW + m] + (g2 * a + g5 * b + g8 * c) - (w2 * x + w5 * y + w8 * z)
+            L[(SCALE + 1) * ROW + m] = (
+                L[(SCALE + 1) * ROW + m] + (g1 * a + g4 * b + g7 * c) - (w1 * x + w4 * y + w7 * z)
+            )
+            L[(SCALE + 2) * ROW + m] = (
+                L[(SCALE + 2) * ROW + m] + (g2 * a + g5 * b + g8 * c) - (w2 * x + w5 * y + w8 * z)
+            )
     hx, hy, hz = h * ax, h * ay, h * az
     e0, e1, e2, e3, e4, e5, e6, e7, e8 = h * d0, h * d1, h * d2, h * d3, h * d4, h * d5, h * d6, h * d7, h * d8
     for m in range(ROW):

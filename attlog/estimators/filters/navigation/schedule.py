@@ -69,7 +69,7 @@ class Timetable:
         self.kept: dict[int, tuple[float, Placed]] = {}
 
     def scheduled(self, tuned: Tuned, settling: bool = False, within: tuple[float, float] | None = None) -> Schedule:
-        """Every aid at the sample next to when it was true, and nodes between them at least every 20 ms.
+        """Every aid at the sample next to when it was true, and nodes between them at least every 50 ms.
 
         ``settling``: aids count less in the first seconds, for a filter that starts degrees off would else be sure of
         what it linearised there. ``within``: of the fixes only those stamped in this span.
@@ -150,7 +150,7 @@ class Timetable:
         node[at] = True
         node[:-1] |= rest[1:] != rest[:-1]
         node[[0, -1]] = True
-        # Whatever the events, a sample ends each slot of 20 ms that holds no event itself.
+        # Whatever the events, a sample ends each slot of 50 ms that holds no event itself.
         taken = np.zeros(len(self.last), bool)
         taken[self.slot[node]] = True
         node[self.last[~taken]] = True

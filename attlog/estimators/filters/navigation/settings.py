@@ -26,7 +26,7 @@ from attlog.estimators.filters.navigation.layout import (
     WANDER_TAU,
 )
 
-NODE_S = 0.02
+NODE_S = 0.05
 """Longest time between nodes."""
 MAG_BLOCK_S, BARO_BLOCK_S = 0.04, 0.05
 HARD_SIGMA = 30.0
