@@ -72,6 +72,8 @@ class Measured:
         a, b = np.searchsorted(self.t, [t0, np.nextafter(t1, np.inf)])
         if a == b:
             return None
+        if b - a == len(self.t):
+            return self
         return Measured(self.t[a:b], self.x[a:b], None if self.sigma is None else self.sigma[a:b])
 
 

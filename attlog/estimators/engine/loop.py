@@ -335,13 +335,14 @@ def _whole_segments(
         known = not estimator.causal or (q0 is not None and number == 0)
         late = late_field(estimator, first(s, a, b, values), known)
         silent += [] if late is None else [(a, late)]
-        mag = np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)
         clock = time.thread_time()
         with plugin_errors(estimator):
             own = [x[a:b] for x in (s.t, s.gyr, s.acc)]
             if estimator.origin != "attlog":  # it may write to what it is given; the times are told with its result
                 own = [x.copy() for x in own]
-            one = estimator.run(*own, mag, aids.between(s.t[a], s.t[b - 1]), dict(values))
+            # Nobody but the filter holds on to the field: one that has read it may let go of it.
+            field = [np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)]
+            one = estimator.run(*own, field.pop(), aids.between(s.t[a], s.t[b - 1]), dict(values))
             if estimator.origin != "attlog":
                 one = returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock

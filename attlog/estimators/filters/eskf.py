@@ -67,6 +67,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     fixes, constants = aids.velocity, params["constants"]
     looks = constants != "fixed" and fixes is not None and fixes.t[-1] - fixes.t[0] >= LEAST_GNSS_S
     inputs = made_ready(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=looks)
+    del mag  # a long log's is large, and its means are in the inputs
     tuned, gate = started(params), float(params["soft_gate"])
     known = None
     if looks:

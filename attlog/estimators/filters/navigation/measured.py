@@ -226,7 +226,7 @@ def _filled(t: Array, acc: Array) -> Array:
     """The specific force with what is missing (zero vectors) interpolated."""
     there = np.any(acc != 0.0, axis=1)
     if there.all() or not there.any():
-        return np.array(acc)
+        return acc
     return np.column_stack([np.interp(t, t[there], acc[there, i]) for i in range(3)])
 
 

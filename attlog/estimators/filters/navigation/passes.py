@@ -188,7 +188,10 @@ def causal(
     if known is not None:
         begin = _begun_with(begin, known, constants)
     schedule = runner.timetable.scheduled(tuned, begin.how == "motion" and inputs.velocity is not None)
-    return runner.forward(schedule, begin, tuned.packed(inputs.gravity, gate)), begin
+    del runner.timetable  # of a long log as large as the schedule
+    found = runner.forward(schedule, begin, tuned.packed(inputs.gravity, gate))
+    found.schedule = schedule.nodes()
+    return found, begin
 
 
 def held(tuned: Tuned) -> Tuned:

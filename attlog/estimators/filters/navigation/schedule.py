@@ -36,6 +36,14 @@ class Schedule:
     scalars: Ints
     """(m + 1,) how many scalar updates the events before each node can make."""
 
+    def nodes(self) -> Schedule:
+        """The nodes without the events, for who does not run again."""
+        none = np.zeros((0, 3))
+        return Schedule(
+            self.node_at, np.zeros_like(self.node_event), self.kind[:0].copy(), self.offset[:0].copy(), none, none,
+            none, none, self.rest_of, np.zeros_like(self.scalars),
+        )  # fmt: skip
+
 
 @dataclass(slots=True)
 class Placed:
@@ -69,7 +77,7 @@ class Timetable:
         self.kept: dict[int, tuple[float, Placed]] = {}
 
     def scheduled(self, tuned: Tuned, settling: bool = False, within: tuple[float, float] | None = None) -> Schedule:
-        """Every aid at the sample next to when it was true, and nodes between them at least every 50 ms.
+        """Every aid at the sample next to when it was true, and nodes between them at least every 40 ms.
 
         ``settling``: aids count less in the first seconds, for a filter that starts degrees off would else be sure of
         what it linearised there. ``within``: of the fixes only those stamped in this span.
@@ -111,12 +119,12 @@ class Timetable:
             out.append(self._place(VELOCITY, slow, np.zeros((len(slow), 3)), np.ones((len(slow), 3))))
         if i.baro is not None:
             m = i.baro
-            out.append(self._once(BARO, 0.0, m.t, _wide(m.x), np.tile([1.0, 0.0, 0.0], (len(m.t), 1))))
+            out.append(self._once(BARO, 0.0, m.t, _wide(m.x), _same([1.0, 0.0, 0.0], len(m.t))))
         if i.mag is not None:
-            out.append(self._once(MAG, tuned.mag_delay, i.mag.t, i.mag.x, np.ones((len(i.mag.t), 3))))
+            out.append(self._once(MAG, tuned.mag_delay, i.mag.t, i.mag.x, _same([1.0, 1.0, 1.0], len(i.mag.t))))
         if len(self.looks):
-            ones = np.ones((len(self.looks), 3))
-            out.append(self._once(STILL, 0.0, self.looks, np.zeros_like(ones), ones))
+            ones = _same([1.0, 1.0, 1.0], len(self.looks))
+            out.append(self._once(STILL, 0.0, self.looks, 0.0 * ones, ones))
             out.append(self._once(NO_RATE, 0.0, self.looks, self.resting_rate, ones))
         return out
 
@@ -128,17 +136,19 @@ class Timetable:
 
     def _place(self, kind: int, when: Array, z: Array, shape: Array) -> Placed:
         t = self.t
-        shape = np.where(np.isfinite(z), shape, 0.0)
+        missing = ~np.isfinite(z)
+        if missing.any():
+            shape, z = np.where(missing, 0.0, shape), np.where(missing, 0.0, z)
         inside = (when >= t[0]) & (when <= t[-1])
         if not inside.all():
             when, z, shape = when[inside], z[inside], shape[inside]
         at = np.clip(np.searchsorted(t, when), 1, max(len(t) - 1, 1))
         # Of two samples as near the earlier one, whatever rounding says.
         at = np.where((when - t[at - 1]) < (t[np.minimum(at, len(t) - 1)] - when) + TIE_S, at - 1, at)
-        order = np.argsort(at, kind="stable")
-        when, at, z, shape = when[order], at[order], np.nan_to_num(z[order]), shape[order]
-        centre, some = t[at], len(t) > 1
-        none = np.zeros((len(at), 3))
+        if (np.diff(at) < 0).any():
+            order = np.argsort(at, kind="stable")
+            when, at, z, shape = when[order], at[order], z[order], shape[order]
+        centre, some, none = t[at], len(t) > 1, _same([0.0, 0.0, 0.0], len(at))
         force = self.force.mean(centre - FORCE_S, centre + FORCE_S) if kind == VELOCITY and some else none
         rate = self.rate.mean(centre - RATE_S, centre + RATE_S) if kind in (VELOCITY, MAG) and some else none
         return Placed(kind, when, at, when - centre, z, shape, force, rate)
@@ -150,7 +160,7 @@ class Timetable:
         node[at] = True
         node[:-1] |= rest[1:] != rest[:-1]
         node[[0, -1]] = True
-        # Whatever the events, a sample ends each slot of 50 ms that holds no event itself.
+        # Whatever the events, a sample ends each slot of 40 ms that holds no event itself.
         taken = np.zeros(len(self.last), bool)
         taken[self.slot[node]] = True
         node[self.last[~taken]] = True
@@ -185,6 +195,11 @@ def rest_times(inputs: Inputs) -> Array:
     last = at[np.flatnonzero(np.r_[np.diff(slot) > 0, True])]
     whole: Array = t[last][t[last] - t[0] >= REST_MEAN_S]
     return whole
+
+
+def _same(row: list[float], n: int) -> Array:
+    """One row (3,) as if it stood there n times, to be read."""
+    return np.broadcast_to(row, (n, 3))
 
 
 def _wide(x: Array) -> Array:
