@@ -119,3 +119,10 @@ def test_one_quiet_time_alone_refuses_nothing() -> None:
     grounds = [(16.0, 20.0), (22.0, 26.0), (32.0, 35.0)]
     phases = Segments([Segment("continuous", 0.0, 60.0), *(Segment("idle", a, b) for a, b in grounds)])
     assert choose(log, phases).kind == "onboard"
+
+
+def test_an_attitude_that_leans_to_both_sides_in_turn_is_not_refuted_by_a_mean_force_that_it_explains() -> None:
+    """25 deg to the left and to the right for a second each: over a minute its mean force is gravity's to 0.9 m/s^2."""
+    side = np.where((T % 2.0 < 1.0)[:, None], tilted(TURN, 25.0), tilted(TURN, -25.0))
+    assert refusal(flight(side), rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0))) == ""
+    assert refusal(flight(tilted(TURN, 25.0)), rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0)))

@@ -102,3 +102,18 @@ def test_neither_north_nor_the_clock_changes_what_is_found(yaw, shift):
     attitude.t = attitude.t + shift
     imu.gyro.t = imu.gyro.t + shift
     assert resets.find(attitude, imu)[0].tolist() == [100]
+
+
+@pytest.mark.parametrize(
+    ("rate_dps", "size", "told"),
+    [(0.0, 0.9, False), (0.0, 1.1, True), (200.0, 1.8, False), (200.0, 2.2, True)],
+)
+def test_a_jump_is_more_than_a_degree_and_a_tenth_of_what_was_turned(rate_dps, size, told):
+    """200 deg/s turn 10 deg between two attitudes at 20 Hz: 1 deg more may be the gyro's scale."""
+    t = np.arange(0.0, 20.0, 1 / RATE)
+    gyro = np.tile(np.radians([0.0, 0.0, rate_dps]), (len(t), 1))
+    imu = Imu(0, Stream(t, gyro, "rad/s", "FRD", "IMU:0"), Stream(t, 0 * gyro, "m/s^2", "FRD", "IMU:0"))
+    at = t[::ATTITUDE_EVERY]
+    attitude = Attitude(at, rotation.from_euler(0 * at, 0 * at, np.radians(rate_dps) * at), "ATT")
+    jump(attitude, 200, size)
+    assert resets.find(attitude, imu)[0].tolist() == ([200] if told else [])
