@@ -18,8 +18,14 @@ def state(sources: tuple[str, ...]) -> str:
     found = hashlib.sha256()
     for path in _files(sources):
         found.update(f"{path.relative_to(PACKAGE).as_posix()}\0".encode())
-        found.update(hashlib.sha256(path.read_bytes()).digest())
+        found.update(_digest(path))
     return found.hexdigest()
+
+
+@lru_cache(maxsize=256)
+def _digest(path: Path) -> bytes:
+    """The hash of one file: most kernels depend on the same folders."""
+    return hashlib.sha256(path.read_bytes()).digest()
 
 
 def edited(sources: tuple[str, ...]) -> bool:

@@ -7,7 +7,6 @@ movements or reference, they refuse to every filter.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -87,9 +86,9 @@ def levelled(acc: Array) -> Array:
 
 
 def products(q: Array) -> Array:
-    """q[0], q[0] q[1], q[0] q[1] q[2] ... of (n, 4): in blocks side by side, about as many as each is long."""
+    """q[0], q[0] q[1], q[0] q[1] q[2] ... of (n, 4): in short blocks, then what stands before each."""
     n = len(q)
-    size = math.isqrt(n) + 1
+    size = max(2, round(n ** (1.0 / 3.0)))
     padded = np.zeros((-(-n // size) * size, 4))
     padded[:, 0] = 1.0
     padded[:n] = q
@@ -97,8 +96,9 @@ def products(q: Array) -> Array:
     blocks = padded.reshape(-1, size, 4)
     for k in range(1, size):
         blocks[:, k] = rotation.multiply(blocks[:, k - 1], blocks[:, k])
-    for b in range(1, len(blocks)):
-        blocks[b] = rotation.normalize(rotation.multiply(blocks[b - 1, -1], blocks[b]))
+    if len(blocks) > 1:
+        before = products(blocks[:-1, -1])
+        blocks[1:] = rotation.normalize(rotation.multiply(before[:, None], blocks[1:]))
     return padded[:n]
 
 

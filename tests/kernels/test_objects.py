@@ -63,7 +63,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, made: store.Object) -> list[str]:
 
 def forget() -> None:
     """What a new process knows."""
-    for known in (folder.folder, sources.state, store._shipped):
+    for known in (folder.folder, sources.state, sources._digest, store._shipped):
         known.cache_clear()
 
 
