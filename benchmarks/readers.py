@@ -4,7 +4,8 @@
 
 Both readers run by turns in one process that reads nothing else, as often as each other, imports outside, file in the
 page cache; CPU seconds, medians. *first* is the first log of a fresh process, which loads the machine code of attlog's
-loops from where it is kept, *later* are further ones of the process. "Wanted" are IMU, magnetometer, attitude and GNSS,
+loops from where it is kept where the log is large enough, *later* are further ones, machine code loaded: of a process
+that runs filters as well (``batch``, ``compare``), or has read some 30 MB. "Wanted" are IMU, magnetometer, attitude and GNSS,
 every column of them. Logs of ``sample_logs`` and of ``--corpus`` (default $ATTLOG_CORPUS) as they are, and sample logs
 repeated to ``--megabytes``, ``--slow-megabytes`` where the official library is slow.
 """
@@ -108,7 +109,15 @@ def _by_turns(path: Path, everything: bool, turn: int, runs: int, seconds: float
         path.read_bytes()  # the page cache
         times = [work() for work in (works if turn % 2 == 0 else works[::-1])]
         first = Pair([times[turn % 2]], [times[1 - turn % 2]])
+        load_machine_code(path)
         return first, by_turns(*works, runs, seconds) if runs else Pair()
+
+
+def load_machine_code(path: Path) -> None:
+    """As a process that runs filters has it, and the loops of this log's reader with it."""
+    import llvmlite.binding  # noqa: F401  (readers look whether it is loaded)
+
+    columns(formats.open(path), WANTED[path.suffix.lower()])
 
 
 def columns(log: Messages, names: list[str] | None) -> None:
@@ -173,7 +182,7 @@ def peak_share(path: Path) -> float:
 
     from attlog.limits import READ_BYTES
 
-    columns(formats.open(path), WANTED[path.suffix.lower()])
+    load_machine_code(path)
     give_back(path.stat().st_size)
     base = most = anonymous_mb()
     done = threading.Event()
