@@ -12,6 +12,7 @@ from attlog import formats, reference, segments
 from attlog.flight import flight_in, room
 from attlog.flight.model import FlightLog, part_of
 from attlog.flight.record_time import ends_of
+from attlog.formats import Messages
 from attlog.freed import give_back
 from attlog.health import answerable, audit
 from attlog.health.findings import contradiction, findings
@@ -47,7 +48,8 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None, v
 def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -> dict[str, Any]:
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
-    messages.forget()
+    listed, damage = _listed(messages.boot(log.boot), system), _damage(messages)
+    del messages  # the log's bytes and its index go with it: what follows takes as much
     room.check_rest(log, room.INFO)
     imu = log.replay_imu
     samples = 0 if imu is None else len(imu.gyro.t)
@@ -62,8 +64,6 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     compared = ""
     if phases is not None and chosen is not None:
         compared = part_of(log, "The reference", partial(reference.foreseen, log, phases, chosen), str)
-    part = messages.boot(log.boot)
-    stamps = ends_of(part, system)
     verification = None
     if verify:
         from attlog.formats.verify import verify as compare
@@ -71,27 +71,39 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
         verification = plain(compare(path))
     return {
         "log": plain(describe(log, phases)),
-        "messages": [
-            {
-                "name": table.name,
-                "instance": table.instance,
-                "records": len(table),
-                "rate_hz": _rate(len(table), stamps(table)),
-                "fields": len(table.fields),
-            }
-            for table in part.values()
-        ],
+        "messages": listed,
         "compared_with": compared,
         "audit": plain(checks),
         "answerable": plain(answers),
         "gyro_bias": None if case is None else plain(list(case.gyro_bias.values())),
         "problems": plain(findings(log, checks, [] if chosen is None else contradiction(chosen))),
-        "damage": {
-            "bytes": messages.damage_bytes,
-            "count": messages.damage_places,
-            "places": plain(messages.damage),
-        },
+        "damage": damage,
         "verify": verification,
+    }
+
+
+def _listed(messages: Messages, system: int | None) -> list[dict[str, Any]]:
+    """The messages of the log that is looked at, how many records they have and how many a second."""
+    messages.forget()
+    stamps = ends_of(messages, system)
+    return [
+        {
+            "name": table.name,
+            "instance": table.instance,
+            "records": len(table),
+            "rate_hz": _rate(len(table), stamps(table)),
+            "fields": len(table.fields),
+        }
+        for table in messages.values()
+    ]
+
+
+def _damage(messages: Messages) -> dict[str, Any]:
+    """How much of the file is not usable, and where."""
+    return {
+        "bytes": messages.damage_bytes,
+        "count": messages.damage_places,
+        "places": plain(messages.damage),
     }
 
 

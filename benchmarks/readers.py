@@ -5,9 +5,9 @@
 Both readers run by turns in one process that reads nothing else, as often as each other, imports outside, file in the
 page cache; CPU seconds, medians. *first* is the first log of a fresh process, which loads the machine code of attlog's
 loops from where it is kept where the log is large enough, *later* are further ones, machine code loaded: of a process
-that runs filters as well (``batch``, ``compare``), or has read some 30 MB. "Wanted" are IMU, magnetometer, attitude and GNSS,
-every column of them. Logs of ``sample_logs`` and of ``--corpus`` (default $ATTLOG_CORPUS) as they are, and sample logs
-repeated to ``--megabytes``, ``--slow-megabytes`` where the official library is slow.
+that runs filters as well (``batch``, ``compare``), or has read some 30 MB. "Wanted" are IMU, magnetometer, attitude and
+GNSS, every column of them. Logs of ``sample_logs`` and of ``--corpus`` (default $ATTLOG_CORPUS) as they are, and sample
+logs repeated to ``--megabytes``, ``--slow-megabytes`` where the official library is slow.
 """
 
 from __future__ import annotations

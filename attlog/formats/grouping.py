@@ -14,6 +14,8 @@ from attlog.formats.compiled import if_cheap, is_ready, kernel_of
 Kinds = NDArray[np.unsignedinteger[Any]]
 KINDS = 1 << 16
 """So many kinds, told by 16 bits, are sorted in linear time."""
+USUAL_RECORD = 40
+"""Bytes of a log that a record stands for."""
 
 
 def by_kind(segments: Sequence[tuple[Offsets, Kinds]]) -> list[tuple[int, Offsets]]:
@@ -21,8 +23,8 @@ def by_kind(segments: Sequence[tuple[Offsets, Kinds]]) -> list[tuple[int, Offset
 
     ``segments``: offsets (n,) and kinds (n,) of records, one type of offset in all.
     """
-    size = sum(kinds.nbytes + offsets.nbytes for offsets, kinds in segments)
-    if is_ready(size) and segments[0][0].dtype == np.int32 and segments[0][1].dtype == np.uint16:
+    records = sum(len(kinds) for _, kinds in segments)
+    if is_ready(USUAL_RECORD * records) and segments[0][0].dtype == np.int32 and segments[0][1].dtype == np.uint16:
         counted, scattered = if_cheap(COUNT), if_cheap(SCATTER)
         if counted is not None and scattered is not None:
             return _by_counting(segments, counted, scattered)
@@ -34,7 +36,7 @@ def by_kind(segments: Sequence[tuple[Offsets, Kinds]]) -> list[tuple[int, Offset
 
 
 def _by_counting(segments: Sequence[tuple[Offsets, Kinds]], counted: Any, scattered: Any) -> list[tuple[int, Offsets]]:
-    counts = np.zeros(KINDS, np.int64)
+    counts = np.zeros(1 + max(int(kinds.max(initial=0)) for _, kinds in segments), np.int64)
     for _, kinds in segments:
         counted(kinds, counts)
     ends = counts.cumsum()

@@ -88,7 +88,7 @@ class Chain(Protocol):
 class NumpyChain:
     """Segments of data records by whole-block comparison."""
 
-    group = 1 << 15
+    group = 1 << 17
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data, self._sizes, self._width = data, sizes, offset_type(len(data))
