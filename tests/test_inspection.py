@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from attlog import formats, inspection
 from attlog.flight import builder
+from attlog.formats import Messages
 from attlog.reference import delay
 
 
@@ -66,3 +68,26 @@ def test_a_large_log_read_with_copies_let_go_is_the_same_flight(
     whole = inspection.inspect(samples / name)
     monkeypatch.setattr(builder, "READ_BYTES", 0)
     assert inspection.inspect(samples / name) == whole
+
+
+def test_a_logs_bytes_are_let_go_of_before_the_flight_is_looked_at(
+    samples: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[weakref.ref[Messages]] = []
+    alive: list[bool] = []
+    open_log, judge = formats.open, inspection.audit
+
+    def opening(*given: Any) -> Messages:
+        messages = open_log(*given)
+        opened.append(weakref.ref(messages))
+        return messages
+
+    def judging(*given: Any) -> Any:
+        alive.append(opened[0]() is not None)
+        return judge(*given)
+
+    monkeypatch.setattr(formats, "open", opening)
+    monkeypatch.setattr(inspection, "audit", judging)
+    found = inspection.inspect(samples / "copter_yaw_turns.bin")
+    assert found["messages"]
+    assert alive == [False]
