@@ -36,7 +36,7 @@ def kernels() -> Iterator[Kernel]:
     from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink import compiled as mavlink
     from attlog.formats.ulog import index
-    from attlog.metrics import aiding_loop, step_loops
+    from attlog.metrics import aiding_loop, envelope_loop, step_loops, turning_loop
     from attlog.rotation_loops import INTERPOLATED
 
     yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.step is not None)
@@ -58,6 +58,9 @@ def kernels() -> Iterator[Kernel]:
         aiding_loop.SUMMED,
         step_loops.PRODUCTS,
         step_loops.POWERS,
+        envelope_loop.EXTREMES,
+        turning_loop.SUMMED,
+        turning_loop.ABOUT,
         INTERPOLATED,
     )
     try:

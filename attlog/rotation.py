@@ -132,9 +132,14 @@ def to_rotvec(q: ArrayLike) -> Array:
 
 def increments(q: Array) -> Array:
     """Rotation vectors (n - 1, 3) in rad of ``q_i^* q_(i+1)``: what attitudes (n, 4) turn from sample to sample."""
-    out = np.empty((max(len(q) - 1, 0), 3))
+    return turns(q[:-1], q[1:])
+
+
+def turns(before: Array, after: Array) -> Array:
+    """Rotation vectors (n, 3) in rad of ``before^* after`` of attitudes (n, 4) each."""
+    out = np.empty((len(before), 3))
     for a in range(0, len(out), BLOCK):
-        (w, x, y, z), (e, f, g, h) = q[a : a + BLOCK + 1][:-1].T, q[a + 1 : a + BLOCK + 1].T
+        (w, x, y, z), (e, f, g, h) = before[a : a + BLOCK].T, after[a : a + BLOCK].T
         turn = np.empty((3, len(w)))
         turn[0] = w * f - x * e - y * h + z * g
         turn[1] = w * g + x * h - y * e - z * f

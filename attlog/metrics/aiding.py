@@ -31,7 +31,7 @@ from attlog.median import median
 from attlog.metrics.aiding_loop import SEEN, SUMMED, seen_at, summed_aiding
 from attlog.metrics.base import Case, per_case, per_row
 from attlog.metrics.evidence import imu_of, logged_unit
-from attlog.metrics.turning import Stack, Turning
+from attlog.metrics.turning import Stack, Turning, places
 from attlog.reference.model import Row
 from attlog.segments import gaps
 
@@ -63,23 +63,16 @@ class Vectors:
     """Where the row sees magnetic north on average, rad: its heading is turned back by it."""
 
 
-def places(stack: Stack) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The number (events,) of each event's first sample; where each begins in the stack, and its end (events + 1,)."""
-    return stack.index[stack.first], np.append(stack.first, len(stack.index))
+def add_turned(out: Array, track: Turning, stack: Stack, seen: Vectors, axes: Array) -> None:
+    """Fill ``out[:, 1:]`` (n, 7) with the turning in deg that each kind of aiding at gain 1 adds.
 
-
-def turned(track: Turning, stack: Stack, seen: Vectors, axes: Array) -> Array:
-    """The turning (n, 6) in deg that each kind of aiding at gain 1 adds from an event's first sample on.
-
-    About ``axes`` (events, 3), an axis of the body for each event.
+    Since an event's first sample, about ``axes`` (events, 3), an axis of the body for each event.
     """
-    out = np.empty((len(stack.index), len(NAMES)))
     half = -0.5 * seen.north
     function_of(SUMMED, summed_aiding)(
         out, np.ascontiguousarray(axes), *places(stack),
         track.t, track.q, seen.f, seen.m, math.cos(half), math.sin(half), int(seen.trapezoid),
     )  # fmt: skip
-    return out
 
 
 @dataclass(slots=True)

@@ -108,7 +108,7 @@ def summed_aiding(
     out: Array, axes: Array, begin: Index, first: Index, t: Array, q: Array, f: Array, m: Array,
     cosine: float, sine: float, trapezoid: int,
 ) -> None:  # fmt: skip
-    """Fill ``out`` (n, 6) with the turning in deg of E, D, N, EE, M, V since each event's first sample, about its axis.
+    """Fill ``out[:, 1:]`` (n, 7) with the turning in deg of E, D, N, EE, M, V since each event's first, about its axis.
 
     Event e has ``axes[e]`` and the samples ``first[e]`` to ``first[e + 1]`` of ``out``, ``f`` and ``m`` (n, 3), which
     are those from ``begin[e]`` on of ``t`` and ``q``. An attitude's heading is turned by the half angle of ``cosine``
@@ -134,7 +134,7 @@ def summed_aiding(
                     h *= 0.5
                 s0, s1, s2, s4, s5 = s0 + r0 * h, s1 + r1 * h, s2 + r2 * h, s4 + r4 * h, s5 + r5 * h
                 s3 += s0 * (t[k] - t[k - 1])
-            out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = s0, s1, s2, s3, s4, s5
+            out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5], out[i, 6] = s0, s1, s2, s3, s4, s5
 
 
 SEEN = kernel_of(seen_at, SEEN_SIGNATURE, "metrics", "the sensors in quick movements", SOURCES)

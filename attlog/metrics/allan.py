@@ -14,6 +14,7 @@ from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.evidence import deviations, within
 from attlog.metrics.settled import rest_spans, why_none
 from attlog.reference.model import Row
+from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
 
@@ -91,7 +92,12 @@ def of_average(angle: Array, step: float) -> Deviation:
 
 def longest_rest(case: Case, row: Row, window: str) -> slice | None:
     """The longest segment of samples of one rest, finite and without a gap; None if there is none."""
-    pieces = [p for span in rest_spans(case, row, window) for p in within(row.t, span, row.segment)]
+    return _longest_of(case, row, rest_spans(case, row, window))
+
+
+@per_row
+def _longest_of(case: Case, row: Row, spans: list[Span]) -> slice | None:
+    pieces = [p for span in spans for p in within(row.t, span, row.segment)]
     pieces = [p for p in pieces if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
     return max(pieces, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
 

@@ -13,7 +13,7 @@ from attlog.flight.model import Attitude
 from attlog.flight.modes import commands_attitude
 from attlog.metrics import interval, rmse
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case
 from attlog.metrics.evidence import within
 from attlog.metrics.setpoint_response import Blocks, Piece, blocks_of, features, response
 from attlog.reference.model import Row
@@ -101,9 +101,25 @@ def flown(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tu
         return [], ("no_setpoint", "the log holds no attitude set-point beside the onboard attitude")
     if min(log.setpoints.rate, attitude.rate) < MIN_RATE_HZ:
         return [], ("rate_too_low", f"set-point and attitude are needed at {MIN_RATE_HZ:.0f} Hz or more")
-    pieces = common(log.setpoints, attitude, commanded(case, window))
+    pieces = _pieces(case, commanded(case, window))
     where = f"no attitude set-point in flight in window {window}, in a mode that commands an attitude"
     return pieces, None if pieces else ("not_covered", where)
+
+
+@per_case
+def _pieces(case: Case, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
+    wanted, flew = case.log.setpoints, case.log.onboard_attitude
+    return [] if wanted is None or flew is None else common(wanted, flew, spans)
+
+
+def moved(case: Case, window: str) -> Blocks | None:
+    """The seconds of a window's flight in which the set-point moved; None without any."""
+    return _moved(case, commanded(case, window)) if flown(case, window)[0] else None
+
+
+@per_case
+def _moved(case: Case, spans: list[Span]) -> Blocks | None:
+    return blocks_of(angles(_pieces(case, spans)))
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -114,7 +130,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     if absent is not None:
         return {m.name: missing(*absent, m.unit, window) for m in METRICS}
     answers = {"tracking_rms_deg": _tracking(pieces, window)}
-    blocks = blocks_of(angles(pieces))
+    blocks = moved(case, window)
     count = 0 if blocks is None else len(blocks.axis)
     if blocks is None or count < MIN_BLOCKS:
         reason = f"{count} seconds in which the set-point moved; at least {MIN_BLOCKS} are needed"

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
+from attlog.kernels.loops import function_of
+from attlog.metrics.envelope_loop import EXTREMES, extremes
 
 Array = NDArray[np.float64]
 
@@ -53,8 +55,8 @@ class Budget:
         return Share(self.replays * n + self.others)
 
 
-def envelope(t: Array, columns: dict[str, Array], keep: int) -> tuple[Array, dict[str, Array]]:
-    """Times and columns with at most ``keep`` samples: two per bucket, its smallest and largest value.
+def envelope(t: Array, columns: Array, keep: int) -> tuple[Array, Array]:
+    """Times (m,) and columns (m, k) of (n,), (n, k) with at most ``keep`` samples: two per bucket, its extremes.
 
     The two values of a bucket stand at its first and its middle time, so that all
     columns share the times; a peak keeps its height and moves by less than a bucket.
@@ -65,22 +67,6 @@ def envelope(t: Array, columns: dict[str, Array], keep: int) -> tuple[Array, dic
         return t, columns
     edges = np.linspace(0, n, buckets + 1).astype(np.int64)
     first, middle = edges[:-1], (edges[:-1] + edges[1:]) // 2
-    return np.column_stack([t[first], t[middle]]).ravel(), {k: extremes(y, edges) for k, y in columns.items()}
-
-
-def extremes(y: Array, edges: NDArray[np.int64]) -> Array:
-    """Smallest and largest value between edges (m + 1,), in the order they came, as one array (2 m,)."""
-    first = edges[:-1]
-    gap = np.isnan(y)
-    low = np.minimum.reduceat(np.where(gap, np.inf, y), first)
-    high = np.maximum.reduceat(np.where(gap, -np.inf, y), first)
-    size = np.diff(edges)
-    bucket = np.repeat(np.arange(len(first)), size)
-    place = np.arange(len(y))
-    at_low = np.minimum.reduceat(np.where(y == low[bucket], place, len(y)), first)
-    at_high = np.minimum.reduceat(np.where(y == high[bucket], place, len(y)), first)
-    out = np.column_stack([np.where(at_low <= at_high, low, high), np.where(at_low <= at_high, high, low)])
-    out[~np.isfinite(out)] = np.nan
-    holes = np.logical_or.reduceat(gap, first)
-    out[holes, 1] = np.nan
-    return out.ravel()
+    out = np.empty((2 * buckets, columns.shape[1]))
+    function_of(EXTREMES, extremes)(out, np.ascontiguousarray(columns), edges)
+    return np.column_stack([t[first], t[middle]]).ravel(), out

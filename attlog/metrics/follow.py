@@ -33,17 +33,23 @@ class Verdict:
     reason: str = ""
 
 
-def _gains_of(t: Array, est: Array, ref: Array, segment: NDArray[np.int64]) -> Array:
-    """Gains (4,) of the estimate's turning on the reference's, of what both turned (n - 1, 3) in rad between samples.
+def _gains_of(t: Array, q_est: Array, ref: Array, segment: NDArray[np.int64]) -> Array:
+    """Gains (4,) of an estimate's turning on that of the reference, (n - 1, 3) in rad from sample to sample.
 
     Body x, y, z and all axes together. Regression through the origin, over samples where the reference turns faster
     than 5 deg/s; steps between segments (gaps, resets) are cut out. NaN where fewer than 20 samples move.
     """
     dt = np.diff(t)
-    known = (np.diff(segment) == 0) & (dt > 0) & rotation.finite(est) & rotation.finite(ref)
-    est, ref, dt = gaps.only(known, est, ref, dt)
-    moving: NDArray[np.bool_] = np.asarray(np.abs(np.degrees(ref)) > MOVING_DPS * dt[:, None])
-    gains, together = np.full(4, np.nan), np.asarray(moving.any(axis=1))
+    limit = np.radians(MOVING_DPS) * dt
+    fast = np.abs(ref[:, 0]) > limit
+    for column in ref.T[1:]:
+        fast |= np.abs(column) > limit
+    at = np.flatnonzero(fast & (segment[1:] == segment[:-1]) & (dt > 0))
+    est, ref = rotation.turns(q_est[at], q_est[at + 1]), ref[at]
+    known = rotation.finite(est) & rotation.finite(ref)
+    est, ref, limit = gaps.only(known, est, ref, limit[at])
+    moving: NDArray[np.bool_] = np.asarray(np.abs(ref) > limit[:, None])
+    gains, together = np.full(4, np.nan), np.ones(len(est), bool)
     for place, use, part in [*((k, moving[:, k], slice(k, k + 1)) for k in range(3)), (3, together, slice(None))]:
         if np.count_nonzero(use) >= MIN_SAMPLES:
             moved = np.where(use[:, None], ref[:, part], 0.0)
@@ -102,4 +108,4 @@ def _regression(case: Case, row: Row) -> Array:
     if row.errors is None or len(row.errors.t) < 2:
         return np.full(4, np.nan)
     e = row.errors
-    return _gains_of(e.t, rotation.increments(e.q_est), _turns(case, e.q_ref), e.segment)
+    return _gains_of(e.t, e.q_est, _turns(case, e.q_ref), e.segment)

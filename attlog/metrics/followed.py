@@ -14,7 +14,7 @@ from attlog.metrics.base import Case
 from attlog.metrics.lag import input_delay, sample_step
 from attlog.metrics.rmse import why_no_errors
 from attlog.metrics.step_columns import MARGIN_S, SPAN_S, STRIDE_S, axis_of
-from attlog.metrics.step_evidence import events_in, reference_turning, why_no_events
+from attlog.metrics.step_evidence import events_in, reference_turning, timing, why_no_events
 from attlog.metrics.step_fit import COARSE_S, RANGE_S
 from attlog.metrics.step_solution import MIN_EVENTS
 from attlog.metrics.turning import Turning, around
@@ -34,7 +34,7 @@ def plainly(case: Case, row: Row, window: str) -> int | None:
     """
     if why_no_errors(case, row) is not None or why_no_events(case, row, window) is not None:
         return None
-    ref, track = reference_turning(case), Turning(row.t, row.q, row.segment)
+    ref, track = reference_turning(case), Turning(row.t, row.q, row.segment, timing(case, row.t))
     span = max(2, round(SPAN_S / ref.step))
     x: list[Array] = []
     y: list[Array] = []

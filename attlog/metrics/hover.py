@@ -61,6 +61,8 @@ class Powers:
 
 @per_row
 def _powers(case: Case, row: Row, spans: list[Span]) -> Powers:
+    if max(t1 - t0 for t0, t1 in spans) < WINDOW_S:
+        return Powers([], 0.0, 0.0)
     powers, near, total = [], 0, 0
     pieces = [p for span in spans for p in within(row.t, span, row.segment) if np.isfinite(row.q[p]).all()]
     for segment in pieces:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from attlog import estimators, rotation
 from attlog.dataclass import dataclass
 from attlog.flight.model import Imu
-from attlog.metrics.base import Case, per_case, per_row
+from attlog.metrics.base import Case, per_case, per_row, per_times
 from attlog.metrics.evidence import imu_of, logged_unit
 from attlog.reference import trim
 from attlog.reference.model import Row
@@ -72,16 +72,25 @@ def residual(t: Array, q: Array, gyro: Integrated, turn_deg: float) -> Array | N
     gyro offsets *in body axes*, which a turning vehicle would otherwise show as noise. None where the
     gyro restarts or turns more than ``turn_deg`` away from its mean.
     """
+    q_g = turned_little(t, gyro, turn_deg)
+    return None if q_g is None else pushed_in(t, q, q_g)
+
+
+def turned_little(t: Array, gyro: Integrated, turn_deg: float) -> Array | None:
+    """The gyro alone (n, 4) at times (n,); None where it restarts or turns more than ``turn_deg`` from its mean."""
     i, j = np.searchsorted(gyro.t, [t[0], t[-1]], side="right") - 1
     if i < 0 or j >= len(gyro.t) or gyro.segment[i] != gyro.segment[j]:
         return None
     q_g = gyro.q[i : j + 1]
     if not np.array_equal(gyro.t[i : j + 1], t):  # a row of other times than the filters'
         q_g = rotation.slerp(gyro.t[i : j + 2], gyro.q[i : j + 2], t)
-    if not np.isfinite(q_g).all():
+    if not np.isfinite(q_g).all() or np.min(np.abs(q_g @ rotation.mean(q_g))) < np.cos(0.5 * np.radians(turn_deg)):
         return None
-    if np.min(np.abs(q_g @ rotation.mean(q_g))) < np.cos(0.5 * np.radians(turn_deg)):
-        return None
+    return q_g
+
+
+def pushed_in(t: Array, q: Array, q_g: Array) -> Array:
+    """:func:`residual` with the gyro alone ``q_g`` (n, 4) at the same times."""
     e = rotation.error(q, q_g)
     x = rotation.to_rotvec(rotation.error(e, rotation.mean(e)))
     left = np.degrees(x - _fit(x, _turned(t, q)))
@@ -95,7 +104,16 @@ def of_window(case: Case, row: Row, inside: slice) -> Array | None:
     """The residual (n, 3) of a row in one window of its samples."""
     gyro = gyro_alone(case, row)
     limit = TURN_ONBOARD_DEG if row.kind == "onboard" else TURN_DEG
-    return None if gyro is None else residual(row.t[inside], row.q[inside], gyro, limit)
+    index = None if (imu := imu_of(case, row)) is None else logged_unit(case, imu)
+    if gyro is None or (index is not None and not _is_of_use(case, row.t, index, inside, limit)):
+        return None
+    return residual(row.t[inside], row.q[inside], gyro, limit)
+
+
+@per_times
+def _is_of_use(case: Case, t: Array, index: int, inside: slice, turn_deg: float) -> bool:
+    """Whether the gyro of a unit turns little in a window of times (n,); for all rows that have these times."""
+    return turned_little(t[inside], _of_unit(case, index), turn_deg) is not None
 
 
 def _turned(t: Array, q: Array) -> Array:

@@ -114,7 +114,8 @@ def measured(case: Case, row: Row, phase: str, window: str) -> Measured | None:
 
 @per_row
 def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> Measured | None:
-    parts = [part for span in spans if (part := _of_span(case, row, phase, span)) is not None]
+    long = [span for span in spans if windows.lay(span, phase)]
+    parts = [part for span in long if (part := _of_span(case, row, phase, span)) is not None]
     if not parts:
         return None
     ends = np.quantile(np.concatenate([part.residuals for part in parts]), [0.001, 0.999], axis=0)

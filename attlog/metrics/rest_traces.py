@@ -88,8 +88,8 @@ class Scatter:
 def close_up(name: str, t: Array, angles: Array, share: Share) -> Trace:
     """Angles (n, 3) in deg, each minus its straight line: noise and wander without drift."""
     flat = detrended(t, angles)
-    at, columns = envelope(t, {a: flat[:, k] for k, a in enumerate(ANGLES)}, share(len(t)))
-    return Trace("rest", name, at, columns, ratio=len(t) / len(at))
+    at, kept = envelope(t, flat, share(len(t)))
+    return Trace("rest", name, at, {a: kept[:, k] for k, a in enumerate(ANGLES)}, ratio=len(t) / len(at))
 
 
 def spreads(scatters: Sequence[Scatter]) -> list[Trace]:

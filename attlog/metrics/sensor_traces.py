@@ -19,10 +19,10 @@ from attlog import earth
 from attlog.flight.model import FlightLog, Imu
 from attlog.median import median
 from attlog.metrics.base import Case
-from attlog.metrics.envelope import extremes
 from attlog.metrics.evidence import detrended, within
 from attlog.metrics.trace import Trace
 from attlog.reference import declination
+from attlog.segments.spans import between
 
 Array = NDArray[np.float64]
 
@@ -34,6 +34,8 @@ NEAR_END = 0.01
 SEGMENT = 1024
 """Samples per segment of a spectrum: at 250 Hz a resolution of 0.25 Hz."""
 FEWEST = 64
+TOGETHER = 16
+"""Segments that are transformed at once."""
 SPECTRA = 400
 """Segments averaged, evenly chosen over the flight: more change nothing that can be seen."""
 BUCKETS = 2000
@@ -63,8 +65,8 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
         return []
     chosen = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, SPECTRA).round().astype(int))]
     found = []
-    for key, x in (("gyro", np.degrees(imu.gyro.x)), ("accelerometer", imu.acc.x)):
-        density = np.sqrt(np.mean([periodogram(x[a : a + size], step) for a in chosen], axis=0))
+    for key, x, unit in (("gyro", imu.gyro.x, np.degrees(1.0)), ("accelerometer", imu.acc.x, 1.0)):
+        density = unit * np.sqrt(_mean_power(x, np.array(chosen), size, step))
         f = np.asarray(np.fft.rfftfreq(size, step)[1:], np.float64)
         columns = {"frequency": f} | {a: density[1:, k] for k, a in enumerate(AXES)}
         values = {
@@ -75,12 +77,22 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
     return found
 
 
+def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> Array:
+    """The mean periodogram (size // 2 + 1, k) of the segments of (n, k) that begin at ``starts``."""
+    total = np.zeros((size // 2 + 1, x.shape[1]))
+    for begin in np.array_split(starts, len(starts) // TOGETHER + 1):
+        segments = x[begin + np.arange(size)[:, None]].reshape(size, -1)
+        total += periodogram(segments, step).reshape(len(total), -1, x.shape[1]).sum(axis=1)
+    return total / len(starts)
+
+
 def periodogram(x: Array, step: float) -> Array:
     """One-sided power density (n // 2 + 1, k) of samples (n, k) ``step`` s apart: line removed, Hann window."""
     n = len(x)
     taper = np.hanning(n + 1)[:-1]
     flat = detrended(np.arange(n, dtype=np.float64), np.nan_to_num(x))
-    power = np.abs(np.fft.rfft(flat * taper[:, None], axis=0)) ** 2 * 2.0 * step / float(taper @ taper)
+    found = np.fft.rfft((flat * taper[:, None]).T).T
+    power = (found.real**2 + found.imag**2) * (2.0 * step / float(taper @ taper))
     power[0] *= 0.5
     if n % 2 == 0:
         power[-1] *= 0.5
@@ -130,9 +142,9 @@ def size_of(figure: str, t: Array, size: Array, values: dict[str, float]) -> Tra
     at, edges = buckets(t, 0.5)
     if len(at) == 0:
         return Trace(figure, "", at, {}, values=values)
-    ends = extremes(size, edges).reshape(-1, 2)
-    mean = np.add.reduceat(size, edges[:-1]) / np.diff(edges)
-    columns = {"low": ends.min(axis=1), "mean": mean, "high": ends.max(axis=1)}
+    first = edges[:-1]
+    low, high = np.minimum.reduceat(size, first), np.maximum.reduceat(size, first)
+    columns = {"low": low, "mean": np.add.reduceat(size, first) / np.diff(edges), "high": high}
     return Trace(figure, "", at, columns, values=values)
 
 
@@ -147,8 +159,8 @@ def throttle(log: FlightLog) -> list[Trace]:
 
 def rest_bias(case: Case, imu: Imu) -> list[Trace]:
     """What the gyro shows in each rest: its bias and the earth's turn."""
-    rests = [(a, b, case.segments.mask(imu.gyro.t, f"{a}:{b}")) for a, b in case.segments.spans("rest")]
-    rests = [(a, b, inside) for a, b, inside in rests if inside.sum() >= FEWEST]
+    rests = [(a, b, between(imu.gyro.t, a, b)) for a, b in case.segments.spans("rest")]
+    rests = [(a, b, inside) for a, b, inside in rests if inside.stop - inside.start >= FEWEST]
     if not rests:
         return []
     t = np.array([0.5 * (a + b) for a, b, _ in rests])

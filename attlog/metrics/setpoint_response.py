@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
@@ -65,9 +66,12 @@ def blocks_of(pieces: list[Piece]) -> Blocks | None:
     for t, wanted, flown in pieces:
         for axis in (0, 1):
             x, y = wanted[:, axis], flown[:, axis]
-            for begin in range(lags, len(t) - size, size):
-                if np.std(x[begin - lags : begin + size]) > MOVING_DEG:
-                    found.append((*_normal(x, y, begin, size, lags), axis))
+            begins = np.arange(lags, len(t) - size, size)
+            if len(begins) == 0:
+                continue
+            moving = np.std(sliding_window_view(x, lags + size)[begins - lags], axis=1) > MOVING_DEG
+            for begin in begins[moving].tolist():
+                found.append((*_normal(x, y, begin, size, lags), axis))
     if not found:
         return None
     xx, xy, yy, count, axes = (np.array(v) for v in zip(*found, strict=True))
@@ -76,7 +80,7 @@ def blocks_of(pieces: list[Piece]) -> Blocks | None:
 
 def _normal(x: Array, y: Array, begin: int, size: int, lags: int) -> tuple[Array, Array, float, float]:
     dx = np.diff(x[begin - lags : begin + size])
-    columns = np.lib.stride_tricks.sliding_window_view(dx, lags)[:, ::-1]
+    columns = sliding_window_view(dx, lags)[:, ::-1]
     dy = np.diff(y[begin - 1 : begin + size])[-len(columns) :]
     return columns.T @ columns, columns.T @ dy, float(dy @ dy), float(len(dy))
 

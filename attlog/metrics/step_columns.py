@@ -15,7 +15,8 @@ from attlog.kernels.loops import function_of
 from attlog.metrics import aiding
 from attlog.metrics.step_loops import POWERS, PRODUCTS, event_products, powers
 from attlog.metrics.steps import Event
-from attlog.metrics.turning import Stack, Turning, stacked
+from attlog.metrics.turning import Stack, Turning, places, stacked
+from attlog.metrics.turning_loop import ABOUT, about_axes
 
 Array = NDArray[np.float64]
 
@@ -126,30 +127,16 @@ def build(
     """The columns of some events (at least one)."""
     kept, axes = [one.event for one in events], np.array([one.axis for one in events])
     in_row, in_ref = stacked([one.row for one in events]), stacked([one.ref for one in events])
-    reference = _part(ref, in_ref, kept, _about(ref, in_ref, axes))
-    own, heavy = np.zeros((len(in_row.index), 1 + len(aiding.NAMES))), 0
-    own[:, 0] = _along(row, in_row, axes)
+    reference = _part(ref, in_ref, kept, np.empty((len(in_ref.index), 4)), axes)
+    estimate, heavy = _part(row, in_row, kept, np.zeros((len(in_row.index), 1 + len(aiding.NAMES))), axes), 0
     if sensors is not None:
         seen = sensors.around(in_row)
-        own[:, 1:] = aiding.turned(row, in_row, seen, axes)
+        aiding.add_turned(estimate.x, row, in_row, seen, axes)
         heavy = int(np.count_nonzero(np.einsum("ni,ni->n", seen.f, seen.f) > HEAVY_M_S2**2))
-    estimate = _part(row, in_row, kept, own)
     slow, fast, stack = (estimate, reference, in_row) if slow_row else (reference, estimate, in_ref)
     step = row.step if slow_row else ref.step
     begin, end, of = _pairs(slow.t, stack, kept, max(2, round(SPAN_S / step)))
     return Columns(slow, fast, slow_row, begin, end, of, heavy)
-
-
-def _along(track: Turning, stack: Stack, axes: Array) -> Array:
-    """The turning (n,) about each event's axis (events, 3)."""
-    (x, y, z), (ux, uy, uz) = track.turned[stack.index].T, axes[stack.of].T
-    return np.asarray(x * ux + y * uy + z * uz)
-
-
-def _about(ref: Turning, stack: Stack, axes: Array) -> Array:
-    """The reference's turning (n, 4) about each event's axis (events, 3), and its product with that axis."""
-    (x, y, z), (ux, uy, uz) = ref.turned[stack.index].T, axes[stack.of].T
-    return np.column_stack([x * ux + y * uy + z * uz, y * uz - z * uy, z * ux - x * uz, x * uy - y * ux])
 
 
 def axes_of(ref: Turning, events: Sequence[Event]) -> Array:
@@ -171,13 +158,16 @@ def axis_of(ref: Turning, event: Event) -> Array | None:
     return axis if np.isfinite(axis[0]) else None
 
 
-def _part(track: Turning, stack: Stack, events: list[Event], x: Array) -> Part:
-    """The columns ``x`` (n, k) of the samples of a stack, which are changed, counted from each event's first."""
-    begin = np.array([e.begin for e in events])
-    t = track.t[stack.index] - begin[stack.of] + STRIDE_S * stack.of
-    last = np.append(stack.first[1:], len(t)) - 1
-    x -= x[stack.first][stack.of]
-    return Part(t, x, t[stack.first], t[last])
+def _part(track: Turning, stack: Stack, events: list[Event], x: Array, axes: Array) -> Part:
+    """What is turned since each event's first sample in the first column of ``x`` (n, k), of (n, 4) with its products.
+
+    About ``axes`` (events, 3); the other columns are kept.
+    """
+    t, (begin, first) = np.empty(len(x)), places(stack)
+    start = STRIDE_S * np.arange(len(events)) - np.array([e.begin for e in events])
+    cross = int(x.shape[1] == 4)
+    function_of(ABOUT, about_axes)(x, t, axes, start, begin, first, track.t, track.turned, cross)
+    return Part(t, x, t[first[:-1]], t[first[1:] - 1])
 
 
 def _pairs(t: Array, stack: Stack, events: list[Event], span: int) -> tuple[NDArray[np.int64], ...]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.dataclass import dataclass
 from attlog.metrics import aiding, step_fit, step_groups, steps
-from attlog.metrics.base import Case, per_case, per_row
+from attlog.metrics.base import Case, per_case, per_row, per_times
 from attlog.metrics.rmse import why_never_airborne
 from attlog.metrics.step_solution import MIN_EVENTS, Fit
-from attlog.metrics.turning import Turning
+from attlog.metrics.turning import Timing, Turning
 from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
 
 MIN_REFERENCE_HZ = 5.0
 
@@ -47,11 +50,17 @@ def events_in(case: Case, row: Row, window: str) -> list[steps.Event]:
 
 @per_row
 def _evidence(case: Case, row: Row, window: str) -> Evidence | None:
-    track = Turning(row.t, row.q, row.segment)
+    track = Turning(row.t, row.q, row.segment, timing(case, row.t))
     seen = aiding.seen_by(case, row)
     sensors = None if seen is None else aiding.Sensors(case, row, track, seen)
     groups = step_groups.groups(track, reference_turning(case), events_in(case, row, window), sensors)
     return None if groups is None else Evidence(step_fit.fit(groups), groups.events)
+
+
+@per_times
+def timing(case: Case, t: Array) -> Timing:
+    """What :class:`Turning` needs to know of the times (n,) of rows; replays of one unit share them."""
+    return Timing.of(t)
 
 
 @per_case

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from attlog.metrics import step_curves, step_evidence, steps
 from attlog.metrics.base import Case, per_case
+from attlog.metrics.step_columns import STRIDE_S
 from attlog.metrics.step_curves import Curve
 from attlog.metrics.steps import Event
 from attlog.metrics.trace import Trace
@@ -63,8 +64,8 @@ def one(case: Case, row: Row, curve: Curve) -> Trace:
 def in_percent(curves: list[Curve]) -> tuple[Array, Array]:
     """The row's error and the reference's turning (events, times) laid on their onset, in % of the stroke."""
     stroke = np.array([abs(c.event.delta_deg) for c in curves])[:, None]
-    error = np.array([laid(c, c.error) for c in curves]) / stroke * 100.0
-    return error, np.array([laid(c, c.reference) for c in curves]) / stroke * 100.0
+    error = laid(curves, [c.error for c in curves]) / stroke * 100.0
+    return error, laid(curves, [c.reference for c in curves]) / stroke * 100.0
 
 
 def together(row: Row, error: Array, moved: Array, axis: str) -> Trace:
@@ -91,6 +92,14 @@ def of_known(x: Array, shares: tuple[float, ...]) -> Array:
     return found
 
 
-def laid(curve: Curve, y: Array) -> Array:
-    """A curve's values on the common times; NaN beyond its ends."""
-    return np.interp(GRID_S, curve.seconds, y, left=np.nan, right=np.nan)
+def laid(curves: list[Curve], values: list[Array]) -> Array:
+    """Values (n,) of each curve on the common times (events, times); NaN beyond its ends.
+
+    All curves lie behind each other: a row has hundreds.
+    """
+    begin = STRIDE_S * np.arange(len(curves))
+    seconds = [c.seconds for c in curves]
+    at = GRID_S + begin[:, None]
+    found = np.interp(at, np.concatenate([s + b for s, b in zip(seconds, begin, strict=True)]), np.concatenate(values))
+    low, high = (np.array([s[k] for s in seconds])[:, None] for k in (0, -1))
+    return np.where((low <= GRID_S) & (high >= GRID_S), found, np.nan)

@@ -163,8 +163,7 @@ def onboard_bias(case: Case, row: Row) -> list[Trace]:
 
 def setpoint(case: Case, row: Row) -> list[Trace]:
     """The vehicle's response to a unit step of its set-point, roll and pitch: drawn with the onboard row."""
-    pieces, _ = controller.flown(case, "all") if row.name == "onboard" else ([], None)
-    blocks = setpoint_response.blocks_of(controller.angles(pieces))
+    blocks = controller.moved(case, "all") if row.name == "onboard" else None
     if blocks is None or len(blocks.axis) < controller.MIN_BLOCKS:
         return []
     columns, t = {}, np.zeros(0)
@@ -176,8 +175,8 @@ def setpoint(case: Case, row: Row) -> list[Trace]:
 
 
 def _enveloped(figure: str, name: str, t: Array, columns: Array, names: tuple[str, ...], share: Share) -> Trace:
-    at, kept = envelope(t, {name: columns[:, k] for k, name in enumerate(names)}, share(len(t)))
-    return Trace(figure, name, at, kept, ratio=len(t) / len(at))
+    at, kept = envelope(t, columns, share(len(t)))
+    return Trace(figure, name, at, {n: kept[:, k] for k, n in enumerate(names)}, ratio=len(t) / len(at))
 
 
 def _broken(columns: Array, run: NDArray[np.int64]) -> Array:

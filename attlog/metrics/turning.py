@@ -11,12 +11,27 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.dataclass import dataclass
+from attlog.kernels.loops import function_of
 from attlog.median import median
 from attlog.metrics.steps import Event
+from attlog.metrics.turning_loop import SUMMED, summed_at_once, summed_turning
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Of times (n,): the ``number`` (n,) of their segments between gaps, and the median ``step`` in s."""
+
+    number: Index
+    step: float
+
+    @classmethod
+    def of(cls, t: Array) -> Timing:
+        """Of times (n,) s."""
+        return cls(gaps.number(t), float(median(np.diff(t))) if len(t) > 1 else math.inf)
 
 
 @dataclass(slots=True)
@@ -31,18 +46,25 @@ class Turning:
     t: Array
     q: Array
     segment: Index
+    timing: Timing | None = None
+    """What is known of ``t`` where others have the same times."""
     turned: Array = field(init=False)
     step: float = field(init=False)
 
     def __post_init__(self) -> None:
         good = rotation.finite(self.q)
-        lost = np.cumsum(~good)[good].astype(np.int64)
-        self.t, self.q = (np.ascontiguousarray(x, np.float64) for x in gaps.only(good, self.t, self.q))
-        self.segment = gaps.renumber(gaps.number(self.t), self.segment[good], lost)
-        self.step = float(median(np.diff(self.t))) if len(self.t) > 1 else math.inf
-        self.turned = np.zeros((len(self.t), 3))
-        turn = rotation.increments(self.q)
-        np.cumsum(np.degrees(turn, out=turn), axis=0, out=self.turned[1:])
+        if good.all():
+            timing = self.timing or Timing.of(self.t)
+            self.segment = gaps.renumber(timing.number, self.segment)
+        else:
+            lost = np.cumsum(~good)[good].astype(np.int64)
+            self.t, self.q = self.t[good], self.q[good]
+            timing = Timing.of(self.t)
+            self.segment = gaps.renumber(timing.number, self.segment[good], lost)
+        self.t, self.q = (np.ascontiguousarray(x, np.float64) for x in (self.t, self.q))
+        self.step, self.timing = timing.step, None
+        self.turned = np.empty((len(self.t), 3))
+        function_of(SUMMED, summed_turning, summed_at_once)(self.turned, self.q)
 
 
 @dataclass(slots=True)
@@ -86,3 +108,8 @@ def stacked(parts: Sequence[slice]) -> Stack:
     of = np.repeat(np.arange(len(parts)), sizes)
     start = np.array([p.start for p in parts], np.int64)
     return Stack(np.arange(int(sizes.sum())) - first[of] + start[of], of, first)
+
+
+def places(stack: Stack) -> tuple[Index, Index]:
+    """The number (events,) of each event's first sample; where each begins in the stack, and its end (events + 1,)."""
+    return stack.index[stack.first], np.append(stack.first, len(stack.index))

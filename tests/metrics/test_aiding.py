@@ -26,7 +26,10 @@ def rates(q, f, m):
 def turned(track, stack, seen):
     """The turning (n, 3, 6) about all three body axes."""
     events = len(stack.first)
-    return np.stack([aiding.turned(track, stack, seen, np.tile(axis, (events, 1))) for axis in np.eye(3)], axis=1)
+    found = np.zeros((3, len(stack.index), 7))
+    for out, axis in zip(found, np.eye(3), strict=True):
+        aiding.add_turned(out, track, stack, seen, np.tile(axis, (events, 1)))
+    return found[..., 1:].transpose(1, 0, 2)
 
 
 def test_the_rates_are_the_corrections_that_the_filters_themselves_make():
