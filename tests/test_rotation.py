@@ -246,3 +246,12 @@ def test_interpolation_at_once_is_that_of_the_loop():
     np.testing.assert_array_equal(at_once[1], with_loop[1])
     np.testing.assert_allclose(at_once[0], with_loop[0], atol=1e-14)
     assert np.isnan(none[0]).all()
+
+
+def test_rows_with_a_number_that_is_none_are_told_and_huge_ones_are_numbers():
+    x = np.ones((6, 3))
+    assert rotation.finite(x).all()
+    x[1, 2], x[3, 0], x[4, 1] = np.nan, -np.inf, 1e200  # whose square is infinite
+    assert rotation.finite(x).tolist() == [True, False, True, False, True, True]
+    assert rotation.finite(x[::2].T).tolist() == [True, True, True]
+    assert rotation.finite(np.zeros((0, 4))).shape == (0,)

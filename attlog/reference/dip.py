@@ -76,8 +76,9 @@ def dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> Dips 
         return None
     mag = log.mags[log.mag].field
     by_force, by_attitude = [], []
+    both = [gaps.rising(s.t_best, s.x) for s in (imu.acc, mag)]
     for one in segments.of(kind):
-        force, field = (_mean(*gaps.rising(s.t_best, s.x), one.t0, one.t1) for s in (imu.acc, mag))
+        force, field = (_mean(t, x, one.t0, one.t1) for t, x in both)
         flown = spans.between(attitude.t, one.t0, one.t1)
         if force is None or field is None or flown.stop - flown.start < FEWEST:
             continue

@@ -85,10 +85,10 @@ def rotations(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[A
     good = (dt > 0) & (dt <= 1.0) & (t[:-1] >= gyro_t[0]) & (t[1:] <= gyro_t[-1]) & (at[1:] == at[:-1])
     around = np.concatenate([jumps - 2, jumps - 1, jumps])
     good[around[(around >= 0) & (around < len(good))]] = False
-    turned = rotation.to_rotvec(rotation.multiply(rotation.conjugate(attitude.q[:-1]), attitude.q[1:]))
-    good &= np.sqrt(np.sum(turned**2, axis=1)) < 1.0
+    turned = rotation.turns(attitude.q[:-1], attitude.q[1:])
+    good &= np.einsum("ni,ni->n", turned, turned) < 1.0
     gyro = Turning(gyro_t, rate, imu.gyro.sampling).between(t[:-1], t[1:])
-    good &= np.isfinite(gyro).all(axis=1)
+    good &= rotation.finite(gyro)
     return gyro[good] / dt[good, None], turned[good] / dt[good, None]
 
 

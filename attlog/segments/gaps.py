@@ -71,6 +71,8 @@ def only(good: NDArray[np.bool_], *arrays: NDArray[T]) -> tuple[NDArray[T], ...]
 def rising(t: Array, x: Array) -> tuple[Array, Array]:
     """The samples (m,), (m, k) that are finite and later than all before them; the arrays themselves if all are."""
     good = np.isfinite(t) & rotation.finite(x)
+    if good.all() and (t[1:] > t[:-1]).all():
+        return t, x
     highest = np.maximum.accumulate(np.where(good, t, -np.inf))
     good[1:] &= highest[1:] > highest[:-1]
     t, x = only(good, t, x)
