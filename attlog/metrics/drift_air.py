@@ -64,10 +64,12 @@ def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array,
     NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
     """
     q, before = rotation.interpolated(row.t, row.q, None, heading_reference.t)
-    euler = rotation.to_euler(q)
-    e = np.degrees(rotation.wrap(euler[:, 2] - np.radians(heading_reference.heading_deg)))
+    w, x, y, z = q.T
+    nose = 2.0 * (w * y - z * x)  # the sine of the pitch
+    heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    e = np.degrees(rotation.wrap(heading - np.radians(heading_reference.heading_deg)))
     after = np.clip(before + (row.t[before] < heading_reference.t), 1, max(len(row.t) - 1, 1))
-    known = (len(row.t) > 1) & np.isfinite(euler[:, 1]) & (np.abs(euler[:, 1]) < STEEP_RAD)
+    known = (len(row.t) > 1) & (np.abs(nose) < math.sin(STEEP_RAD))
     if len(row.t) > 1:
         known &= (row.t[after] - row.t[after - 1] < 0.5) & (row.segment[after] == row.segment[after - 1])
         labels = heading_reference.segment * (int(row.segment.max()) + 1) + row.segment[after]

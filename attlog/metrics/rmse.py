@@ -21,6 +21,8 @@ from attlog.segments import gaps
 from attlog.segments.spans import complement, intersect
 
 Array = NDArray[np.float64]
+Whole = tuple[float, interval.Interval | None]
+"""A value and its interval."""
 
 ANGLES = {
     "total": "the whole rotation between the row and the reference, 2 atan2(|e_vec|, |e0|)",
@@ -95,29 +97,29 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval
 
 
 def statistic(
-    angle: Array, name: str, groups: list[slice], ordered: Array | None = None
-) -> tuple[float, interval.Interval | None]:
+    angle: Array, name: str, groups: list[slice], ordered: Array | None = None, whole: Whole | None = None
+) -> Whole:
     """One of STATISTICS of an error angle without sign (n,), with its interval where it has one.
 
-    ``ordered``: the same angles in ascending order, where several statistics are asked for.
+    Where several are asked for: ``ordered`` are the same angles in ascending order, ``whole`` is their RMS.
     """
     if name == "rmse":
-        return root_mean_square(angle, groups)
+        return whole or root_mean_square(angle, groups)
     ordered = np.sort(angle) if ordered is None else ordered
     if name == "max":
         return float(ordered[-1]), None
     if name == "median":
         return interval.quantile(ordered, 0.5), interval.of_quantile(angle, 0.5, groups, ordered)
-    return percentile_95(angle, groups, ordered)
+    return percentile_95(angle, groups, ordered, whole or root_mean_square(angle, groups))
 
 
-def percentile_95(angle: Array, groups: list[slice], ordered: Array) -> tuple[float, interval.Interval | None]:
+def percentile_95(angle: Array, groups: list[slice], ordered: Array, whole: Whole) -> Whole:
     """The 95th percentile of an error angle (n,) and its interval: Woodruff's, widened to that of the whole's size.
 
     Few groups reach the 95th percentile at all, so the shares below it say little about how far it lies: alone they
     met the other half of a flight in 50 to 70 %. It grows and shrinks with the RMSE, whose relative interval counts.
     """
-    value, whole = interval.quantile(ordered, 0.95), root_mean_square(angle, groups)
+    value = interval.quantile(ordered, 0.95)
     shares = interval.of_quantile(angle, 0.95, groups, ordered)
     if shares is None or whole[1] is None or whole[0] == 0.0:
         return value, shares
@@ -151,9 +153,9 @@ def compute(case: Case, row: Row, window: str, only: Collection[str] | None = No
         groups = groups_of(count, duration, GROUP_S[angle])
         values = np.abs(getattr(errors, angle)[good])
         units = block_units(case, row, window, angle)
-        ordered = np.sort(values)
+        ordered, whole = np.sort(values), root_mean_square(values, groups)
         for name in asked:
-            value, ci95 = statistic(values, name, groups, ordered)
+            value, ci95 = statistic(values, name, groups, ordered, whole)
             alone = why_unranked(case, row, angle, name, ci95, duration)
             why = alone or _among_others(case, row, angle) or _too_few(units, angle)
             answer = answers[f"{angle}_{name}_deg"] = Answer(
