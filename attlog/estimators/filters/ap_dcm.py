@@ -17,7 +17,8 @@ acceleration of a launch. A forward vehicle takes its heading from the GNSS cour
 that is more than 45 deg off the course for 2 s. Copters use dv only when armed.
 
 Source: ArduPilot ``AP_AHRS_DCM`` as of versions 4.3 to 4.6, after Premerlani2009. From a log come AHRS_RP_P,
-AHRS_YAW_P, AHRS_GPS_GAIN, AHRS_GPS_USE, COMPASS_USE, COMPASS_DEC (as ``declination``) and SCHED_LOOP_RATE.
+AHRS_YAW_P, AHRS_GPS_GAIN, AHRS_GPS_USE, COMPASS_USE, SCHED_LOOP_RATE, and COMPASS_DEC (as ``declination``) where the
+autopilot does not look it up.
 AHRS_TRIM is taken out of the attitude where it is compared, as for every filter.
 
 Departures. One IMU is replayed; the autopilot averages two gyros and takes the better accelerometer. ``aid``
@@ -78,11 +79,19 @@ PARAMETERS = (
         "ArduPilot, 20 s from power-up",
     ),
 )
+MAP_DEG = 3.0
+"""The firmware's map is within 2 deg of the world magnetic model."""
 PRESETS: dict[str, dict[str, float | str]] = {}
 
 
 def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float | str]:
-    """The autopilot's own parameters; ``fast_gains_s`` is what was left of 20 s after power-up."""
+    """The autopilot's own parameters; ``fast_gains_s`` is what was left of 20 s after power-up.
+
+    With COMPASS_AUTODEC (on by default) the firmware replaces COMPASS_DEC by its map's value at the first fix
+    (``Compass::set_initial_location``). So the parameter in the log is the map's value for this place where it is near
+    the declination (the map is coarse), and that of another place where it is not: then it counts only if nothing tells
+    the declination of this one. With COMPASS_AUTODEC off it counts as it stands, 0 too.
+    """
     known = {p.name: p for p in PARAMETERS}
     values: dict[str, float | str] = {
         name: min(max(params[name], known[name].low), known[name].high)
@@ -92,8 +101,12 @@ def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float | st
     use = [params[name] for name in ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3") if name in params]
     if use:
         values["COMPASS_USE"] = float(any(use))
-    if params.get("COMPASS_DEC") and abs(params["COMPASS_DEC"]) <= math.pi:
-        values["declination"] = math.degrees(params["COMPASS_DEC"])
+    told = math.degrees(params.get("COMPASS_DEC", math.inf))
+    if abs(told) <= 180.0 and (
+        params.get("COMPASS_AUTODEC", 1.0) == 0.0
+        or (told != 0.0 and (info.declination_deg is None or abs(told - info.declination_deg) <= MAP_DEG))
+    ):
+        values["declination"] = told
     if info.forward is not None:
         values["forward"] = "on" if info.forward else "off"
     if info.since_boot_s is not None:

@@ -299,3 +299,19 @@ def test_parameters_come_from_the_log_under_their_own_names() -> None:
     bare = LogFacts({"COMPASS_DEC": 0.0, "ATT_MAG_DECL_A": 1.0, "ATT_MAG_DECL": 7.0}, LogInfo(3.0, mag_rate_hz=10.0))
     assert get("ap_dcm").resolve(log=bare)["declination"] == (3.0, "log")
     assert get("px4_q").resolve(log=bare)["declination"] == (3.0, "log")
+
+
+@pytest.mark.parametrize(
+    ("params", "place_deg", "used"),
+    [
+        ({"COMPASS_DEC": np.radians(12.0), "COMPASS_AUTODEC": 1.0}, 3.0, 3.0),  # kept from another place
+        ({"COMPASS_DEC": np.radians(4.5), "COMPASS_AUTODEC": 1.0}, 3.0, 4.5),  # its map's value for this place
+        ({"COMPASS_DEC": np.radians(12.0)}, 3.0, 3.0),  # the firmware's default
+        ({"COMPASS_DEC": np.radians(12.0), "COMPASS_AUTODEC": 1.0}, None, 12.0),  # no fix: it stays
+        ({"COMPASS_DEC": np.radians(12.0), "COMPASS_AUTODEC": 0.0}, 3.0, 12.0),
+        ({"COMPASS_DEC": 0.0, "COMPASS_AUTODEC": 0.0}, 3.0, 0.0),
+    ],
+)
+def test_dcm_takes_the_declination_that_the_autopilot_would(params, place_deg, used):
+    facts = LogFacts(params, LogInfo(declination_deg=place_deg, mag_rate_hz=10.0))
+    assert get("ap_dcm").values_of(facts, {"declination"})["declination"] == pytest.approx(used)
