@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,6 +50,41 @@ def test_other_source_is_another_kernel(home: Path) -> None:
     assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
     assert cache.compiled(SOURCE.format(2.0), "f")(2.0) == 4.0
     assert len(machine_code(home)) == 2
+
+
+@pytest.mark.parametrize("pattern", ["*.nbc", "*.nbi", "*.pyc"])
+@pytest.mark.parametrize("place", [0.02, 0.5, 0.98])
+def test_damaged_bytes_are_never_run(home: Path, monkeypatch: pytest.MonkeyPatch, pattern: str, place: float) -> None:
+    """The file keeps its size, its time and its name: only its content tells."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    cache.compiled(SOURCE.format(1.0), "f")
+    (file,) = home.rglob(pattern)
+    whole, times = file.read_bytes(), file.stat()
+    at = int(place * len(whole))
+    file.write_bytes(whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :])
+    os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
+    forget()
+    loaded: list[bytes] = []
+    real = cache._load
+    monkeypatch.setattr(
+        cache, "_load", lambda *a: (loaded.append(file.read_bytes() if file.is_file() else b""), real(*a))[1]
+    )
+    assert cache.compiled(SOURCE.format(1.0), "f")(2.0) == 3.0
+    assert loaded == [b""], "it is gone before numba looks"
+    forget()
+    again = cache.compiled(SOURCE.format(1.0), "f")
+    assert sum(again.stats.cache_hits.values()) == 1, "mended for the next start"
+
+
+def test_code_without_a_checksum_is_not_run_and_a_lost_note_is_written_again(home: Path) -> None:
+    cache.compiled(SOURCE.format(1.0), "f")
+    (note,) = home.rglob("*.sha256.json")
+    note.write_text("[]")
+    forget()
+    anew = cache.compiled(SOURCE.format(1.0), "f")
+    assert sum(anew.stats.cache_hits.values()) == 0
+    forget()
+    assert sum(cache.compiled(SOURCE.format(1.0), "f").stats.cache_hits.values()) == 1
 
 
 @pytest.mark.parametrize("pattern", ["*.nbc", "*.nbi", "k_*.py"])
