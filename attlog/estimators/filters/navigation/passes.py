@@ -25,12 +25,13 @@ from attlog.estimators.filters.navigation.layout import (
 )
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.schedule import Schedule
-from attlog.estimators.filters.navigation.settings import Tuned
+from attlog.estimators.filters.navigation.settings import FINE_S, NODE_S, Tuned
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import Start, covariance, start
 
 PASSES, OWN_LINEARISATION = 5, 3
-"""Passes, and how many of them the filter linearises about itself; the others about the pass before."""
+"""Passes, and how many of them the filter linearises about itself; the others, which a smoother tells, about the pass
+before."""
 SEARCH = {1: 0.030, 2: 0.012}
 """After these passes the GNSS delay is searched with this step in s."""
 FOUND_SIGMA_S = 0.003
@@ -83,7 +84,8 @@ def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES, spre
     for number in range(passes):
         if number > 0:
             begin = start(inputs, tuned, begin if moving else None)
-        schedule = runner.timetable.scheduled(tuned)
+        told = spread and number >= min(OWN_LINEARISATION, passes - 1)
+        schedule = runner.timetable.scheduled(tuned, every=FINE_S if told else NODE_S)
         use = along if number >= OWN_LINEARISATION and not kicked else None
         if use is not None and schedule_of is not None:
             use = _at_nodes(use, schedule_of, schedule, inputs)

@@ -70,14 +70,16 @@ class Timetable:
         self.force = Running(self.t, inputs.acc)
         self.rate = Running(self.t, inputs.gyr)
         self.resting_rate = self.rate.mean(self.looks - REST_MEAN_S, self.looks)
-        slot = np.floor((self.t - self.t[0]) / NODE_S + 1e-6).astype(np.int64)
-        begins = np.concatenate([[0], np.flatnonzero(np.diff(slot) > 0) + 1])
-        self.slot = np.repeat(np.arange(len(begins)), np.diff(np.append(begins, len(slot))))
-        self.last = np.append(begins[1:] - 1, len(slot) - 1)
         self.kept: dict[int, tuple[float, Placed]] = {}
 
-    def scheduled(self, tuned: Tuned, settling: bool = False, within: tuple[float, float] | None = None) -> Schedule:
-        """Every aid at the sample next to when it was true, and nodes between them at least every 40 ms.
+    def scheduled(
+        self,
+        tuned: Tuned,
+        settling: bool = False,
+        within: tuple[float, float] | None = None,
+        every: float = NODE_S,
+    ) -> Schedule:
+        """Every aid at the sample next to when it was true, and nodes between them at least ``every`` s.
 
         ``settling``: aids count less in the first seconds, for a filter that starts degrees off would else be sure of
         what it linearised there. ``within``: of the fixes only those stamped in this span.
@@ -96,7 +98,7 @@ class Timetable:
         kind = np.concatenate([np.full(len(p.at), p.kind) for p in placed])[order] if placed else order
         at = np.concatenate([p.at for p in placed])[order] if placed else order
         offset = np.concatenate([p.offset for p in placed])[order] if placed else np.zeros(0)
-        nodes = self._nodes(at)
+        nodes = self._nodes(at, every)
         scalars = np.concatenate([[0], np.cumsum(np.where(kind == BARO, 1, 3))])
         node_event = np.append(np.searchsorted(at, nodes), len(at)).astype(np.int64)
         return Schedule(
@@ -153,17 +155,19 @@ class Timetable:
         rate = self.rate.mean(centre - RATE_S, centre + RATE_S) if kind in (VELOCITY, MAG) and some else none
         return Placed(kind, when, at, when - centre, z, shape, force, rate)
 
-    def _nodes(self, at: Ints) -> Ints:
+    def _nodes(self, at: Ints, every: float) -> Ints:
         """Samples with events, the ends, where rest begins and ends, and enough others."""
         rest = self.inputs.rest
         node = np.zeros(len(self.t), bool)
         node[at] = True
         node[:-1] |= rest[1:] != rest[:-1]
         node[[0, -1]] = True
-        # Whatever the events, a sample ends each slot of 40 ms that holds no event itself.
-        taken = np.zeros(len(self.last), bool)
-        taken[self.slot[node]] = True
-        node[self.last[~taken]] = True
+        # Whatever the events, a sample ends each slot of time that holds no event itself.
+        number = np.floor((self.t - self.t[0]) / every + 1e-6)
+        ends = np.append(np.flatnonzero(np.diff(number) > 0), len(number) - 1)
+        told = np.concatenate([[0], np.cumsum(node)])
+        begins = np.append(0, ends[:-1] + 1)
+        node[ends[told[ends + 1] == told[begins]]] = True
         return np.flatnonzero(node)
 
 

@@ -26,8 +26,8 @@ from attlog.estimators.filters.navigation.layout import (
     WANDER_TAU,
 )
 
-NODE_S = 0.04
-"""Longest time between nodes; 20 ms give the same attitudes within 0.005 deg (docs/smoother.md)."""
+NODE_S, FINE_S = 0.04, 0.02
+"""Longest time between nodes, and where a smoothed attitude is told: in between its correction is that of a node."""
 MAG_BLOCK_S, BARO_BLOCK_S = 0.04, 0.05
 HARD_SIGMA = 30.0
 WANDER_S, WANDER_M = 100.0, 1.0
