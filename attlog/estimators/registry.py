@@ -149,6 +149,9 @@ def from_module(module: ModuleType, name: str, origin: str = "attlog") -> Estima
         raise PluginError(f"{where}: from_log must be a function of params and info")
     if not all(isinstance(p, Parameter) for p in own):
         raise PluginError(f"{where}: PARAMETERS must hold attlog.estimators.Parameter objects")
+    twice = sorted({p.name for k, p in enumerate(own) if p.name in [q.name for q in own[:k]]})
+    if twice:  # a step takes them by their place, a command line by their name
+        raise PluginError(f"{where}: PARAMETERS names {', '.join(twice)} twice")
     if next(iter(state.items())) != ("q", 4):
         raise PluginError(f'{where}: STATE must begin with "q": 4')
     reserved = {p.name for p in own} & {p.name for p in COMMON}

@@ -58,6 +58,21 @@ def open(path: Path | str, system: int | None = None) -> Messages:
     return messages
 
 
+_UNPACK = "archive, not a log: unpack it"
+WRAPPED = (
+    (b"\xff\xfe", "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"),
+    (b"\xfe\xff", "text in UTF-16, as some editors save it, and no log as it was written: save it as UTF-8"),
+    (b"PK\x03\x04", f"a zip {_UNPACK}; analyze and batch read the logs in it"),
+    (b"7z\xbc\xaf\x27\x1c", f"a 7z {_UNPACK}"),
+    (b"Rar!\x1a\x07", f"a rar {_UNPACK}"),
+    (b"\xfd7zXZ\x00", f"an xz {_UNPACK}"),
+    (b"BZh", f"a bzip2 {_UNPACK}"),
+    (b"\x28\xb5\x2f\xfd", f"a zstd {_UNPACK}"),
+    (b"\x1f\x8b", f"a gzip {_UNPACK}"),
+)
+"""How a file begins that may hold a log, and what is to be done with it."""
+
+
 def recognise(path: Path | str) -> str:
     """The format's name as in ``Messages.format``; LogUnreadable and NotALog like :func:`open`."""
     path = Path(path)
@@ -66,6 +81,9 @@ def recognise(path: Path | str) -> str:
         raise NotALog(f"{path}: the file is empty")
     if name := _format_of(head):
         return name
+    for begin, what in WRAPPED:
+        if head.startswith(begin):
+            raise NotALog(f"{path}: {what}")
     raise NotALog(f"{path}: not a flight log that attlog knows ({', '.join(f.for_people for f in FORMATS)})")
 
 

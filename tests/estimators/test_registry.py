@@ -96,6 +96,7 @@ def test_a_file_is_an_estimator_with_presets_and_outputs(
         ("(Parameter(", "(float, Parameter(", "must hold attlog.estimators.Parameter"),
         ("1.0,", "7.0,", "out of range"),
         ('("scale", ', '("init", ', "init belongs to the shared loop"),
+        ("(Parameter(", '(Parameter("scale", 1.0, "", 0, 5, "a", "b"), Parameter(', "names scale twice"),
     ],
 )
 def test_a_broken_file_is_told_with_what_is_wrong(plugin: Path, find: str, put: str, words: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,19 @@ def test_what_is_no_log_is_refused_in_one_line(name: str, content: bytes, tmp_pa
     assert one_line(caught.value)
     assert name in str(caught.value)
     assert caught.value.exit_code == 65
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [("FMT, 128, 89, FMT, BBnNZ, Type,Length\n".encode("utf-16"), "UTF-16"),
+     (b"PK\x03\x04" + b"x" * 90, "a zip archive"),
+     (gzip.compress(gzip.compress(b"x" * 90)), "a gzip archive"), (b"7z\xbc\xaf\x27\x1c" + b"x" * 90, "a 7z archive")],
+    ids=["utf-16", "zip", "gzip twice", "7z"],
+)  # fmt: skip
+def test_what_a_log_may_be_wrapped_in_is_named(content: bytes, says: str, tmp_path: Path) -> None:
+    (tmp_path / "x.bin").write_bytes(content)
+    with pytest.raises(NotALog, match=says):
+        formats.open(tmp_path / "x.bin")
 
 
 @pytest.mark.parametrize("seed", range(40))
