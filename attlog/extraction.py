@@ -30,7 +30,7 @@ from attlog.flight.model import FlightLog
 from attlog.flight.record_time import clock_of
 from attlog.formats import Messages
 from attlog.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
-from attlog.output import write_atomic, write_together
+from attlog.output import staged, write_atomic, write_together
 from attlog.summary import sha256
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
     """Write tables; returns the files written.
 
     One table goes to ``path`` itself if that ends in the format's suffix and is no folder; otherwise
-    ``path`` is a folder and every table becomes a file in it. OutputError if a file
+    ``path`` is a folder and every table becomes a file in it, all of them or none. OutputError if a file
     cannot be written or pyarrow is missing.
     """
     listed = list(tables)
@@ -210,17 +210,25 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
     single = path.suffix.lower() == f".{kind}" and not os.path.isdir(path)
     if single and len(listed) > 1:
         raise UsageError(f"-o {path}: {_too_many(listed)} need a folder")
-    written = []
-    for table, name in zip(listed, file_names(table.name for table in listed), strict=True):
-        target = path if single else path / f"{name}.{kind}"
-        about = meta | {"table": table.name, "units": table.units, "source": table.note}
-        if kind == "csv":
-            beside = target.with_name(target.name + ".json")
-            write_together({target: _csv(table), beside: json.dumps(about, indent=1) + "\n"})
-        else:
-            write_atomic(target, _parquet(table, about))
-        written.append(target)
-    return written
+    if single:
+        for table in listed:
+            _write(table, path, meta, kind)
+        return [path for _ in listed]
+    names = [f"{name}.{kind}" for name in file_names(table.name for table in listed)]
+    with staged(path) as stage:
+        for table, name in zip(listed, names, strict=True):
+            _write(table, stage / name, meta, kind)
+    return [path / name for name in names]
+
+
+def _write(table: Extract, target: Path, meta: dict[str, Any], kind: str) -> None:
+    """One table into one file, CSV with a JSON file beside it."""
+    about = meta | {"table": table.name, "units": table.units, "source": table.note}
+    if kind == "csv":
+        beside = target.with_name(target.name + ".json")
+        write_together({target: _csv(table), beside: json.dumps(about, indent=1) + "\n"})
+    else:
+        write_atomic(target, _parquet(table, about))
 
 
 def write_stream(tables: Iterable[Extract], log: FlightLog, stream: BinaryIO, kind: str) -> None:

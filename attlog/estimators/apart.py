@@ -39,6 +39,8 @@ START = (
 )
 """An interrupt is for whoever asked, who then ends this process."""
 SIZE = struct.Struct("!Q")
+OWN_GROUP: dict[str, Any] = {"process_group": 0} if hasattr(os, "killpg") else {}
+"""What a filter starts belongs to the group of its process, and ends with it; in the session of whoever asked."""
 CUT_OFF = 74
 """Exit status of a process whose filter broke the way by which it answers."""
 GRACE_S = 10
@@ -134,6 +136,7 @@ class Apart:
             self._stop()
             raise
         if not answer:
+            _end_group(process)
             status = process.wait()
             self._stop()
             raise PluginError(f"{self.name}: {_died(status)}")
@@ -146,7 +149,7 @@ class Apart:
         path = [os.path.abspath(p) if p else os.getcwd() for p in sys.path]
         self._process = process = subprocess.Popen(
             [sys.executable, "-c", START.format(path=path)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=_environment(),
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=_environment(), **OWN_GROUP,
         )  # fmt: skip
         self._owner = os.getpid()
         self._answers = answers = SimpleQueue[bytes]()
@@ -234,6 +237,8 @@ def _ended(process: subprocess.Popen[bytes], owner: int) -> None:
     """End a process. A program that was forked leaves it to whoever started it."""
     if os.getpid() != owner:
         return
+    if process.returncode is None:
+        _end_group(process, at_once=True)
     with suppress(OSError):
         process.kill()
     with suppress(OSError, ChildProcessError):
@@ -241,6 +246,19 @@ def _ended(process: subprocess.Popen[bytes], owner: int) -> None:
     if process.stdin is not None:
         with suppress(OSError):
             process.stdin.close()
+
+
+def _end_group(process: subprocess.Popen[bytes], *, at_once: bool = False) -> None:
+    """End whatever a filter's process has started and what is in its group still, once that process has ended itself.
+
+    It is not reaped before: its number, which is that of the group, could then be another's.
+    """
+    if not OWN_GROUP:
+        return
+    with suppress(OSError, ChildProcessError):
+        if not at_once:
+            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def _died(status: int) -> str:
@@ -302,6 +320,8 @@ def _hear(requests: IO[bytes], asked: SimpleQueue[bytes]) -> None:
     """Take requests; when nobody is there to ask any more this process ends, whatever it is doing."""
     while len(head := requests.read(SIZE.size)) == SIZE.size:
         asked.put(requests.read(SIZE.unpack(head)[0]))
+    if OWN_GROUP and os.getpgrp() == os.getpid():
+        os.killpg(0, signal.SIGKILL)  # with what the filter started
     os._exit(0)
 
 

@@ -105,10 +105,7 @@ def _warm(payload: bytes, job: socket.socket) -> None:
     logger, telling = logging.getLogger("attlog.compiling"), Telling(lambda told: _tell(job, told))
     logger.addHandler(telling)
     logger.setLevel(logging.INFO)
-    filters = pickle.loads(payload)[0].config.estimators
-    if any(".py" in item for item in filters):
-        importlib.import_module("numba")  # a plug-in's compiler; our own kernels are kept as object code
-    warm(filters)
+    warm(pickle.loads(payload)[0].config.estimators)
     logger.removeHandler(telling)
     gc.freeze()
 
@@ -174,8 +171,22 @@ def _tell(job: socket.socket, told: dict[str, Any]) -> None:
 
 def _kill(pid: int) -> None:
     """End a child and what it started; before its ``setsid`` it has no group of its own."""
-    for end in (os.killpg, os.kill):
+    groups = {pid} | _groups_of_session(pid)
+    for end, number in [*((os.killpg, group) for group in groups), (os.kill, pid)]:
         try:
-            end(pid, signal.SIGKILL)
+            end(number, signal.SIGKILL)
         except OSError:
             continue
+
+
+def _groups_of_session(leader: int) -> set[int]:
+    """The process groups in the session of a child, such as those of filters' processes; none where nothing tells."""
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            group, session = stat.read_text(errors="replace").rpartition(")")[2].split()[2:4]
+        except (OSError, ValueError):
+            continue
+        if int(session) == leader:
+            found.add(int(group))
+    return found

@@ -10,6 +10,9 @@ import numpy as np
 import pandas
 import pytest
 
+from attlog import extraction, flight
+from attlog.errors import OutputError
+
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_a_ulog_topic_equals_pyulog(attlog, samples, tmp_path, kind):
@@ -169,3 +172,30 @@ def test_without_pyarrow_parquet_is_73_and_says_what_is_needed(attlog, samples, 
     done = attlog("extract", samples / "copter_steps_stabilize.bin", "ATT", "-o", tmp_path / "a.parquet")
     assert done.code == 73
     assert "pip install pyarrow" in done.err
+
+
+def test_a_folder_is_written_whole_or_not_at_all(samples, tmp_path, monkeypatch):
+    log = flight.read(samples / "px4_steps.ulg")
+    tables = [extraction.Extract(name, {"t": np.arange(3.0)}, {}, "") for name in ("first", "second", "third")]
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "first.csv").write_text("old")
+    real, asked = extraction._csv, []
+
+    def fails_at_the_third(table):
+        asked.append(table.name)
+        if len(asked) == 3:
+            raise OutputError("no room")
+        return real(table)
+
+    monkeypatch.setattr(extraction, "_csv", fails_at_the_third)
+    with pytest.raises(OutputError, match="no room"):
+        extraction.write(tables, log, folder, "csv")
+    assert [path.name for path in folder.iterdir()] == ["first.csv"]
+    assert (folder / "first.csv").read_text() == "old"
+    monkeypatch.setattr(extraction, "_csv", real)
+    written = extraction.write(tables, log, folder, "csv")
+    assert [path.name for path in written] == ["first.csv", "second.csv", "third.csv"]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(
+        [path.name for path in written] + [f"{path.name}.json" for path in written]
+    )

@@ -298,3 +298,51 @@ def test_a_filter_that_hangs_when_a_metric_tries_it_costs_a_sentence_and_not_the
     row = next(r for r in result.estimators if r.name == "later")
     assert row.status == "ok"
     assert next(p.text for p in result.problems if p.code == "estimator_timed_out").startswith("later: in a later run")
+
+
+STARTING = """
+import os, pathlib, subprocess, sys, time
+import numpy as np
+import attlog.estimators
+CHOICES = ("answer", "die", "loop")
+PARAMETERS = (attlog.estimators.Parameter("how", "answer", "", 0, 1, "what it does", "test", CHOICES),)
+def run(t, gyr, acc, mag, aids, params):
+    child = subprocess.Popen(["sleep", "60"])
+    pathlib.Path(__file__).with_suffix(".pid").write_text(str(child.pid))
+    if params["how"] == "die":
+        os._exit(3)
+    while params["how"] == "loop":
+        pass
+    return attlog.estimators.Estimate(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))
+"""
+
+
+def lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{pid}/stat")
+    return not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="no process groups")
+@pytest.mark.parametrize("how", ["answer", "die", "loop"])
+def test_what_a_filter_starts_ends_with_its_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
+    monkeypatch.setenv(apart.LIMIT, "2")
+    path = tmp_path / f"starting_{how}.py"
+    path.write_text(STARTING)
+    filter_ = apart.from_file(path)
+    assert filter_.apart is not None
+    if how == "answer":
+        run(path, how)
+        assert lives(int(path.with_suffix(".pid").read_text())), "it may be needed for the next run"
+        filter_.apart._stop()
+    else:
+        with pytest.raises(PluginError):
+            run(path, how)
+    pid = int(path.with_suffix(".pid").read_text())
+    until = time.monotonic() + 5.0
+    while lives(pid) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not lives(pid)
