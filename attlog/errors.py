@@ -7,6 +7,7 @@ process exit code that the command line ends with (sysexits numbering, see
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable
 
 
@@ -79,6 +80,7 @@ NO_MEMORY = (
     "memory ran out before the log was done, and nothing was written; close other programs, choose one power-up of "
     "several (--boot), or take a machine with more memory"
 )
+LOADER_WORDS = ("failed to map segment", "annot allocate memory")
 EXIT_ORDER = (INTERRUPTED, BUG, 73, 2, 66, 65, 75, 1, 0)
 """With several logs, the first of these that occurred is the exit code."""
 
@@ -87,9 +89,25 @@ def exit_code(error: BaseException) -> int:
     """The process exit code for an error: its own, that of too little memory, or that of a bug."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
-    if isinstance(error, MemoryError):
-        return TooLittleMemory.exit_code
-    return error.exit_code if isinstance(error, AttlogError) else BUG
+    if isinstance(error, AttlogError):
+        return error.exit_code
+    return TooLittleMemory.exit_code if of_memory(error) else BUG
+
+
+def of_memory(error: BaseException) -> bool:
+    """Whether an error, or one it came from, says that memory ran out.
+
+    A library that could not be loaded for want of it (``ulimit -v``) is an OSError or ImportError of which only the
+    loader's words are left.
+    """
+    at: BaseException | None = error
+    while at is not None:
+        if isinstance(at, MemoryError) or (isinstance(at, OSError) and at.errno == errno.ENOMEM):
+            return True
+        if isinstance(at, (OSError, ImportError)) and any(words in str(at) for words in LOADER_WORDS):
+            return True
+        at = at.__cause__ or at.__context__
+    return False
 
 
 def worst(codes: Iterable[int]) -> int:
@@ -110,7 +128,7 @@ def message(error: BaseException, version: str, log: str = "") -> str:
     where = f"{log}: " if log and log not in str(error) else ""
     if isinstance(error, AttlogError):
         return f"attlog: {where}{readable(str(error))}"
-    if isinstance(error, MemoryError):
+    if of_memory(error):
         return f"attlog: {where}{NO_MEMORY}"
     return (
         f"attlog: {where}a bug in attlog {version}: {type(error).__name__}: {error}\n"

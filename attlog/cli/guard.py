@@ -11,8 +11,12 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from attlog import limits
-from attlog.errors import LogUnreadable
+from attlog import __version__, limits
+from attlog.errors import LogUnreadable, exit_code, message
+
+INTERRUPTED_S = 2
+"""A terminal interrupts both processes, another program (``kill -INT``) this one alone. Which it was cannot be told: a
+child that is still there after so long is interrupted by this one."""
 
 
 def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
@@ -26,18 +30,26 @@ def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
         code = 70
         try:
             code = run()
+        except BaseException as error:  # ``run`` tells errors itself, unless memory is too short even for that
+            code = exit_code(error)
+            os.write(2, f"{message(error, __version__)}\n".encode(errors="replace"))
         finally:
             os._exit(code)
 
     def hand_on(number: int, _: Any) -> None:
         os.kill(child, number)
 
+    def hand_on_later(number: int, _: Any) -> None:
+        signal.signal(signal.SIGALRM, lambda *_: os.kill(child, number))
+        signal.alarm(INTERRUPTED_S)
+
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)}
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    before[signal.SIGALRM] = signal.getsignal(signal.SIGALRM)
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         if before[number] != signal.SIG_IGN:
-            signal.signal(number, hand_on)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal interrupts both: the child decides
+            signal.signal(number, hand_on_later if number == signal.SIGINT else hand_on)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    signal.alarm(0)
     for number, handler in before.items():
         signal.signal(number, handler)
     if code == -signal.SIGBUS:

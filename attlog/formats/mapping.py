@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import mmap
 import os
 from collections.abc import Callable
@@ -33,6 +34,8 @@ def map_bytes(path: str | Path) -> NDArray[np.uint8]:
                 return map_open_file(file, path)
             data = np.fromfile(file, np.uint8, size)
     except OSError as error:
+        if error.errno == errno.ENOMEM:
+            raise MemoryError from error
         raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error}).") from error
     if len(data) < size:
         raise LogUnreadable(f"{path}: became shorter while it was read; try again when it is whole")
