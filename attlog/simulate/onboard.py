@@ -16,7 +16,6 @@ turns a held field with the bias after it.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -25,35 +24,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.errors import PluginError, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse, registry
-from attlog.estimators.aids import (
-    ALT,
-    AT_REST,
-    BARO,
-    LAT,
-    LON,
-    POS_H_ACC,
-    POS_V_ACC,
-    SIZE,
-    VEL_ACC,
-    VEL_D,
-    VEL_E,
-    VEL_N,
-)
+from attlog.estimators.aids import AT_REST
 from attlog.estimators.base import Estimator, plugin_errors
 from attlog.estimators.engine.loop import SIGMAS, kernel
-from attlog.estimators.engine.samples import (
-    BRIDGE_S,
-    GAP_LEAST_S,
-    GAP_MEDIANS,
-    HELD,
-    HOLD_PERIODS,
-    MISSING,
-    NEW,
-    Sampling,
-)
+from attlog.estimators.engine.samples import MISSING, NEW, Sampling
 from attlog.estimators.engine.start import (
     MOTION_S,
     REST_S,
@@ -65,7 +41,8 @@ from attlog.estimators.engine.start import (
     realigned,
 )
 from attlog.estimators.engine.vectors import turn_vector_back
-from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
+from attlog.simulate.onboard_aids import Inbox
+from attlog.simulate.onboard_samples import Cleaner, Sample
 
 Array = NDArray[np.float64]
 TRUTH = "truth"
@@ -96,25 +73,12 @@ def _told(estimator: Estimator, advance: Callable[..., Any]) -> Callable[..., An
     return guarded
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """One cleaned sample, as a row of :class:`attlog.estimators.engine.samples.Samples`, with its aid or None."""
-
-    t: float
-    dt: float
-    substeps: int
-    gyr: Array
-    acc: Array
-    mag: Array
-    use: int
-    aid: Array | None
-
-
 class Live:
     """The attitude of one estimator while a vehicle flies, in this process, also where the estimator is not attlog's.
 
     ``q`` (4,) body to true north, or None until the start is over; ``bias`` (3,) rad/s, zero where the filter
-    knows none. UsageError for an estimator that has no step or lacks a sensor.
+    knows none; ``aids`` takes fixes and heights, and whether the vehicle stands. UsageError for an estimator that has
+    no step or lacks a sensor.
     """
 
     def __init__(
@@ -143,22 +107,19 @@ class Live:
         self._advance = _told(filter_, kernel(filter_))
         self._north = declination_rad(self.values)
         self._turn = (math.cos(0.5 * self._north), math.sin(0.5 * self._north))
-        self._gap = max(GAP_MEDIANS / imu_rate, GAP_LEAST_S)
-        self._hold = HOLD_PERIODS / mag_rate if mag_rate and filter_.hold_mag else -1.0
+        self.aids = Inbox(self._north, "at_rest" in filter_.uses)
+        self._cleaner = Cleaner(
+            imu_rate, mag_rate, hold_mag=filter_.hold_mag, instant=sampling == "instant",
+            aids=self.aids if filter_.aided else None,
+        )  # fmt: skip
+        self.skipped = self._cleaner.skipped
         self._field_expected = mag_rate is not None
-        self._instant = sampling == "instant"
         self._q0 = None if q0 is None else np.asarray(q0, np.float64)
         bias = filter_.slices.get("bias")
         self._bias_at = None if bias is None else bias.start
-        self.skipped: Counter[str] = Counter()
         self.q: Array | None = None
         self.bias = np.zeros(3)
-        self._arrived: list[tuple[float, dict[int, float]]] = []
-        self._resting: float = math.nan
         self._waiting: list[Sample] = []
-        self._last: Sample | None = None
-        self._raw_last = np.zeros(3)
-        self._field_t = -math.inf
         self._segment = 0
         self._state: Array | None = None
         self._silent = False
@@ -167,40 +128,16 @@ class Live:
         self._out = np.empty((1, filter_.outputs))
         self._kept: list[tuple[float, int, Array]] = []
 
-    def gnss(
-        self, t: float, position: ArrayLike | None, velocity: ArrayLike | None, sigma: tuple[float, float, float]
-    ) -> None:
-        """A fix with stamp ``t``: latitude, longitude (deg), altitude (m); velocity NED (m/s) relative to true north.
-
-        ``sigma``: 1 sigma of horizontal and vertical position (m) and of the velocity (m/s).
-        """
-        told: dict[int, float] = {}
-        if position is not None:
-            told |= dict(zip((LAT, LON, ALT), np.asarray(position, np.float64).tolist(), strict=True))
-            told |= {POS_H_ACC: sigma[0], POS_V_ACC: sigma[1]}
-        if velocity is not None:
-            north, east, down = np.asarray(velocity, np.float64).tolist()
-            # A step knows magnetic north only.
-            c, s = math.cos(self._north), math.sin(self._north)
-            told |= {VEL_N: c * north + s * east, VEL_E: c * east - s * north, VEL_D: down, VEL_ACC: sigma[2]}
-        self._arrived.append((t, told))
-
-    def baro(self, t: float, height: float) -> None:
-        """Barometric height (m) with stamp ``t``."""
-        self._arrived.append((t, {BARO: height}))
-
-    def resting(self, rest: bool) -> None:
-        """Whether the vehicle knows that it stands: landed and disarmed. Unknown until it is told."""
-        self._resting = 1.0 if rest else 0.0
-
     def sample(self, t: float, gyr: Array, acc: Array, mag: Array | None = None, dt: float = math.nan) -> None:
         """One IMU sample: ``gyr`` (3,) rad/s, ``acc`` (3,) m/s^2, ``mag`` (3,) any unit if one came since the last.
 
         ``dt`` s is the sample's own time of integration where it is known.
         """
-        cleaned = self._cleaned(t, gyr, acc, mag, dt)
+        cleaned = self._cleaner.cleaned(t, gyr, acc, mag, dt)
         if cleaned is None:
             return
+        if cleaned.restart:
+            self._restart()
         if self._state is None:
             self._waiting.append(cleaned)
             seen = self._seen()
@@ -237,76 +174,11 @@ class Live:
             no_heading=list(self._no_heading),
         )
 
-    def _cleaned(self, t: float, gyr: Array, acc: Array, mag: Array | None, own: float) -> Sample | None:
-        """The sample as :func:`attlog.estimators.engine.samples.prepare` would clean it; None if it is left out."""
-        last = self._last
-        x, y, z = gyr.tolist()
-        if not math.isfinite(t + x + y + z):
-            self.skipped["nan"] += 1
-            return None
-        if max(abs(x), abs(y), abs(z)) > GYRO_LIMIT_RAD_S:
-            self.skipped["saturated"] += 1
-            return None
-        if last is not None and t <= last.t:
-            self.skipped["time_not_rising"] += 1
-            return None
-        gyr = np.array(gyr, np.float64)
-        step = 0.0 if last is None else t - last.t
-        restart = step > max(self._gap, BRIDGE_S)
-        if restart:
-            self._restart()
-        begins = restart or last is None
-        rate = gyr
-        if not begins and (self._instant or step > self._gap):
-            if step > self._gap:
-                self.skipped["gap_bridged"] += 1
-            rate = 0.5 * (self._raw_last + gyr)
-        dt = 0.0 if begins else own if own > 0.0 and step < 1.5 * own else step
-        angle = math.sqrt(float(rate @ rate)) * dt
-        force = self._vector(acc, ACC_LIMIT_M_S2)
-        field = np.zeros(3) if mag is None else self._vector(mag, math.inf)
-        use = MISSING
-        if mag is not None and field.any():
-            use, self._field_t = NEW, t
-        elif t - self._field_t <= self._hold:
-            use = HELD
-        one = Sample(t, dt, 0 if begins else max(math.ceil(angle), 1), rate, force, field, use, self._aid(t, begins))
-        self._last, self._raw_last = one, gyr
-        return one
-
-    def _vector(self, x: Array, limit: float) -> Array:
-        """The vector, or zeros, which are counted, where it is not finite or not possible."""
-        a, b, c = x.tolist()
-        if not math.isfinite(a + b + c):
-            self.skipped["nan"] += 1
-        elif max(abs(a), abs(b), abs(c)) > limit:
-            self.skipped["saturated"] += 1
-        elif a == b == c == 0.0:
-            self.skipped["zero_vector"] += 1
-        else:
-            return np.array(x, np.float64)
-        return np.zeros(3)
-
     def _restart(self) -> None:
         """A new segment: the filter starts anew."""
-        self.skipped["restart"] += 1
         self._segment += 1
         self._state, self._waiting, self._q0 = None, [], None
-        self._silent, self._field_t = False, -math.inf
-
-    def _aid(self, t: float, begins: bool) -> Array | None:
-        """What has arrived until ``t``, the newest of each; a segment's first sample takes no step, so it gets none."""
-        if not self.row.estimator.aided:
-            return None
-        due = [told for at, told in self._arrived if at <= t]
-        self._arrived = [(at, told) for at, told in self._arrived if at > t]
-        aid = np.full((2, SIZE), np.nan)
-        aid[:, AT_REST] = self._resting if "at_rest" in self.row.estimator.uses else math.nan
-        for told in due if not begins else ():
-            for where, value in told.items():
-                if math.isfinite(value):
-                    aid[1, where] = value
-        return aid
+        self._silent = False
 
     def _seen(self) -> First | None:
         """What the start needs, once enough has come that more would not change it."""

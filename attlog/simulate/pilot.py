@@ -98,17 +98,17 @@ class Pilot:
     def _feed(self, t: float, measured: Measured, live: Live, standing: bool) -> None:
         """What has arrived, to estimator and navigation."""
         navigator = self._navigator
-        live.resting(standing)
+        live.aids.resting(standing)
         if measured.fix is not None:
             fix, place = measured.fix, self._scenario.place
             navigator.fix(t, fix.t_sample, fix.ned, fix.vel)
             east = METRES_PER_DEG * math.cos(math.radians(place.lat_deg))
             north, way, down = fix.ned.tolist()
             position = (place.lat_deg + north / METRES_PER_DEG, place.lon_deg + way / east, place.alt_m - down)
-            live.gnss(t, position, fix.vel, (math.nan, math.nan, math.nan))
+            live.aids.gnss(t, position, fix.vel, (math.nan, math.nan, math.nan))
         if measured.height is not None:
             navigator.height(t, measured.height, standing)
-            live.baro(t, measured.height)
+            live.aids.baro(t, measured.height)
         if measured.mag is not None:
             self._mag = measured.mag
         for row in measured.imu:

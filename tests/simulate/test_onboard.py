@@ -98,9 +98,9 @@ def test_it_takes_aids_at_the_first_sample_at_or_after_their_time(name: str) -> 
     live = Live(name, RATE, RATE / MAG_EVERY, declination=4.0)
     nothing = (float("nan"),) * 3
     for k in range(len(t)):
-        live.resting(t[k] <= 1.2)
+        live.aids.resting(t[k] <= 1.2)
         for i in np.flatnonzero((fixes <= t[k]) & (fixes > (t[k - 1] if k else -1.0))):
-            live.gnss(float(fixes[i]), None, speed[i], nothing)
+            live.aids.gnss(float(fixes[i]), None, speed[i], nothing)
         live.sample(float(t[k]), data[1][k], data[2][k], None if np.isnan(data[3][k]).all() else data[3][k])
     assert_same(live, *data, aids=Aids(velocity=Measured(fixes, speed), at_rest=rest))
     without = estimate(live.row, *data, declination=4.0)

@@ -18,6 +18,7 @@ from attlog.simulate.fly import fly
 from attlog.simulate.linear import Axis
 from attlog.simulate.loop import Controller, Estimator
 from attlog.simulate.navigation import Navigator
+from attlog.simulate.onboard_aids import Inbox
 from attlog.simulate.place import Place, Wind
 from attlog.simulate.scenario import Scenario
 from attlog.simulate.sensors.settings import Gnss, Imu, Sensors
@@ -154,10 +155,10 @@ class Known:
 
     q, bias = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.1, -0.2, 0.3])
 
+    aids = Inbox(0.0, False)
+
     def sample(self, *_: object) -> None:
         pass
-
-    resting = gnss = baro = sample
 
 
 def test_the_bias_that_the_filter_knows_is_taken_off_the_rate() -> None:
