@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from attlog.metrics import interval
 from attlog.metrics.step_traces import of_known
@@ -39,3 +40,16 @@ def test_sums_of_ranges_are_those_of_each_range_empty_ones_too():
     wanted = [x[a:b].sum() for a, b in zip(first, last, strict=True)]
     np.testing.assert_allclose(interval.sums(x, first, last), wanted, atol=1e-14)
     assert len(interval.sums(x, first[:0], last[:0])) == 0
+
+
+def test_a_jackknife_of_means_is_the_t_interval_of_the_values():
+    """Leaving one value out of a mean: the jackknife's error is the standard error, exactly."""
+    x = np.random.default_rng(4).standard_normal(12)
+    left_out = (x.sum() - x) / 11
+    half = stats.t.ppf(0.975, 11) * x.std(ddof=1) / np.sqrt(12)
+    assert interval.of_jackknife(x.mean(), left_out) == pytest.approx((x.mean() - half, x.mean() + half), rel=1e-6)
+
+
+@pytest.mark.parametrize("left_out", [[1.0, 2.0], [1.0, 2.0, np.inf], [1.0, np.nan, 2.0, 3.0]])
+def test_a_jackknife_of_too_few_or_of_values_that_are_none_tells_nothing(left_out):
+    assert interval.of_jackknife(1.0, left_out) is None
