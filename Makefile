@@ -16,7 +16,7 @@ test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n $(CORES) -m "not slow"
 
 test-all: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n $(CORES)
+	$(BIN)/python -m pytest -n $(CORES) --durations 25
 
 # What depends on file permissions, as a user who has no special rights (root would skip it).
 test-rights: $(VENV)/installed-test

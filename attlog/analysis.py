@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import platform
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -438,7 +439,8 @@ def versions() -> dict[str, str]:
         "version": attlog.__version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "cpu": platform.processor() or platform.machine(),
+        # ``platform.processor`` starts ``uname``, whose answer on Linux is this one or none.
+        "cpu": os.environ.get("PROCESSOR_IDENTIFIER") or platform.machine(),
     }
 
 

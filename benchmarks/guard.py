@@ -103,7 +103,7 @@ def main(arguments: list[str] | None = None) -> int:
     for name in [name for name in WORKS if options.only.lower() in name.lower()]:
         limit = 0.0 if options.write else limits[name]
         pair = judged(name, limit * margin)
-        worse = not options.write and pair.best_ratio > limit * margin
+        worse = not options.write and bool(pair.best_ratio > limit * margin)
         slower += [name] * worse
         print(
             f"{name:34}{seconds(min(pair.ours)):>9}{seconds(min(pair.peer)):>9}{pair.best_ratio:9.3f}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 import weakref
 from pathlib import Path
@@ -256,3 +258,15 @@ def test_a_stage_within_another_counts_once() -> None:
             time.sleep(0.05)
     assert clock.seconds["smoother"] >= 0.05
     assert 0.01 <= clock.seconds["reference"] < 0.05
+
+
+def test_what_computed_the_numbers_is_told_without_another_process() -> None:
+    """``platform.processor`` runs ``uname -p``: a copy of the process with all its memory, for nothing."""
+    code = (
+        "import sys; from attlog.analysis import versions\n"
+        "sys.addaudithook(lambda event, _: event == 'subprocess.Popen' and sys.exit('a process was started'))\n"
+        "print(versions()['cpu'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.strip()
