@@ -81,6 +81,9 @@ NO_MEMORY = (
     "several (--boot), or take a machine with more memory"
 )
 LOADER_WORDS = ("failed to map segment", "annot allocate memory")
+NO_PROCESSES = (
+    "the system allows this user no more processes or threads; close other programs, or allow more (ulimit -u)"
+)
 EXIT_ORDER = (INTERRUPTED, BUG, 73, 2, 66, 65, 75, 1, 0)
 """With several logs, the first of these that occurred is the exit code."""
 
@@ -91,7 +94,7 @@ def exit_code(error: BaseException) -> int:
         return INTERRUPTED
     if isinstance(error, AttlogError):
         return error.exit_code
-    return TooLittleMemory.exit_code if of_memory(error) else BUG
+    return TooLittleMemory.exit_code if of_memory(error) or no_more_processes(error) else BUG
 
 
 def of_memory(error: BaseException) -> bool:
@@ -108,6 +111,13 @@ def of_memory(error: BaseException) -> bool:
             return True
         at = at.__cause__ or at.__context__
     return False
+
+
+def no_more_processes(error: BaseException) -> bool:
+    """Whether an error says that no thread or no process could be started."""
+    if isinstance(error, RuntimeError):
+        return str(error) == "can't start new thread"
+    return isinstance(error, OSError) and error.errno == errno.EAGAIN
 
 
 def worst(codes: Iterable[int]) -> int:
@@ -130,6 +140,8 @@ def message(error: BaseException, version: str, log: str = "") -> str:
         return f"attlog: {where}{readable(str(error))}"
     if of_memory(error):
         return f"attlog: {where}{NO_MEMORY}"
+    if no_more_processes(error):
+        return f"attlog: {where}{NO_PROCESSES}"
     return (
         f"attlog: {where}a bug in attlog {version}: {type(error).__name__}: {error}\n"
         "Please report this line with the output of the same command and -vv."

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 from pathlib import Path
 
 import pytest
 
+from attlog import errors
 from attlog.errors import BUG, MAX_LETTERS, MAX_LINES, NO_MEMORY, LogUnreadable, UsageError, exit_code, message
 
 
@@ -71,3 +73,13 @@ def test_a_log_that_does_not_fit_under_a_limit_of_memory_ends_with_75(tmp_path: 
     assert (done.returncode, done.stdout) == (75, "")
     assert "memory" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("can't start new thread"), BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))]
+)
+def test_a_system_that_allows_no_more_processes_is_no_bug(error: Exception) -> None:
+    assert errors.exit_code(error) == 75
+    said = errors.message(error, "1.0", "a.ulg")
+    assert said.startswith("attlog: a.ulg: the system allows this user no more processes")
+    assert errors.exit_code(RuntimeError("another")) == errors.exit_code(OSError(errno.EIO, "")) == errors.BUG

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from attlog import __version__
-from attlog.errors import BUG, LogUnreadable, OutputError, message
+from attlog.errors import BUG, LogUnreadable, OutputError, exit_code, message, no_more_processes
 from attlog.fleet.memory import resident_mb
 from attlog.fleet.nursery import Closed, Nursery, shared
 from attlog.fleet.record import INSIDE, Record, read_record, write_record
@@ -54,10 +54,10 @@ def run_one(work: Work, nursery: Nursery | None = None, tell: Callable[[dict[str
             write_record(work.folder, record)
     except (OSError, OutputError) as error:
         told: Exception = error
-        if isinstance(error, OSError):
+        if isinstance(error, OSError) and not no_more_processes(error):
             told = OutputError(f"{work.folder}: cannot be written ({error.strerror})")
         record = Record(
-            log, work.name, code=OutputError.exit_code, message=message(told, __version__, log),
+            log, work.name, code=exit_code(told), message=message(told, __version__, log),
             folder_full=is_full(error if isinstance(error, OSError) else error.__cause__),
         )  # fmt: skip
     finally:
