@@ -27,7 +27,7 @@ from table import seconds
 LIMITS = Path(__file__).with_name("guard.toml")
 ROUNDS = 4
 HEAD = """# What attlog's CPU time may be against a peer's in the same run (benchmarks/guard.py); written by --write.
-# A ratio may lie above its limit by the margin (0.3: three tenths) before it fails.
+# A ratio may lie above its limit by the margin (0.4: four tenths) before it fails.
 """
 ULOG, DATAFLASH, TLOG = (SAMPLES / n for n in ("px4_steps.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog"))
 
