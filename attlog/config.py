@@ -9,12 +9,11 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from attlog import estimators
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.setting_values import Kind, either, number, or_none, text, truth, whole, words
 from attlog.settings_file import text_of, toml_of

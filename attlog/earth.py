@@ -8,10 +8,9 @@ extrapolated back is off by up to 1.5 deg in declination, the right epoch by 0.6
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
-
-from attlog.dataclass import dataclass
 
 ROTATION_RATE_RAD_S = 7.292115e-5
 """The earth's rotation (WGS 84), rad/s."""

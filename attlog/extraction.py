@@ -15,7 +15,7 @@ import json
 import os
 import re
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import formats, rotation, spreadsheet
-from attlog.dataclass import dataclass
 from attlog.errors import LogUnusable, OutputError, UsageError
 from attlog.file_names import file_names
 from attlog.flight.model import FlightLog

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.flight.model import Problem
 from attlog.health.model import Check

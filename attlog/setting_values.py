@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
-
-from attlog.dataclass import dataclass
 
 
 @dataclass(slots=True, eq=False)

@@ -16,7 +16,6 @@ import attlog
 PACKAGE = Path(attlog.__file__).parent
 EVERYWHERE = {
     "errors",
-    "dataclass",
     "median",
     "limits",
     "rotation",
@@ -204,17 +203,6 @@ def test_a_command_imports_only_what_it_uses(command: list[str], not_needed: set
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("LOADED []"), done.stdout[-300:]
-
-
-def test_dataclasses_are_defined_cheaply() -> None:
-    """By ``attlog.dataclass`` (same arguments, same meaning): a command defines up to 150 before it starts."""
-    dear = [
-        f"{module}: from attlog.dataclass import dataclass"
-        for module, path in MODULES.items()
-        if module != "dataclass" and not within(module, {"testing"})
-        if re.search(r"^from dataclasses import .*\bdataclass\b", path.read_text(encoding="utf-8"), re.MULTILINE)
-    ]
-    assert dear == []
 
 
 def test_project_files_name_no_machine() -> None:

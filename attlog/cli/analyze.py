@@ -6,6 +6,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -31,7 +32,6 @@ from attlog.cli.common import (
 )
 from attlog.cli.progress import progress
 from attlog.cli.streams import is_of_a_stream
-from attlog.dataclass import dataclass
 from attlog.errors import BUG, INTERRUPTED, PluginTimeout, exit_code, message, worst
 
 if TYPE_CHECKING:

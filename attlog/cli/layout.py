@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
-
-from attlog.dataclass import dataclass
+from dataclasses import dataclass
 
 GAP = 2
 NARROWEST = 30

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from attlog.cli.layout import Line
-from attlog.dataclass import dataclass
 from attlog.present.cells import Cell
 from attlog.present.names import row_names
 from attlog.present.table import Heading, main_table

@@ -10,11 +10,10 @@ import json
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.result import OLDEST, SCHEMA_NAME, SCHEMA_NUMBER
 

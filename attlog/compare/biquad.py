@@ -9,11 +9,11 @@ Signal Processing, section 7.1, derives both.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 
 Array = NDArray[np.float64]

@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from attlog import estimators
 from attlog.compare import toml_file
 from attlog.compare.configuration import Configuration, parse
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import suggestion
 from attlog.flight.parameter_file import read_file

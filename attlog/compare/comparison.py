@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from attlog.compare.paired import Direction, Scale
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.json_text import indented
 from attlog.limits import MAX_RESULT_BYTES

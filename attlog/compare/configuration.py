@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from attlog import estimators
 from attlog.compare.settings import SETTINGS, Value, said, written
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators.base import Estimator, suggestion
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from attlog.compare.tolerance import Tolerances
-from attlog.dataclass import dataclass
 from attlog.result import MEASURED_TIMES, Answer, EstimatorRow, Result
 
 Verdict = Literal["beyond", "within", "not_told", "appeared", "vanished"]

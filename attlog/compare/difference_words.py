@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from attlog.compare.comparison import Beside, Over, Question
 from attlog.compare.paired import Direction
-from attlog.dataclass import dataclass
 from attlog.present.numbers import MINUS, decimals, number, unit_sign
 
 NO_LATER_MS = 1.0

@@ -18,12 +18,12 @@ than the baseline: beyond the limit). The interval is
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 from attlog.compare.diff import interval
 from attlog.compare.paired import paired
 from attlog.compare.tolerance import Tolerances
-from attlog.dataclass import dataclass
 from attlog.metrics import ranking
 from attlog.metrics.answer import Answer
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +18,6 @@ from attlog.compare import gate_answers, gate_limits, gate_rows, gate_words
 from attlog.compare.baseline import Baseline, Beside
 from attlog.compare.gate_answers import LOST
 from attlog.compare.gate_limits import Limit
-from attlog.dataclass import dataclass
 from attlog.metrics.answer import Answer
 
 Status = Literal["passed", "failed", "skipped"]

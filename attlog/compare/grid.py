@@ -15,11 +15,11 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from math import prod
 from typing import Literal
 
 from attlog.compare.configuration import checked
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators import Parameter
 from attlog.estimators.base import Estimator

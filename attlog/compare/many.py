@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 from attlog import estimators, metrics, replay
 from attlog.compare.before import prepared
 from attlog.compare.configuration import Configuration
 from attlog.compare.grid import Setting, text_of
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators.base import suggestion
 from attlog.flight.model import Imu, Mag

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from attlog.compare.many import Settled, Wanted, wanted
 from attlog.compare.parts import Part
 from attlog.compare.tolerance import SMALLEST
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators.base import suggestion
 from attlog.metrics.ranking import distance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from attlog.compare.configuration import parse
 from attlog.compare.paired import Paired, Scale, paired
 from attlog.compare.questions import Asked
 from attlog.compare.run import Run
-from attlog.dataclass import dataclass
 from attlog.errors import BUG, exit_code, message
 from attlog.metrics import ranking
 from attlog.present.heading import DRIFT_AIR, QUOTED

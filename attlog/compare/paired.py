@@ -22,12 +22,12 @@ benchmarks/paired_intervals.py).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.metrics import moderated, pairs, ranking
 from attlog.metrics.answer import Answer
 from attlog.metrics.quantiles import student, student_two_sided

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from attlog.compare.many import OnLog
-from attlog.dataclass import dataclass
 from attlog.metrics.answer import Answer
 
 BLOCKS = 4

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from attlog.compare.paired import Scale
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators.base import suggestion
 from attlog.metrics import definitions

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.result import SCHEMA_NAME, Result
 

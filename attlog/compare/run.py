@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from attlog import replay
 from attlog.compare.before import prepared
 from attlog.compare.configuration import Configuration
 from attlog.compare.settings import SETTINGS
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.flight.model import Imu
 from attlog.flight.parameter_file import read_file

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 
 from attlog.compare.configuration import checked
 from attlog.compare.grid import RANGE, Setting, text_of
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators import Parameter
 from attlog.estimators.base import COMMON, Estimator

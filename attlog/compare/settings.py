@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 
 Value = tuple[float, ...] | str

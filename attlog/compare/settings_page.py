@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from attlog.dataclass import dataclass
 from attlog.plain import plain
 from attlog.report import shell
 from attlog.report.figure import Figure

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ from attlog.compare.grid import Grid, Setting
 from attlog.compare.many import OnLog, Settled, Wanted
 from attlog.compare.paired import RATIOS, Paired, paired
 from attlog.compare.pooled import pool
-from attlog.dataclass import dataclass
 from attlog.metrics import pairs
 from attlog.metrics.answer import Answer
 from attlog.metrics.ranking import distance

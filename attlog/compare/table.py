@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from attlog.compare.comparison import Beside, Comparison, Over, Question
 from attlog.compare.difference_words import favour, seen, signed, span, value
-from attlog.dataclass import dataclass
 from attlog.present.numbers import counted, unit_sign
 
 

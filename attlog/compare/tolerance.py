@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators.base import suggestion
 from attlog.result import MEASURED_TIMES

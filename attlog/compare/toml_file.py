@@ -15,14 +15,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from attlog.compare.configuration import Configuration, build
 from attlog.compare.questions import asked
 from attlog.config import KINDS, Config
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError, UsageError
 from attlog.estimators.base import suggestion
 from attlog.settings_file import text_of, toml_of

@@ -8,7 +8,7 @@ those found on all parts; what they are worth is what gains found in the same wa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from attlog.compare.objective import Term, cost
 from attlog.compare.parts import Part, folds, parts_of
 from attlog.compare.search import Found, Free, search
 from attlog.compare.sweep import Beside, over_logs, size
-from attlog.dataclass import dataclass
 from attlog.errors import LogUnusable, UsageError
 
 Array = NDArray[np.float64]

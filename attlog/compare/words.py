@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from attlog.compare.grid import is_axis
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 
 

@@ -19,13 +19,12 @@ AT_REST                 -          1 at rest, 0 in motion, at every step; NaN wh
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators.base import Array
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from attlog.dataclass import dataclass
 from attlog.errors import PluginError, UsageError
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Estimate, Estimator, LogFacts

@@ -6,11 +6,10 @@ import difflib
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.fleet.answers import numbers
 from attlog.fleet.entry import Entry

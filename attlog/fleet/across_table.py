@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
-from attlog.dataclass import dataclass
 from attlog.fleet.across_logs import Across, Column, Log, Spread, grouped, spread
 from attlog.present.names import CODES
 from attlog.present.numbers import number, unit_sign

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from attlog.dataclass import dataclass
 from attlog.result import MEASURED_TIMES, Answer, Result
 
 

@@ -11,9 +11,9 @@ import os
 import re
 import stat
 from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from attlog.dataclass import dataclass
 from attlog.errors import LogUnreadable, UsageError
 from attlog.fleet.find import PATTERN
 from attlog.fleet.urls import is_url, shown

@@ -7,11 +7,10 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
-from attlog.dataclass import dataclass
 from attlog.errors import INTERRUPTED, ClusterError, OutputError
 from attlog.fleet.entry import Entry
 from attlog.fleet.index_page import INDEX, write_index

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.fleet import from_results
 from attlog.fleet.entry import Entry

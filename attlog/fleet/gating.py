@@ -6,14 +6,13 @@ import json
 import os
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TextIO
 
 from attlog.compare import baseline, gate_file
 from attlog.compare.baseline import Baseline
 from attlog.compare.gates import Gates, judge
-from attlog.dataclass import dataclass
 from attlog.errors import LogUnreadable, OutputError, UsageError
 from attlog.fleet import gate_summary, github, junit
 from attlog.fleet.judged import Judged, judged

@@ -7,13 +7,13 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from statistics import median
 from typing import Any
 from urllib.parse import quote
 
 from attlog.compare.gate_rows import BASELINES
-from attlog.dataclass import dataclass
 from attlog.fleet.entry import Entry
 from attlog.fleet.row import light
 from attlog.fleet.thumbnail import POINTS

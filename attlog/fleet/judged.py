@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from attlog.compare.gates import GateOutcome, worst_first
-from attlog.dataclass import dataclass
 from attlog.fleet import junit
 
 MOST_KEPT = 50

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from attlog import file_names
-from attlog.dataclass import dataclass
 from attlog.fleet.unchanged import unchanged
 from attlog.output import staged
 

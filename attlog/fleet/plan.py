@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from attlog import __version__
 from attlog.config import Config
-from attlog.dataclass import dataclass
 from attlog.errors import OutputError, UsageError
 from attlog.fleet.index_page import INDEX
 from attlog.fleet.one import report_names

@@ -7,11 +7,11 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from attlog import formats, limits
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError, LogUnreadable, NotALog
 from attlog.file_names import file_name
 from attlog.fleet.copied import hashed, unreadable

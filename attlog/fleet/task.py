@@ -7,12 +7,11 @@ import pickle
 import socket
 import tempfile
 from collections.abc import Callable, Collection
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from attlog import __version__
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError
 from attlog.fleet.record import Record
 from attlog.fleet.run import run_one

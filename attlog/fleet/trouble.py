@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from attlog.compare.gate_rows import BASELINES
-from attlog.dataclass import dataclass
 from attlog.present.names import row_names
 from attlog.present.numbers import listed
 from attlog.result import EstimatorRow, Problem, Result

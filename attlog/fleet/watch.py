@@ -6,11 +6,10 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from attlog.dataclass import dataclass
 from attlog.errors import INTERRUPTED, AttlogError, LogUnreadable, OutputError
 from attlog.fleet.arrivals import Arrivals, State, state_of
 from attlog.fleet.batch import Index, Judge, Outcome, Watcher, entry_of, tidy

@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from attlog import __version__
 from attlog.config import Config
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError
 from attlog.fleet.record import Record, intact, read_record, write_record
 from attlog.fleet.sources import Source

@@ -8,7 +8,7 @@ the way: problems, choices and the zero.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, TypeVar
 
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.barrier import guarded
-from attlog.dataclass import dataclass
 from attlog.flight import physics
 from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
 from attlog.flight.physics import Quantity

@@ -8,7 +8,7 @@ scalar first and turn body vectors into earth vectors.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.barrier import guarded
-from attlog.dataclass import dataclass
 from attlog.flight.advice import Logging, What, stand_still
 from attlog.flight.remedies import GENERAL, Fault
 from attlog.flight.vehicle import VehicleKind, kind_of

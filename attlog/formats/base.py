@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, overload, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-
-from attlog.dataclass import dataclass
 
 Offsets = NDArray[np.signedinteger[Any]]
 """Places in a file, see :func:`attlog.formats.mapping.offset_type`."""

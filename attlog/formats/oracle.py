@@ -15,12 +15,12 @@ import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.formats.base import Messages, Table
 from attlog.limits import VERIFY_S, VERIFY_S_PER_BYTE
 

@@ -7,13 +7,12 @@ read can be written. Each writer refuses what its format has no place for.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.formats.base import ParamChange, Text
 

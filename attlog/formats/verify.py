@@ -8,7 +8,7 @@ The users' own log is read a second time with pyulog or pymavlink (see
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import field
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.formats import oracle
 from attlog.formats.base import Messages
 from attlog.formats.mapping import text_of

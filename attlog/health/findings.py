@@ -7,11 +7,10 @@ what it means for the comparison. What two of them tell is one entry.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
 from attlog.health import against_smoother, frozen, many_of_a_kind

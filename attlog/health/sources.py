@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.flight.model import Array, Attitude, FlightLog
 from attlog.health.model import Check, not_judged
 from attlog.median import median

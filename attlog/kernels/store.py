@@ -10,11 +10,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from attlog.dataclass import dataclass
 from attlog.kernels import processor, sources
 from attlog.kernels.folder import folder, write
 from attlog.kernels.kernel import Kernel

@@ -17,13 +17,12 @@ from the row's own attitude and the samples that the filter saw:
 from __future__ import annotations
 
 import math
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.engine.samples import place
 from attlog.flight.model import Imu
 from attlog.kernels.loops import function_of

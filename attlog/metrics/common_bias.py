@@ -8,14 +8,13 @@ flew), or what the onboard estimator itself took off.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.flight.model import FlightLog, Imu, Stream
 from attlog.metrics import interval
 from attlog.plain import IN_JSON

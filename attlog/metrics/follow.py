@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.metrics import probe, step_evidence, step_solution, steps
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Case, per_row, per_times

@@ -7,11 +7,12 @@ accelerometer and magnetometer push in, and the filter's own gyro offset.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators, rotation
-from attlog.dataclass import dataclass
 from attlog.flight.model import Imu
 from attlog.metrics.base import Case, per_case, per_row, per_times
 from attlog.metrics.evidence import imu_of, logged_unit

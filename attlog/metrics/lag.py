@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.median import median
 from attlog.metrics import pure_delay, steps
 from attlog.metrics.answer import Answer, missing

@@ -7,10 +7,11 @@ window has an interval and two have a sensible one (Smyth 2004).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.dataclass import dataclass
 from attlog.metrics.quantiles import student, students_two_sided
 
 Array = NDArray[np.float64]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.median import median
 from attlog.metrics import follow, injection, level, moderated, quantisation, windows
 from attlog.metrics.answer import Answer, missing

@@ -8,12 +8,12 @@ movements or reference, they refuse to every filter.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Estimate
 from attlog.estimators.engine import samples
 from attlog.flight.model import Imu

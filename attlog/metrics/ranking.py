@@ -9,14 +9,13 @@ log resolves. The best rows are those that no row is told apart from as better.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import reduce
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.metrics import pairs
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Metric

@@ -13,12 +13,11 @@ Chen2012). Nothing before the set-point can be found, because there is no such l
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-
-from attlog.dataclass import dataclass
 
 Array = NDArray[np.float64]
 Piece = tuple[Array, Array, Array]

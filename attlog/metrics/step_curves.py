@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.metrics import step_evidence, steps
 from attlog.metrics.base import Case, per_row, per_times
 from attlog.metrics.step_columns import axis_of

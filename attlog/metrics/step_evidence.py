@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.metrics import aiding, step_fit, step_groups, steps
 from attlog.metrics.base import Case, per_case, per_row, per_times
 from attlog.metrics.rmse import why_never_airborne

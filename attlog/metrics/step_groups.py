@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.metrics import aiding
 from attlog.metrics.step_columns import MARGIN_S, Columns, Covered, axes_of, build
 from attlog.metrics.steps import Event

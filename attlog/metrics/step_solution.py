@@ -8,12 +8,11 @@ axis, or those that two rows share.
 from __future__ import annotations
 
 import math
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.dataclass import dataclass
 from attlog.metrics import aiding
 from attlog.metrics.quantiles import student
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.median import median
 from attlog.metrics.base import Case, per_case
 from attlog.reference.model import Reference

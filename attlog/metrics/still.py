@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators, rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.engine.samples import Sampling
 from attlog.median import median
 from attlog.metrics.base import Case

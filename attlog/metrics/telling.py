@@ -7,8 +7,8 @@ limit is what a reader knows without any log; what is not told apart from perfec
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-from attlog.dataclass import dataclass
 from attlog.metrics.answer import Answer
 
 CODE = "too_uncertain"

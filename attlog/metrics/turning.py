@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.kernels.loops import function_of
 from attlog.median import median
 from attlog.metrics.steps import Event

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from attlog.dataclass import dataclass
+from dataclasses import dataclass
+
 from attlog.present.columns import Column
 from attlog.present.contest import Judged, why_unranked
 from attlog.present.names import CODES

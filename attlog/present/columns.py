@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
-from attlog.dataclass import dataclass
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
 from attlog.present.names import heading_reference_short
 from attlog.present.rows import AIR, ALL, PHASES, REST, has_value

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
-from attlog.dataclass import dataclass
 from attlog.present.names import name_in_sentence
 from attlog.present.numbers import SIGNED, interval, quantity
 from attlog.present.rows import has_value, is_baseline, is_best, is_ranked, value_of, window_of

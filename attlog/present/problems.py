@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from attlog.dataclass import dataclass
 from attlog.present.numbers import moment
 
 if TYPE_CHECKING:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from dataclasses import field
+from dataclasses import dataclass, field
 
-from attlog.dataclass import dataclass
 from attlog.present.cells import Cell, cell
 from attlog.present.columns import AXIS_COLUMNS, ERRORS, NOISE, Column, columns
 from attlog.present.numbers import unit_sign

@@ -6,12 +6,12 @@ import csv
 import math
 import re
 from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.limits import MAX_RESULT_BYTES
 from attlog.settings_file import text_of

@@ -7,13 +7,13 @@ Whether the earth's third axis points down or up follows from the mean specific 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.flight.model import Imu
 from attlog.limits import GYRO_LIMIT_RAD_S

@@ -8,11 +8,11 @@ and not below that of the accelerometer, the accelerometer is the one that is wr
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.flight.model import Array, Attitude, FlightLog
 from attlog.median import median
 from attlog.reference import declination

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.flight.model import Imu
 from attlog.median import median
 from attlog.segments import gaps

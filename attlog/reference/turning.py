@@ -9,6 +9,7 @@ direction of the magnetic field tells which of the two is right.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import permutations
 from typing import Literal
 
@@ -16,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.flight.model import Array, Attitude, Imu, Mag
 from attlog.median import median
 from attlog.reference.compare import interpolate

@@ -13,11 +13,10 @@ import hashlib
 import json
 import shlex
 import sys
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from urllib.parse import urlsplit
-
-from attlog.dataclass import dataclass
 
 FOLDER = Path(__file__).parent / "bundle"
 SMALL = "plotly-basic.min.js.gz"

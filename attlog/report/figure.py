@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.present.numbers import interval, quantity
 from attlog.report.pack import Store
 from attlog.result import Answer, Trace

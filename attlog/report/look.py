@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from attlog.dataclass import dataclass
+from dataclasses import dataclass
+
 from attlog.present.names import row_names
 from attlog.present.rows import is_baseline, leads, ordered
 from attlog.result import Result

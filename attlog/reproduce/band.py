@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from attlog.dataclass import dataclass
 
 Array = NDArray[np.float64]
 WINDOW_S = 10.0

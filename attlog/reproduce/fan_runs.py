@@ -6,12 +6,11 @@ the complementary filter.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.estimators import get
 from attlog.reproduce import response
 from attlog.reproduce.samples import AXES, NOBODY, Found, Samples, rms, run, samples

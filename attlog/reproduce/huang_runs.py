@@ -6,13 +6,12 @@ twice: in the loop (the vehicle flies on it) and row to row over the samples of 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators, rotation
-from attlog.dataclass import dataclass
 from attlog.reproduce import response
 from attlog.reproduce.samples import Found, angles, rms, run, samples
 from attlog.simulate.commands import Command

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.reproduce.lyu_runs import MPU6050, READINGS, fixed, variable
 from attlog.reproduce.samples import gravity_error, rms, run, samples
 from attlog.simulate.commands import Command

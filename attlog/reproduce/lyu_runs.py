@@ -6,13 +6,12 @@ as per sample. Without a magnetometer, as in the paper.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.reproduce import response
 from attlog.reproduce.samples import NOBODY, Found, Samples, gravity_error, rms, run, samples
 from attlog.simulate.commands import Motion, Move

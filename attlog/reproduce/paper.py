@@ -7,14 +7,13 @@ Texts are plain (``deg``, ``m/s^2``, ``-1``): the page and the terminal typeset 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.plain import IN_JSON
 
 Array = NDArray[np.float64]

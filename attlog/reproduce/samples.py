@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators, rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.engine.samples import Sampling
 from attlog.simulate.loop import Estimator
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.present.numbers import quantity
 from attlog.reproduce.judge import above, ratio
 from attlog.reproduce.paper import Number

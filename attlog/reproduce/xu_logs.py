@@ -7,14 +7,13 @@ log's reference, which is truth in simulation and else what the autopilot found,
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators, rotation
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError
 from attlog.flight.vehicle import VehicleKind
 from attlog.metrics import injection

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.reproduce import band
 from attlog.reproduce.samples import NOBODY, Found, Samples, rms, run, samples
 from attlog.simulate.fly import fly

@@ -6,11 +6,10 @@ that nobody updated; "landed" of one that climbs with throttle is one too.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.segments import flying, spans
 from attlog.segments.spans import Span

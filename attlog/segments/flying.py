@@ -7,10 +7,11 @@ without climb and without speed.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.flight.model import FlightLog, Stream
 from attlog.median import median, quantile
 from attlog.segments import motion, spans

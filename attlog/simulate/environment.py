@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import earth
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.simulate.scenario import Scenario
 

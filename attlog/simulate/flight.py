@@ -8,13 +8,12 @@ time of measurement as the driver knows it. Nothing here depends on a log format
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.simulate.scenario import Scenario
 
 Array = NDArray[np.float64]

@@ -15,12 +15,12 @@ numpy alone, so that tests and the page of Huang's paper share it.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.dataclass import dataclass
 from attlog.simulate.controller import Gains
 
 Array = NDArray[np.floating[Any]]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.estimators.engine.samples import BRIDGE_S, GAP_LEAST_S, GAP_MEDIANS, HELD, HOLD_PERIODS, MISSING, NEW
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 from attlog.simulate.onboard_aids import Inbox

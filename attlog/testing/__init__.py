@@ -17,9 +17,9 @@ or ``attlog check-estimator my_filter.py`` on the command line.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
-from attlog.dataclass import dataclass
 from attlog.errors import AttlogError, PluginTimeout
 from attlog.estimators import Estimator, Row, not_compiled
 from attlog.estimators.base import AIDS

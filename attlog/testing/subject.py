@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators import Estimate, Estimator, Row, estimate, parse
 from attlog.testing.motion import Motion
 

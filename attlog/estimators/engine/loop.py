@@ -94,7 +94,7 @@ SIGNATURE = (
 EVENTS = ", i8[::1], i8[::1], f8[:, ::1]"
 SCRATCH = (("f8", (3,)), ("f8", (3,)))
 """Accelerometer and magnetometer vectors of a part of a step."""
-SOURCES = ("estimators", "kernels", "dataclass.py", "earth.py", "errors.py", "limits.py", "rotation.py")
+SOURCES = ("estimators", "kernels", "earth.py", "errors.py", "limits.py", "rotation.py")
 """Files below the package that say what a built-in filter's kernel does."""
 
 

@@ -17,13 +17,12 @@ What happens to real input, once for all filters:
 from __future__ import annotations
 
 import math
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.dataclass import dataclass
 from attlog.errors import UsageError
 from attlog.estimators.base import Array, VectorsAt
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S

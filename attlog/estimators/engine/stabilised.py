@@ -10,10 +10,11 @@ cancel in the sum, in a single sample they do not. Measured over starts cut into
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array
 
 

@@ -9,14 +9,13 @@ it comes (:func:`realigned`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.errors import PluginError, UsageError
 from attlog.estimators.base import Array, Estimator, plugin_errors
 from attlog.estimators.engine.stabilised import stabilised

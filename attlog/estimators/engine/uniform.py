@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array
 from attlog.median import median
 

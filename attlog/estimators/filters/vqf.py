@@ -20,14 +20,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.engine.start import MOTION_S
 from attlog.estimators.engine.uniform import Uniform, typical_scale, uniform

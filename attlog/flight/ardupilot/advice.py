@@ -9,8 +9,8 @@ LOG_DISARMED: ``libraries/AP_Logger/AP_Logger.cpp``.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from attlog.dataclass import dataclass
 from attlog.flight.advice import What, bits_of, stand_still, version_number
 
 

@@ -8,11 +8,10 @@ but for subsystem 24, whose code is the core that took over.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.builder import LogBuilder
 from attlog.flight.model import Problem, Severity

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from attlog.dataclass import dataclass
+from dataclasses import dataclass
+
 from attlog.flight.advice import What, stand_still
 
 KINDS = {"PX4": ".ulg", "ArduPilot": ".bin"}

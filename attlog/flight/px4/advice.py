@@ -8,8 +8,8 @@ logged ``sensor_combined`` at 10 Hz before 1.12 and at full rate since.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from attlog.dataclass import dataclass
 from attlog.flight.advice import What, bits_of, stand_still, version_number
 
 DEFAULT, REPLAY, HIGH_RATE, GYRO_FIFO, ACCEL_FIFO = 0, 1, 4, 8, 9

@@ -9,14 +9,13 @@ Source: MAVLink guide, "Packet Serialization"; CRC-16/MCRF4XX.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.formats.base import Offsets
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import gather, offset_type

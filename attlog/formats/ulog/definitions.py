@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from attlog.dataclass import dataclass
+from dataclasses import dataclass
+
 from attlog.formats.base import Remark
 from attlog.formats.ulog.layout import Formats, Layout
 from attlog.limits import MAX_FORMATS, MAX_REDEFINED, MAX_RESUBSCRIBED

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from types import MappingProxyType
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.formats.base import Field
 from attlog.limits import MAX_FIELDS, MAX_NESTING
 

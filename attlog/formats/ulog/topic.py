@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.formats.base import Field, Guard, Offsets, Table
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes

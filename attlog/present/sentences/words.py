@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from attlog.dataclass import dataclass
+from dataclasses import dataclass
+
 from attlog.present.contest import Contest, Judged, why_unranked
 from attlog.present.names import NOT_JUDGED, name_in_sentence
 from attlog.present.numbers import below, listed

@@ -16,13 +16,13 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array, Estimate
 from attlog.estimators.engine.loop import SOURCES
 from attlog.estimators.filters import mekf

@@ -7,12 +7,12 @@ afterwards: GNSS vectors are turned back by it here. Fields are in gauss.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog import earth
-from attlog.dataclass import dataclass
 from attlog.estimators.aids import Aids, Measured
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.settings import BARO_BLOCK_S, MAG_BLOCK_S

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation import delay, noise
 from attlog.estimators.filters.navigation.attitude import smoothed_nodes

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.layout import BARO, MAG, NO_RATE, POSITION, STILL, VELOCITY
 from attlog.estimators.filters.navigation.measured import Inputs, Running

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.layout import (
     GRAVITY_AT,

@@ -8,12 +8,11 @@ through it. Memory is bounded by one part, and the result is the same to the bit
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.kernels import run_backward, run_forward
 from attlog.estimators.filters.navigation.layout import FROZEN, LIKELIHOOD, MEMORY, ROW, SUMS, WIDE, N

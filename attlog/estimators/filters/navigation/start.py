@@ -14,13 +14,13 @@ this attitude: heading is born correlated with what it came from.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
 from attlog import rotation
-from attlog.dataclass import dataclass
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.kernels import run_chain
 from attlog.estimators.filters.navigation.layout import (
