@@ -22,7 +22,7 @@ from attlog.metrics import drift_air, drift_rest, followed, injection, lag, rmse
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.settled import PHASES, why_none
-from attlog.metrics.telling import withhold
+from attlog.metrics.telling import CODE, withhold
 from attlog.metrics.windows import of_row
 from attlog.reference import replayed
 from attlog.reference.model import Row
@@ -158,7 +158,7 @@ def drifting(case: Case) -> Possible:
     if found:
         return Possible(tuple(found))
     nearest = next(
-        (a for a in air.values() if a.code in ("too_uncertain", "record_too_short", "not_covered")), air[ONBOARD]
+        (a for a in air.values() if a.code in (CODE, "record_too_short", "not_covered")), air[ONBOARD]
     )
     both = [refused(a) for a in (rest, nearest)]
     return Possible((), tuple(w for p in both for w in p.why), tuple(c for p in both for c in p.codes))
@@ -179,8 +179,9 @@ def looked_up(case: Case, compute: Compute, metric: str, windows: tuple[str, ...
 
 
 def refused(answer: Answer) -> Possible:
-    """Why there is no value."""
-    return Possible((), (answer.reason or "",), (answer.code or "",))
+    """Why there is no value. Of the gyro alone: a filter that is off by more than its interval is told all the same."""
+    told = "; only a filter that is further off than that is told" if answer.code == CODE else ""
+    return Possible((), ((answer.reason or "") + told,), (answer.code or "",))
 
 
 ASKED: dict[str, Callable[[Case], Possible]] = {

@@ -86,15 +86,10 @@ def six_hours() -> Result:
     t = np.arange(0, 6 * 3600, 0.01)
     wave = 20 * np.sin(t / 7) + np.where(np.arange(len(t)) == 1_000_001, 60.0, 0.0)
     result.log["duration_s"] = 6 * 3600.0
+    at, kept = envelope(t, np.column_stack([wave, wave, (t % 360) - 180]), 30_000)
+    columns = dict(zip(("roll", "pitch", "heading"), kept.T, strict=True))
     result.traces = [
-        Trace(
-            "attitude",
-            n,
-            *envelope(t, {"roll": wave, "pitch": wave, "heading": (t % 360) - 180}, keep),
-            ratio=len(t) / keep,
-        )
-        for n in ("onboard", "gyro", "mahony")
-        for keep in [30_000]
+        Trace("attitude", name, at, columns, ratio=len(t) / len(at)) for name in ("onboard", "gyro", "mahony")
     ]
     return result
 
