@@ -157,9 +157,7 @@ def drifting(case: Case) -> Possible:
         found.append(f"{max(flown.values()):.0f} s in the air against {', '.join(flown)}")
     if found:
         return Possible(tuple(found))
-    nearest = next(
-        (a for a in air.values() if a.code in (CODE, "record_too_short", "not_covered")), air[ONBOARD]
-    )
+    nearest = next((a for a in air.values() if a.code in (CODE, "record_too_short", "not_covered")), air[ONBOARD])
     both = [refused(a) for a in (rest, nearest)]
     return Possible((), tuple(w for p in both for w in p.why), tuple(c for p in both for c in p.codes))
 
