@@ -12,6 +12,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.median import median
+
 ROTATION_RATE_RAD_S = 7.292115e-5
 """The earth's rotation (WGS 84), rad/s."""
 
@@ -49,6 +54,13 @@ def gravity(lat_deg: float, alt_m: float = 0.0) -> float:
     sin2 = math.sin(math.radians(lat_deg)) ** 2
     surface = 9.7803253359 * (1 + 0.00193185265241 * sin2) / math.sqrt(1 - 0.00669437999013 * sin2)
     return surface * (1 - 2 / a * (1 + flattening + m - 2 * flattening * sin2) * alt_m + 3 * (alt_m / a) ** 2)
+
+
+def middle_longitude(lon_deg: NDArray[np.float64]) -> float:
+    """The median of longitudes (n,) in deg, n > 0; of a flight over the date line a place on its way."""
+    if float(lon_deg.max()) - float(lon_deg.min()) <= 180.0:
+        return float(median(lon_deg))
+    return (float(median(lon_deg % 360.0)) + 180.0) % 360.0 - 180.0
 
 
 def heading_turn(lat_deg: float) -> float:

@@ -111,7 +111,7 @@ def place(log: FlightLog) -> dict[str, float] | None:
             latitude = float(median(receiver.lat[good]))
             return {
                 "lat": latitude,
-                "lon": float(median(receiver.lon[good])),
+                "lon": earth.middle_longitude(receiver.lon[good]),
                 "alt_m": float(median(alt)) if len(alt) else 0.0,
                 "earth_turn_deg_per_min": earth.heading_turn(latitude),
             }

@@ -74,5 +74,5 @@ def test_settings_outside_what_they_can_be_are_refused(text: str, tmp_path: Path
 def test_a_parameter_file_is_held_to_the_limits_of_parameters(tmp_path: Path) -> None:
     path = tmp_path / "f.param"
     path.write_text("EKF2_MAG_DECL,1e39\nANYTHING,1e30\n")
-    with pytest.raises(UsageError, match=r"line 1: EKF2_MAG_DECL is 1e.39; a declination lies within"):
+    with pytest.raises(UsageError, match=r"line 1: EKF2_MAG_DECL is 1e.39; the declination lies within"):
         read_parameters(path)

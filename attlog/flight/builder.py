@@ -260,6 +260,9 @@ class LogBuilder:
         norm = np.sqrt(np.sum(np.asarray(q, np.float64) ** 2, axis=1))
         unset = norm == 0
         if unset.all():
+            if len(unset):
+                text = f"{source}: all {len(unset):,} records hold zeros in place of an attitude; it is not used."
+                self.problem("attitude_unset", "warning", text, count=len(unset))
             return None
         with np.errstate(invalid="ignore"):
             good = (norm > physics.QUATERNION_NORM.low) & (norm < physics.QUATERNION_NORM.high)

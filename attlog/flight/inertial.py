@@ -28,6 +28,8 @@ NO_MOTION = (
     f"where gyro or accelerometer are missing or outside what a sensor can give ({physics.GYRO.limits}, "
     f"{physics.ACC.limits})"
 )
+LEFT_OUT = (*REFUSED, "duplicate_times", "unset_times", "imu_all_zero", "unreadable_message")
+"""Why records that are in the log cannot be replayed."""
 REFUSED_SHARE = 0.5
 """A unit of which more records than this are refused shows no motion with the few that are left."""
 MISSED_S, MISSED_SHARE = 5.0, 0.05
@@ -88,7 +90,8 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
     """
     own = LogBuilder(builder.messages)
     if candidate.gyro.shape[1:] != (3,) or candidate.acc.shape[1:] != (3,):
-        builder.problem("unreadable_message", "warning", f"{candidate.source} does not hold three axes.")
+        text, count = f"{candidate.source} does not hold three axes.", len(candidate.t_us)
+        builder.problem("unreadable_message", "warning", text, count=count)
         return None
     good = finite_within(candidate.gyro, physics.GYRO.high) & finite_within(candidate.acc, physics.ACC.high)
     index = own.keep(candidate.t_us, candidate.source, good, wrong=NO_MOTION, fastest_hz=candidate.fastest_hz)
@@ -98,7 +101,7 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
     measured = (candidate.gyro[index] != 0).any(axis=1) | (candidate.acc[index] != 0).any(axis=1)
     if len(index) and np.mean(measured) < MEASURED_SHARE:
         text = f"{candidate.source}: its gyro and accelerometer values are zero; this unit is not used."
-        builder.problem("imu_all_zero", "warning", text)
+        builder.problem("imu_all_zero", "warning", text, count=len(index))
         return None
     if len(index):
         return candidate.rows(index)
@@ -113,14 +116,27 @@ def validated(builder: LogBuilder, found: list[Candidate]) -> list[Candidate]:
 
 
 def best_per_unit(builder: LogBuilder, candidates: list[Candidate]) -> list[Candidate]:
-    """One candidate per unit: the best rank among usable ones, else the fastest. Its problems are told."""
+    """One candidate per unit: the best rank among usable ones, else the fastest. Its problems are told.
+
+    Where none is usable those of all are told: a better message may be in the log, and useless.
+    """
     chosen = []
     for index in sorted({c.index for c in candidates}):
         mine = [c for c in candidates if c.index == index]
         usable = [c for c in mine if c.usable and c.rate >= REPLAY_MIN_HZ]
         chosen.append(min(usable, key=lambda c: c.rank) if usable else max(mine, key=lambda c: c.rate))
-        builder.problems += chosen[-1].problems
+        for told in [chosen[-1]] if usable else mine:
+            builder.problems += told.problems
     return chosen
+
+
+def _left_out(builder: LogBuilder, more_than: int = 0) -> str:
+    """What the most gyro and accelerometer records of this log were left out for; empty where that were not more.
+
+    Called before anything else of the flight is read.
+    """
+    losses = [p for p in builder.problems if p.code in LEFT_OUT and p.count > more_than]
+    return max(losses, key=lambda p: p.count).text if losses else ""
 
 
 def choose_unit(
@@ -132,10 +148,9 @@ def choose_unit(
     wants; ``logging`` knows the settings that would log more.
     """
     if not units:
-        unusable = ("no_clock", "imu_all_zero", *REFUSED)
-        refused = any(p.code in unusable for p in builder.problems)
+        refused = any(p.code in ("no_clock", *LEFT_OUT) for p in builder.problems)
         text = (
-            "No record of the gyro and accelerometer in this log can be used."
+            f"No record of the gyro and accelerometer in this log can be used. {_left_out(builder)}"
             if refused
             else f"This log holds no continuous gyro and accelerometer data of one unit. {logging.advice('imu')}"
         )
@@ -166,7 +181,8 @@ def choose_unit(
         builder.problem(
             "imu_too_short",
             "error",
-            f"{unit.source} is too short: {len(unit.t_us)} of the {REPLAY_MIN_SAMPLES} samples that a replay needs.",
+            f"{unit.source} is too short: {len(unit.t_us)} of the {REPLAY_MIN_SAMPLES} samples that a replay needs. "
+            f"{_left_out(builder, len(unit.t_us))}",
         )
         return None
     if unit.refused > REFUSED_SHARE:
@@ -174,7 +190,7 @@ def choose_unit(
             "imu_mostly_refused",
             "error",
             f"{unit.source}: {100 * unit.refused:.0f} % of its records hold values that no sensor can give or false "
-            "times; what is left shows no flight.",
+            f"times; what is left shows no flight. {_left_out(builder)}",
         )
         return None
     if unit.rate < REPLAY_MIN_HZ:
@@ -182,7 +198,7 @@ def choose_unit(
             "imu_rate_too_low",
             "error",
             f"{unit.source} is logged at {unit.rate:.1f} Hz; a replay needs at least {REPLAY_MIN_HZ:.0f} Hz. "
-            f"{logging.advice('imu', unit.rate)}",
+            f"{_left_out(builder, len(unit.t_us)) or logging.advice('imu', unit.rate)}",
         )
         return None
     if unit.rate < LOW_RATE_HZ:

@@ -37,7 +37,7 @@ def read_file(path: str | Path) -> dict[str, float]:
         if not name or not math.isfinite(value):
             wrong.append(f"{path}, line {number}: {line.strip()[:60]!r} is not NAME,VALUE")
         elif limits is not None:
-            wrong.append(f"{path}, line {number}: {name} is {value:g}; a {limits.name} lies within {limits.limits}")
+            wrong.append(f"{path}, line {number}: {name} is {value:g}; the {limits.name} lies within {limits.limits}")
         elif values.setdefault(name, value) != value:
             wrong.append(f"{path}, line {number}: {name} is {value:g}, in line {stands[name]} it was {values[name]:g}")
         stands.setdefault(name, number)

@@ -127,6 +127,8 @@ def _covered(t: Array, segment: Index, ref: Turning, event: Event) -> Covered | 
     if body is None:
         return None
     i, j = np.searchsorted(t, [event.begin, event.end], side="left")
+    if i == j:
+        return None
     middle = min(int(np.searchsorted(t, event.middle)), len(t) - 1)
     own = np.arange(i, j)[segment[i:j] == segment[middle]]
     at = t[own]

@@ -26,7 +26,7 @@ def place(log: FlightLog) -> tuple[float, float, float] | None:
             altitude = gnss.alt[good]
             altitude = altitude[np.isfinite(altitude)]
             height = float(median(altitude)) if len(altitude) else 0.0
-            return float(median(gnss.lat[good])), float(median(gnss.lon[good])), height
+            return float(median(gnss.lat[good])), earth.middle_longitude(gnss.lon[good]), height
     return None
 
 

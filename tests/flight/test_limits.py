@@ -239,7 +239,7 @@ def test_many_parameters_of_a_quantity_are_one_problem_with_their_number() -> No
     assert [(p.code, p.count) for p in told] == [("values_out_of_range", 16), ("values_out_of_range", 1)]
     start = (
         "16 parameters (RC1_MIN, RC1_MAX, RC2_MIN, RC2_MAX and 12 more): left out 16 of 17 values, "
-        "such as 1e+09: a pulse"
+        "such as 1e+09: the pulse"
     )
     assert told[0].text.startswith(start)
     assert told[1].text.startswith("Parameter CAL_GYRO0_ROT: left out 1 of 1 values")

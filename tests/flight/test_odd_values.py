@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import Any
 
 import numpy as np
+import pytest
 
 from attlog.flight.ardupilot import events
 from attlog.flight.ardupilot.clock import Clock
@@ -69,6 +71,37 @@ def test_a_sensor_without_one_good_record_is_not_called_unlogged() -> None:
         log = read(tables)
         assert log.imu is None
         assert [says in p.text for p in log.problems if p.code == "no_imu"] == [True]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"gyro_rad": np.full((N, 3), np.nan, np.float32)}, "no sensor can give|missing or outside"),
+        ({"timestamp": np.full(N, 7_000_000, np.uint64)}, "repeat a time stamp"),
+        ({"timestamp": np.arange(N, 0, -1, dtype=np.uint64) * 5000}, "go back in time"),
+        ({"timestamp": micros(N, 200.0) // 1000}, "Their stamps are false"),
+        ({"gyro_rad": np.zeros(N, np.float32)}, "three axes"),
+    ],
+)
+def test_where_the_fast_message_is_useless_the_reason_is_told_and_not_a_setting(wrong: Any, why: str) -> None:
+    n = 30
+    slow = {"timestamp": micros(n, 1.0), "delta_angle": np.zeros((n, 3), np.float32), "delta_velocity": gravity(n)}
+    slow |= {f"{x}_dt": np.full(n, 5000, np.uint32) for x in ("delta_angle", "delta_velocity")}
+    slow["gyro_device_id"] = np.ones(n, np.uint32)
+    for tables in ({("sensor_combined", 0): combined() | wrong, ("vehicle_imu", 0): slow},
+                   {("sensor_combined", 0): combined() | wrong}):  # fmt: skip
+        log = read(tables)
+        assert log.imu is None
+        told = next(p.text for p in log.problems if p.severity == "error")
+        assert re.search(why, told)
+        assert "SDLOG" not in told
+
+
+def test_an_attitude_that_is_never_set_is_told() -> None:
+    none = {"timestamp": micros(N, 50.0), "q": np.zeros((N, 4), np.float32)}
+    log = read({("sensor_combined", 0): combined(), ("vehicle_attitude", 0): none})
+    assert "vehicle_attitude" not in log.attitudes
+    assert [p.count for p in log.problems if p.code == "attitude_unset"] == [N]
 
 
 def test_a_filter_whose_cutoff_is_unknown_is_not_called_0_hz() -> None:

@@ -3,7 +3,9 @@
 Most messages hold ``time_boot_ms`` or ``time_usec``. The others (SIM_STATE, AHRS2,
 HEARTBEAT) have only the receiver's packet stamp, which the messages with both
 clocks map to the boot clock; radio delay and clock changes of the computer are
-followed by a running median.
+followed by a running median. Where the stamps do not advance as the boot clock does
+(bursts of a radio link, stamps that stand still or have another unit), a packet's
+place in the file between messages with a clock tells its time better.
 """
 
 from __future__ import annotations
@@ -18,6 +20,9 @@ from attlog.median import median
 
 UNIX_US = 10**15
 """A time_usec above this is Unix time (2001), not time since boot."""
+UNSTEADY = 0.5
+"""Stamps that advance by another time between clock packets than the boot clock does, by more than this share of the
+mean step, are no clock: 0.01 to 0.25 in logs by wire and by good links, 0.6 by radio links that send in bursts."""
 WINDOW = 21
 """Clock packets whose median gives the difference between packet and boot clock."""
 
@@ -40,7 +45,10 @@ class PacketClock:
         order = np.argsort(joined, kind="stable")
         self.offsets = joined[order]
         self.boot = np.concatenate(boot)[order]
-        self.ahead = running_median(np.concatenate(packet)[order] - self.boot) if len(order) else self.boot
+        stamped = np.concatenate(packet)[order]
+        self.ahead = running_median(stamped - self.boot) if len(order) else self.boot
+        self.is_steady = steady(stamped, self.boot)
+        """Whether the packet stamps advance as the boot clock does."""
         self.unix = unix_minus_boot(messages, instance)
 
     def of(self, table: Table) -> Stamps:
@@ -56,13 +64,21 @@ class PacketClock:
         return self.by_packet(table)
 
     def by_packet(self, table: Table) -> Stamps:
-        """Boot times from packet stamps, in a stream without stamps from the place between clock messages."""
+        """Boot times from packet stamps, where these are missing or no clock from the place between clock messages."""
         if len(self.boot) == 0:
             return np.zeros(len(table), np.int64)
-        if STAMP in table:
+        if STAMP in table and self.is_steady:
             k = np.clip(np.searchsorted(self.offsets, table.offsets), 0, len(self.offsets) - 1)
             return rising(table[STAMP] - self.ahead[k])
         return np.interp(table.offsets, self.offsets, self.boot).astype(np.int64)
+
+
+def steady(packet: Stamps, boot: Stamps) -> bool:
+    """Whether packet stamps (n,) advance as the boot times (n,) of the same packets do; too few are taken as such."""
+    if len(boot) < WINDOW:
+        return True
+    steps = np.abs(np.diff(boot))
+    return float(median(np.abs(np.diff(packet) - np.diff(boot)))) <= UNSTEADY * float(steps.mean())
 
 
 def rising(t_us: Stamps) -> Stamps:

@@ -201,9 +201,10 @@ def truth(builder: LogBuilder, clock: PacketClock, instance: int) -> Attitude | 
         q = quaternions(table)
         attitude = builder.attitude(clock.by_packet(table), q, name)
         if attitude is not None:
-            builder.problem(
-                "truth_packet_times", "note",
-                f"{name} carries no time of its own; packet stamps mapped to the boot clock are good to a few ms.",
+            how = "packet stamps mapped to the boot clock are good to a few ms." if clock.is_steady else (
+                "the packet stamps do not advance as the boot clock does, so its place between messages with a clock "
+                "is taken."
             )  # fmt: skip
+            builder.problem("truth_packet_times", "note", f"{name} carries no time of its own; {how}")
             return attitude
     return None

@@ -91,11 +91,11 @@ class Layout:
 
     @cached_property
     def _placed(self) -> dict[str, tuple[np.dtype[np.generic], int]]:
-        return {
-            name: (dtype, position)
-            for name, dtype, position in self._formats.flattened(self.name)
-            if not name.rpartition(".")[2].startswith("_padding") and position + dtype.itemsize <= self.size
-        }
+        placed: dict[str, tuple[np.dtype[np.generic], int]] = {}
+        for name, dtype, position in self._formats.flattened(self.name):
+            if not name.rpartition(".")[2].startswith("_padding") and position + dtype.itemsize <= self.size:
+                placed.setdefault(name, (dtype, position))  # nothing can ask for a second field of a name
+        return placed
 
 
 class Formats:
@@ -139,9 +139,10 @@ class Formats:
         extent = self._extent(name)
         if extent.why_not:
             return extent.why_not
-        time_at, at, shown = None, 0, 0
+        time_at, timed, at, shown = None, False, 0, 0
         for kind, count, member in self._members_of(name) or ():
-            if member == "timestamp" and kind in _WIDTH and count != 0:
+            if member == "timestamp" and kind in _WIDTH and count != 0 and not timed:
+                timed = True
                 time_at = at if kind == "uint64_t" and count is None else None
             at += self._bytes(kind, count)
             shown = shown if member.startswith("_padding") else at

@@ -87,8 +87,33 @@ def test_truth_without_a_clock_gets_the_packets_time_mapped_to_the_boot_clock() 
     assert log.simulated
 
 
+@pytest.mark.parametrize("fault", ["standing still", "milliseconds", "backwards", "sent in bursts"])
+def test_truth_without_a_clock_is_timed_by_its_place_where_packet_stamps_are_no_clock(fault: str) -> None:
+    n, rate = 500, 25.0
+    t = np.arange(n) / rate
+    q = rotation.from_euler(0.1 * np.sin(t), 0.0, 0.3 * t)
+
+    def stamps(true_us: np.ndarray) -> np.ndarray:
+        since = np.asarray(true_us, np.int64)
+        shown = {"standing still": 0 * since, "milliseconds": since // 1000, "backwards": -since,
+                 "sent in bursts": (since // 700_000 + 1) * 700_000}  # fmt: skip
+        return UNIX + shown[fault]
+
+    truth = {"_t_us": stamps(t * 1e6)} | {f"q{k + 1}": q[:, k] for k in range(4)}
+    clocks = attitude(1000, 50) | {"_t_us": stamps(np.arange(1000) * 20_000)}
+    made = messages("tlog", {("RAW_IMU", ME): raw_imu(1000, 50), ("ATTITUDE", ME): clocks, ("SIM_STATE", ME): truth},
+                    info=systems(3))  # fmt: skip
+    made.tables["ATTITUDE", ME].offsets[:] = 1000 + 100 * np.arange(1000)
+    made.tables["SIM_STATE", ME].offsets[:] = 1010 + 200 * np.arange(n)
+    log = reader.read(made, None, None, None)
+    yaw = rotation.to_euler(log.truth.q)[:, 2]
+    assert np.abs(log.truth.t - np.unwrap(yaw) / 0.3).max() < 0.005
+    assert ["its place" in p.text for p in log.problems if p.code == "truth_packet_times"] == [True]
+
+
 def test_a_rate_below_ten_hertz_is_refused_with_what_to_do() -> None:
-    log = read({("RAW_IMU", ME): raw_imu(100, 4), ("ATTITUDE", ME): attitude(100, 4)})
+    none = {k: v if k in ("_t_us", "time_usec") else np.zeros_like(v) for k, v in raw_imu(100, 4).items()}
+    log = read({("RAW_IMU", ME): raw_imu(100, 4), ("SCALED_IMU3", ME): none, ("ATTITUDE", ME): attitude(100, 4)})
     assert log.imu is None
     problem = next(p for p in log.problems if p.code == "imu_rate_too_low")
     assert "4.0 Hz" in problem.text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 import tracemalloc
 from collections.abc import Callable
@@ -124,6 +125,16 @@ def test_an_array_of_no_elements_is_no_field(tmp_path: Path) -> None:
     found = read(raw, tmp_path / "none.ulg")
     assert list(found["a", 0].fields) == ["timestamp", "x"]
     assert found["a", 0]["x"].tolist() == [1.0] * 5
+
+
+def test_of_fields_with_one_name_the_first_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "twice.ulg"
+    rest = struct.pack("<fQf", 1.0, 77, 2.0)
+    path.write_bytes(log(form(f"a:{STAMP}float x;uint64_t timestamp;float x;"), subscribe("a", 1),
+                         *(data(1, 5000 + k, rest) for k in range(5))))  # fmt: skip
+    table = formats.open(path)["a", 0]
+    np.testing.assert_array_equal(table["x"], 1.0)
+    np.testing.assert_array_equal(table["timestamp"], 5000 + np.arange(5))
 
 
 def test_records_of_a_topic_that_changes_its_layout_are_read_by_their_own(tmp_path: Path) -> None:
