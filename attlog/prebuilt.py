@@ -36,8 +36,9 @@ def kernels() -> Iterator[Kernel]:
     from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink import compiled as mavlink
     from attlog.formats.ulog import index
-    from attlog.metrics import aiding_loop, envelope_loop, step_loops, turning_loop
+    from attlog.metrics import aiding_loop, envelope_loop, noise_loop, step_loops, turning_loop
     from attlog.rotation_loops import INTERPOLATED
+    from attlog.segments import increments_loop
 
     yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.step is not None)
     yield from (
@@ -59,9 +60,13 @@ def kernels() -> Iterator[Kernel]:
         step_loops.PRODUCTS,
         step_loops.POWERS,
         envelope_loop.EXTREMES,
+        noise_loop.AT_REST,
+        noise_loop.PUSHED,
         turning_loop.SUMMED,
         turning_loop.ABOUT,
         INTERPOLATED,
+        increments_loop.SUMMED,
+        increments_loop.BETWEEN,
     )
     try:
         from attlog.simulate import controller, rigid_body, wind

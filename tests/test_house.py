@@ -63,7 +63,7 @@ MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "inspection": BELOW_THE_RESULT | {"plain", "summary"},
     "extraction": BELOW_THE_RESULT | {"summary", "analysis", "replay"},
     "processes": set(),
-    "prebuilt": {"estimators", "formats", "metrics", "simulate"},
+    "prebuilt": {"estimators", "formats", "segments", "metrics", "simulate"},
     "simulate": {"formats", "flight", "estimators", "processes"},
     "reproduce": BELOW_THE_RESULT
     | {"analysis", "replay", "result", "plain", "present", "report", "compare", "simulate", "processes"},

@@ -7,6 +7,7 @@ accelerometer and magnetometer push in, and the filter's own gyro offset.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,11 @@ from numpy.typing import NDArray
 
 from attlog import estimators, rotation
 from attlog.flight.model import Imu
+from attlog.kernels.loops import function_of
 from attlog.metrics.base import Case, per_case, per_row, per_times
 from attlog.metrics.evidence import imu_of, logged_unit
+from attlog.metrics.noise_loop import PUSHED, left_of_pushed
+from attlog.metrics.windows import together
 from attlog.reference import trim
 from attlog.reference.model import Row
 
@@ -73,60 +77,51 @@ def residual(t: Array, q: Array, gyro: Integrated, turn_deg: float) -> Array | N
     gyro offsets *in body axes*, which a turning vehicle would otherwise show as noise. None where the
     gyro restarts or turns more than ``turn_deg`` away from its mean.
     """
-    q_g = turned_little(t, gyro, turn_deg)
-    return None if q_g is None else pushed_in(t, q, q_g)
+    whole = [slice(0, len(t))]
+    return next(residuals(t, q, gyro, whole)) if of_use(t, gyro, turn_deg, whole)[0] else None
 
 
-def turned_little(t: Array, gyro: Integrated, turn_deg: float) -> Array | None:
-    """The gyro alone (n, 4) at times (n,); None where it restarts or turns more than ``turn_deg`` from its mean."""
-    i, j = np.searchsorted(gyro.t, [t[0], t[-1]], side="right") - 1
-    if i < 0 or j >= len(gyro.t) or gyro.segment[i] != gyro.segment[j]:
-        return None
-    q_g = gyro.q[i : j + 1]
-    if not np.array_equal(gyro.t[i : j + 1], t):  # a row of other times than the filters'
-        q_g = rotation.slerp(gyro.t[i : j + 2], gyro.q[i : j + 2], t)
-    if not np.isfinite(q_g).all() or np.min(np.abs(q_g @ rotation.mean(q_g))) < np.cos(0.5 * np.radians(turn_deg)):
-        return None
-    return q_g
+def of_use(t: Array, gyro: Integrated, turn_deg: float, inside: Sequence[slice]) -> NDArray[np.bool_]:
+    """In which windows of times (n,) the gyro does not restart and turns at most ``turn_deg`` from its mean (k,)."""
+    found = [np.zeros(0, bool)]
+    for own, at, edges in together(inside):
+        ends = np.array([(t[part.start], t[part.stop - 1]) for part in own])
+        i, j = (np.searchsorted(gyro.t, ends, side="right") - 1).T
+        q_g = rotation.slerp(gyro.t, gyro.q, t[at])
+        apart = np.abs(
+            np.einsum("ni,ni->n", q_g, rotation.means(q_g, edges)[np.repeat(np.arange(len(own)), np.diff(edges))])
+        )
+        near = np.minimum.reduceat(apart, edges[:-1]) >= np.cos(0.5 * np.radians(turn_deg))
+        found.append((i >= 0) & (gyro.segment[i] == gyro.segment[j]) & near)
+    return np.concatenate(found)
 
 
-def pushed_in(t: Array, q: Array, q_g: Array) -> Array:
-    """:func:`residual` with the gyro alone ``q_g`` (n, 4) at the same times."""
-    e = rotation.error(q, q_g)
-    x = rotation.to_rotvec(rotation.error(e, rotation.mean(e)))
-    left = np.degrees(x - _fit(x, _turned(t, q)))
-    yaw = rotation.to_euler(rotation.mean(q))[2]
-    return np.asarray(
-        left @ np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    )
+def residuals(t: Array, q: Array, gyro: Integrated, inside: Sequence[slice]) -> Iterator[Array]:
+    """:func:`residual` (n, 3) of several windows of a row, in which the gyro is :func:`of_use`."""
+    for _, at, edges in together(inside):
+        own = np.ascontiguousarray(q[at], np.float64)
+        pushed = rotation.error(own, rotation.slerp(gyro.t, gyro.q, t[at]))
+        yaw = np.ascontiguousarray(rotation.to_euler(rotation.means(own, edges))[:, 2])
+        out = np.empty((len(at), 3))
+        function_of(PUSHED, left_of_pushed)(
+            out, t[at], own, pushed, rotation.means(pushed, edges), yaw, edges, np.empty((len(at), 9))
+        )
+        yield from np.split(out, edges[1:-1])
 
 
-def of_window(case: Case, row: Row, inside: slice) -> Array | None:
-    """The residual (n, 3) of a row in one window of its samples."""
+def of_windows(case: Case, row: Row, inside: list[slice]) -> list[Array | None]:
+    """The residuals (n, 3) of a row in windows of its samples; None where the gyro is of no use."""
     gyro = gyro_alone(case, row)
+    if gyro is None:
+        return [None] * len(inside)
     limit = TURN_ONBOARD_DEG if row.kind == "onboard" else TURN_DEG
     index = None if (imu := imu_of(case, row)) is None else logged_unit(case, imu)
-    if gyro is None or (index is not None and not _is_of_use(case, row.t, index, inside, limit)):
-        return None
-    return residual(row.t[inside], row.q[inside], gyro, limit)
+    use = of_use(row.t, gyro, limit, inside) if index is None else _of_use(case, row.t, index, inside, limit)
+    left = residuals(row.t, row.q, gyro, [part for part, good in zip(inside, use, strict=True) if good])
+    return [next(left) if good else None for good in use]
 
 
 @per_times
-def _is_of_use(case: Case, t: Array, index: int, inside: slice, turn_deg: float) -> bool:
-    """Whether the gyro of a unit turns little in a window of times (n,); for all rows that have these times."""
-    return turned_little(t[inside], _of_unit(case, index), turn_deg) is not None
-
-
-def _turned(t: Array, q: Array) -> Array:
-    """The integral of R(q) over time (n, 3, 3), trapezoid, centred."""
-    matrices = rotation.to_matrix(q).reshape(-1, 9)
-    found = np.zeros_like(matrices)
-    np.cumsum(0.5 * np.diff(t)[:, None] * (matrices[1:] + matrices[:-1]), axis=0, out=found[1:])
-    return np.asarray(found - np.mean(found, axis=0)).reshape(-1, 3, 3)
-
-
-def _fit(x: Array, turned: Array) -> Array:
-    """The least-squares fit (n, 3) of an offset and of ``turned`` (n, 3, 3, centred) times a constant vector."""
-    mean, columns = np.mean(x, axis=0), turned.reshape(-1, 3)
-    slope = np.linalg.lstsq(columns.T @ columns, columns.T @ (x - mean).ravel(), rcond=None)[0]
-    return np.asarray(mean + (columns @ slope).reshape(-1, 3))
+def _of_use(case: Case, t: Array, index: int, inside: list[slice], turn_deg: float) -> NDArray[np.bool_]:
+    """That of the gyro of a unit, for all rows that have these times (n,)."""
+    return of_use(t, _of_unit(case, index), turn_deg, inside)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import rotation
+from attlog.kernels.loops import function_of
 from attlog.median import median
-from attlog.metrics import follow, injection, level, moderated, quantisation, windows
+from attlog.metrics import follow, injection, level, moderated, noise_loop, quantisation, windows
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_row
-from attlog.metrics.evidence import detrended, deviations, imu_of
+from attlog.metrics.evidence import imu_of
 from attlog.metrics.moderated import Prior
+from attlog.metrics.noise_loop import AT_REST
 from attlog.metrics.settled import phase_of, phase_spans, why_none
 from attlog.metrics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference.model import Row
@@ -114,8 +118,10 @@ def measured(case: Case, row: Row, phase: str, window: str) -> Measured | None:
 
 @per_row
 def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> Measured | None:
-    long = [span for span in spans if windows.lay(span, phase)]
-    parts = [part for span in long if (part := _of_span(case, row, phase, span)) is not None]
+    known = _known(case, row, phase)
+    new = [span for span in spans if span not in known]
+    known |= zip(new, _of_spans(case, row, phase, new), strict=True)
+    parts = [part for span in spans if (part := known[span]) is not None]
     if not parts:
         return None
     ends = np.quantile(np.concatenate([part.residuals for part in parts]), [0.001, 0.999], axis=0)
@@ -137,16 +143,32 @@ class Part:
 
 
 @per_row
-def _of_span(case: Case, row: Row, phase: str, span: Span) -> Part | None:
-    """The windows of a row in one span, without those in which it settles: the same wherever the span is asked for."""
-    found = []
-    for within, inside in windows.of_span(case, row, phase, span):
-        if phase == "rest":
-            residual: Array | None = detrended(row.t[inside], deviations(row.q[inside]))
-        else:
-            residual = injection.of_window(case, row, inside)
-        if residual is not None:
-            found.append((within, variance(residual), residual))
+def _known(case: Case, row: Row, phase: str) -> dict[Span, Part | None]:
+    """What was found in spans of a phase: the same wherever they are asked for."""
+    return {}
+
+
+def _of_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> list[Part | None]:
+    """What is in each of some spans: the windows of all of them are looked at together."""
+    laid = [windows.of_span(case, row, phase, span) for span in spans]
+    inside = [samples for own in laid for _, samples in own]
+    left = iter(left_at_rest(row, inside) if phase == "rest" else injection.of_windows(case, row, inside))
+    return [_part(row, phase, [(w, r) for w, _ in own if (r := next(left)) is not None]) for own in laid]
+
+
+def left_at_rest(row: Row, inside: list[slice]) -> Iterator[Array]:
+    """The residuals (n, 3) in deg of windows at rest: away from their mean attitude, without the straight line."""
+    for _, at, edges in windows.together(inside):
+        q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
+        centre = rotation.means(q, edges)
+        yaw = np.ascontiguousarray(rotation.to_euler(centre)[:, 2])
+        function_of(AT_REST, noise_loop.left_at_rest)(out, row.t[at], q, centre, yaw, edges)
+        yield from np.split(out, edges[1:-1])
+
+
+def _part(row: Row, phase: str, windows: list[tuple[Span, Array]]) -> Part | None:
+    """The windows of a span, with their residuals, without those in which the row settles."""
+    found = [(window, variance(residual), residual) for window, residual in windows]
     skip = unsettled(np.array([v for _, v, _ in found])) if phase == "rest" and len(found) > MIN_LATER else 0
     kept = found[skip:]
     if not kept:

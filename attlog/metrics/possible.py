@@ -123,8 +123,8 @@ def quiet(case: Case) -> Possible:
     for phase in PHASES:
         windows = [w for group in of_row(case, row, phase, phase) for w in group]
         if phase != "rest":
-            turn = injection.TURN_DEG
-            windows = [(t, s) for t, s in windows if injection.residual(row.t[s], row.q[s], gyro, turn) is not None]
+            use = injection.of_use(row.t, gyro, injection.TURN_DEG, [s for _, s in windows])
+            windows = [w for w, good in zip(windows, use, strict=True) if good]
         if windows:
             seconds = sum(t1 - t0 for (t0, t1), _ in windows)
             found.append(f"{seconds:.0f} s {WHERE[phase]}")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +20,8 @@ Array = NDArray[np.float64]
 
 SECONDS = 5.0
 """The length is part of the definition: 1, 2 and 5 s show 0.04, 0.08 and 0.31 deg for the same filter in hover."""
+TOGETHER = 1 << 15
+"""Samples of windows that are looked at at once."""
 MIN_SAMPLES = 20
 GAP_S, GAP_STEPS = 0.25, 5.0
 """A longer interval between samples of the row is a gap."""
@@ -57,6 +62,20 @@ def whole(inside: slice | None, x: Array, segment: NDArray[np.int64]) -> slice |
     if inside is None or segment[inside.start] != segment[inside.stop - 1]:
         return None
     return inside if rotation.finite(x[inside]).all() else None
+
+
+def together(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArray[np.int64], NDArray[np.int64]]]:
+    """Ranges of samples, some at a time, with the samples' numbers behind each other and where each range begins there.
+
+    The last of these (ranges + 1,) is the end.
+    """
+    ends = np.cumsum([part.stop - part.start for part in inside])
+    edges = [0, *(np.flatnonzero(np.diff((ends - 1) // TOGETHER)) + 1).tolist(), len(inside)]
+    for a, b in pairwise(edges):
+        if b > a:
+            own = list(inside[a:b])
+            lengths = [part.stop - part.start for part in own]
+            yield own, np.concatenate([np.arange(p.start, p.stop) for p in own]), np.cumsum([0, *lengths])
 
 
 @per_times

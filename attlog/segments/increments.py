@@ -7,6 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.kernels.loops import function_of
+from attlog.segments.increments_loop import BETWEEN, SUMMED, gyro_between, summed_gyro
+
 Array = NDArray[np.float64]
 
 CHUNK = 1 << 18
@@ -25,38 +28,47 @@ class Turning:
     """
 
     def __init__(self, t: Array, rate: Array, sampling: Literal["interval", "instant"] = "instant") -> None:
-        self._t = t
-        self._sums = np.zeros((len(t), 6))
+        self._t = np.ascontiguousarray(t, np.float64)
+        self._sums = np.empty((len(t), 6))
         """Angle and coning, side by side: what is looked up lies together in memory."""
-        angle, coning = self._sums[:, :3], self._sums[:, 3:]
-        for a in range(0, len(t) - 1, CHUNK):
-            b = min(a + CHUNK, len(t) - 1)
-            mean = rate[a + 1 : b + 1] if sampling == "interval" else 0.5 * (rate[a:b] + rate[a + 1 : b + 1])
-            step = mean * np.diff(t[a : b + 1])[:, None]
-            angle[a + 1 : b + 1] = angle[a] + np.cumsum(step, axis=0)
-            coning[a + 1 : b + 1] = coning[a] + np.cumsum(_cross(angle[a:b], step), axis=0)
+        rate = np.ascontiguousarray(rate, np.float64)
+        function_of(SUMMED, summed_gyro, summed_at_once)(self._sums, self._t, rate, int(sampling == "interval"))
 
     def between(self, start: Array, end: Array) -> Array:
         """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
-        out = np.empty((len(start), 3))
-        for i in range(0, len(start), LOOKED_UP):
-            out[i : i + LOOKED_UP] = self._between(start[i : i + LOOKED_UP], end[i : i + LOOKED_UP])
+        if len(self._t) < 2:
+            return np.zeros((len(start), 3))
+        out, (start, end) = np.empty((len(start), 3)), (np.ascontiguousarray(x, np.float64) for x in (start, end))
+        function_of(BETWEEN, gyro_between, between_at_once)(out, self._t, self._sums, start, end)
         return out
 
-    def _between(self, start: Array, end: Array) -> Array:
-        a, b = self._at(start), self._at(end)
-        whole = b[:, :3] - a[:, :3]
-        return whole + 0.5 * (b[:, 3:] - a[:, 3:] - _cross(a[:, :3], whole))
 
-    def _at(self, at: Array) -> Array:
-        """The sums (m, 6) at times, linear between samples."""
-        if len(self._t) < 2:
-            return np.zeros((len(at), 6))
-        at = np.clip(at, self._t[0], self._t[-1])
-        i = np.clip(np.searchsorted(self._t, at, side="right") - 1, 0, len(self._t) - 2)
-        before = self._sums[i]
-        slope = (self._sums[i + 1] - before) / (self._t[i + 1] - self._t[i])[:, None]
-        return np.asarray(slope * (at - self._t[i])[:, None] + before)
+def summed_at_once(out: Array, t: Array, rate: Array, interval: int) -> None:
+    """:func:`summed_gyro` in numpy."""
+    out[:1] = 0.0
+    angle, coning = out[:, :3], out[:, 3:]
+    for a in range(0, len(t) - 1, CHUNK):
+        b = min(a + CHUNK, len(t) - 1)
+        mean = rate[a + 1 : b + 1] if interval else 0.5 * (rate[a:b] + rate[a + 1 : b + 1])
+        step = mean * np.diff(t[a : b + 1])[:, None]
+        angle[a + 1 : b + 1] = angle[a] + np.cumsum(step, axis=0)
+        coning[a + 1 : b + 1] = coning[a] + np.cumsum(_cross(angle[a:b], step), axis=0)
+
+
+def between_at_once(out: Array, t: Array, sums: Array, start: Array, end: Array) -> None:
+    """:func:`gyro_between` in numpy."""
+    for i in range(0, len(start), LOOKED_UP):
+        a, b = (_at(t, sums, x[i : i + LOOKED_UP]) for x in (start, end))
+        whole = b[:, :3] - a[:, :3]
+        out[i : i + LOOKED_UP] = whole + 0.5 * (b[:, 3:] - a[:, 3:] - _cross(a[:, :3], whole))
+
+
+def _at(t: Array, sums: Array, at: Array) -> Array:
+    """The sums (m, 6) at times, linear between samples."""
+    at = np.clip(at, t[0], t[-1])
+    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+    slope = (sums[i + 1] - sums[i]) / (t[i + 1] - t[i])[:, None]
+    return np.asarray(slope * (at - t[i])[:, None] + sums[i])
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from attlog.kernels.loops import briefly
+from attlog.segments import increments_loop
 from attlog.segments.increments import Turning
+
+
+@pytest.fixture(autouse=True, params=[nullcontext, briefly], ids=["compiled", "in numpy"])
+def way(request):
+    with request.param():
+        yield
 
 
 @pytest.mark.parametrize("sampling", ["interval", "instant"])
@@ -46,3 +55,29 @@ def test_long_logs_are_summed_in_blocks_without_seams(monkeypatch):
     whole = Turning(t, rate).between(at[:-1], at[1:])
     monkeypatch.setattr("attlog.segments.increments.CHUNK", 7)
     np.testing.assert_allclose(Turning(t, rate).between(at[:-1], at[1:]), whole, atol=1e-12)
+
+
+def test_the_gyro_stands_still_outside_its_times_whatever_the_order_in_which_it_is_asked():
+    t = np.arange(0.0, 1.0, 0.01)
+    turning = Turning(t, np.tile([0.3, -0.2, 0.1], (len(t), 1)))
+    start, end = np.array([0.5, -3.0, 0.2, 0.985, 2.0, np.nan]), np.array([0.505, 0.1, 4.0, 0.995, 3.0, 0.5])
+    wanted = np.outer([0.005, 0.1, 0.79, 0.005, 0.0, np.nan], [0.3, -0.2, 0.1])
+    np.testing.assert_allclose(turning.between(start, end), wanted, atol=1e-12)
+    assert not Turning(t[:1], np.ones((1, 3))).between(start, end).any()
+
+
+def test_the_plain_loops_say_what_the_compiled_ones_do():
+    rng = np.random.default_rng(3)
+    t, rate = np.cumsum(rng.uniform(0.001, 0.02, 300)), rng.normal(size=(300, 3))
+    at = rng.uniform(-0.1, t[-1] + 0.1, 40)
+    for interval, sampling in enumerate(("instant", "interval")):
+        sums, out = np.empty((300, 6)), np.empty((39, 3))
+        increments_loop.summed_gyro(sums, t, rate, interval)
+        increments_loop.gyro_between(out, t, sums, at[:-1], at[1:])
+        np.testing.assert_allclose(out, Turning(t, rate, sampling).between(at[:-1], at[1:]), atol=1e-13)
+
+
+def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
+    from attlog import prebuilt
+
+    assert {increments_loop.SUMMED.name, increments_loop.BETWEEN.name} <= {k.name for k in prebuilt.kernels()}
