@@ -42,6 +42,7 @@ from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Row
 from attlog.result import TIMED_OUT, EstimatorRow, ReferenceSummary, Result
 from attlog.segments.model import WINDOWS, Segments
+from attlog.segments.once import once
 from attlog.summary import describe
 
 STAGES = logging.getLogger("attlog.stages")
@@ -57,6 +58,7 @@ SAID = {
 }
 
 
+@once()
 def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
     """A log made ready for :func:`evaluate`: all that does not depend on which filters are compared.
 
@@ -124,11 +126,12 @@ def evaluate(
     clock = Stopwatch(case.timing)
     lines: list[EstimatorRow] = []
     failed: dict[str, AttlogError] = {}
-    with clock("estimators"):
-        chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
-        onboard = _onboard(case)
-    with clock("audit"):
-        checks = _checks(case)
+    with once():
+        with clock("estimators"):
+            chosen = replay.chosen(case.settings["estimators"] if specs is None else specs, case.log)
+            onboard = _onboard(case)
+        with clock("audit"):
+            checks = _checks(case)
     passing = Passing(case, chosen, onboard, hopeless(checks), traces=traces, only=only)
     with clock("estimators"):
         for row, line in replay.replays(case, chosen, failed):

@@ -22,6 +22,7 @@ from attlog.metrics.common_bias import common_bias
 from attlog.plain import plain
 from attlog.reference.model import Reference
 from attlog.segments import Segments
+from attlog.segments.once import once
 from attlog.summary import describe
 
 SHORT_BYTES = 20_000_000
@@ -54,11 +55,12 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     imu = log.replay_imu
     samples = 0 if imu is None else len(imu.gyro.t)
     give_back(samples)
-    phases = segments.build(log) if log.imu is not None else None
-    chosen, case = (None, None) if phases is None else part_of(
-        log, "The reference", partial(_compared, log, phases), partial(_alone, log, phases)
-    )  # fmt: skip
-    checks = audit(log, phases, chosen)
+    with once():
+        phases = segments.build(log) if log.imu is not None else None
+        chosen, case = (None, None) if phases is None else part_of(
+            log, "The reference", partial(_compared, log, phases), partial(_alone, log, phases)
+        )  # fmt: skip
+        checks = audit(log, phases, chosen)
     give_back(samples)
     answers = part_of(log, "What can be answered", lambda: answerable(log, case), list)
     compared = ""

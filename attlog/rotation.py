@@ -280,10 +280,14 @@ def wrap(angle: ArrayLike) -> Array:
 def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
     """Attitudes turned by ``angle`` rad about the earth's down axis (adds to the heading)."""
     q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)
-    if q.ndim == 2 and len(q) > BLOCK and half.shape == (len(q),):
-        out = np.empty(q.shape)
+    out = np.empty((*np.broadcast_shapes(q.shape[:-1], half.shape), 4))
+    if q.ndim == 2 and len(q) > BLOCK and half.shape in ((), (len(q),)):
         for a in range(0, len(q), BLOCK):
-            out[a : a + BLOCK] = turn_about_down(q[a : a + BLOCK], 2.0 * half[a : a + BLOCK])
+            part = half[a : a + BLOCK] if half.ndim else half
+            out[a : a + BLOCK] = turn_about_down(q[a : a + BLOCK], 2.0 * part)
         return out
-    zero = np.zeros_like(half)
-    return multiply(np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1), q)
+    cosine, sine = np.cos(half), np.sin(half)
+    w, x, y, z = (q[..., k] for k in range(4))
+    out[..., 0], out[..., 1] = cosine * w - sine * z, cosine * x - sine * y
+    out[..., 2], out[..., 3] = cosine * y + sine * x, cosine * z + sine * w
+    return out

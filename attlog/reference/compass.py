@@ -14,8 +14,7 @@ import numpy as np
 from attlog import rotation
 from attlog.flight.model import Array, FlightLog
 from attlog.reference.turning import CLEARLY, LEAST_FIELD_DEG, LEAST_INTERVALS, field_changes
-from attlog.segments import gaps
-from attlog.segments.increments import Turning
+from attlog.segments import increments
 
 MOST = 4000
 """Pairs of directions that are looked at: a long flight tells no more."""
@@ -34,14 +33,13 @@ def other_axes(log: FlightLog) -> str:
     if imu is None or mag is None:
         return ""
     start, end, before, after = field_changes(mag)
-    t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
+    turning = increments.of(imu)
+    t = turning.t
     inside = np.flatnonzero((start >= t[0]) & (end <= t[-1])) if len(t) else np.zeros(0, np.int64)
     inside = inside[:: len(inside) // MOST + 1]
     if len(inside) < LEAST_INTERVALS:
         return ""
-    turned = rotation.to_matrix(
-        rotation.from_rotvec(Turning(t, rate, imu.gyro.sampling).between(start[inside], end[inside]))
-    )
+    turned = rotation.to_matrix(rotation.from_rotvec(turning.between(start[inside], end[inside])))
     known = np.isfinite(turned).all(axis=(1, 2))
     turned, before, after = turned[known], before[inside][known], after[inside][known]
     if len(turned) < LEAST_INTERVALS:

@@ -12,8 +12,7 @@ from attlog.errors import UsageError
 from attlog.flight.model import FlightLog, Imu
 from attlog.median import median
 from attlog.reference.model import AlignmentStep, Reference
-from attlog.segments import gaps
-from attlog.segments.increments import Turning
+from attlog.segments import increments
 
 Array = NDArray[np.float64]
 
@@ -48,7 +47,8 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     in shorter ones the gyro's noise, which shrinks at half a sample's shift, pulls tau.
     """
     t, q = reference.t, reference.q
-    gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
+    turning = increments.of(imu)
+    gyro_t = turning.t
     if reference.rate < SLOWEST_HZ or len(t) < FEWEST or len(gyro_t) < FEWEST:
         return None
     wanted = min(INTERVAL_SAMPLES * (gyro_t[-1] - gyro_t[0]) / (len(gyro_t) - 1), LONGEST_S)
@@ -65,7 +65,6 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     if len(i) < FEWEST:
         return None
     i = i[:: max(1, len(i) // MOST)]
-    turning = Turning(gyro_t, rate, imu.gyro.sampling)
 
     def misfit(tau: float) -> float:
         off = turning.between(start[i] + tau, end[i] + tau) / (end - start)[i, None] - own[i]

@@ -83,6 +83,8 @@ def lost_heading_at(errors: Errors) -> float | None:
     a record of some seconds, is no better for never staying so long. Resets of the reference apart: beyond as it
     is, and beyond as it would be if the reference had not jumped.
     """
+    if not (np.abs(errors.heading) > DIVERGED_HEADING_DEG).any():
+        return None
     along = np.unwrap(np.radians(errors.heading))
     smooth = np.degrees(np.abs(wrap(along - np.cumsum(reset_steps(errors, along)))))
     beyond = np.minimum(np.abs(errors.heading), smooth) > DIVERGED_HEADING_DEG

@@ -20,8 +20,7 @@ from attlog import rotation
 from attlog.flight.model import Array, Attitude, Imu, Mag
 from attlog.median import median
 from attlog.reference.compare import interpolate
-from attlog.segments import gaps
-from attlog.segments.increments import Turning
+from attlog.segments import gaps, increments
 
 LEAST_DPS = 3.0
 """An axis that turns less than this (standard deviation) tells nothing about its scale."""
@@ -76,18 +75,18 @@ def rotations(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[A
     """Mean rates (n, 3) in rad/s of gyro and attitude over the attitude's intervals; no gaps, large turns or ``jumps``
     (indices of the samples after resets)."""
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
-    gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
+    turning = increments.of(imu)
+    gyro_t, segment = turning.t, turning.segment
     if len(gyro_t) < 3 or len(t) < 3:
         return np.zeros((0, 3)), np.zeros((0, 3))
     dt = np.diff(t)
-    segment = gaps.number(gyro_t)
     at = segment[np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)]
     good = (dt > 0) & (dt <= 1.0) & (t[:-1] >= gyro_t[0]) & (t[1:] <= gyro_t[-1]) & (at[1:] == at[:-1])
     around = np.concatenate([jumps - 2, jumps - 1, jumps])
     good[around[(around >= 0) & (around < len(good))]] = False
     turned = rotation.turns(attitude.q[:-1], attitude.q[1:])
     good &= np.einsum("ni,ni->n", turned, turned) < 1.0
-    gyro = Turning(gyro_t, rate, imu.gyro.sampling).between(t[:-1], t[1:])
+    gyro = turning.between(t[:-1], t[1:])
     good &= rotation.finite(gyro)
     return gyro[good] / dt[good, None], turned[good] / dt[good, None]
 
@@ -149,15 +148,15 @@ def field_follows(
     if mag is None:
         return ""
     start, end, field, changed = field_changes(mag)
-    gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
+    turning = increments.of(imu)
     own = attitude.t if attitude.t_sample is None else attitude.t_sample
     segment = gaps.renumber(gaps.number(own), np.cumsum(np.isin(np.arange(len(own)), jumps)))
     (before, first), (after, last) = (interpolate(own, attitude.q, segment, t) for t in (start, end))
-    both = (first >= 0) & (first == last) & (start >= gyro_t[0]) & (end <= gyro_t[-1])
+    both = (first >= 0) & (first == last) & (start >= turning.t[0]) & (end <= turning.t[-1])
     if np.count_nonzero(both) < LEAST_INTERVALS:
         return ""
     before, after, field, changed = before[both], after[both], field[both], changed[both]
-    by_gyro = rotation.from_rotvec(Turning(gyro_t, rate, imu.gyro.sampling).between(start[both], end[both]))
+    by_gyro = rotation.from_rotvec(turning.between(start[both], end[both]))
     by_attitude = rotation.multiply(rotation.conjugate(before), after)
     left = [
         float(np.mean(np.sum((rotation.rotate_inverse(turn, field) - changed) ** 2, axis=1)))

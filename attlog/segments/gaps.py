@@ -42,7 +42,11 @@ def number(t: Array, limit: float | None = None) -> NDArray[np.int64]:
     if len(t) == 0:
         return np.zeros(0, np.int64)
     dt = np.diff(t)
-    broken = ~((dt >= 0) & (dt <= (gap_limit(t) if limit is None else limit)))
+    broken = ~((dt >= 0) & (dt <= (GAP_SECONDS if limit is None else limit)))
+    if not broken.any():
+        return np.zeros(len(t), np.int64)
+    if limit is None:
+        broken = ~((dt >= 0) & (dt <= gap_limit(t)))
     return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
 
 
@@ -50,8 +54,10 @@ def renumber(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
     """Segment numbers (n,) from 0 that rise by one wherever one of the given numbers (n,) changes."""
     if len(numbers[0]) == 0:
         return np.zeros(0, np.int64)
-    changed = np.any([np.diff(n) != 0 for n in numbers], axis=0)
-    return np.concatenate([[0], np.cumsum(changed)]).astype(np.int64)
+    changed = np.zeros(len(numbers[0]), bool)
+    for n in numbers:
+        changed[1:] |= n[1:] != n[:-1]
+    return np.cumsum(changed) if changed.any() else np.zeros(len(changed), np.int64)
 
 
 def slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:

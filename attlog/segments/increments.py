@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight.model import Imu
 from attlog.kernels.loops import function_of
+from attlog.segments import gaps
 from attlog.segments.increments_loop import BETWEEN, SUMMED, gyro_between, summed_gyro
+from attlog.segments.once import asked_once
 
 Array = NDArray[np.float64]
 
@@ -28,19 +32,30 @@ class Turning:
     """
 
     def __init__(self, t: Array, rate: Array, sampling: Literal["interval", "instant"] = "instant") -> None:
-        self._t = np.ascontiguousarray(t, np.float64)
+        self.t = np.ascontiguousarray(t, np.float64)
         self._sums = np.empty((len(t), 6))
         """Angle and coning, side by side: what is looked up lies together in memory."""
         rate = np.ascontiguousarray(rate, np.float64)
-        function_of(SUMMED, summed_gyro, summed_at_once)(self._sums, self._t, rate, int(sampling == "interval"))
+        function_of(SUMMED, summed_gyro, summed_at_once)(self._sums, self.t, rate, int(sampling == "interval"))
+
+    @cached_property
+    def segment(self) -> NDArray[np.int64]:
+        """The number (n,) of the segment between gaps that each sample belongs to."""
+        return gaps.number(self.t)
 
     def between(self, start: Array, end: Array) -> Array:
         """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
-        if len(self._t) < 2:
+        if len(self.t) < 2:
             return np.zeros((len(start), 3))
         out, (start, end) = np.empty((len(start), 3)), (np.ascontiguousarray(x, np.float64) for x in (start, end))
-        function_of(BETWEEN, gyro_between, between_at_once)(out, self._t, self._sums, start, end)
+        function_of(BETWEEN, gyro_between, between_at_once)(out, self.t, self._sums, start, end)
         return out
+
+
+@asked_once
+def of(imu: Imu) -> Turning:
+    """How far the gyro of a unit turned, by its good samples."""
+    return Turning(*gaps.rising(imu.gyro.t_best, imu.gyro.x), imu.gyro.sampling)
 
 
 def summed_at_once(out: Array, t: Array, rate: Array, interval: int) -> None:

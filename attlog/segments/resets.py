@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.median import median
-from attlog.segments import gaps
-from attlog.segments.increments import Turning
+from attlog.segments import gaps, increments
 from attlog.segments.model import Segments
+from attlog.segments.once import asked_once
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -53,6 +53,7 @@ def known(log: FlightLog, name: str, segments: Segments) -> tuple[Index, list[st
     return np.searchsorted(attitude.t, [s.t1 for s in there]).astype(np.int64), [s.why for s in there]
 
 
+@asked_once
 def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] | None:
     """Rotation (n-1,) in deg of each interval that the gyro does not explain, and the gyro's own; None without gyro.
 
@@ -61,10 +62,10 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
     if imu is None or len(t) < 3 or len(imu.gyro.t) < 3:
         return None
-    gyro_t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
+    turning = increments.of(imu)
+    gyro_t, segment = turning.t, turning.segment
     if len(gyro_t) < 3:
         return None
-    turning = Turning(gyro_t, rate, imu.gyro.sampling)
     jump, rotated = np.empty(len(t) - 1), np.empty(len(t) - 1)
     for a in range(0, len(t) - 1, CHUNK):
         b = min(a + CHUNK, len(t) - 1)
@@ -73,7 +74,6 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
         rest = rotation.multiply(rotation.conjugate(rotation.from_rotvec(by_gyro)), by_attitude)
         jump[a:b] = np.degrees(rotation.total_angle(rest))
         rotated[a:b] = np.degrees(np.sqrt(np.sum(by_gyro**2, axis=1)))
-    segment = gaps.number(gyro_t)
     where = np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)
     whole = segment[where[:-1]] == segment[where[1:]]
     whole &= np.diff(gaps.number(t)) == 0

@@ -87,20 +87,31 @@ def prepare(
     # zeros that nobody writes take no memory
     mag = _vectors(mag, np.inf, skipped, absent_is_missing=True) if has_mag else np.zeros((len(t), 3))
     step = np.diff(t, prepend=t[:1])
-    gap = step > max(GAP_MEDIANS * float(median(step[1:])), GAP_LEAST_S) if len(t) > 1 else np.zeros(len(t), bool)
+    gap = step > GAP_LEAST_S
+    if gap.any():
+        gap = step > max(GAP_MEDIANS * float(median(step[1:])), GAP_LEAST_S)
     restart = gap & (step > BRIDGE_S)
     bridged = gap & ~restart
     first = restart.copy()
     first[:1] = True
-    rate = gyr.copy()
-    between = np.flatnonzero(bridged if sampling == "interval" else ~first)
-    rate[between] = 0.5 * (gyr[between - 1] + gyr[between])
+    if sampling == "interval":
+        rate, between = gyr.copy(), np.flatnonzero(bridged)
+        rate[between] = 0.5 * (gyr[between - 1] + gyr[between])
+    else:
+        rate = np.empty(gyr.shape)
+        rate[1:] = gyr[:-1]
+        rate[1:] += gyr[1:]
+        rate *= 0.5
+        rate[first] = gyr[first]
     if own is not None:
         trusted = np.isfinite(own) & (own > 0) & (step < 1.5 * own) & ~first
         step = np.where(trusted, own, step)
-    step = np.where(first, 0.0, step)
-    angle = np.sqrt(np.einsum("ij,ij->i", rate, rate)) * step
-    substeps = np.where(first, 0, np.maximum(np.ceil(angle), 1)).astype(np.int64)
+    step[first] = 0.0
+    substeps = np.ones(len(t), np.int64)
+    if not _within(rate, 0.5 / max(float(step.max(initial=0.0)), 1e-9)):  # else no step turns by sqrt(3) / 2 rad
+        angle = np.sqrt(np.einsum("ij,ij->i", rate, rate)) * step
+        substeps = np.maximum(np.ceil(angle), 1).astype(np.int64)
+    substeps[first] = 0
     for name, count in (("gap_bridged", int(bridged.sum())), ("restart", int(restart.sum()))):
         if count:
             skipped[name] = count
@@ -154,7 +165,7 @@ def place(t_imu: ArrayLike, t_mag: ArrayLike, field: ArrayLike) -> Array:
     good = np.isfinite(t_mag) & np.isfinite(field).all(axis=1)
     order = np.flatnonzero(good)[np.argsort(t_mag[good], kind="stable")]
     finite = np.flatnonzero(np.isfinite(t_imu))
-    where = np.searchsorted(t_imu[finite], t_mag[order], side="left")
+    where = np.searchsorted(t_imu if len(finite) == len(t_imu) else t_imu[finite], t_mag[order], side="left")
     inside = where < len(finite)
     out[finite[where[inside]]] = field[order[inside]]
     return out
@@ -245,6 +256,12 @@ def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing:
     magnetometer means "no sample" and is no fault."""
     if _within(x, limit) and x[:, 0].all():
         return x
+    if absent_is_missing:
+        there = np.flatnonzero(~_whole(np.isnan(x)))
+        if len(there) < len(x):
+            out = np.zeros(x.shape)
+            out[there] = _vectors(x[there], limit, skipped, absent_is_missing)
+            return out
     finite = _whole(np.isfinite(x))
     with np.errstate(invalid="ignore"):
         possible = _whole(np.abs(x) <= limit)
@@ -263,12 +280,12 @@ def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing:
 
 def _mag_use(t: Array, mag: Array, segment: NDArray[np.int64], hold: bool) -> NDArray[np.int64]:
     """NEW at magnetometer samples, HELD up to 1.5 nominal periods after one of the same segment, else MISSING."""
-    new = ~_whole(mag == 0.0)
-    use = np.where(new, NEW, MISSING)
-    at = np.flatnonzero(new)
-    if not hold or len(at) < 2 or len(at) == len(t):
-        return use.astype(np.int64)
-    period = float(median(np.diff(t[at])))
-    source = np.maximum.accumulate(np.where(new, np.arange(len(t)), -1))
-    fresh = (source >= 0) & (t - t[source] <= HOLD_PERIODS * period) & (segment == segment[source])
-    return np.where(new, NEW, np.where(fresh, HELD, MISSING)).astype(np.int64)
+    use = np.zeros(len(t), np.int64)
+    at = np.flatnonzero(~_whole(mag == 0.0))
+    if hold and 2 <= len(at) < len(t):
+        period = float(median(np.diff(t[at])))
+        later = np.diff(at, append=len(t))
+        fresh = t[at[0] :] - np.repeat(t[at], later) <= HOLD_PERIODS * period
+        use[at[0] :] = np.where(fresh & (segment[at[0] :] == np.repeat(segment[at], later)), HELD, MISSING)
+    use[at] = NEW
+    return use
