@@ -7,13 +7,14 @@ function of the C library that it calls is looked up first, since LLVM ends the 
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from attlog.kernels.kernel import Argument, Kernel
+from attlog.kernels.kernel import Argument, Kernel, address
 
 SMALL = 512
 """Arrays up to this many bytes are remembered with their address: loops that are called for each sample reuse them."""
@@ -67,18 +68,17 @@ def caller(kernel: Kernel, function: Callable[..., Any], engine: object) -> Call
 
     ``engine`` owns its code, which goes when nothing holds it any more.
     """
-    arguments = kernel.arguments
-    given = len(arguments) - len(kernel.scratch)
-    known: list[tuple[Any, tuple[int, ...]]] = [(None, ())] * len(arguments)
-    checks = [(i, a, np.dtype(a.kind) if a.dimensions else None) for i, a in enumerate(arguments)]
+    given = len(kernel.arguments) - len(kernel.scratch)
+    known: list[tuple[Any, tuple[int, ...]]] = [(None, ())] * given
+    checks = [(i, a, np.dtype(a.kind) if a.dimensions else None) for i, a in enumerate(kernel.arguments[:given])]
+    room = _Room(kernel) if kernel.scratch else None
 
     def call(*values: Any, engine: object = engine) -> Any:
         if len(values) != given:
             raise TypeError(f"{kernel.name} takes {given} arguments, not {len(values)}")
         plain: list[Any] = []
-        held = (*values, *kernel.room()) if kernel.scratch else values
         for i, argument, dtype in checks:
-            value = held[i]
+            value = values[i]
             if dtype is None:
                 plain.append(value)
                 continue
@@ -88,11 +88,25 @@ def caller(kernel: Kernel, function: Callable[..., Any], engine: object) -> Call
                 continue
             where = located(kernel.name, i, argument, dtype, value)
             plain += where
-            if i < given and value.nbytes <= SMALL:
+            if value.nbytes <= SMALL:
                 known[i] = (value, where)
-        return function(*plain)
+        return function(*plain) if room is None else function(*plain, *room.cleared())
 
     return call
+
+
+class _Room(threading.local):
+    """A kernel's scratch arrays, made once for each thread: while one is in a kernel, others run."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self.arrays = kernel.room()
+        self.places = [n for array in self.arrays for n in (address(array), *array.shape)]
+
+    def cleared(self) -> list[int]:
+        """Addresses and lengths of the arrays, which are zero again."""
+        for array in self.arrays:
+            array.fill(0)
+        return self.places
 
 
 def located(name: str, number: int, argument: Argument, dtype: np.dtype[Any], value: Any) -> tuple[int, ...]:
@@ -106,4 +120,4 @@ def located(name: str, number: int, argument: Argument, dtype: np.dtype[Any], va
     ):
         shown = f"{value.dtype} of shape {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
         raise TypeError(f"{name}: argument {number + 1} must be an array {argument.typed}, not {shown}")
-    return (value.__array_interface__["data"][0], *value.shape)
+    return (address(value), *value.shape)

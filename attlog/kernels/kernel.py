@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import re
 from collections.abc import Callable
@@ -17,6 +18,13 @@ from attlog.kernels.generate import INLINE
 LINE = 64
 """Bytes of a cache line."""
 ENTRY_OPTIONS = "cache=KEEP, error_model='numpy', no_cfunc_wrapper=True"
+
+
+def address(array: NDArray[Any]) -> int:
+    """Where a contiguous array's first byte lies."""
+    if array.flags.writeable and array.nbytes:  # four times as fast; a loop in flight asks thousands of times a second
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))
+    return int(array.__array_interface__["data"][0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +55,7 @@ class Kernel:
     ``name`` tells it from all others made from the same files; ``text()`` defines plain functions, the last of them
     ``entry``. ``signature``: its arguments and result as numba writes them, ``"i8(f8, f8[::1], u1[:, ::1])"``; an array
     in round brackets, ``(u1[::1])``, is only read. ``scratch``: kind and shape of the arrays of zeros that each call
-    gives as the last arguments, since a kernel that allocates needs numba when it runs. ``sources``: files and folders
+    gets as the last arguments, since a kernel that allocates needs numba when it runs. ``sources``: files and folders
     below the package that the text depends on, none where it does not come from the package. ``what`` it is for people.
     """
 
@@ -82,7 +90,7 @@ class Kernel:
         for kind, shape in self.scratch:
             count = math.prod(shape)
             block = np.zeros(count * 8 + LINE, np.uint8)
-            skip = -int(block.__array_interface__["data"][0]) % LINE
+            skip = -address(block) % LINE
             made.append(block[skip : skip + count * np.dtype(kind).itemsize].view(kind).reshape(shape))
         return made
 

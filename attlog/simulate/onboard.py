@@ -73,6 +73,14 @@ def _told(estimator: Estimator, advance: Callable[..., Any]) -> Callable[..., An
     return guarded
 
 
+class _One:
+    """What the compiled loop takes, for one sample: the same arrays every time, whose places it then knows."""
+
+    def __init__(self) -> None:
+        self.dt, self.substeps, self.use = np.zeros(1), np.zeros(1, np.int64), np.array([NEW])
+        self.gyr, self.acc, self.mag = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))
+
+
 class Live:
     """The attitude of one estimator while a vehicle flies, in this process, also where the estimator is not attlog's.
 
@@ -126,6 +134,7 @@ class Live:
         self._no_heading: list[tuple[float, float]] = []
         self._m = np.zeros(3)
         self._out = np.empty((1, filter_.outputs))
+        self._one = _One()
         self._kept: list[tuple[float, int, Array]] = []
 
     def sample(self, t: float, gyr: Array, acc: Array, mag: Array | None = None, dt: float = math.nan) -> None:
@@ -226,10 +235,9 @@ class Live:
             self._m[:] = source.mag
         else:
             self._turn_field(source, 1)
-        data: tuple[Any, ...] = (
-            np.array([s.dt]), np.array([s.substeps]), s.gyr[None], source.acc[None], self._m[None].copy(),
-            np.array([NEW]), 1, self._out,
-        )  # fmt: skip
+        one = self._one
+        one.dt[0], one.substeps[0], one.gyr[0], one.acc[0], one.mag[0] = s.dt, s.substeps, s.gyr, source.acc, self._m
+        data: tuple[Any, ...] = (one.dt, one.substeps, one.gyr, one.acc, one.mag, one.use, 1, self._out)
         if s.aid is not None:
             news = int(np.isfinite(s.aid[1, :AT_REST]).any())
             data += (np.array([news]), np.array([0]), s.aid)

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 
 from attlog.kernels import emit, folder, obtain, processor, sources, store
-from attlog.kernels.kernel import Kernel
+from attlog.kernels.calling import caller
+from attlog.kernels.kernel import LINE, Kernel
 from attlog.kernels.obtain import at_hand, by_numba, made_object, obtained
 
 TEXT = """
@@ -161,6 +163,22 @@ def test_read_only_arrays_and_scratch(home: Path) -> None:
     assert [function(data, 3, out), function(data, 3, out)] == [3.0, 3.0]  # scratch is zero at every call
     assert bytes(out.astype(np.uint8)) == b"abc"
     assert by_numba(kernel(**told))(data, 3, out) == 3.0
+
+
+def test_each_thread_has_scratch_of_its_own(home: Path) -> None:
+    told = kernel(entry="f", signature="void(i8)", scratch=(("f8", (2,)), ("i8", (3, 4))))
+    call = caller(told, lambda number, *places: seen[number].append(places), None)
+    seen: dict[int, list[tuple[int, ...]]] = {0: [], 1: []}
+    with ThreadPoolExecutor(1) as other:
+        for _ in range(2):
+            call(0)
+            other.submit(call, 1).result()
+    first, second = seen.values()
+    assert first[0] == first[1]
+    assert second[0] == second[1]
+    assert {first[0][0], first[0][2]}.isdisjoint({second[0][0], second[0][2]})
+    assert [p % LINE for p in (first[0][0], first[0][2])] == [0, 0]
+    assert (first[0][1], *first[0][3:]) == (2, 3, 4)
 
 
 @pytest.mark.parametrize(

@@ -243,13 +243,18 @@ def test_the_autopilot_is_one_as_the_simulator_wants_it() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["truth", "mahony_dcm@huang", "mahony", "complementary", "madgwick", "ekf12@fan", "mekf", "ukf", "px4_q"]
+    ("name", "seeds"),
+    [("mahony_dcm@huang", 20), ("madgwick", 20)]
+    + [(n, 5) for n in ("truth", "mahony", "complementary", "ekf12@fan", "mekf", "ukf", "px4_q")],
 )
-def test_hover_and_tracking_are_within_the_papers_bounds_over_20_seeds(name: str) -> None:
-    """Hover within +-5 deg (Huang); a sine of 15 deg and 2 s comes after the set-point by what the loop's gain says."""
+def test_hover_and_tracking_are_within_the_papers_bounds(name: str, seeds: int) -> None:
+    """Hover within +-5 deg (Huang); a sine of 15 deg and 2 s comes after the set-point by what the loop's gain says.
+
+    Over many seeds for the paper's filter and for the one that comes nearest to a bound.
+    """
     sine = Command(t=20.0, do="track", amplitude_deg=15.0, period_s=2.0)
     most, delays, gains = [], [], []
-    for seed in range(20):
+    for seed in range(seeds):
         flight = fly(scenario(28.0, sine, estimator=name, wind=0.3), seed)
         t, true = flight.truth.t, angles(flight)
         hover, part = (t > 8.0) & (t < 20.0), (t >= 22.0) & (t < 28.0)
