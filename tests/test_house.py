@@ -17,6 +17,7 @@ PACKAGE = Path(attlog.__file__).parent
 EVERYWHERE = {
     "errors",
     "median",
+    "distinct",
     "limits",
     "rotation",
     "rotation_loops",

@@ -7,7 +7,6 @@ member may unpack to is limited (``attlog.limits``).
 from __future__ import annotations
 
 import io
-import stat
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -24,21 +23,9 @@ from attlog.fleet.meant import named_as_log
 from attlog.fleet.urls import is_url, shown
 from attlog.limits import MAX_MEMBERS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 
-MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
 _ENCRYPTED = 1
 _BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OverflowError)
 """What reading a damaged or foreign archive raises; RuntimeError: a member is encrypted after all."""
-
-
-def is_archive(path: Path) -> bool:
-    """Whether a file begins as zip archives do; False where it cannot be read, or is a pipe that may never say."""
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            return False
-        with path.open("rb") as file:
-            return file.read(4) in MAGICS
-    except OSError:
-        return False
 
 
 def members(place: str, pattern: str = "") -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -35,19 +34,15 @@ def copy(blocks: Iterable[bytes], path: Path) -> tuple[str, int]:
     return sha256.hexdigest(), size
 
 
-def hashed(path: Path) -> tuple[str, int]:
-    """SHA-256 (hex) and size of a file, read once. LogUnreadable if it cannot be."""
-    sha256, size = hashlib.sha256(), 0
+def hashed(path: Path) -> str:
+    """SHA-256 (hex) of a file, read once. LogUnreadable if it cannot be."""
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise LogUnreadable(f"{path}: is no regular file; logs are memory-mapped, so save it to a file first")
         with path.open("rb") as file:
-            while block := file.read(BLOCK):
-                sha256.update(block)
-                size += len(block)
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise unreadable(str(path), error) from error
-    return sha256.hexdigest(), size
 
 
 def unreadable(name: str, error: OSError) -> LogUnreadable:
@@ -58,4 +53,6 @@ def unreadable(name: str, error: OSError) -> LogUnreadable:
 
 
 def _no_room(error: OSError) -> LogUnreadable:
+    import tempfile
+
     return LogUnreadable(f"{tempfile.gettempdir()}: the temporary folder cannot hold the log ({error.strerror})")

@@ -10,8 +10,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
-from attlog.fleet.archive import is_archive, members
-from attlog.fleet.meant import is_meant, may_be_log
+from attlog.fleet.meant import is_archive, is_meant, may_be_log
 from attlog.fleet.sources import Source
 from attlog.fleet.urls import is_url, shown
 
@@ -131,6 +130,8 @@ def _cannot_be_read(error: OSError) -> LogUnreadable:
 def logs_of(file: Path, archives: bool = True) -> list[Source]:
     """What a file that was not named itself stands for. A broken archive is one source, which tells so when read."""
     if archives and is_archive(file):
+        from attlog.fleet.archive import members
+
         try:
             return [Source(str(file), member) for member in members(str(file))]
         except (LogUnreadable, LogUnusable):
@@ -155,6 +156,8 @@ def _in_archive(path: Path) -> list[Source] | None:
 
 
 def _members(place: str, pattern: str = "") -> list[Source]:
+    from attlog.fleet.archive import members
+
     found = [Source(place, member) for member in members(place, pattern)]
     if not found:
         what = f"no flight log matches {pattern}" if pattern else "is an archive without a flight log"

@@ -1,7 +1,8 @@
-"""Was a file that lies somewhere meant as a log?"""
+"""Was a file that lies somewhere meant as a log, or as an archive of logs?"""
 
 from __future__ import annotations
 
+import stat
 from pathlib import Path, PurePath
 
 from attlog import formats
@@ -9,6 +10,9 @@ from attlog.errors import LogUnreadable, NotALog
 
 LOG_SUFFIXES = frozenset((".ulg", ".tlog", ".px4log"))
 """A file of these names was meant as a log even where its content is none; other names serve other things too."""
+
+MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
+"""Zip archives begin so."""
 
 SUFFIXES_OF_LOGS = LOG_SUFFIXES | {".bin", ".log", ".mavlink"}
 """Names that logs have; what stands behind a URL is told by its name alone, because asking each would take hours."""
@@ -23,6 +27,17 @@ def is_meant(path: Path) -> bool:
     except LogUnreadable:
         return may_be_log(path.name)  # nobody knows what is in it: rather told than left out
     return True
+
+
+def is_archive(path: Path) -> bool:
+    """Whether a file begins as zip archives do; False where it cannot be read, or is a pipe that may never say."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            return False
+        with path.open("rb") as file:
+            return file.read(4) in MAGICS
+    except OSError:
+        return False
 
 
 def named_as_log(name: str) -> bool:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -19,13 +19,17 @@ from attlog.fleet.urls import is_url, shown
 from attlog.limits import MAX_FILE_NAME_BYTES
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Local:
-    """A log's bytes as a file on this machine: where, their SHA-256 (hex) and how many."""
+    """A log's bytes as a file on this machine; ``copied``: their SHA-256 and how many, where they were copied there."""
 
     path: Path
-    sha256: str
-    size: int
+    copied: tuple[str, int] | None = None
+
+    @cached_property
+    def sha256(self) -> str:
+        """Their SHA-256 (hex). LogUnreadable where the file cannot be read."""
+        return self.copied[0] if self.copied is not None else hashed(self.path)
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -97,8 +101,10 @@ class Source:
             path = Path(self.copy or self.place)
             with self._named(path):
                 _worth_reading(path)
-                yield Local(path, *hashed(path))
+                yield Local(path)
             return
+        import tempfile
+
         try:
             folder = Path(tempfile.mkdtemp(prefix="attlog-", dir=scratch))
         except OSError as error:
@@ -114,7 +120,7 @@ class Source:
 
                 told = download(self.place, path)
             with self._named(path):
-                yield Local(path, *told)
+                yield Local(path, told)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 

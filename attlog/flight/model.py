@@ -177,8 +177,8 @@ class TimeLine:
 
     def at(self, t: float) -> Any:
         """The value that holds at ``t``; the first value before the first entry, None if empty."""
-        if not self.value:
-            return None
+        if len(self.value) < 2:  # as of most parameters, of which a log has a thousand
+            return self.value[0] if self.value else None
         i = int(np.searchsorted(self.t, t, side="right")) - 1
         return self.value[max(i, 0)]
 

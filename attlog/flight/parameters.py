@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import accumulate, chain
 
 import numpy as np
 
@@ -44,7 +45,12 @@ def time_lines(builder: LogBuilder, changes: list[ParamChange], source: str) -> 
         if not v or v[-1] != change.value:
             t.append(begin if change.t_us is None else change.t_us)
             v.append(change.value)
-    return {name: TimeLine(builder.seconds(np.array(t, np.int64)), list(v), source) for name, (t, v) in lines.items()}
+    seconds = builder.seconds(np.fromiter(chain.from_iterable(t for t, _ in lines.values()), np.int64))
+    begins = accumulate((len(t) for t, _ in lines.values()), initial=0)
+    return {
+        name: TimeLine(seconds[a : a + len(v)], v, source)
+        for a, (name, (_, v)) in zip(begins, lines.items(), strict=False)
+    }
 
 
 NOT_SET_DEG = 1e-6

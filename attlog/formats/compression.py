@@ -7,7 +7,6 @@ it. What a stranger's file may unpack to is limited (``attlog.limits``).
 
 from __future__ import annotations
 
-import tempfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,6 +64,8 @@ def content(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
         raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error})") from error
     if not packed:
         return map_bytes(path), None
+    import tempfile  # with random, 3 ms: nearly no log is packed
+
     try:
         unpacked = tempfile.TemporaryFile(prefix="attlog-")
     except OSError as error:

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.distinct import among
 from attlog.median import median
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, Record
@@ -237,7 +238,7 @@ def _units(found: Drift) -> UnitValues | None:
 
 def _on(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Summary:
     """The drift on some of a record's groups; on all of them what it was."""
-    chosen = np.isin(ids, wanted)
+    chosen = among(ids, wanted)
     if chosen.all():
         return whole
     return Summary(float(np.mean(slopes[chosen])), interval.of_mean(slopes[chosen]))

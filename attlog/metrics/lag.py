@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.distinct import among
 from attlog.median import median
 from attlog.metrics import pure_delay, steps
 from attlog.metrics.answer import Answer, missing
@@ -104,7 +105,7 @@ class OnEvents:
 
     def __call__(self, ids: Ids) -> Summary:
         """Lag and interval on the events with these ids."""
-        found = self.sums.fit(self.numbers[np.isin(self.ids, ids)])
+        found = self.sums.fit(self.numbers[among(self.ids, ids)])
         lag, half = 1000 * (found.delay - self.input_delay), 1000 * half_width(found)
         return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import rotation
+from attlog.distinct import among
 from attlog.kernels.loops import function_of
-from attlog.median import median
+from attlog.median import median, quantile
 from attlog.metrics import follow, injection, level, moderated, noise_loop, quantisation, windows
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_row
@@ -105,7 +106,7 @@ def typical(ids: Ids, values: Array, prior: Prior, correction: float, wanted: Id
 
     ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
     """
-    chosen = values[np.isin(ids, wanted)]
+    chosen = values[among(ids, wanted)]
     low, high = moderated.interval(chosen, prior)
     sigma, bottom, top = (math.sqrt(max(math.exp(x) - correction, 0.0)) for x in (float(np.mean(chosen)), low, high))
     return Summary(sigma, (bottom, top))
@@ -124,11 +125,12 @@ def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> Measured |
     parts = [part for span in spans if (part := known[span]) is not None]
     if not parts:
         return None
-    ends = np.quantile(np.concatenate([part.residuals for part in parts]), [0.001, 0.999], axis=0)
+    columns = np.concatenate([part.residuals for part in parts]).T
+    reach = np.array([quantile(x, 0.999) - quantile(x, 0.001) for x in columns])
     t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
     settled = [part.settled_s for part in parts if part.settled_s is not None]
     seconds = sum((length for part in parts for length in part.lengths), 0.0)
-    return Measured(t0, variances, seconds, ends[1] - ends[0], settled[-1] if settled else None)
+    return Measured(t0, variances, seconds, reach, settled[-1] if settled else None)
 
 
 @dataclass(frozen=True, slots=True)

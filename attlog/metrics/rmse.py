@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.distinct import among
 from attlog.median import median
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
@@ -260,7 +261,7 @@ def _squares(case: Case, row: Row, angle: str) -> tuple[Array, Array]:
 
 def of_blocks(ids: Ids, squares: Array, wanted: Ids) -> Summary:
     """The RMSE of some of the blocks (k,), with its interval."""
-    chosen = squares[np.isin(ids, wanted)]
+    chosen = squares[among(ids, wanted)]
     groups = interval.equal_groups(len(chosen), min(len(chosen), MAX_GROUPS))
     return Summary(*root_mean_square(np.sqrt(chosen), groups))
 

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.median import median
+from attlog.distinct import among
+from attlog.median import median, quantile
 from attlog.metrics import interval
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
@@ -99,7 +100,7 @@ class OnEvents:
     def __call__(self, ids: Ids) -> Summary:
         """Median and interval on the events with these ids."""
         values = magnitude(self.errors) if self.unit == "deg" else percent(self.errors)
-        chosen = values[np.isin(self.errors.ids, ids)]
+        chosen = values[among(self.errors.ids, ids)]
         return Summary(float(median(chosen)), interval.of_median(chosen))
 
 
@@ -141,7 +142,7 @@ def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: lis
     seconds = math.fsum(c.event.end - c.event.begin for c in found)
     return Answer(
         summary.value, sign, window, count, seconds, summary.ci95, f"median of {count} events, order statistics",
-        detail={"p90": float(np.quantile(np.abs(values), 0.9))}, each=[float(v) for v in values],
+        detail={"p90": quantile(np.abs(values), 0.9)}, each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, magnitude(errors), here),
         floor=own_deg * (100.0 / float(median(errors.stroke)) if unit == "pct" else 1.0),
     )  # fmt: skip
