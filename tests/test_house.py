@@ -177,10 +177,10 @@ def test_help_imports_nothing_heavy(command: list[str]) -> None:
 
 
 NEEDED_BY_NONE = {"attlog.compare", "attlog.fleet.gating", "pandas", "plotly", "pymavlink", "pyulog", "rich"}
-NEEDED_BY_NONE |= {"scipy.optimize", "scipy.signal", "urllib.request", "xml"}
+NEEDED_BY_NONE |= {"attlog.fleet.archive", "numpy.ma", "scipy.optimize", "scipy.signal", "urllib.request", "xml"}
 NOT_IN_INFO = {"attlog.cli.analyze", "attlog.estimators.filters", "attlog.estimators.registry", "attlog.metrics.noise"}
 NOT_IN_INFO |= {"attlog.report", "attlog.result", "jinja2", "llvmlite", "numba", "scipy"}
-NOT_IN_INFO |= {"attlog.kernels.obtain", "json", "logging", "numpy.ma"}
+NOT_IN_INFO |= {"attlog.kernels.obtain", "json", "logging", "tempfile"}
 NEEDED_BY_NONE |= {"pydantic", "importlib.metadata", "email", "socket"}
 
 
