@@ -69,10 +69,9 @@ def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArra
         found = np.empty(len(at) * dtype.itemsize, np.uint8)
         if loop(data, at, dtype.itemsize, found) < len(at):
             raise IndexError("an offset leaves no room for its value")
-        return found.view(dtype.base).reshape(len(at), *dtype.shape)
+        return np.ndarray((len(at), *dtype.shape), dtype.base, buffer=found)
     bytewise = np.ndarray((len(data) - dtype.itemsize + 1,), f"V{dtype.itemsize}", buffer=data, strides=(1,))
-    raw = bytewise[at]
-    return raw.view(dtype.base).reshape(len(at), *dtype.shape)
+    return np.ndarray((len(at), *dtype.shape), dtype.base, buffer=bytewise[at])
 
 
 class Records:

@@ -35,7 +35,11 @@ _TIME = re.compile(rb"TIME *Q")  # name and letters of its FMT record, which har
 
 def is_sdlog2(head: bytes) -> bool:
     """Whether these first bytes of a file have DataFlash framing and define a TIME that only holds the start time."""
-    return _TIME.search(head) is not None and any(fmt.name == "TIME" and fmt.letters == "Q" for fmt in formats(head))
+    return (
+        b"TIME" in head
+        and _TIME.search(head) is not None
+        and any(fmt.name == "TIME" and fmt.letters == "Q" for fmt in formats(head))
+    )
 
 
 def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from attlog.formats.dataflash.index import FMT_LENGTH, FMT_TYPE, LETTER_DTYPES, Format, parse_format
+from attlog.formats.dataflash.compiled import FMT_LENGTH, FMT_TYPE
+from attlog.formats.dataflash.index import LETTER_DTYPES, Format, parse_format
 
 MARK = b"\xa3\x95"
 """Before every binary record."""

@@ -21,17 +21,15 @@ from numpy.typing import NDArray
 
 from attlog.formats.base import Offsets
 from attlog.formats.dataflash import compiled
+from attlog.formats.dataflash.compiled import FMT_LENGTH, FMT_TYPE
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import gather, offset_type
 from attlog.limits import MAX_FORMATS, MAX_LAYOUTS_OF_A_NAME
 
-FMT_TYPE = 128
-FMT_LENGTH = 89
 HEADER_LENGTH = 3
 STAMP_LENGTH = 8
 _FMT_MARK = bytes([0xA3, 0x95, FMT_TYPE])
 _HEADER = 0x95A3  # a3 95 read as little-endian u16
-_MOST_STOPS = 1 << 13  # FMT records that are walked over one by one
 _CHUNK = 1 << 17  # bytes scanned at once, keeps the temporaries in cache
 
 LETTER_DTYPES: dict[str, np.dtype[Any]] = {
@@ -240,30 +238,22 @@ def index_records(data: NDArray[np.uint8]) -> Index:
 
 def _walked(data: NDArray[np.uint8]) -> Index | None:
     """The index of a file whose records follow each other from first to last; None for any other file."""
-    found, chain, position = _Definitions(), compiled.Follower(data), 0
-    for _ in range(_MOST_STOPS):
-        begin, known = position, len(found.layouts)
-        head = data[position : position + FMT_LENGTH].tobytes()
-        while head[:3] == _FMT_MARK and len(head) == FMT_LENGTH:
-            found.take(head, position)
-            position += FMT_LENGTH
-            head = data[position : position + FMT_LENGTH].tobytes()
-        if position > begin:
-            chain.add_run(begin, position, FMT_LENGTH)
-            for k in range(known, len(found.layouts)):
-                fmt = found.layouts[k]
-                chain.lengths[fmt.type], chain.layouts[fmt.type] = fmt.length, k
-            continue
-        before, position = position, chain.follow(position)
-        if position == before:
-            # a last record that is too short for the walk
-            length = int(chain.lengths[head[2]]) if head[:2] == _FMT_MARK[:2] and len(head) > 2 else 0
-            if not 0 < length <= len(head):
-                break
-            chain.add(position, head)
-            position += length
-    rest = data[position : position + 256].tobytes()  # no record is longer
-    if position + len(rest) < len(data) or not _is_cut(rest, chain.lengths) or found.refused:
+    chain = compiled.Follower(data)
+    position = chain.follow(0)
+    while True:
+        rest = data[position : position + 256].tobytes()  # no record is longer
+        # a last record may be too short for the walk
+        length = int(chain.lengths[rest[2]]) if rest[:2] == _FMT_MARK[:2] and len(rest) > 2 else 0
+        if not 0 < length <= len(rest) <= HEADER_LENGTH + STAMP_LENGTH:
+            break
+        chain.add(position, rest)
+        position += length
+    if position + len(rest) < len(data) or not _is_cut(rest, chain.lengths):
+        return None
+    found = _Definitions()
+    for offset in chain.definitions:
+        found.take(data[offset : offset + FMT_LENGTH].tobytes(), offset)
+    if found.refused or [fmt.offset for fmt in found.layouts[1:]] != chain.definitions:
         return None
     starts, kinds, stamps = chain.found
     index = Index(found.layouts, starts, kinds, stamps)

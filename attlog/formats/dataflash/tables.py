@@ -122,7 +122,9 @@ def _parts(
 
 def by_instance_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray[np.int64]]] | None:
     """Each instance, ascending, and the positions of its records, ascending; None if so many numbers number nothing."""
-    order = np.argsort(number, kind="stable")
+    if (number == number[:1]).all():  # most messages have one
+        return [(n, np.arange(len(number))) for n in number[:1].tolist()]
+    order = number.argsort(kind="stable")
     sorted_numbers = number[order]
     edges = np.flatnonzero(sorted_numbers[1:] != sorted_numbers[:-1]) + 1
     if len(edges) >= MAX_INSTANCES:

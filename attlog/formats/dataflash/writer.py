@@ -12,14 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.errors import UsageError
-from attlog.formats.dataflash.index import (
-    FMT_FORMAT,
-    FMT_TYPE,
-    HEADER_LENGTH,
-    LETTER_DTYPES,
-    LETTER_SCALES,
-    Format,
-)
+from attlog.formats.dataflash.compiled import FMT_TYPE
+from attlog.formats.dataflash.index import FMT_FORMAT, HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format
 from attlog.formats.dataflash.tables import instance_column
 from attlog.formats.merge import merged
 from attlog.formats.recording import Columns, Layout, Recording, fitted, only

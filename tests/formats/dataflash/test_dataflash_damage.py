@@ -12,7 +12,8 @@ from attlog import formats
 from attlog.errors import LogUnreadable, LogUnusable
 from attlog.formats import Recording
 from attlog.formats.dataflash import reader
-from attlog.formats.dataflash.index import FMT_LENGTH, Index, index_records
+from attlog.formats.dataflash.compiled import FMT_LENGTH
+from attlog.formats.dataflash.index import Index, index_records
 from tests.conftest import SAMPLES
 from tests.formats.damage import KINDS, Damaged, damage
 
