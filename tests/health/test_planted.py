@@ -143,3 +143,9 @@ def test_an_estimated_bias_is_told_as_tilt_and_as_what_it_explains() -> None:
     assert found.verdict == "warn"
     assert found.value == pytest.approx(-0.4)
     assert "2.3 deg of tilt: it explains" in found.text
+    log.onboard = ""
+    (alone,) = acc_bias.checks(log, phases)
+    assert alone.value == found.value
+    assert "explains" not in alone.text
+    log.acc_bias = None
+    assert acc_bias.checks(log, phases) == []

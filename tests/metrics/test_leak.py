@@ -19,7 +19,9 @@ def test_the_leak_of_a_filter_aided_by_direction_is_its_gain(kp):
 def test_yaw_turns_alone_tell_no_leak():
     t, q = motion("yaw", 40.0)
     case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
-    assert leak.compute(case, row, "all")["leak_per_s"].code == "too_few_events"
+    told = leak.compute(case, row, "all")["leak_per_s"]
+    assert told.code == "too_few_events"
+    assert told.reason.startswith("0 ")
 
 
 def test_without_an_accelerometer_there_is_no_leak():

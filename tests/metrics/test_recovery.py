@@ -42,3 +42,17 @@ def test_a_row_that_stays_away_has_not_recovered():
 @pytest.mark.parametrize("disturbed", [{"force": 1.2}, {"force": 1.0, "vibration": 0.6}])
 def test_a_small_manoeuvre_and_vibration_are_no_disturbance(disturbed):
     assert recovered(1.0, **disturbed).code == "no_events"
+
+
+def test_a_row_is_back_only_where_it_stays_for_a_second():
+    t = np.arange(0.0, 30.0, 0.02)
+    short = (t >= 12.0) & (t < 12.995)  # its samples span 0.98 s
+    error = np.where((t < 10.0) | short | (t >= 15.0), 0.0, 10.0)
+    assert recovery.time_back(t, error, (10.0, 11.0)) == pytest.approx(4.0)
+    error[(t >= 12.995) & (t < 13.005)] = 0.0
+    assert recovery.time_back(t, error, (10.0, 11.0)) == pytest.approx(1.0)
+
+
+def test_a_row_that_comes_back_at_the_very_end_of_a_log_is_back():
+    t = np.arange(0.0, 20.0, 0.02)
+    assert recovery.time_back(t, np.where((t < 10.0) | (t >= 18.0), 0.0, 10.0), (10.0, 11.0)) == pytest.approx(7.0)

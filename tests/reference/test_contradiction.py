@@ -88,16 +88,21 @@ def test_a_strong_push_is_not_taken_for_gravity() -> None:
     assert refusal(log, rows(leaning, leaning, leaning)) == ""
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_a_weak_push_is_told_from_a_wrong_attitude_by_gnss(known: bool) -> None:
+@pytest.mark.parametrize(
+    ("begin", "end", "fix", "known"),
+    [(0.0, 60.0, 3, True), (0.0, 0.0, 3, False), (0.0, 60.0, 2, False), (0.0, 40.0, 3, False), (20.0, 60.0, 3, False)],
+    ids=["known", "no receiver", "no 3D fix", "ends early", "begins late"],
+)
+def test_a_weak_push_is_told_from_a_wrong_attitude_by_gnss(begin: float, end: float, fix: int, known: bool) -> None:
     """3.2 m/s^2 tilt the force by 18 deg and hardly enlarge it: only the change of velocity tells."""
     push = np.array([0.0, -3.2, 0.0])
     log = flight(TURN, np.tile([0.0, -3.2, -9.80665], (len(T), 1)))
-    if known:
-        t = np.arange(0.0, 60.0, 0.2)
-        nothing = np.full(len(t), np.nan)
-        velocity, fix = t[:, None] * push, np.full(len(t), 3)
-        log.gnss = [Gnss(0, t, "gnss", nothing, nothing, nothing, velocity, nothing, nothing, nothing, fix)]
+    t = np.arange(begin, end, 0.2)
+    nothing = np.full(len(t), np.nan)
+    velocity = t[:, None] * push
+    log.gnss = [
+        Gnss(0, t, "gnss", nothing, nothing, nothing, velocity, nothing, nothing, nothing, np.full(len(t), fix))
+    ]
     leaning = tilted(TURN, 18.07)
     assert bool(refusal(log, rows(leaning, leaning, leaning))) != known
 

@@ -106,3 +106,9 @@ def test_a_compass_that_moves_with_neither_decides_nothing() -> None:
     log.mags[0].field.x = np.random.default_rng(5).permutation(log.mags[0].field.x)
     attitude = log.attitudes["ATT"]
     assert turning.field_follows(log.imus[0], attitude, np.zeros(0, np.int64), log.mags[0]) == ""
+
+
+def test_rates_are_compared_where_there_are_thirty() -> None:
+    rate = np.random.default_rng(5).normal(size=(30, 3))
+    assert "times as far" in turning.otherwise(rate, 2.0 * rate)
+    assert turning.otherwise(rate[:29], 2.0 * rate[:29]) == ""

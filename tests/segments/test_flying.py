@@ -121,3 +121,17 @@ def test_the_height_of_a_log_without_barometer_is_that_of_a_receiver_with_a_3d_f
     assert (found is not None) is known
     if found is not None:
         np.testing.assert_array_equal(found.x[:, 0], 488.0 + t)
+
+
+def lifted(drive_from: int, climb_from: int, height_from: int) -> list[tuple[float, float]]:
+    """The flights of 10 s in which drive, climb and height begin at these samples; off the ground from sample 50 on."""
+    k = np.arange(100)
+    nothing = np.zeros(100, np.bool_)
+    height_m = np.where(k >= height_from, 0.3, 0.0) + np.where(k >= 50, 5.0, 0.0)
+    climb = np.where(k >= climb_from, 0.5, 0.1)
+    return flying.flights(flying.Evidence(0.1 * k, k >= drive_from, height_m, climb, k >= 50, nothing, "made"))
+
+
+def test_a_flight_begins_where_it_climbs_with_drive_above_the_ground():
+    for begins, of in ((40, (40, 0, 0)), (42, (0, 42, 0)), (44, (0, 0, 44)), (50, (0, 55, 0)), (0, (0, 0, 0))):
+        assert lifted(*of) == [(pytest.approx(0.1 * begins), pytest.approx(9.9))], of
