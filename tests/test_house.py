@@ -18,6 +18,7 @@ EVERYWHERE = {
     "errors",
     "median",
     "distinct",
+    "gap",
     "limits",
     "rotation",
     "rotation_loops",

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import gap
 from attlog.flight import physics
 from attlog.formats.base import Table
 from attlog.limits import MAX_TIME_JUMP_S
-from attlog.median import median
 
 Stamps = NDArray[np.int64]
 LATEST_US = int(physics.CLOCK_US.high)
@@ -29,9 +29,6 @@ HELD_US = 1_000_000
 """A repeated value is kept once in this time."""
 UNSET = 3
 """So many stamps of 0 were never set: they tell no order and no duration."""
-GAP_FACTOR = 5.0
-GAP_S = 0.05
-"""A gap is longer than max(GAP_FACTOR * median interval, GAP_S) (docs/metrics.md)."""
 
 
 def stamps_of(table: Table, column: str, us: int = 1) -> Stamps:
@@ -182,8 +179,5 @@ def only_new(x: NDArray[np.float64], t_us: Stamps) -> NDArray[np.bool_]:
 
 
 def gaps(t: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Indices i where sample i comes after a gap: interval above max(5 medians, 50 ms)."""
-    if len(t) < 3:
-        return np.zeros(0, np.int64)
-    dt = np.diff(t)
-    return np.flatnonzero(dt > max(GAP_FACTOR * float(median(dt)), GAP_S)) + 1
+    """Indices i where sample i comes after a gap."""
+    return np.flatnonzero(np.diff(t) > gap.limit_of(t)) + 1 if len(t) > 2 else np.zeros(0, np.int64)

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog import gap, rotation
 from attlog.errors import UsageError
 from attlog.estimators import Estimate
 from attlog.flight.model import FlightLog, Imu
 from attlog.recorded import clock, columns, frame
-from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 LEAST = 10
@@ -45,6 +44,6 @@ def read(path: Path, log: FlightLog, imu: Imu, asked: Mapping[str, float | str])
         raise UsageError(f"{path}: {int(good.sum())} usable attitudes within the log; {LEAST} are needed")
     t, q = t[good], q[good]
     quality: dict[str, float | str] = {"clock": said, "frame": found.name, **found.quality}
-    broken = np.concatenate([[0], np.cumsum(np.diff(t) > max(gaps.RESTART_SECONDS, gaps.gap_limit(t)))])
+    broken = np.concatenate([[0], np.cumsum(np.diff(t) > max(gap.RESTART_S, gap.limit_of(t)))])
     skipped = {"nan": int((~good).sum())} if not good.all() else {}
     return Estimate(t, q, segment=broken.astype(np.int64), skipped=skipped, quality=quality)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog import gap, rotation
 from attlog.flight.model import Imu
 from attlog.median import median
 from attlog.reference.model import AlignmentStep
@@ -64,9 +64,9 @@ def missing_deg(imu: Imu | None) -> float:
         return 0.0
     t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
     dt = np.diff(t)
-    gap = (dt > gaps.gap_limit(t)) & (dt <= gaps.RESTART_SECONDS)
-    change = np.sqrt(np.sum(np.diff(rate, axis=0)[gap] ** 2, axis=1))
-    return float(np.degrees(np.sqrt(np.sum((0.25 * dt[gap] * change) ** 2))))
+    bridged = (dt > gap.limit_of(t)) & (dt <= gap.RESTART_S)
+    change = np.sqrt(np.sum(np.diff(rate, axis=0)[bridged] ** 2, axis=1))
+    return float(np.degrees(np.sqrt(np.sum((0.25 * dt[bridged] * change) ** 2))))
 
 
 def step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[float, float, AlignmentStep]:

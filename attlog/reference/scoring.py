@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import gap
 from attlog.flight.model import Attitude
 from attlog.median import median
 from attlog.reference.model import Errors, Reference
@@ -140,7 +141,7 @@ def can_be_seen(errors: Errors) -> bool:
 
 def _unbroken(errors: Errors) -> NDArray[np.int64]:
     """Segments (n,) between breaks at which filters restart: an error goes on across shorter ones."""
-    return gaps.number(errors.t, max(gaps.RESTART_SECONDS, gaps.gap_limit(errors.t)))
+    return gaps.number(errors.t, max(gap.RESTART_S, gap.limit_of(errors.t)))
 
 
 def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | None:

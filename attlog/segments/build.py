@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import gap
 from attlog.flight.model import Attitude, FlightLog, Imu, part_of
 from attlog.segments import flags, flying, gaps, hover, impact, motion, resets, rest, spans, windows
 from attlog.segments.model import Segment, Segments
@@ -105,9 +106,7 @@ def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
 
 def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
     """The time of [t0, t1] without the gaps after which filters restart: nothing is known there, so no span crosses."""
-    return spans.complement(
-        [(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > gaps.RESTART_SECONDS], t0, t1
-    )
+    return spans.complement([(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > gap.RESTART_S], t0, t1)
 
 
 def _cut_at_impact(whole: Segment, blow: float) -> list[Segment]:

@@ -8,32 +8,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
-from attlog.median import median
+from attlog import gap, rotation
 from attlog.segments.model import Segment
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
 
-GAP_MEDIANS = 5.0
-GAP_SECONDS = 0.05
-"""A gap is longer than 5 median intervals and longer than 50 ms (docs/metrics.md)."""
-
-RESTART_SECONDS = 0.5
-"""Up to here a filter integrates across a gap; beyond, it restarts."""
-
-
-def gap_limit(t: Array) -> float:
-    """The longest interval in s that is still no gap: max(5 median intervals, 50 ms)."""
-    dt = np.diff(t)
-    dt = dt[np.isfinite(dt) & (dt > 0)]
-    return max(GAP_MEDIANS * float(median(dt)), GAP_SECONDS) if len(dt) else GAP_SECONDS
-
 
 def rate(t: Array) -> float:
     """Samples per second in Hz where there are samples: time lost in gaps does not count; 0 for fewer than two."""
     dt = np.diff(t)
-    dt = dt[(dt > 0) & (dt <= gap_limit(t))]
+    dt = dt[(dt > 0) & (dt <= gap.limit_of(t))]
     return len(dt) / float(np.sum(dt)) if len(dt) else 0.0
 
 
@@ -42,11 +27,11 @@ def number(t: Array, limit: float | None = None) -> NDArray[np.int64]:
     if len(t) == 0:
         return np.zeros(0, np.int64)
     dt = np.diff(t)
-    broken = ~((dt >= 0) & (dt <= (GAP_SECONDS if limit is None else limit)))
+    broken = ~((dt >= 0) & (dt <= (gap.LEAST_S if limit is None else limit)))
     if not broken.any():
         return np.zeros(len(t), np.int64)
     if limit is None:
-        broken = ~((dt >= 0) & (dt <= gap_limit(t)))
+        broken = ~((dt >= 0) & (dt <= gap.limit_of(t)))
     return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
 
 
@@ -89,7 +74,7 @@ def find(t: Array) -> list[Segment]:
     """Continuous segments and the gaps between them, of the times (n,) of the replayed IMU."""
     if len(t) < 2:
         return []
-    limit = gap_limit(t)
+    limit = gap.limit_of(t)
     own = number(t, limit)
     first = np.flatnonzero(np.concatenate([[True], np.diff(own) > 0]))
     last = np.append(first[1:], len(t)) - 1
@@ -101,7 +86,7 @@ def find(t: Array) -> list[Segment]:
     for a, b in zip(last[:-1], first[1:], strict=True):
         seconds = float(t[b] - t[a])
         if seconds > 0:
-            kind = "a filter restarts" if seconds > RESTART_SECONDS else "a filter integrates across"
+            kind = "a filter restarts" if seconds > gap.RESTART_S else "a filter integrates across"
             found.append(Segment("gap", float(t[a]), float(t[b]), f"no IMU sample for {seconds:.2f} s; {kind}"))
     return found
 
@@ -111,5 +96,5 @@ def restarts(t: Array) -> Array:
     if len(t) == 0:
         return np.zeros(0)
     dt = np.diff(t)
-    began: Array = t[np.concatenate([[True], ~((dt >= 0) & (dt <= RESTART_SECONDS))])]
+    began: Array = t[np.concatenate([[True], ~((dt >= 0) & (dt <= gap.RESTART_S))])]
     return began

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.estimators.engine.samples import BRIDGE_S, GAP_LEAST_S, GAP_MEDIANS, HELD, HOLD_PERIODS, MISSING, NEW
+from attlog import gap
+from attlog.estimators.engine.samples import HELD, HOLD_PERIODS, MISSING, NEW
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 from attlog.simulate.onboard_aids import Inbox
 
@@ -41,7 +42,7 @@ class Cleaner:
     def __init__(
         self, imu_rate: float, mag_rate: float | None, *, hold_mag: bool, instant: bool, aids: Inbox | None
     ) -> None:
-        self._gap = max(GAP_MEDIANS / imu_rate, GAP_LEAST_S)
+        self._gap = gap.limit(1.0 / imu_rate)
         self._hold = HOLD_PERIODS / mag_rate if mag_rate and hold_mag else -1.0
         self._instant, self._aids = instant, aids
         self.skipped: Counter[str] = Counter()
@@ -64,7 +65,7 @@ class Cleaner:
             return None
         gyr = np.array(gyr, np.float64)
         step = 0.0 if last_t is None else t - last_t
-        restart = step > max(self._gap, BRIDGE_S)
+        restart = step > max(self._gap, gap.RESTART_S)
         if restart:
             self.skipped["restart"] += 1
             self._field_t = -math.inf

@@ -205,8 +205,8 @@ def test_attitudes_that_are_none_are_found(make: Callable[..., Any]) -> None:
 
 
 LOOPS: list[tuple[str, Any, Callable[[Subject], None]]] = [
-    ("BRIDGE_S", 0.0, bad_input.bridges_a_short_gap),
-    ("BRIDGE_S", 100.0, bad_input.restarts_after_a_long_gap),
+    ("gap.RESTART_S", 0.0, bad_input.bridges_a_short_gap),
+    ("gap.RESTART_S", 100.0, bad_input.restarts_after_a_long_gap),
     ("GYRO_LIMIT_RAD_S", np.inf, bad_input.drops_impossible_values),
     ("HOLD_PERIODS", 0.0, behaviour.works_with_a_slow_magnetometer),
     ("_longest_rising", lambda t: np.arange(len(t)), bad_input.drops_times_that_do_not_rise),
@@ -218,7 +218,7 @@ LOOPS: list[tuple[str, Any, Callable[[Subject], None]]] = [
 def test_a_loop_without_its_rule_fails(
     monkeypatch: pytest.MonkeyPatch, name: str, value: Any, test: Callable[[Subject], None]
 ) -> None:
-    monkeypatch.setattr(samples, name, value)
+    monkeypatch.setattr(f"{samples.__name__}.{name}", value)
     with pytest.raises(CheckFailed), np.errstate(all="ignore"):
         test(Subject.of("mahony"))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from attlog import gap
 from attlog.segments import gaps
 
 
@@ -24,7 +25,7 @@ def test_a_log_without_gap_is_one_run():
 
 @pytest.mark.parametrize(("rate", "limit"), [(400, 0.05), (200, 0.05), (50, 0.1), (25, 0.2), (10, 0.5)])
 def test_a_gap_is_longer_than_five_intervals_and_than_fifty_milliseconds(rate, limit):
-    assert gaps.gap_limit(at_rate(rate, 20)) == pytest.approx(limit)
+    assert gap.limit_of(at_rate(rate, 20)) == pytest.approx(limit)
     head = at_rate(rate, 5)
     below = np.concatenate([head, head + head[-1] + 0.98 * limit])
     above = np.concatenate([head, head + head[-1] + 1.02 * limit])

@@ -8,7 +8,7 @@ What happens to real input, once for all filters:
 - a missing, zero or impossible accelerometer or magnetometer vector reaches the step as
   a zero vector, which asks for no correction;
 - ``interval``: sample k acts over (t_{k-1}, t_k]; ``instant``: the mean of k-1 and k does;
-- a gap (dt > max(5 median dt, 50 ms)) of up to 0.5 s is integrated across with the
+- a gap (:mod:`attlog.gap`) of up to 0.5 s is integrated across with the
   neighbours' mean rate; beyond, a new segment begins and ``segment`` counts up;
 - a magnetometer vector is worth 1.5 nominal periods, then it is missing;
 - a step that would turn by more than 1 rad is to be taken in parts.
@@ -23,6 +23,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from attlog import gap
 from attlog.errors import UsageError
 from attlog.estimators.base import Array, VectorsAt
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
@@ -31,7 +32,6 @@ from attlog.median import median
 Sampling = Literal["interval", "instant"]
 D = TypeVar("D", bound=np.generic)
 
-GAP_MEDIANS, GAP_LEAST_S, BRIDGE_S = 5.0, 0.05, 0.5
 HOLD_PERIODS = 1.5
 MISSING, NEW, HELD = 0, 1, 2
 
@@ -87,11 +87,11 @@ def prepare(
     # zeros that nobody writes take no memory
     mag = _vectors(mag, np.inf, skipped, absent_is_missing=True) if has_mag else np.zeros((len(t), 3))
     step = np.diff(t, prepend=t[:1])
-    gap = step > GAP_LEAST_S
-    if gap.any():
-        gap = step > max(GAP_MEDIANS * float(median(step[1:])), GAP_LEAST_S)
-    restart = gap & (step > BRIDGE_S)
-    bridged = gap & ~restart
+    missing = step > gap.LEAST_S
+    if missing.any():
+        missing = step > gap.limit_of(t)
+    restart = missing & (step > gap.RESTART_S)
+    bridged = missing & ~restart
     first = restart.copy()
     first[:1] = True
     if sampling == "interval":

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from attlog.estimators.engine.samples import BRIDGE_S, HELD, MISSING, NEW, prepare
+from attlog.estimators.engine.samples import HELD, MISSING, NEW, prepare
 
 
 def walked(t, gyr, mag, sampling, hold):
@@ -22,7 +22,7 @@ def walked(t, gyr, mag, sampling, hold):
     for k in range(len(t)):
         step = 0.0 if k == 0 else t[k] - t[k - 1]
         gap = step > limit
-        begins = k == 0 or (gap and step > BRIDGE_S)
+        begins = k == 0 or (gap and step > 0.5)
         segment += k > 0 and begins
         mean = not begins and (gap or sampling == "instant")
         rate = 0.5 * (gyr[k - 1] + gyr[k]) if mean else gyr[k]

@@ -295,13 +295,3 @@ def padded(P: NDArray[np.float64]) -> NDArray[np.float64]:
 def square(P: NDArray[np.float64]) -> NDArray[np.float64]:
     """A covariance of the kernels as (39, 39)."""
     return P.reshape(N, ROW)[:, :N].copy()
-
-
-def transition_matrix(sums: Any, rest: int, tau: float) -> Any:
-    """The dense Phi (39, 39)."""
-    M, Phi = np.zeros((5, 3, 3)), padded(np.eye(N))
-    matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
-    forward_rows(Phi, sums[SUM_T], M, rest)
-    dense = square(Phi)
-    dense[WANDER : WANDER + 3] *= math.exp(-sums[SUM_T] / tau)
-    return dense

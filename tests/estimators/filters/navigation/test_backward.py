@@ -10,11 +10,12 @@ from attlog.estimators.filters.navigation import solve
 from attlog.estimators.filters.navigation.kernels import run_forward
 from attlog.estimators.filters.navigation.layout import N
 from attlog.estimators.filters.navigation.measured import made_ready
-from attlog.estimators.filters.navigation.motion import square, transition_matrix
+from attlog.estimators.filters.navigation.motion import square
 from attlog.estimators.filters.navigation.schedule import scheduled
 from attlog.estimators.filters.navigation.settings import WANDER_S, Tuned
 from attlog.estimators.filters.navigation.solve import Runner
 from attlog.estimators.filters.navigation.start import start
+from tests.estimators.filters.navigation.dense import transition_matrix
 from tests.estimators.filters.navigation.made import flight
 
 

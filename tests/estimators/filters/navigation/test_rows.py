@@ -26,9 +26,10 @@ from attlog.estimators.filters.navigation.layout import (
     WIDE,
     N,
 )
-from attlog.estimators.filters.navigation.motion import padded, predict, square, transition_matrix, undo
+from attlog.estimators.filters.navigation.motion import padded, predict, square, undo
 from attlog.estimators.filters.navigation.start import field_matrix
 from attlog.estimators.filters.navigation.updates import field_rows, rows, to_matrix3
+from tests.estimators.filters.navigation.dense import transition_matrix
 
 RANDOM = np.random.default_rng(4)
 Q = rotation.normalize(np.array([0.8, 0.2, -0.3, 0.45]))
