@@ -30,6 +30,13 @@ NO_MOTION = (
 )
 LEFT_OUT = (*REFUSED, "duplicate_times", "unset_times", "imu_all_zero", "unreadable_message")
 """Why records that are in the log cannot be replayed."""
+UNTOLD_SHARE = 0.05
+"""Of the samples of one sensor so many may have none of the other beside them before it is told."""
+ALIKE_SHARE = 0.9
+"""Two tasks may log each record, and a message may repeat a slower one; where so many repeat a stamp or have none, the
+stamps are no clock."""
+COVERED_SHARE = 0.02
+"""A message that covers less than this of the time that another one of the same unit covers is not preferred to it."""
 REFUSED_SHARE = 0.5
 """A unit of which more records than this are refused shows no motion with the few that are left."""
 MISSED_S, MISSED_SHARE = 5.0, 0.05
@@ -73,6 +80,11 @@ class Candidate:
         """Mean rate in Hz while the logger ran."""
         return logged_rate((self.t_us - self.t_us[0]) * 1e-6) if len(self.t_us) else 0.0
 
+    @property
+    def seconds(self) -> float:
+        """From the first record to the last."""
+        return 1e-6 * float(self.t_us[-1] - self.t_us[0]) if len(self.t_us) else 0.0
+
     def rows(self, index: NDArray[np.int64]) -> Candidate:
         """The same source with the selected samples only, given by rising ``index`` (m,)."""
         if len(index) == len(self.t_us):
@@ -97,6 +109,8 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
     index = own.keep(candidate.t_us, candidate.source, good, wrong=NO_MOTION, fastest_hz=candidate.fastest_hz)
     candidate.problems += own.problems
     wrong = sum(p.count for p in own.problems if p.code in REFUSED)
+    alike = sum(p.count for p in own.problems if p.code in ("duplicate_times", "unset_times"))
+    wrong += alike if alike > ALIKE_SHARE * len(candidate.t_us) else 0
     candidate.refused = wrong / max(len(candidate.t_us), 1)
     measured = (candidate.gyro[index] != 0).any(axis=1) | (candidate.acc[index] != 0).any(axis=1)
     if len(index) and np.mean(measured) < MEASURED_SHARE:
@@ -105,7 +119,7 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
         return None
     if len(index):
         return candidate.rows(index)
-    builder.problems += own.problems
+    builder.problems += candidate.problems
     return None
 
 
@@ -124,6 +138,8 @@ def best_per_unit(builder: LogBuilder, candidates: list[Candidate]) -> list[Cand
     for index in sorted({c.index for c in candidates}):
         mine = [c for c in candidates if c.index == index]
         usable = [c for c in mine if c.usable and c.rate >= REPLAY_MIN_HZ]
+        longest = max((c.seconds for c in usable), default=0.0)
+        usable = [c for c in usable if c.seconds >= COVERED_SHARE * longest]
         chosen.append(min(usable, key=lambda c: c.rank) if usable else max(mine, key=lambda c: c.rate))
         for told in [chosen[-1]] if usable else mine:
             builder.problems += told.problems
@@ -136,6 +152,7 @@ def _left_out(builder: LogBuilder, more_than: int = 0) -> str:
     Called before anything else of the flight is read.
     """
     losses = [p for p in builder.problems if p.code in LEFT_OUT and p.count > more_than]
+    losses = losses or [p for p in builder.problems if p.code == "unreadable_message"]
     return max(losses, key=lambda p: p.count).text if losses else ""
 
 
@@ -297,8 +314,18 @@ def longest_held(t_us: Stamps, units: list[int]) -> int | None:
 
 
 def complete(candidate: Candidate) -> Candidate:
-    """The candidate without the samples for which the other sensor had no value to interpolate."""
-    return candidate.rows(np.flatnonzero(np.isfinite(candidate.acc).all(axis=1)))
+    """The candidate without the samples for which the other sensor had no value to interpolate.
+
+    More than a few at the ends, where one sensor was logged before the other, are told.
+    """
+    known = np.isfinite(candidate.acc).all(axis=1)
+    missing, n = int(np.count_nonzero(~known)), len(known)
+    if missing > UNTOLD_SHARE * n:
+        text = (
+            f"{candidate.source}: left out {missing:,} of {n:,} records, for which {candidate.acc_source} has no value."
+        )
+        candidate.problems.append(Problem("values_out_of_range", "warning", text, count=missing))
+    return candidate.rows(np.flatnonzero(known))
 
 
 def low_pass_delay(cutoff_hz: float | None) -> float:

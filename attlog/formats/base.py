@@ -96,16 +96,19 @@ class Table:
     def __getitem__(self, column: str) -> NDArray[Any]:
         """The column as stored, (n,) or (n, k) for array fields; ``q[2]`` is one element of an array field.
 
+        An array of one element is a number: beside columns (n,), one of (n, 1) would grow to n times n values.
         KeyError if the message has no such field.
         """
         if column not in self._columns:
             element = self._element(column)
             if element is not None:
-                return self[element[0]][:, element[1]]
+                whole = self[element[0]]
+                return whole if whole.ndim == 1 else whole[:, element[1]]
             if column not in self.fields:
                 raise KeyError(f"{self.name} has no field {column!r}; it has {', '.join(self.fields)}")
             try:
-                self._columns[column] = self._decode(column, self.offsets)
+                stored = self._decode(column, self.offsets)
+                self._columns[column] = stored[:, 0] if stored.shape[1:] == (1,) else stored
             except Exception as error:
                 self._caught(error, column)
                 self._fields = {name: field for name, field in self.fields.items() if name != column}

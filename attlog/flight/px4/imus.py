@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, validated
+from attlog.flight.inertial import REFUSED_SHARE, Candidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array, Problem
 from attlog.flight.px4.calibration import calibrate
 from attlog.flight.timing import Stamps, stamps_of
@@ -65,8 +66,21 @@ def fifo(builder: LogBuilder, values: dict[str, float]) -> list[Candidate]:
             i if unit is None else unit, 0, t, gyro, onto(t, t_acc, acc), f"sensor_gyro_fifo:{i}", "interval",
             calibrated=known and known_acc, filtered="none", device=str(own), acc_source=source,
         )  # fmt: skip
+        damaged = too_many(table)
+        one.problems += damaged
+        one.usable = all(p.count <= REFUSED_SHARE * len(table) for p in damaged)
         found.append(complete(one))
     return found
+
+
+def too_many(table: Table) -> list[Problem]:
+    """What is wrong with the batches of a FIFO topic, a problem or none."""
+    count = int(np.count_nonzero(table["samples"].astype(np.int64) > table["x"].shape[1]))
+    if not count:
+        return []
+    text = f"{table.name}:{table.instance}: left out {count:,} of {len(table):,} batches, which tell of more samples "
+    text += f"than the {table['x'].shape[1]} that they have room for."
+    return [Problem("values_out_of_range", "warning", text, count=count)]
 
 
 def fifo_acceleration(
@@ -95,10 +109,10 @@ def unpack_fifo(table: Table) -> tuple[Stamps, Array]:
     """
     x = np.stack([table[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     scale = table["scale"].astype(np.float64)
-    count = np.clip(table["samples"].astype(np.int64), 0, x.shape[1])
+    count = sample_counts(table, x.shape[1])
     end = stamps(table, "timestamp_sample")
-    own = np.nan_to_num(table["dt"].astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
     since = np.diff(end, prepend=end[:1]).astype(np.float64)
+    own = sample_intervals(table["dt"].astype(np.float64), since, count)
     expected = own * count
     near = (since > 0.5 * expected) & (since < 1.5 * expected)
     dt = np.where(near, since / np.maximum(count, 1), own)
@@ -107,6 +121,25 @@ def unpack_fifo(table: Table) -> tuple[Stamps, Array]:
     age = (count[:, None] - 1 - column[None, :]) * dt[:, None]
     t = end[:, None] - np.round(age).astype(np.int64)
     return t[valid], (x * scale[:, None, None])[valid]
+
+
+def sample_counts(table: Table, room: int) -> NDArray[np.int64]:
+    """The samples (n,) of each batch of a FIFO topic; none where it tells of more than the arrays have room for."""
+    told = table["samples"].astype(np.int64)
+    return np.where((told >= 0) & (told <= room), told, 0)
+
+
+def sample_intervals(told: Array, since: Array, count: NDArray[np.int64]) -> Array:
+    """The sensor's intervals (n,) in us between samples: those it tells, else what its batches need for them.
+
+    ``since`` (n,) us the batch before. Batches can be lost, so samples may be closer than those logged would be,
+    not further apart; and none are closer than a sensor can give.
+    """
+    needed = since[1:][count[1:] > 0] / count[1:][count[1:] > 0]
+    typical = float(median(needed)) if len(needed) else 0.0
+    with np.errstate(invalid="ignore"):
+        believed = (told * physics.RAW_HZ >= 1e6) & (told <= DECIMATED * max(typical, 0.0))
+    return np.where(believed, told, max(typical, 0.0))
 
 
 def vehicle_imu(builder: LogBuilder) -> list[Candidate]:

@@ -40,7 +40,7 @@ def ours(log: Messages, key: Key) -> dict[str, NDArray[Any]] | None:
         elif column.ndim == 2:
             found |= {f"{field}[{i}]": column[:, i] for i in range(column.shape[1])}
         else:
-            found[field] = column
+            found[f"{field}[0]" if described.dtype.shape else field] = column
     return found
 
 

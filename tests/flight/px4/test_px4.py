@@ -130,6 +130,60 @@ def test_fifo_samples_are_spread_over_time_calibrated_and_turned_into_the_body()
     np.testing.assert_allclose(imu.acc.x[50], [0, 0, -9.09], atol=1e-5)
 
 
+@pytest.mark.parametrize("told", [0.0, -125.0, np.nan, np.inf, 3e38, 1e-40, 400.0])
+def test_fifo_samples_whose_interval_is_none_are_spread_over_the_time_of_their_batch(told: float) -> None:
+    tables = {("sensor_gyro_fifo", 0): fifo(300, 8, 125.0, (1000, 200, 300), 11), ("sensor_combined", 0): combined()}
+    tables["sensor_gyro_fifo", 0]["dt"] = np.full(300, told, np.float32)
+    imu = read(tables).imus[0]
+    assert imu.gyro.source == "sensor_gyro_fifo:0"
+    assert imu.gyro.rate == pytest.approx(8000, rel=0.01)
+    assert np.diff(imu.gyro.t).max() < 0.0002
+
+
+def test_fifo_samples_keep_their_interval_where_most_batches_are_lost() -> None:
+    sound = fifo(3000, 8, 125.0, (1000, 200, 300), 11)
+    few = {name: column[::10] for name, column in sound.items()}
+    imu = read({("sensor_gyro_fifo", 0): few, ("sensor_combined", 0): combined(3000, 500.0)}).imus[0]
+    np.testing.assert_allclose(np.median(np.diff(imu.gyro.t)), 125e-6)
+
+
+def test_fifo_batches_that_tell_of_more_samples_than_they_have_room_for_are_left_out_and_told() -> None:
+    batches = fifo(300, 8, 125.0, (1000, 200, 300), 11)
+    batches["samples"][100:110] = 255
+    log = read({("sensor_gyro_fifo", 0): batches, ("sensor_combined", 0): combined()})
+    assert len(log.imus[0].gyro.t) == 8 * 290
+    assert [p.count for p in log.problems if p.code == "values_out_of_range"] == [10]
+    batches["samples"][:200] = 255
+    log = read({("sensor_gyro_fifo", 0): batches, ("sensor_combined", 0): combined()})
+    assert log.imus[log.imu].gyro.source == "sensor_combined"
+
+
+@pytest.mark.parametrize("stamps", ["standing still", "backwards"])
+def test_a_message_that_covers_next_to_nothing_is_not_preferred(stamps: str) -> None:
+    batches = fifo(300, 30, 125.0, (1000, 200, 300), 11)
+    end = batches["timestamp_sample"]
+    batches["timestamp_sample"] = end[::-1] if stamps == "backwards" else np.full_like(end, end[150])
+    log = read({("sensor_gyro_fifo", 0): batches, ("sensor_combined", 0): combined()})
+    assert log.imus[log.imu].gyro.source == "sensor_combined"
+    log = read({("sensor_gyro_fifo", 0): batches, ("sensor_accel_fifo", 0): batches})
+    assert log.imu is None
+
+
+def test_samples_for_which_the_accelerometer_has_no_value_are_told() -> None:
+    dead = combined()
+    dead["accelerometer_m_s2"][20:40] = np.inf
+    tables = {("sensor_gyro_fifo", 0): fifo(300, 8, 125.0, (1000, 200, 300), 11), ("sensor_combined", 0): dead}
+    log = read(tables)
+    assert any("sensor_combined has no value" in p.text for p in log.problems)
+
+
+def test_an_array_of_one_element_in_place_of_a_number_is_that_number() -> None:
+    batches = fifo(2000, 8, 125.0, (1000, 200, 300), 11)
+    batches["samples"] = batches["samples"][:, None]
+    imu = read({("sensor_gyro_fifo", 0): batches, ("sensor_combined", 0): combined()}).imus[0]
+    assert imu.gyro.source == "sensor_gyro_fifo:0"
+
+
 def test_the_board_rotation_is_not_applied_to_what_px4_has_turned_already() -> None:
     """``sensor_combined``, ``vehicle_imu``, ``vehicle_magnetometer`` are in the body frame: turning them is twice."""
     turned = {"SENS_BOARD_ROT": 4, "SENS_BOARD_X_OFF": 5.0, "CAL_GYRO0_ID": 11, "CAL_GYRO0_XOFF": 0.1}
