@@ -319,7 +319,7 @@ def complete(candidate: Candidate) -> Candidate:
     More than a few at the ends, where one sensor was logged before the other, are told.
     """
     known = np.isfinite(candidate.acc).all(axis=1)
-    missing, n = int(np.count_nonzero(~known)), len(known)
+    missing, n = int(np.count_nonzero(~known)), len(candidate.acc)
     if missing > UNTOLD_SHARE * n:
         text = (
             f"{candidate.source}: left out {missing:,} of {n:,} records, for which {candidate.acc_source} has no value."
