@@ -55,6 +55,7 @@ def kernels() -> Iterator[Kernel]:
         mavlink.WALK,
         mavlink.PAYLOAD,
         dataflash.WALK,
+        aiding_loop.HELD,
         aiding_loop.SEEN,
         aiding_loop.SUMMED,
         step_loops.PRODUCTS,

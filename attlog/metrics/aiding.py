@@ -27,7 +27,7 @@ from attlog.estimators.engine.samples import place
 from attlog.flight.model import Imu
 from attlog.kernels.loops import function_of
 from attlog.median import median
-from attlog.metrics.aiding_loop import SEEN, SUMMED, seen_at, summed_aiding
+from attlog.metrics.aiding_loop import HELD, SEEN, SUMMED, held_field, seen_at, summed_aiding
 from attlog.metrics.base import Case, per_case, per_row
 from attlog.metrics.evidence import imu_of, logged_unit
 from attlog.metrics.turning import Stack, Turning, places
@@ -133,17 +133,12 @@ def _hold(found: Samples, rate: Array, measured: Array) -> None:
     """Fill in the field, ``measured`` (n, 3) or NaN: each sample is turned back by the gyro, sample for sample, until
     it is too old or replaced."""
     size = np.sqrt(np.sum(measured * measured, axis=1))
-    at = np.flatnonzero(np.isfinite(size) & (size > 0))
-    if len(at) < 2:
+    new = np.flatnonzero(np.isfinite(size) & (size > 0))
+    if len(new) < 2:
         return
-    t, m = found.t, measured[at] / size[at, None]
-    period = float(median(np.diff(t[at])))
-    found.new, source, ends = at, at, np.append(at[1:], len(t))
-    while len(at):
-        found.m[at], found.age[at] = m, t[at] - t[source]
-        more = (at + 1 < ends) & (t[np.minimum(at + 1, len(t) - 1)] - t[source] <= HOLD_PERIODS * period)
-        at, source, ends, m = at[more] + 1, source[more], ends[more], m[more]
-        m = rotation.rotate(rotation.from_rotvec(-rate[at] * (t[at] - t[at - 1])[:, None]), m)
+    found.new, found.m[new] = new, measured[new] / size[new, None]
+    limit = HOLD_PERIODS * float(median(np.diff(found.t[new])))
+    function_of(HELD, held_field)(found.m, found.age, found.t, np.ascontiguousarray(rate), new, limit)
 
 
 class Sensors:

@@ -17,6 +17,7 @@ Three = tuple[float, float, float]
 FIXED_STEP_DEG = 0.3
 DEG = math.degrees(1.0)
 SOURCES = ("metrics/aiding_loop.py", "estimators/engine/vectors.py", "kernels")
+HELD_SIGNATURE = "void(f8[:, ::1], f8[::1], (f8[::1]), (f8[:, ::1]), (i8[::1]), f8)"
 SEEN_SIGNATURE = (
     "void(f8[:, ::1], f8[:, ::1], (i8[::1]), (i8[::1]), (f8[::1]), (f8[::1]), (f8[:, ::1]), (f8[:, ::1]), (f8[::1]), "
     "(f8[:, ::1]), (f8[::1]), i8)"
@@ -31,6 +32,27 @@ def rotated(w: float, x: float, y: float, z: float, vx: float, vy: float, vz: fl
     """A vector in body axes seen in earth axes."""
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
     return vx + w * tx + (y * tz - z * ty), vy + w * ty + (z * tx - x * tz), vz + w * tz + (x * ty - y * tx)
+
+
+def held_field(m: Array, age: Array, t: Array, rate: Array, new: Index, limit: float) -> None:
+    """Turn the field ``m`` (n, 3), known at the samples ``new`` (k,), on with the gyro's ``rate`` (n, 3) rad/s.
+
+    From sample to sample at ``t`` (n,), ``age`` (n,) s since it was measured, until it is older than ``limit`` s.
+    """
+    for k in range(len(new)):
+        source = new[k]
+        end = new[k + 1] if k + 1 < len(new) else len(t)
+        for i in range(source + 1, end):
+            if not t[i] - t[source] <= limit:
+                break
+            h = t[i] - t[i - 1]
+            x, y, z = -rate[i, 0] * h, -rate[i, 1] * h, -rate[i, 2] * h
+            half = 0.5 * math.sqrt(x * x + y * y + z * z)
+            factor = 0.5 * math.sin(half) / half if half > 1e-9 else 0.5
+            m[i, 0], m[i, 1], m[i, 2] = rotated(
+                math.cos(half), factor * x, factor * y, factor * z, m[i - 1, 0], m[i - 1, 1], m[i - 1, 2]
+            )
+            age[i] = t[i] - t[source]
 
 
 def seen_at(
@@ -137,5 +159,6 @@ def summed_aiding(
             out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5], out[i, 6] = s0, s1, s2, s3, s4, s5
 
 
+HELD = kernel_of(held_field, HELD_SIGNATURE, "metrics", "the field between its samples", SOURCES)
 SEEN = kernel_of(seen_at, SEEN_SIGNATURE, "metrics", "the sensors in quick movements", SOURCES)
 SUMMED = kernel_of(summed_aiding, SUMMED_SIGNATURE, "metrics", "the aiding of quick movements", SOURCES)

@@ -66,12 +66,13 @@ class Groups:
         return False
 
     def each(self, *, aided: bool = True) -> Iterator[Columns]:
-        """The columns group by group; not ``aided``: those of the aiding may be zero."""
+        """The columns group by group; not ``aided``: those of the aiding may be zero where columns are not kept."""
         for k, own in enumerate(self.bounds):
             columns = self._kept.get(k)
             if columns is None:
-                columns = build(self.row, self.ref, self.covered[own], self.sensors if aided else None, self.slow_row)
-                if aided or self.sensors is None:
+                whole = aided or self._room > 0
+                columns = build(self.row, self.ref, self.covered[own], self.sensors if whole else None, self.slow_row)
+                if whole or self.sensors is None:
                     self._heavy[k] = columns.heavy
                     self._room -= columns.nbytes
                     if self._room > 0:

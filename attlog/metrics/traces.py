@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from attlog import rotation
 from attlog.metrics import allan, controller, drift, drift_air, drift_rest, setpoint_response
-from attlog.metrics.base import Case
+from attlog.metrics.base import Case, per_times
 from attlog.metrics.envelope import Budget, Share, envelope
 from attlog.metrics.evidence import deviations
 from attlog.metrics.rest_traces import RestTraces
@@ -67,7 +67,7 @@ class Drawing:
         self._rest.hear(row)
         return [
             *attitude(row.name, row.t, row.q, row.segment, angles),
-            *difference(row, errors),
+            *difference(case, row, errors),
             *drifts(case, row),
             *allan_curves(case, row),
             *step_traces(case, row),
@@ -103,15 +103,21 @@ def own_sigma(reference: Reference, share: Share) -> list[Trace]:
     ]
 
 
-def difference(row: Row, share: Share) -> list[Trace]:
+def difference(case: Case, row: Row, share: Share) -> list[Trace]:
     """Errors against the reference: total, signed heading, inclination, and differences in roll and pitch."""
     e = row.errors
     if e is None or len(e.t) == 0:
         return []
-    apart = np.degrees(rotation.wrap(rotation.to_euler(e.q_est) - rotation.to_euler(e.q_ref)))
-    columns = np.column_stack([e.total, e.heading, e.inclination, apart[:, 0], apart[:, 1]])
+    apart = np.degrees(rotation.wrap(rotation.to_euler(e.q_est)[:, :2] - _tilt(case, e.q_ref)))
+    columns = np.column_stack([e.total, e.heading, e.inclination, apart])
     names = ("total", "heading", "inclination", "roll", "pitch")
     return [_enveloped("difference", row.name, e.t, _broken(columns, e.gap_segment), names, share)]
+
+
+@per_times
+def _tilt(case: Case, q: Array) -> Array:
+    """Roll and pitch (n, 2) in rad of an attitude (n, 4): of the reference the same for all rows."""
+    return np.ascontiguousarray(rotation.to_euler(q)[:, :2])
 
 
 def drifts(case: Case, row: Row) -> list[Trace]:
