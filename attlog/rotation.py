@@ -277,6 +277,11 @@ def wrap(angle: ArrayLike) -> Array:
     return (np.asarray(angle, np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 
+def unwrap(angle: Array, period: float = 2 * np.pi) -> Array:
+    """:func:`numpy.unwrap` of angles (n,), in a fraction of its time where nothing jumps, as mostly."""
+    return angle.copy() if (np.abs(np.diff(angle)) < 0.5 * period).all() else np.unwrap(angle, period=period)
+
+
 def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
     """Attitudes turned by ``angle`` rad about the earth's down axis (adds to the heading)."""
     q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)

@@ -255,3 +255,14 @@ def test_rows_with_a_number_that_is_none_are_told_and_huge_ones_are_numbers():
     assert rotation.finite(x).tolist() == [True, False, True, False, True, True]
     assert rotation.finite(x[::2].T).tolist() == [True, True, True]
     assert rotation.finite(np.zeros((0, 4))).shape == (0,)
+
+
+@pytest.mark.parametrize("period", [2 * np.pi, 360.0])
+def test_unwrapped_angles_are_those_of_numpy_whether_they_jump_or_not(period):
+    rng = np.random.default_rng(4)
+    for step in (0.1, 0.49, 2.0):
+        angle = np.cumsum(rng.uniform(-step, step, 200)) * period
+        for one in (angle, (angle + 0.5 * period) % period, np.where(np.arange(200) == 90, np.nan, angle)):
+            np.testing.assert_array_equal(rotation.unwrap(one, period), np.unwrap(one, period=period))
+    quiet = np.zeros(5)
+    assert rotation.unwrap(quiet) is not quiet

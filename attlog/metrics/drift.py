@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import rotation
 from attlog.distinct import among
 from attlog.median import median
 from attlog.metrics import interval
@@ -90,7 +91,7 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
     length = BLOCK_S if sum(t[j - 1] - t[i] for i, j in whole) >= FINE_BELOW_S - 0.1 else FINE_BLOCK_S
     times, means, labels = [], [], []
     for label, (i, j) in enumerate(whole):
-        own_t, own_e = t[i:j], np.unwrap(e_deg[i:j], period=360.0)
+        own_t, own_e = t[i:j], rotation.unwrap(e_deg[i:j], 360.0)
         index = np.floor((own_t - own_t[0]) / length).astype(int)
         count = np.bincount(index)
         full = np.flatnonzero(count > 0.5 * median(count[count > 0]))

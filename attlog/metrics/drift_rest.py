@@ -115,7 +115,7 @@ def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[flo
     if row.bias is not None:
         own = [row.bias[between(row.t, t0, t1), 2] for t0, t1 in merge(spans)]
         z = np.concatenate([np.zeros(0), *own])
-        z = z[np.isfinite(z)]
+        z = z if np.isfinite(z.sum()) else z[np.isfinite(z)]
         if len(z):
             beside["own_bias_z_dps"] = float(np.degrees(np.mean(z)))
     return beside

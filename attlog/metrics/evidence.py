@@ -78,7 +78,7 @@ def deviations(q: Array) -> Array:
     """
     centre = rotation.mean(q)
     apart = rotation.error(q, centre)
-    heading = np.unwrap(rotation.heading_angle(apart))
+    heading = rotation.unwrap(rotation.heading_angle(apart))
     north, east = rotation.to_rotvec(apart)[:, :2].T
     yaw = rotation.to_euler(centre)[2]
     roll, pitch = north * np.cos(yaw) + east * np.sin(yaw), east * np.cos(yaw) - north * np.sin(yaw)

@@ -236,20 +236,26 @@ def _step(case: Case, t: Array) -> float:
 
 def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
     """Mean squares (k,) of an error angle in blocks of the window's scored time, at the same times for all rows."""
-    errors, reference, length = row.errors, case.reference, BLOCK_S[angle]
+    errors, length = row.errors, BLOCK_S[angle]
     begin, values = np.zeros(0), np.zeros(0)
     if errors is not None and len(errors.t) > 1:
         needed = BLOCK_FILLED * length / usual_step(case, row)
-        scored = complement(reference.unscored, reference.scoring_start, reference.end)
-        spans = intersect(case.segments.spans(window), scored)
-        starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
-        begin = np.concatenate([np.zeros(0), *starts])
-        first, last = np.searchsorted(errors.t, begin), np.searchsorted(errors.t, begin + length)
+        begin, first, last = _blocks(case, errors.t, window, length)
         total, count = (interval.sums(x, first, last) for x in _squares(case, row, angle))
         full = count >= max(needed, 2)
         begin, values = begin[full], total[full] / count[full]
     chosen = ids_of(begin)
     return UnitValues("mean_square", chosen, values, partial(of_blocks, chosen, values))
+
+
+@per_times
+def _blocks(case: Case, t: Array, window: str, length: float) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """When the blocks of a window's scored time begin (k,), and which of the times (n,) are in each: first, and end."""
+    scored = complement(case.reference.unscored, case.reference.scoring_start, case.reference.end)
+    spans = intersect(case.segments.spans(window), scored)
+    starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
+    begin = np.concatenate([np.zeros(0), *starts])
+    return begin, np.searchsorted(t, begin), np.searchsorted(t, begin + length)
 
 
 @per_row

@@ -26,7 +26,7 @@ def remove(row: Row, segments: Segments, reference: Reference) -> None:
     """
     errors = row.errors
     assert errors is not None
-    along = np.unwrap(np.radians(errors.heading))
+    along = rotation.unwrap(np.radians(errors.heading))
     jumps = scoring.reset_steps(errors, along)
     smooth = along - np.cumsum(jumps)
     numbers, place = np.unique(row.segment, return_inverse=True)

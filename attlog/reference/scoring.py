@@ -9,7 +9,7 @@ from attlog import gap
 from attlog.flight.model import Attitude
 from attlog.median import median
 from attlog.reference.model import Errors, Reference
-from attlog.rotation import error, total_angle, wrap
+from attlog.rotation import error, total_angle, unwrap, wrap
 from attlog.segments import Segments, gaps, spans
 from attlog.segments.spans import Span
 
@@ -86,7 +86,7 @@ def lost_heading_at(errors: Errors) -> float | None:
     """
     if not (np.abs(errors.heading) > DIVERGED_HEADING_DEG).any():
         return None
-    along = np.unwrap(np.radians(errors.heading))
+    along = unwrap(np.radians(errors.heading))
     smooth = np.degrees(np.abs(wrap(along - np.cumsum(reset_steps(errors, along)))))
     beyond = np.minimum(np.abs(errors.heading), smooth) > DIVERGED_HEADING_DEG
     stays = _stays(errors, beyond, DIVERGED_HEADING_S)

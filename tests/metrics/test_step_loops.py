@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from attlog.kernels import loops
 from attlog.metrics import aiding_loop, step_columns, step_groups, steps
 from attlog.metrics.step_columns import MARGIN_S, STRIDE_S
 from tests.metrics.motions import motion, sampled
 
-KERNELS = (aiding_loop.SEEN, aiding_loop.SUMMED, step_columns.PRODUCTS, step_columns.POWERS)
+KERNELS = (aiding_loop.HELD, aiding_loop.SEEN, aiding_loop.SUMMED, step_columns.PRODUCTS, step_columns.POWERS)
 
 
 def columns_of(row_hz, ref_hz):
@@ -97,6 +98,24 @@ def test_without_a_compiler_the_loops_give_the_same_bits(monkeypatch):
         loops._loaded.cache_clear()
     for a, b in zip(compiled, plain, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+HOLDING = (aiding_loop.held_field, loops.function_of(aiding_loop.HELD, aiding_loop.held_field))
+
+
+@pytest.mark.parametrize("loop", HOLDING, ids=["plain", "compiled"])
+def test_a_field_is_held_until_it_is_too_old_or_the_next_one_comes(loop):
+    t, rate = 0.01 * np.arange(60), np.tile([0.5, -1.0, 2.0], (60, 1))
+    new, m, age = np.array([3, 10, 40]), np.zeros((60, 3)), np.zeros(60)
+    m[new] = np.eye(3)
+    loop(m, age, t, rate, new, 0.155)
+    source = np.repeat([-1, 3, 10, -1, 40, -1], [3, 7, 16, 14, 16, 4])
+    for k in range(60):
+        held = np.flatnonzero(new == source[k])
+        old = (t[k] - t[new[held]]).sum()
+        wanted = Rotation.from_rotvec(-rate[k] * old).apply(np.eye(3)[held].sum(axis=0))
+        np.testing.assert_allclose(m[k], wanted, atol=1e-12)
+        assert age[k] == pytest.approx(old)
 
 
 def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
