@@ -146,3 +146,14 @@ def message(error: BaseException, version: str, log: str = "") -> str:
         f"attlog: {where}a bug in attlog {version}: {type(error).__name__}: {error}\n"
         "Please report this line with the output of the same command and -vv."
     )
+
+
+def suggestion(name: str, known: Iterable[object]) -> str:
+    """The end of an error sentence: the nearest known names, or all of them."""
+    import difflib
+
+    names = [str(k) for k in known]
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if near:
+        return f"; did you mean {near[0]}?"
+    return f"; known are {', '.join(names)}" if names else "; there are none"

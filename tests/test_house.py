@@ -40,9 +40,10 @@ BELOW_THE_RESULT = {"formats", "estimators", "metrics", "health", "config"} | SE
 MAY_IMPORT: dict[str, set[str]] = {room: set() for room in EVERYWHERE} | {
     "formats": set(),
     "flight": {"formats"},
-    "estimators.base": set(),
+    "estimators.plugin_errors": set(),
+    "estimators.base": {"estimators.plugin_errors"},
     "estimators.aids": {"estimators.base"},
-    "estimators.engine": {"estimators.base", "estimators.aids"},
+    "estimators.engine": {"estimators.base", "estimators.aids", "estimators.plugin_errors"},
     "estimators.filters": {"estimators.engine", "estimators.base", "estimators.aids", "estimators.propagate"},
     "estimators": {"estimators.engine", "estimators.filters"},
     "segments": {"flight"},

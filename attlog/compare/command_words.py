@@ -11,8 +11,7 @@ from pathlib import Path
 from attlog import estimators
 from attlog.compare import toml_file
 from attlog.compare.configuration import Configuration, parse
-from attlog.errors import AttlogError, UsageError
-from attlog.estimators.base import suggestion
+from attlog.errors import AttlogError, UsageError, suggestion
 from attlog.flight.parameter_file import read_file
 
 KEYS = re.compile(r"[^:]*:[A-Za-z_]\w*=")

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from attlog import estimators
 from attlog.compare.settings import SETTINGS, Value, said, written
-from attlog.errors import UsageError
-from attlog.estimators.base import Estimator, suggestion
+from attlog.errors import UsageError, suggestion
+from attlog.estimators.base import Estimator
 
 FILES = (".py", ".csv")
 """What an estimator file and an attitude computed elsewhere are called."""

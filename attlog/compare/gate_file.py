@@ -20,8 +20,7 @@ from typing import Any
 from attlog.compare.gate_limits import KINDS, Limit
 from attlog.compare.gate_rows import windows
 from attlog.compare.gates import Gate, Gates
-from attlog.errors import LogUnreadable, UsageError
-from attlog.estimators.base import suggestion
+from attlog.errors import LogUnreadable, UsageError, suggestion
 from attlog.metrics import definitions
 from attlog.segments.model import WINDOWS, Segments
 from attlog.settings_file import text_of, toml_of

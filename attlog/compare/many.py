@@ -10,8 +10,7 @@ from attlog import estimators, metrics, replay
 from attlog.compare.before import prepared
 from attlog.compare.configuration import Configuration
 from attlog.compare.grid import Setting, text_of
-from attlog.errors import UsageError
-from attlog.estimators.base import suggestion
+from attlog.errors import UsageError, suggestion
 from attlog.flight.model import Imu, Mag
 from attlog.flight.parameter_file import read_file
 from attlog.metrics import level, rmse

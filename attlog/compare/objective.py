@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from attlog.compare.many import Settled, Wanted, wanted
 from attlog.compare.parts import Part
 from attlog.compare.tolerance import SMALLEST
-from attlog.errors import UsageError
-from attlog.estimators.base import suggestion
+from attlog.errors import UsageError, suggestion
 from attlog.metrics.ranking import distance
 
 TERMS = {

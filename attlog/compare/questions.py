@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from attlog.compare.paired import Scale
-from attlog.errors import UsageError
-from attlog.estimators.base import suggestion
+from attlog.errors import UsageError, suggestion
 from attlog.metrics import definitions
 from attlog.present.heading import DRIFT_AIR
 from attlog.present.rows import AIR, ALL, REST

@@ -22,8 +22,7 @@ from typing import Any
 from attlog.compare.configuration import Configuration, build
 from attlog.compare.questions import asked
 from attlog.config import KINDS, Config
-from attlog.errors import AttlogError, UsageError
-from attlog.estimators.base import suggestion
+from attlog.errors import AttlogError, UsageError, suggestion
 from attlog.settings_file import text_of, toml_of
 
 TABLE = "configuration"

@@ -27,7 +27,8 @@ from queue import Empty, SimpleQueue
 from typing import IO, Any, TypeVar
 
 from attlog.errors import AttlogError, PluginError, PluginTimeout
-from attlog.estimators.base import Estimator, LogInfo, broken
+from attlog.estimators.base import Estimator, LogInfo
+from attlog.estimators.plugin_errors import broken
 from attlog.limits import FILTER_S, MAX_ERROR_LETTERS, MAX_FILTER_BYTES
 
 T = TypeVar("T")

@@ -9,23 +9,18 @@ reaches it as :class:`LogFacts`.
 
 from __future__ import annotations
 
-import difflib
 import math
-import os
-import traceback
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import AttlogError, PluginError, UsageError
-from attlog.limits import MAX_ERROR_LETTERS
+from attlog.errors import PluginError, UsageError, suggestion
+from attlog.estimators.plugin_errors import plugin_errors
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -247,7 +242,7 @@ class Estimator:
         if log.info.declination_deg is not None and log.info.mag_rate_hz is not None:
             values |= {p.name: log.info.declination_deg for p in self.parameters if p == DECLINATION}
         if self.from_log is not None:
-            with plugin_errors(self):
+            with plugin_errors(self.origin):
                 told = dict(self.from_log(MappingProxyType({**log.params, **log.given}), log.info))
             for name, value in told.items():
                 if not isinstance(name, str) or not isinstance(value, str | Real):
@@ -291,15 +286,6 @@ class Estimate:
     quality: dict[str, float | str] = field(default_factory=dict)
 
 
-def suggestion(name: str, known: Any) -> str:
-    """The end of an error sentence: the nearest known names, or all of them."""
-    known = [str(k) for k in known]
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    if near:
-        return f"; did you mean {near[0]}?"
-    return f"; known are {', '.join(known)}" if known else "; there are none"
-
-
 def _short(value: object) -> str:
     """A value as a sentence shows it: a filter's may have any length, and words that cannot be had."""
     try:
@@ -307,49 +293,3 @@ def _short(value: object) -> str:
     except Exception:
         return f"a {type(value).__name__}"
     return text if len(text) <= MAX_VALUE_LETTERS else f"{text[:MAX_VALUE_LETTERS]}..."
-
-
-def broken(where: str, error: BaseException) -> PluginError:
-    """A PluginError that names the innermost line of the plug-in file ``where`` that led to ``error``."""
-    if isinstance(error, SyntaxError) and error.lineno is not None:
-        return PluginError(f"{error.filename or where}, line {error.lineno}: {error.msg}")
-    lines = [
-        f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename in (where, os.path.abspath(where))
-    ]
-    at = f"{where}, line {lines[-1]}" if lines else where
-    return PluginError(f"{at}: {type(error).__name__}: {_words(error)}{_moved(error)}")
-
-
-def _words(error: BaseException) -> str:
-    """What an exception of a file says: it may say anything, at any length, or fail to."""
-    try:
-        said = str(error)
-    except Exception:
-        return "its own words cannot be had"
-    return said if len(said) <= MAX_ERROR_LETTERS else f"{said[:MAX_ERROR_LETTERS]}... ({len(said)} letters)"
-
-
-def _moved(error: BaseException) -> str:
-    """The remedy where a file imports a module of this package from where an older version had it."""
-    name = (error.name or "") if isinstance(error, ModuleNotFoundError) else ""
-    if not name.startswith("attlog."):
-        return ""
-    package = Path(__file__).parents[1]
-    found = sorted(package.rglob(f"{name.rpartition('.')[2]}.py"))
-    if not found:
-        return "; this version of attlog has no such module (attlog new writes a file that fits it)"
-    here = ".".join(("attlog", *found[0].relative_to(package).with_suffix("").parts))
-    return f"; in this version of attlog it is {here}"
-
-
-@contextmanager
-def plugin_errors(estimator: Estimator) -> Iterator[None]:
-    """Whatever a plug-in raises inside becomes a PluginError with file and line; our own errors stay."""
-    try:
-        yield
-    except AttlogError:
-        raise
-    except Exception as error:
-        if estimator.origin == "attlog":
-            raise
-        raise broken(estimator.origin, error) from error

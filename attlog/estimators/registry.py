@@ -28,7 +28,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from attlog.errors import AttlogError, PluginError, UsageError
+from attlog.errors import AttlogError, PluginError, UsageError, suggestion
 from attlog.estimators import apart, recorded
 from attlog.estimators.base import (
     AIDS,
@@ -39,9 +39,8 @@ from attlog.estimators.base import (
     Estimator,
     Parameter,
     VectorsAt,
-    broken,
-    suggestion,
 )
+from attlog.estimators.plugin_errors import broken
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint

@@ -50,7 +50,7 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "delay": lambda: delay.checks(log, rates),
         "gyro": lambda: gyro.checks(log, phases),
         "frozen sensors": lambda: frozen.checks(log, phases),
-        "sensor faults": lambda: sensor_faults.checks(log, rates),
+        "sensor faults": lambda: sensor_faults.checks(rates),
         "onboard against smoother": lambda: against_smoother.checks(log, phases, reference),
         "gravity": lambda: accelerometer.checks(log, phases),
         "accelerometer bias": lambda: acc_bias.checks(log, phases),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from attlog.flight.model import FlightLog
 from attlog.health.model import Check
 from attlog.health.reason import as_sentence
 from attlog.reference.model import Reference
@@ -16,15 +15,14 @@ LIMITS = {
 }
 
 
-def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
+def checks(reference: Reference | None) -> list[Check]:
     """What was found while the reference was chosen; nothing is said of what physics does not contradict."""
-    if reference is None or log.replay_imu is None:
-        return []
-    faults = {name: fault for name, fault in reference.sensor_faults.items() if name in LIMITS}
+    faults = {} if reference is None else reference.sensor_faults
     return [
         Check(
             name, "bad" if fault.misleads else "warn", as_sentence(fault.why), fault.value, fault.unit, LIMITS[name],
             t=fault.t, count=fault.count,
         )
         for name, fault in faults.items()
+        if name in LIMITS
     ]  # fmt: skip

@@ -37,7 +37,7 @@ def seconds(log: FlightLog) -> float | None:
     grid, force = _mean_force(*gaps.rising(imu.acc.t_best, imu.acc.x))
     good = np.isfinite(gnss.vel_ned[:, :2]).all(axis=1) & (gnss.fix >= FIX_3D)
     t, velocity = gnss.t[good], gnss.vel_ned[good, :2]
-    if len(t) < FEWEST or len(grid) < FEWEST:
+    if len(grid) < FEWEST:
         return None
     first, last = _pairs(t, grid)
     if len(first) < FEWEST:

@@ -6,8 +6,7 @@ from dataclasses import replace
 from importlib import import_module
 from typing import cast
 
-from attlog.errors import UsageError
-from attlog.estimators.base import suggestion
+from attlog.errors import UsageError, suggestion
 from attlog.reproduce.paper import Options, Paper
 
 PAPERS = ("lyu", "fan", "huang", "xu")

@@ -27,7 +27,7 @@ from attlog import rotation
 from attlog.errors import PluginError, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse, registry
 from attlog.estimators.aids import AT_REST
-from attlog.estimators.base import Estimator, plugin_errors
+from attlog.estimators.base import Estimator
 from attlog.estimators.engine.loop import SIGMAS, kernel
 from attlog.estimators.engine.samples import MISSING, NEW, Sampling
 from attlog.estimators.engine.start import (
@@ -41,6 +41,7 @@ from attlog.estimators.engine.start import (
     realigned,
 )
 from attlog.estimators.engine.vectors import turn_vector_back
+from attlog.estimators.plugin_errors import plugin_errors
 from attlog.simulate.onboard_aids import Inbox
 from attlog.simulate.onboard_samples import Cleaner, Sample
 
@@ -67,7 +68,7 @@ def _told(estimator: Estimator, advance: Callable[..., Any]) -> Callable[..., An
         return advance
 
     def guarded(*arguments: Any) -> Any:
-        with plugin_errors(estimator):
+        with plugin_errors(estimator.origin):
             return advance(*arguments)
 
     return guarded

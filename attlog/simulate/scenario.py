@@ -18,8 +18,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from attlog.errors import UsageError
-from attlog.estimators.base import suggestion
+from attlog.errors import UsageError, suggestion
 from attlog.settings_file import text_of, toml_of
 from attlog.simulate.commands import Command, Motion
 from attlog.simulate.fault import Fault

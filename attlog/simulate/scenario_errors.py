@@ -7,7 +7,7 @@ from typing import Any, get_args, get_type_hints
 
 from pydantic import ValidationError
 
-from attlog.estimators.base import suggestion
+from attlog.errors import suggestion
 
 NOT_A_TABLE = ("dataclass_type", "dict_type", "dataclass_exact_type")
 

@@ -21,13 +21,14 @@ from numpy.typing import ArrayLike, NDArray
 from attlog import rotation
 from attlog.errors import AttlogError
 from attlog.estimators.aids import Aids
-from attlog.estimators.base import Array, Estimate, Estimator, broken, plugin_errors
+from attlog.estimators.base import Array, Estimate, Estimator
 from attlog.estimators.engine.events import events
 from attlog.estimators.engine.late import in_pieces, late_field, without_heading
 from attlog.estimators.engine.returned import returned
 from attlog.estimators.engine.samples import NEW, Samples, handed
 from attlog.estimators.engine.start import First, declination_rad, first, initial_state, realigned, to_true_north
 from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
+from attlog.estimators.plugin_errors import broken, plugin_errors
 from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.obtain import by_numba, obtained
@@ -282,7 +283,7 @@ def _twin(estimator: Estimator) -> Any:
     function = cache.plain(source, "advance", used)
 
     def advance(*arguments: Any) -> None:
-        with np.errstate(all="ignore"), plugin_errors(estimator):
+        with np.errstate(all="ignore"), plugin_errors(estimator.origin):
             function(*arguments, *(np.zeros(shape, kind) for kind, shape in SCRATCH))
 
     return advance
@@ -336,7 +337,7 @@ def _whole_segments(
         late = late_field(estimator, first(s, a, b, values), known)
         silent += [] if late is None else [(a, late)]
         clock = time.thread_time()
-        with plugin_errors(estimator):
+        with plugin_errors(estimator.origin):
             own = [x[a:b] for x in (s.t, s.gyr, s.acc)]
             if estimator.origin != "attlog":  # it may write to what it is given; the times are told with its result
                 own = [x.copy() for x in own]

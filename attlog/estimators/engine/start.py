@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog import rotation
 from attlog.errors import PluginError, UsageError
-from attlog.estimators.base import Array, Estimator, plugin_errors
+from attlog.estimators.base import Array, Estimator
 from attlog.estimators.engine.stabilised import stabilised
 from attlog.estimators.engine.vectors import GRAVITY
+from attlog.estimators.plugin_errors import plugin_errors
 
 if TYPE_CHECKING:
     from attlog.estimators.engine.samples import Samples
@@ -126,7 +127,7 @@ def turned_to_field(q: Array, mag: Array) -> Array:
 def _started(estimator: Estimator, params: Array, acc: Array, mag: Array, attitude: Array) -> Array:
     """What the filter's own start makes of vectors and an attitude."""
     assert estimator.start is not None
-    with plugin_errors(estimator):
+    with plugin_errors(estimator.origin):
         told = np.asarray(estimator.start(params, acc, mag, attitude.copy()))
         if told.dtype.kind not in "fiub":  # a cast would drop imaginary parts and take None for a number
             raise PluginError(f"{estimator.origin}: start returns {told.dtype} where real numbers are wanted")
