@@ -12,8 +12,8 @@ from attlog.present.numbers import listed
 from attlog.result import EstimatorRow, Problem, Result
 
 ATTITUDE = frozenset({
-    "reference_contradicted", "onboard_against_smoother", "gravity_direction", "gyro_against_attitude",
-    "second_source", "ekf_check", "ekf_fault", "ekf_failsafe",
+    "reference_contradicted", "onboard_against_smoother", "onboard_against_truth", "gravity_direction",
+    "gyro_against_attitude", "second_source", "ekf_check", "ekf_fault", "ekf_failsafe",
 })  # fmt: skip
 """Codes of problems that say the attitude that flew was wrong, or that its estimator failed."""
 RESETS = frozenset({"attitude_jumps", "lane_switch", "estimator_instance_changed"})

@@ -143,15 +143,16 @@ def damage(messages: Messages) -> list[Problem]:
         if at_end and 0 < first.length < 4096:
             text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
             return [Problem("cut_at_end", "note", text, offset=first.offset), *dropouts(messages)]
-        places = "one place" if messages.damage_places == 1 else f"{messages.damage_places} places"
-        found.append(
-            Problem(
-                "damage", "warning",
-                f"The file is damaged in {places}, {messages.damage_bytes} bytes are not usable; "
-                f"the first is {first.lost} at byte {first.offset}.",
-                offset=first.offset, count=messages.damage_places,
+        where = f"{first.lost} at byte {first.offset}"
+        text = f"The file is damaged in one place, {messages.damage_bytes} bytes are not usable: {where}."
+        if first.lost.startswith(f"{messages.damage_bytes} bytes"):
+            text = f"The file is damaged in one place: {where} are not usable."
+        if messages.damage_places > 1:
+            text = (
+                f"The file is damaged in {messages.damage_places} places, {messages.damage_bytes} bytes are not "
+                f"usable; the first is {where}."
             )
-        )  # fmt: skip
+        found.append(Problem("damage", "warning", text, offset=first.offset, count=messages.damage_places))
     return found + dropouts(messages)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
@@ -222,9 +222,11 @@ def choose_unit(
         builder.problem(
             "imu_low_rate",
             "warning",
-            f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and lags below "
-            f"{1000 / unit.rate:.0f} ms cannot be told. {logging.advice('fast_imu', unit.rate)}",
+            f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and quick movements are coarse. "
+            f"{logging.advice('fast_imu', unit.rate)}",
         )
+    beside = [p for k, other in enumerate(units) if k != wanted for p in other.problems if p.code == "imu_decimated"]
+    builder.problems = [replace(p, severity="note") if p in beside else p for p in builder.problems]
     if asked is None:
         _tell_what_others_saw(builder, units, wanted)
     builder.choices["imu"] = sentence(reason)

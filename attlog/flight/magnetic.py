@@ -124,27 +124,23 @@ def choose(
             return None
         builder.choices["mag"] = "Asked for."
         return named[0]
-    usable = []
+    usable, passed_over = [], []
     for k, mag in enumerate(mags):
+        name = mag.field.source
         reason = dead(mag, imu)
         if reason:
-            builder.problem("mag_dead", "warning", f"{mag.field.source}: {reason}; this magnetometer is not used.")
+            told = any(p.code == "mag_only_offsets" and p.text.startswith(f"{name}:") for p in builder.problems)
+            if not told:
+                builder.problem("mag_dead", "warning", f"{name}: {reason}; this magnetometer is not used.")
         elif not mag.enabled:
-            builder.problem(
-                "mag_disabled",
-                "warning",
-                f"{mag.field.source}: the parameters disable this compass, so it is not used; "
-                f"--mag {mag.index} takes it anyway.",
-            )
+            passed_over.append(("mag_disabled", f"{name}: the parameters disable this compass", mag.index))
         elif not mag.calibrated:
-            builder.problem(
-                "mag_uncalibrated",
-                "warning",
-                f"{mag.field.source}: this compass was never calibrated, so it is not used; "
-                f"--mag {mag.index} takes it anyway.",
-            )
+            passed_over.append(("mag_uncalibrated", f"{name}: this compass was never calibrated", mag.index))
         else:
             usable.append(k)
+    for code, why_not, index in passed_over:
+        text = f"{why_not}, so it is not used; --mag {index} takes it anyway."
+        builder.problem(code, "note" if usable else "warning", text)
     if not usable:
         if not mags:
             text = f"This log holds no magnetometer data: headings are relative. {logging.advice('mag')}"

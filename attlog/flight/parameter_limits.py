@@ -85,6 +85,7 @@ def _told(
     count = len(changes) + sum(change.name in names for change in kept)
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     who = f"Parameter {names[0]}" if len(names) == 1 else f"{len(names)} parameters ({', '.join(names[:NAMED])}{more})"
-    text = f"{who}: left out {len(changes)} of {count} values, such as {changes[0].value:g}: the {quantity.name} lies "
+    many = f"{len(changes)} of {count} values, such as {changes[0].value:g}" if count > 1 else f"{changes[0].value:g}"
+    text = f"{who}: left out {many}: the {quantity.name} lies "
     text += f"within {quantity.limits} ({quantity.why})."
     return Problem("values_out_of_range", "warning", text, offset=changes[0].offset, count=len(changes))

@@ -12,12 +12,10 @@ def checks(segments: Segments) -> list[Check]:
     limit = "good: no tilt beyond 90 deg that ends on the ground, no blow above 4 g with a tumble"
     if not lost and not blows:
         return [Check("crash", "good", "No loss of control and no impact.", 0, "", limit)]
-    if blows and not lost:
-        first, what = blows[0], "An impact"
-    else:
-        first, what = lost[0], "Control was lost"
-    times = f" {len(lost)} times" if len(lost) > 1 else ""
-    text = f"{what}{times}{', first' if times else ''} at {first.t0:.1f} s: {first.why}."
-    if blows and lost:
-        text += f" Nothing is compared after {blows[0].t0:.1f} s."
-    return [Check("crash", "bad", text, max(len(lost), 1), "", limit, t=first.t0, count=max(len(lost), 1))]
+    before = [x for x in lost if not blows or x.t0 <= blows[0].t0]  # a wreck that rolls over loses no control
+    first, what = (before[0], "Control was lost") if before else (blows[0], "An impact")
+    times = f" {len(before)} times" if len(before) > 1 else ""
+    text = f"{what}{times}{', first' if times else ''} at {first.t0:.1f} s: {first.why}. "
+    again = "It flew again: what follows is compared too."
+    text += f"Nothing is compared after {blows[0].t0:.1f} s." if blows else again
+    return [Check("crash", "bad", text, max(len(before), 1), "", limit, t=first.t0, count=max(len(before), 1))]

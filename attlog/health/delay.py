@@ -30,7 +30,8 @@ def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
     )  # fmt: skip
     verdict = graded(told, SHORT_MS, float("inf"))
     if seen is not None and reference is not None:
-        text += f"; against {reference.source} its rates are late by {1e3 * seen:.1f} ms"
+        however = ", yet" if told == 0 and known and 1e3 * seen > AGREES_MS else ";"
+        text += f"{however} against {reference.source} its rates are late by {1e3 * seen:.1f} ms"
         off = abs(1e3 * seen - told)
         verdict = max(verdict, graded(off, AGREES_MS, WRONG_CLOCK_MS), key=("good", "warn", "bad").index)
     return [Check("delay", verdict, text + ".", round(told if seen is None else 1e3 * seen, 2), "ms", limit)]

@@ -77,12 +77,16 @@ ABOUT: dict[str, About] = {
     ),
     "crash": About(
         bad="error", cause="Lost thrust, lost attitude or contact with something.", fault="crash",
-        means="Nothing is compared after an impact.", codes=("crash",),
+        means="Errors in a tumble say little about flight.", codes=("crash",),
     ),
     "onboard against smoother": About(
         bad="error", cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
         fault="estimator", means="Filters are compared with the smoother and not with it; what it flew on was wrong.",
         codes=("reference_contradicted",),
+    ),
+    against_smoother.TRUTH: About(
+        bad="error", cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
+        fault="estimator", means="What it flew on was wrong; filters are compared with the truth and not with it.",
     ),
     "gravity direction": About(
         bad="error", cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
@@ -139,7 +143,7 @@ ABOUT: dict[str, About] = {
     ),
     "declination told": About(
         fault="declination", cause="A value set by hand, or kept from another place.",
-        means="The onboard heading is off by the difference; filters that take the parameter are as well.",
+        means="Headings that use the parameter, onboard or of filters, are off by the difference.",
     ),
     "GNSS": About(
         warn="note", cause="Bad view of the sky, interference, or a receiver that failed.",
@@ -158,8 +162,8 @@ ABOUT: dict[str, About] = {
         codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short"),
     ),
     "delay": About(
-        warn="note", cause="A low-pass filter ahead of the logger, or a clock that differs.",
-        means="All filters are late by it; where the log tells it, lags are given without it.",
+        warn="note", cause="Low-pass filters ahead of the logger, or a clock that differs.",
+        means="All filters are late by it; lags are given without what the log tells of it.",
     ),
     "coverage": About(
         warn="note", cause="The attitude was logged for a part of the time only.",
@@ -275,7 +279,7 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
 
 def _wrong_one(problem: Problem) -> bool:
     """Whether this says that the onboard attitude is the wrong one."""
-    return problem.code == _code(against_smoother.NAME) and problem.severity == "error"
+    return problem.code in map(_code, against_smoother.NAMES.values()) and problem.severity == "error"
 
 
 def _explained(problem: Problem, checks: list[Check], log: FlightLog) -> Problem:

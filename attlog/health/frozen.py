@@ -8,7 +8,7 @@ import numpy as np
 
 from attlog import rotation
 from attlog.flight import magnetic
-from attlog.flight.model import Array, FlightLog, Gnss, Imu, Stream
+from attlog.flight.model import Array, FlightLog, Gnss, Stream
 from attlog.health.model import Check
 from attlog.median import median, quantile
 from attlog.segments.model import Segments
@@ -51,7 +51,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         if spans
     }
     serious = bool(others)
-    others |= _compass(log, imu) | _barometer(log, segments)
+    others |= _compass(log) | _barometer(log, segments)
     every = sorted((s for spans in others.values() for s in spans), key=lambda s: s[0] - s[1])
     text = f"{'; '.join(others)}." if others else "No other sensor stands still while the vehicle moves."
     verdict = "bad" if serious else "warn" if others else "good"
@@ -79,13 +79,18 @@ def held(stream: Stream, least_s: float) -> list[Span]:
     return [(a, b) for a, b in spans if b - a >= least_s]
 
 
-def _compass(log: FlightLog, imu: Imu) -> dict[str, list[Span]]:
-    """The compass in use, where the gyro turns; one that never changes at all is told as dead elsewhere."""
-    if log.mag is None:
-        return {}
-    field = log.mags[log.mag].field
-    spans = [s for s in held(field, MAG_S) if magnetic.turn(imu, *s) > magnetic.TURN_DEG]
-    return {f"{field.source}: {_said('compass', spans)}": spans} if spans else {}
+def compass(log: FlightLog) -> list[Span]:
+    """Where the compass in use stands still while the gyro turns; one that never changes is told as dead elsewhere."""
+    imu = log.replay_imu
+    if log.mag is None or imu is None:
+        return []
+    return [s for s in held(log.mags[log.mag].field, MAG_S) if magnetic.turn(imu, *s) > magnetic.TURN_DEG]
+
+
+def _compass(log: FlightLog) -> dict[str, list[Span]]:
+    """What is said of the compass in use that stopped, and where."""
+    spans = compass(log)
+    return {f"{log.mags[log.mag or 0].field.source}: {_said('compass', spans)}": spans} if spans else {}
 
 
 def _barometer(log: FlightLog, segments: Segments) -> dict[str, list[Span]]:

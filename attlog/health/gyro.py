@@ -31,7 +31,8 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     peak = float(np.degrees(np.abs(imu.gyro.x).max()))
     limit = "warn from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
     clipped = at_limit(np.degrees(np.abs(imu.gyro.x)).max(axis=1))
-    text = f"Largest rate {peak:.0f} deg/s" + (f"; {clipped} samples at the sensor's limit." if clipped else ".")
+    samples = "1 sample is" if clipped == 1 else f"{clipped} samples are"
+    text = f"Largest rate {peak:.0f} deg/s" + (f"; {samples} at the sensor's limit." if clipped else ".")
     found = [Check("gyro range", "warn" if clipped else "good", text, round(peak, 1), "deg/s", limit)]
     found.append(bias(imu, segments))
     return found

@@ -7,6 +7,7 @@ import numpy as np
 from attlog import rotation
 from attlog.flight import magnetic
 from attlog.flight.model import Array, FlightLog
+from attlog.health import frozen
 from attlog.health.accelerometer import of_imu
 from attlog.health.model import Check, graded, not_judged
 from attlog.median import median
@@ -14,6 +15,9 @@ from attlog.reference import declination
 
 STRENGTH_UT = (15.0, 90.0)
 """Outside this no place on earth lies: 22 to 67 uT with room for an iron vehicle."""
+
+STEADY_DEG, UNSTEADY_DEG = 5.0, 20.0
+"""How much the direction of the field may vary in earth axes; beyond the second a mean within it tells none."""
 
 
 def checks(log: FlightLog) -> list[Check]:
@@ -27,6 +31,10 @@ def checks(log: FlightLog) -> list[Check]:
     ]
     if log.mag is None:
         return [*found, not_judged("field", "No usable magnetometer in this log.", "15 to 90 uT")]
+    held = frozen.compass(log)
+    if held:
+        why = f"The compass stops at {held[0][0]:.1f} s: its field says nothing from there on."
+        return [*found, strength(log), *(not_judged(name, why) for name in ("field against attitude", "declination"))]
     return [*found, strength(log), *against_attitude(log)]
 
 
@@ -45,6 +53,8 @@ def strength(log: FlightLog) -> Check:
         text += f"; the earth's field there is {expected:.1f} uT"
         if verdict == "good" and abs(value / expected - 1) > 0.2:
             verdict = "warn"
+    elif verdict == "bad":
+        text += "; the earth's field is 22 to 67 uT anywhere"
     if verdict == "good" and spread > 0.1:
         verdict = "warn"
     if not mag.calibrated:
@@ -55,7 +65,7 @@ def strength(log: FlightLog) -> Check:
 
 def against_attitude(log: FlightLog) -> list[Check]:
     """Direction of the horizontal field, rotated by truth or the onboard attitude: steady, and the declination."""
-    limit = "good up to 5 deg, bad above 20 deg"
+    limit = f"good up to {STEADY_DEG:.0f} deg, bad above {UNSTEADY_DEG:.0f} deg"
     name, attitude = ("truth", log.truth) if log.truth is not None else (log.onboard, log.onboard_attitude)
     if attitude is None:
         return [not_judged("field against attitude", "There is no attitude to rotate the field by.", limit)]
@@ -67,8 +77,10 @@ def against_attitude(log: FlightLog) -> list[Check]:
         return [not_judged("field against attitude", f"{name} covers {good.sum()} magnetometer samples only.", limit)]
     north = rotation.rotate(turned[good], field.x[good])
     azimuth, spread = circular(np.arctan2(north[:, 1], north[:, 0]))
-    text = f"Rotated by {name} the horizontal field points to {azimuth:.1f} deg, varying by {spread:.1f} deg."
-    found = [Check("field against attitude", graded(spread, 5.0, 20.0), text, round(spread, 2), "deg", limit)]
+    whose = "the true" if name == "truth" else f"{name}'s"
+    text = f"The field's north lies {azimuth:.1f} deg from {whose} north and varies by {spread:.1f} deg (1 sigma)."
+    verdict = graded(spread, STEADY_DEG, UNSTEADY_DEG)
+    found = [Check("field against attitude", verdict, text, round(spread, 2), "deg", limit)]
     model = declination.model(log)
     limit = "good within 4 deg of the model, bad above 15 deg"
     if model is None:
@@ -77,7 +89,10 @@ def against_attitude(log: FlightLog) -> list[Check]:
             not_judged("declination", "There is no GNSS position, so no declination to compare with.", limit),
         ]
     difference = float(np.degrees(rotation.wrap(np.radians(azimuth - model.declination_deg))))
-    text = f"The field lies {azimuth:.1f} deg from {name}'s north; the model says {model.declination_deg:.1f} deg."
+    if max(UNSTEADY_DEG, abs(difference)) < spread:
+        return [*found, not_judged("declination", "The field varies too much to tell a declination.", limit)]
+    expected = f"the model says {model.declination_deg:.1f} deg"
+    text = f"The field's north lies {azimuth:.1f} deg from {whose} north; {expected}."
     found.append(Check("declination", graded(abs(difference), 4.0, 15.0), text, round(azimuth, 2), "deg", limit))
     return found
 

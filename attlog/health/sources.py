@@ -40,7 +40,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         ]
     off = {n: d for n, d in seen.items() if d.since is not None}
     if not off:
-        text = f"{listed(list(seen))} and {log.onboard} show the same tilt and heading."
+        text = f"{listed([*seen, str(log.onboard)])} show the same tilt and heading."
         return [Check("second source", "good", text, 0.0, "deg", limit)]
     worst = max(off.values(), key=lambda d: max(d.tilt / TILT_DEG[0], d.heading / HEADING_DEG[0]))
     same = [n for n, d in off.items() if abs(d.tilt - worst.tilt) < 1.0 and abs(d.heading - worst.heading) < 3.0]

@@ -30,6 +30,8 @@ GROWN, BEFORE_S, AFTER_S = 3.0, 20, 10
 """Onset: the median of the next 10 s is three times the median of all flight before, at least 20 s."""
 MORE_POWER = 1.3
 """Vibration that comes with so much more throttle is none that something broke."""
+TIMES_OWN = 5.0
+"""Where the autopilot's own level is so much higher, the logger's rate is too low to show what vibrates."""
 FORCE_S, CHANGED_M_S2, WRONG_M_S2 = 10.0, 0.7, 1.5
 """Mean vertical force over 10 s: what it may change by without a change of vertical speed that explains it."""
 
@@ -59,7 +61,8 @@ def level(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     own = onboard_level(log.onboard_vibration, flown)
     if own is not None and own > ONBOARD_M_S2[0]:
         verdict = "bad" if own > ONBOARD_M_S2[1] or verdict == "bad" else "warn"
-        text += f" The autopilot's own level is {own:.0f} m/s^2 for a twentieth of the flight and more."
+        text += f" The autopilot itself measured {own:.0f} m/s^2 or more in 5 % of the flight"
+        text += f", of which the logged {imu.acc.rate:.0f} Hz show little." if own > TIMES_OWN * typical else "."
     if since is None:
         return Check("vibration", verdict, text, round(shown, 2), unit, limit)
     later = x[since:]
@@ -168,10 +171,11 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     if verdict == "good":
         return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit)
     since = int(np.argmax(np.abs(unexplained) > CHANGED_M_S2))
+    most = f", at {times[worst]:.0f} s most" if worst != since else ""
     text = (
-        f"The mean vertical force goes from {force[0]:.2f} to {force[worst]:.2f} m/s^2 at {times[worst]:.0f} s, while "
-        f"the height shows an acceleration of {by_height[worst]:+.1f}: accelerometer or attitude is wrong by "
-        f"{size:.1f} m/s^2."
+        f"From {times[since]:.0f} s on the mean vertical force is off{most}: {force[worst]:.2f} m/s^2 after "
+        f"{force[0]:.2f} at first, while the height shows an acceleration of {by_height[worst]:+.1f} m/s^2. "
+        f"Accelerometer or attitude is wrong by {size:.1f} m/s^2."
     )
     return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit, t=float(times[since]))
 

@@ -132,7 +132,7 @@ def _against(case: Case, row: Row, name: str, window: str) -> Answer:
         )
     found = drift.slope(blocks)
     if found.value is None:
-        reason = f"flight comparable with {name}: {drift.too_short(found, DRIFT_AIR_S)}"
+        reason = f"flight to compare with {HEADING_REFERENCES[name]}: {drift.too_short(found, DRIFT_AIR_S)}"
         return missing("record_too_short", reason, "deg/min", window)
     answer = drift.answer(found, window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])

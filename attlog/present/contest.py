@@ -10,6 +10,8 @@ from attlog.present.rows import has_value, is_baseline, is_best, is_ranked, valu
 from attlog.result import Answer, EstimatorRow, Result
 
 THE_BASELINE = "the gyro alone, shown for comparison"
+BY_ITSELF = ("noise_", "drift_rest_")
+"""Columns in which a row is compared with nothing but itself."""
 NOT_COMPARED = "too little of what it was measured on is shared with the other filters"
 
 
@@ -106,8 +108,9 @@ class Contest:
 
     @property
     def onboard(self) -> Judged | None:
-        """The attitude that flew, unless it is what all were compared with."""
-        return next((j for j in self.judged if j.row.name == "onboard" and not j.row.is_reference), None)
+        """The attitude that flew, unless this column compares all rows with it."""
+        by_itself = self.metric.startswith(BY_ITSELF)
+        return next((j for j in self.judged if j.row.name == "onboard" and (by_itself or not j.row.is_reference)), None)
 
     def of(self, row: EstimatorRow) -> Judged | None:
         """The value of a row, None without."""

@@ -10,6 +10,8 @@ DRIFT_AIR = "drift_air_deg_per_min"
 
 TOO_UNCERTAIN = "too_uncertain"
 """The code of an answer that leaves so much open that it tells nothing."""
+TOO_SHORT = "record_too_short"
+"""The code of a heading reference that is there for less time than a drift takes."""
 QUOTED = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "course")
 """The order in which a heading reference is quoted; with truth no other is."""
 
@@ -20,7 +22,7 @@ def quoted_heading_reference(result: Result) -> str:
     The first of QUOTED by which any replayed row has a value; truth also where it tells nothing.
     """
     replayed = [row for row in result.estimators if row.kind == "replay"]
-    unsure = ""
+    unsure = short = ""
     for name in QUOTED:
         found = [find(row, f"{DRIFT_AIR}.{name}", AIR) for row in replayed]
         if any(has_value(a) for a in found):
@@ -29,4 +31,6 @@ def quoted_heading_reference(result: Result) -> str:
             if name == "truth":
                 return name
             unsure = unsure or name
-    return unsure or "onboard"
+        if any(a is not None and a.code == TOO_SHORT for a in found):
+            short = short or name
+    return unsure or short or "onboard"

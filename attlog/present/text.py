@@ -55,7 +55,7 @@ UNITS_IN_TEXT = (
     (re.compile(r"\+-(?=\d)"), "±"),
     (re.compile(r"(?<=\d) m/s\^2"), " m/s²"),
     (re.compile(r"(?<=\d) uT\b"), " µT"),
-    (re.compile(r"(?<![\w.])-(?=\d+(\.\d+)?( |°|,|$))"), MINUS),
+    (re.compile(r"(?<![\w.])-(?=\d+(\.\d+)?([ °,;:)]|$))"), MINUS),
 )
 
 

@@ -119,14 +119,14 @@ def _judged(
     if right > RIGHT_M_S2 or wrong < WRONG_M_S2:
         return None
     angle = float(median(apart[longest]))
+    who = f"all {len(filters)}" if len(near) == len(filters) else f"{len(near)} of {len(filters)}"
     fault = (
-        f"{reference.source} is wrong by {angle:.0f} deg: {len(near)} of {len(filters)} filters agree with each other, "
-        "and the mean force with them"
+        f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree with each other, and by them the mean "
+        "force is gravity"
     )
     text = (
         f"Filters stay within {median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
-        f"{_shown(by_filter)} m/s^2 (north, east, down) by them, as gravity is, and {_shown(by_reference)} by "
-        f"{reference.source}"
+        f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
     )
     return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)
 

@@ -36,9 +36,9 @@ def accelerometer_contradicted(seen: Dips | None, attitude: Attitude | None) -> 
     if not (off[0] >= WRONG_DEG and off[1] <= RIGHT_DEG):
         return ""
     return (
-        f"the field dips by {seen.by_force:.0f} deg below the level of the accelerometer, by "
-        f"{seen.by_attitude:.0f} deg below that of {attitude.source} and by {seen.on_earth:.0f} deg on "
-        "earth: the accelerometer's axes are wrong"
+        f"the field {_dips(seen.by_force)} the level of the accelerometer and {_dips(seen.by_attitude)} that of "
+        f"{attitude.source}; the earth's field there {_dips(seen.on_earth)} the horizon: the accelerometer's axes are "
+        "wrong"
     )
 
 
@@ -51,10 +51,15 @@ def compass_contradicted(seen: Dips | None, attitude: Attitude | None, source: s
         return ""
     signs = abs(seen.by_force + seen.on_earth) <= RIGHT_DEG and abs(seen.on_earth) >= WRONG_DEG
     return (
-        f"the field of {source} dips by {seen.by_force:.0f} deg below the level of the accelerometer and of "
-        f"{attitude.source}, by {seen.on_earth:.0f} deg on earth: "
+        f"the field of {source} {_dips(seen.by_force)} the level of the accelerometer and of {attitude.source}; the "
+        f"earth's field there {_dips(seen.on_earth)} the horizon: "
         f"{'all its axes have the other sign' if signs else 'its axes are wrong, or iron bends it'}"
     )
+
+
+def _dips(angle: float) -> str:
+    """``points 60 deg below``: a dip in words, the sign in its last one."""
+    return f"points {abs(angle):.0f} deg {'above' if angle < -0.5 else 'below'}"
 
 
 @dataclass(frozen=True, slots=True)

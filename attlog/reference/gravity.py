@@ -75,7 +75,7 @@ def _sometimes(reference: Reference, quiet: list[Quiet]) -> str:
     worst = max(wrong, key=lambda q: q.tilt)
     return (
         f"{reference.source} is wrong by {worst.tilt:.0f} deg {WHERE[worst.kind]} at {worst.t0:.0f} s, where the "
-        f"accelerometer shows {worst.force:.1f} m/s^2 as gravity does, and {len(wrong)} of {len(sound)} times in all: "
+        f"accelerometer shows {worst.force:.1f} m/s^2, near gravity, and {len(wrong)} of {len(sound)} times in all: "
         "agreement with it would mean nothing"
     )
 

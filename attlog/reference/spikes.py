@@ -55,6 +55,6 @@ def of(imu: Imu) -> Spikes:
     turned = float(np.degrees(np.sum(size[found]) * usual)) * 60.0 / (usual * len(t))
     why = (
         f"{imu.gyro.source} jumps {len(found)} times for a single sample, by up to "
-        f"{np.degrees(size[found].max()):.0f} deg/s and {turned:.0f} deg/min together"
+        f"{np.degrees(size[found].max()):.0f} deg/s; together they turn a filter by {turned:.0f} deg in a minute"
     )
     return Spikes(len(found), turned, float(t[found[0] + 1]), why)

@@ -61,8 +61,9 @@ def losses(log: FlightLog, imu: Imu, airborne: Phase, lying: list[Span], pauses:
             continue
         end, what = min(after)
         blows = _blows(imu, [(t, t + END_S)])
-        why = f"tilt of {tilt:.0f} deg, and {_later(end - t)} {what}"
-        why += f"; a blow of {blows[0][1]:.1f} g {_later(blows[0][0] - t)}" if blows else ""
+        why = f"tilt of {tilt:.0f} deg, "
+        why += f"{_later(blows[0][0] - t)} a blow of {blows[0][1]:.1f} g; " if blows else "and "
+        why += f"{_later(end - t, ' after the loss' if blows else ' later')} {what}"
         found.append(Loss(t, max(blows[0][0] if blows else end, t), bool(blows), why))
     return found
 
@@ -103,8 +104,8 @@ def _ends(log: FlightLog, lying: Iterable[Span], pauses: Iterable[float]) -> lis
     return told + [(t, LOG_STOPPED) for t in pauses]
 
 
-def _later(seconds: float) -> str:
-    return f"{seconds:.1f} s later" if seconds >= 0.1 else "at once"
+def _later(seconds: float, words: str = " later") -> str:
+    return f"{seconds:.1f} s{words}" if seconds >= 0.1 else "at once"
 
 
 def lying(log: FlightLog, windows: Windows, still: list[Span]) -> list[Span]:

@@ -111,3 +111,18 @@ def test_a_sensor_that_is_mounted_otherwise_than_set_is_no_wrong_attitude() -> N
         "The sensor's mounting is not what is set, or the onboard attitude is wrong throughout"
     )
     assert judged(off(flight(), (25.0, 0.0, 0.0), 30.0, 60.0))[0].verdict == "bad"
+
+
+def test_truth_judges_the_attitude_that_flew_without_sigmas() -> None:
+    log = off(flight(), (0.0, 0.0, 60.0), 30.0, 50.0)
+    log.truth = flight().attitudes["ATT"]
+    phases = segments.build(log)
+    phases.segments.append(Segment("airborne", 22.0, 60.0))
+    checks = audit(log, phases, choose(log, phases))
+    check = next(c for c in checks if c.name == "onboard against truth")
+    assert (check.verdict, check.value) == ("bad", 60.0)
+    assert check.text == "The onboard attitude is the wrong one here: heading 60.0 deg off from 30 s to 50 s."
+    assert "onboard_against_truth" in {p.code for p in findings(log, checks)}
+    log.attitudes["ATT"] = flight().attitudes["ATT"]
+    check = next(c for c in audit(log, phases, choose(log, phases)) if c.name == "onboard against truth")
+    assert (check.verdict, check.text) == ("good", "ATT differs from the truth by tilt 0.0 deg, heading 0.0 deg.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 
@@ -68,10 +69,24 @@ def superlatives(result: Result, verdict: Verdict) -> Iterator[str]:
             elif counted:
                 if int(counted[1]) != len(best & compared):
                     yield f"{counted[0]} called best, ranking says {best}"
+            elif metric == STEP:
+                if named != before_the_first_worse(result, metric, window, best):
+                    yield f"{named} called least off, ranking says {best}"
             elif named != best - {"gyro"}:
                 yield f"{named} called best, ranking says {best}"
     if "told apart from the others" in said.split(". ")[0] and marked(result.best, verdict.window, verdict.metric):
         yield "called too close although the ranking marks some"
+
+
+def before_the_first_worse(result: Result, metric: str, window: str, best: set[str]) -> set[str]:
+    """The best rows with smaller values than all rows that are told to be worse."""
+    values = {
+        row.name: answer.value for row in result.estimators
+        if row.kind == "replay" and row.estimator != "gyro" and row.status == "ok"
+        and (answer := row.metrics.get(window, {}).get(metric)) is not None and answer.value is not None
+    }  # fmt: skip
+    least_worse = min((value for name, value in values.items() if name not in best), default=math.inf)
+    return {name for name, value in values.items() if name in best and value <= least_worse}
 
 
 WORST = ("is farthest", "agrees least", "wanders most", "lags most", "drifts most")

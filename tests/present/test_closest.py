@@ -147,3 +147,11 @@ def test_where_only_the_gyro_was_run_the_log_is_not_blamed():
     alone = made([row("gyro", tilt(1.0)), row("onboard", tilt(0.9))])
     said = "Cannot be judged: of the filters only Gyro was run, which is shown and never ranked."
     assert {v.sentence for v in verdicts(alone)} == {said}
+
+
+def test_errors_that_are_shown_alike_are_all_the_same_and_what_has_no_compass_has_no_north():
+    rows = [row(n, tilt(2.1, 0.4, ranked=False), uses_mag=False) for n in "abcd"]
+    said = sentence("closest", made(rows))
+    assert "tilt errors are all 2.1° against" in said
+    assert "Heading errors are all 0.40°" in said
+    assert said.endswith(" Without a compass they know no north: each one's offset at the start was taken off.")

@@ -29,8 +29,7 @@ def test_most_and_least_come_from_the_ranking():
     rows = [row("a", drift(-4.8)), row("b", drift(2.0)), row("c", drift(0.0))]
     found = made(rows, {DRIFT_REST: ["c"]}, {DRIFT_REST: "a"})
     assert sentence("drifting", found) == (
-        "At rest, A drifts most: −4.8°/min (−4.9 to −4.7); B +2.0°/min; none is told of C: "
-        "less than 0.10°/min; least: C."
+        "At rest, A drifts most: −4.8°/min (−4.9 to −4.7); B +2.0°/min; none is told of C: less than 0.10°/min."
     )
     assert "A and B drift: −4.8°/min and +2.0°/min" in sentence("drifting", made(rows))
 
@@ -72,7 +71,7 @@ def test_a_rate_that_changes_is_said():
 def test_rows_that_diverged_are_named_last_with_their_drift_and_never_least():
     rows = [row("a", drift(1.0)), row("lost", drift(0.01, 0.001), status="diverged"), row("b", drift(2.0))]
     found = verdict("drifting", made(rows))
-    assert found.sentence.endswith("; Lost, which diverged, +0.01°/min.")
+    assert found.sentence.endswith("; Lost, which diverged, +0.01°/min (+0.01 to +0.01).")
     assert [name for name, _, _ in found.bars] == ["a", "b", "lost"]
 
 
@@ -120,3 +119,16 @@ def test_truth_is_quoted_also_where_nothing_can_be_told_by_it():
         )
     ]
     assert quoted_heading_reference(made(rows)) == "truth"
+
+
+def test_what_flew_drifts_at_rest_also_where_it_is_the_reference():
+    rows = [row("a", drift(1.0)), row("b", drift(2.0)), row("onboard", drift(-4.0), is_reference=True)]
+    assert sentence("drifting", made(rows, reference="onboard")).endswith("Onboard: −4.0°/min (−4.1 to −3.9).")
+
+
+def test_least_is_left_out_where_it_repeats_who_is_bounded_or_only_counts():
+    rows = [row("a", drift(-4.8)), row("b", drift(0.0)), row("c", drift(0.01))]
+    assert "least" not in sentence("drifting", made(rows, {DRIFT_REST: ["b", "c"]}))
+    rows += [row("d", drift(0.5)), row("e", drift(0.02))]
+    assert sentence("drifting", made(rows, {DRIFT_REST: ["b", "c", "d"]})).endswith("; least: B, C and D.")
+    assert "least" not in sentence("drifting", made(rows, {DRIFT_REST: ["b", "c", "d", "e"]}))

@@ -114,3 +114,11 @@ def test_what_flew_is_not_late_against_itself():
     itself = {"airborne": {LAG: missing("not_applicable", "this row is the reference itself", "ms", "airborne")}}
     rows = [row("a", lag(0)), row("onboard", itself, is_reference=True)]
     assert "Onboard:" not in sentence("late", made(rows))
+
+
+def test_a_row_behind_a_worse_one_is_not_called_least_off():
+    """Few movements tell a row that is wrong in some of them from nobody: 1.0 deg beside 0.02 and 0.14."""
+    rows = [row(n, merged(lag(0.0), step(deg, -1.0))) for n, deg in (("a", 0.02), ("b", 0.14), ("c", 1.0))]
+    assert "A is least off, 0.020°; B and C are off by 0.14° and 1.0°." in sentence(
+        "late", made(rows, {STEP: ["a", "c"]})
+    )

@@ -33,3 +33,9 @@ def test_values_of_unknown_type():
     assert [plain_value(v, u) for v, u in ((None, ""), (True, ""), (-0.0, "deg"), (-1.5, "ms"), (3, ""))] == [
         "", "yes", "0°", "−1.5 ms", "3",
     ]  # fmt: skip
+
+
+def test_a_minus_before_a_colon_is_one_too():
+    assert typeset("shows an acceleration of -1.6: it is wrong by -3.0; or -2 deg") == (
+        "shows an acceleration of −1.6: it is wrong by −3.0; or −2°"
+    )

@@ -103,12 +103,15 @@ class Settings:
         if limited:
             return limited
         missing = [f"bit {b} ({n})" for b, n in known if not self.is_set(b)]
-        on = [f"bit {b}" for b in (bits.imu, *(b for b, _ in known)) if self.is_set(b)]
+        on = [str(b) for b in (bits.imu, *(b for b, _ in known)) if self.is_set(b)]
         if rate is not None and missing:
             if self.modern:
                 return f"Set {' or '.join(missing)} of LOG_BITMASK."
             return f"ArduPilot 3.4 and later can log the IMU faster: {' or '.join(missing)} of LOG_BITMASK."
-        return already(f"{listed(on)} of LOG_BITMASK (IMU) {'is' if len(on) == 1 else 'are'}", rate, "IMU data")
+        if not on:
+            return "No bit of LOG_BITMASK logs the IMU faster."
+        which = f"Bit {on[0]}" if len(on) == 1 else f"Bits {', '.join(on[:-1])} and {on[-1]}"
+        return already(f"{which} of LOG_BITMASK (IMU) {'is' if len(on) == 1 else 'are'}", rate, "IMU data")
 
     def limits(self, rate: float | None) -> str:
         """The limits that hold the records at this rate, empty where none does."""
@@ -146,15 +149,9 @@ class Settings:
         if self.family == "copter" and number in ((3, 2), (3, 3)):
             name = f"bit {WHEN_DISARMED} of LOG_BITMASK (log when disarmed)"
             if self.is_set(WHEN_DISARMED):
-                return stand_still(f"{listed([name])} is set already")
+                return stand_still(f"B{name[1:]} is set already")
             return stand_still(setting=f"Set {name}")
         return stand_still()
-
-
-def listed(names: list[str]) -> str:
-    """Names as the beginning of a sentence."""
-    text = " and ".join(names)
-    return text[:1].upper() + text[1:]
 
 
 def already(what: str, rate: float | None, records: str) -> str:

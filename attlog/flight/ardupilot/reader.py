@@ -113,7 +113,8 @@ def magnetometers(builder: LogBuilder, clock: Clock, values: dict[str, float]) -
         if "OfsX" in table and only_offsets(field, columns(table, "OfsX", "OfsY", "OfsZ")):
             builder.problem(
                 "mag_only_offsets", "warning",
-                f"{source}: every value equals the compass offsets, so the compass itself measures nothing.",
+                f"{source}: every value equals the compass offsets, so the compass itself measures nothing; "
+                "it is not used.",
             )  # fmt: skip
             field = np.zeros_like(field)
         sampled = t - (t - table["S"].astype(np.int64)) % 2**32 if "S" in table else None  # S: us, 32 bits

@@ -68,13 +68,10 @@ def raw(builder: LogBuilder, values: dict[str, float], known: set[str | None], t
             continue
         taken = taken | {index}
         found.append(mag)
-        state = f"calibrated with CAL_MAG{slot_of('MAG', values, own)}" if calibrated else "never calibrated"
-        builder.problem(
-            "mag_raw",
-            "note" if calibrated else "warning",
-            f"sensor_mag:{i} (device {own}): only raw values are logged; it is {state}"
-            + ("." if enabled else " and disabled on the vehicle."),
-        )
+        if enabled and calibrated:  # what is said of the others says it all
+            slot = f"CAL_MAG{slot_of('MAG', values, own)}"
+            text = f"sensor_mag:{i} (device {own}): only raw values are logged; it is calibrated with {slot}."
+            builder.problem("mag_raw", "note", text)
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from attlog.present.contest import Contest, contest
+from attlog.present.contest import Contest, Judged, contest
 from attlog.present.names import AGREEMENT, against_whom
 from attlog.present.numbers import duration, listed
 from attlog.present.rows import AIR
@@ -23,8 +23,8 @@ from attlog.present.text import typeset
 from attlog.result import Result, Verdict
 
 TILT, HEADING = "inclination_rmse_deg", "heading_rmse_deg"
-ONBOARD_CHECK = "onboard against smoother"
-"""The check that says whether the onboard attitude is the wrong one."""
+ONBOARD_CHECKS = ("onboard against smoother", "onboard against truth")
+"""The checks that say whether the onboard attitude is the wrong one."""
 
 
 def closest(result: Result) -> Verdict:
@@ -53,7 +53,7 @@ def says(result: Result, tilt: Contest, heading: Contest) -> str:
     agrees = result.reference is not None and result.reference.choice == "onboard"
     text = leading(tilt, tilt_words(result, agrees=agrees)) + "."
     text += last(tilt, tilt_words(result, agrees=agrees))
-    text += heading_part(result, tilt, heading) + flew(result, tilt, heading)
+    text += heading_part(result, tilt, heading) + no_north(result, heading) + flew(result, tilt, heading)
     gone = lost_part(lost(result))
     return text + (f" {gone}." if gone else "")
 
@@ -84,21 +84,28 @@ def unranked(result: Result, tilt: Contest, heading: Contest) -> str:
         end = "either they or the smoother is wrong" if "smoother" in whom else end
         return f"{who} {how} {whom}: {end}.{flew(result, tilt, heading)}"
     seconds = duration(max(j.answer.seconds for j in sound))
-    spread = f"{values(sound)} against {whom}"
+    spread = f"{alike(sound)} against {whom}"
     if len(sound) <= NAMED:
         spread = f"{listed([f'{j.name} {j.text}{j.interval}' for j in sound])} against {whom}"
     text = f"Filters cannot be ranked over {seconds}: tilt errors are {spread}."
     beside = [j for j in (heading.of(one.row) for one in sound) if j is not None]
-    text += f" Heading errors are {values(beside, named=False)}{against_north(result)}." if beside else ""
+    text += f" Heading errors are {alike(beside)}{against_north(result)}." if beside else ""
+    text += no_north(result, heading) if beside else ""
     gone = lost_part(lost(result))
     return text + flew(result, tilt, heading) + (f" {gone}." if gone else "")
+
+
+def alike(judged: list[Judged]) -> str:
+    """The range of values; of several that are shown alike that they are."""
+    text = values(judged, named=False)
+    return f"all {text}" if len(judged) > 1 and text == judged[0].text else text
 
 
 def flew(result: Result, tilt: Contest, heading: Contest) -> str:
     """The errors of what flew, where something better is the reference, and whether it is the wrong one."""
     if tilt.onboard is None:
         return ""
-    wrong = any(check.name == ONBOARD_CHECK and check.verdict == "bad" for check in result.audit)
+    wrong = any(check.name in ONBOARD_CHECKS and check.verdict == "bad" for check in result.audit)
     beside = f", heading {heading.onboard.text}" if heading.onboard else ""
     return f" Onboard: {tilt.onboard.text}{beside}{'; it is the wrong one here' if wrong else ''}."
 
@@ -118,6 +125,13 @@ def heading_part(result: Result, tilt: Contest, heading: Contest) -> str:
     if len(beside) == 1:
         return f" Its heading is off by {single(beside[0])}{whom}, not ranked."
     return f" Their headings are off by {values(beside, named=bool(tilt.best))}{whom}, not ranked."
+
+
+def no_north(result: Result, heading: Contest) -> str:
+    """That headings of filters without a compass are compared with their offset taken off."""
+    if not heading.filters or any(row.uses_mag for row in result.estimators if row.kind == "replay"):
+        return ""
+    return " Without a compass they know no north: each one's offset at the start was taken off."
 
 
 def against_north(result: Result) -> str:

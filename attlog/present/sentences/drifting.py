@@ -12,7 +12,7 @@ from attlog.present.numbers import below, duration, moment, quantity
 from attlog.present.numbers import counted as count
 from attlog.present.rows import AIR, REST
 from attlog.present.sentences.reasons import cannot, commonest, switch, untold, why_not
-from attlog.present.sentences.words import bars, bound, counted, left_out, onboard_part, some, values
+from attlog.present.sentences.words import NAMED, bars, bound, counted, left_out, onboard_part, some, values
 from attlog.present.text import typeset
 from attlog.result import Result, Verdict
 
@@ -68,7 +68,8 @@ def drift_part(found: Contest, where: str) -> str:
         no = "no drift is told of" if len(still) > 1 or not told else "none is told of"
         who = counted([j.name for j in still]) if len(still) <= 3 or told else f"any of {len(still)} filters"
         parts.append(f"{no} {who}: less than {bounds(still)}")
-    if told and found.best and len(found.best) < len(found.ranked):
+    least = {j.row.name for j in found.best}
+    if told and 0 < len(least) <= NAMED and least != {j.row.name for j in still}:
         parts.append(f"least: {some(found.best, len(found.ranked))}")
     disagree = [j for j in found.filters if j.row.status == "ok" and j.answer.disagree is not None]
     if disagree:
@@ -122,7 +123,7 @@ def spread(judged: list[Judged]) -> str:
 
 def last_named(judged: list[Judged]) -> list[str]:
     """Rows that lost their way: their drift is named, after all others."""
-    return [f"{j.name}, which {NOT_JUDGED.get(j.row.status, 'failed')}, {j.text}" for j in judged[:2]] + (
+    return [f"{j.name}, which {NOT_JUDGED.get(j.row.status, 'failed')}, {j.text}{j.interval}" for j in judged[:2]] + (
         [f"{count(len(judged) - 2, 'more filter')} lost the way"] if len(judged) > 2 else []
     )
 

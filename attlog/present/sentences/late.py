@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 from attlog.present.contest import Contest, Judged, contest
 from attlog.present.names import against_whom
 from attlog.present.numbers import counted as count
@@ -119,7 +121,8 @@ def step_part(result: Result, step: Contest) -> str:
         return ""
     percent = {j.row.name: share(j, step.window) for j in filters}
     wrong = [j for j in filters if abs(percent[j.row.name]) >= WRONG_PCT][::-1]
-    least = step.best
+    best = {j.row.name for j in step.best}
+    least = list(takewhile(lambda j: j.row.name in best, filters))  # one behind a worse row is only not told apart
     others = [j for j in filters if j not in wrong and j not in least]
     parts = [still(wrong, percent, len(filters))] if wrong else []
     if least:
