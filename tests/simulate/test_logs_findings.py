@@ -65,7 +65,7 @@ FAULTS: dict[str, tuple[str, list[str], dict[str, float], set[str]]] = {
         {},
         {"field_against_attitude"},
     ),
-    "stuck compass": ("yaw", [TRUTH, *fault(t=0.1, part="mag", kind="stuck")], {}, {"field_against_attitude"}),
+    "stuck compass": ("yaw", [TRUTH, *fault(t=0.1, part="mag", kind="stuck")], {}, {"frozen_sensors"}),
     "dead compass": ("hover", [TRUTH, *fault(t=0, part="mag", kind="zero")], {}, {"mag_dead"}),
     "compass spikes": (
         "hover", [TRUTH, *fault(t=5, part="mag", kind="spikes", size=0.001, share_pct=2)], {}, {"mag_spikes"},
