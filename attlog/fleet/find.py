@@ -105,6 +105,8 @@ def _below(folder: Path, refused: list[AttlogError]) -> Iterator[Path]:
             try:
                 regular = not name.startswith(".") and stat.S_ISREG(path.stat().st_mode)
             except OSError as error:
+                if isinstance(error, FileNotFoundError) and may_be_log(name) and path.is_symlink():
+                    refused.append(LogUnreadable(f"{path}: is a link to nothing"))
                 refuse(error)
                 continue
             if regular:

@@ -131,6 +131,8 @@ def _head(path: Path) -> bytes:
     if os.path.exists(path) and not os.path.isfile(path):
         raise LogUnreadable(f"{path}: is no regular file; logs are memory-mapped, so save it to a file first")
     try:
+        if not os.path.getsize(path):  # the system's own files have no size, and some wait for ever when they are read
+            return b""
         return first_bytes(path, HEAD)
     except FileNotFoundError:
         raise LogUnreadable(f"{path}: no such file") from None

@@ -105,3 +105,12 @@ def test_a_file_that_cannot_be_read_counts_where_logs_have_such_names(
 
     monkeypatch.setattr("attlog.formats.compression.first_bytes", refuse)
     assert names(find([folder])[0], folder) == ["broken.ulg", "firmware.bin", "one/a.bin"]
+
+
+def test_a_link_to_nothing_among_logs_is_told_where_it_has_the_name_of_one(folder: Path) -> None:
+    whole = find([str(folder)])
+    (folder / "more.txt").symlink_to(folder / "gone.txt")
+    (folder / "lost.ulg").symlink_to(folder / "moved.ulg")
+    logs, wrong = find([str(folder)])
+    assert logs == whole[0]
+    assert [str(error) for error in wrong] == [f"{folder / 'lost.ulg'}: is a link to nothing"]

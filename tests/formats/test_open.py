@@ -52,6 +52,14 @@ def test_missing_file_folder_and_device_cannot_be_read(tmp_path: Path) -> None:
         assert caught.value.exit_code == 66
 
 
+@pytest.mark.skipif(not Path("/proc/version").exists(), reason="no /proc")
+def test_a_file_of_the_system_that_has_no_size_is_not_read() -> None:
+    """``/proc/kmsg`` waits for ever; ``/proc/version`` is as regular and as empty to the eye."""
+    assert Path("/proc/version").read_bytes()
+    with pytest.raises(NotALog, match="empty"):
+        formats.recognise("/proc/version")
+
+
 @pytest.mark.rights
 def test_file_without_permission_cannot_be_read(tmp_path: Path) -> None:
     path = tmp_path / "locked.ulg"
