@@ -132,6 +132,7 @@ def evaluate(
             onboard = _onboard(case)
         with clock("audit"):
             checks = _checks(case)
+    give_back(0 if case.log.replay_imu is None else len(case.log.replay_imu.gyro.t))
     passing = Passing(case, chosen, onboard, hopeless(checks), traces=traces, only=only)
     with clock("estimators"):
         for row, line in replay.replays(case, chosen, failed):
@@ -255,7 +256,12 @@ def analyze(
     ``command`` stands in the result as what was typed. :func:`prepare` and :func:`evaluate` in one call, traces and
     costs included; raises what the two raise: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError.
     """
-    return evaluate(prepare(source, config), traces=True, cost=True, command=command)
+    case = prepare(source, config)
+    result = evaluate(case, traces=True, cost=True, command=command)
+    samples = 0 if case.log.replay_imu is None else len(case.log.replay_imu.gyro.t)
+    del case
+    give_back(samples)
+    return result
 
 
 def warm(specs: Sequence[str]) -> None:

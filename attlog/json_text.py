@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from io import StringIO
 from json.encoder import encode_basestring
 from typing import Any
 
 
-def indented(value: Any) -> str:
+def indented(value: Any, end: str = "") -> str:
     """The text of ``json.dumps(value, ensure_ascii=False, indent=1, allow_nan=False)``.
 
     ``value``: dicts with text as keys, lists, text, numbers, truth values and None. TypeError for anything else, also
     for subclasses of dict and list; ValueError for numbers that are not finite.
     """
-    parts: list[str] = []
-    _write(value, "\n", parts.append)
-    return "".join(parts)
+    text = StringIO()  # a list of the parts would take several times as much memory
+    _write(value, "\n", text.write)
+    text.write(end)
+    return text.getvalue()
 
 
-def _write(value: Any, line: str, put: Callable[[str], None]) -> None:
+def _write(value: Any, line: str, put: Callable[[str], object]) -> None:
     """Put the parts of the text; ``line``: the line break and indent of what holds the value."""
     kind = type(value)
     if kind is dict and value:

@@ -105,7 +105,7 @@ def replays(
             try:
                 if isinstance(spec, PluginError):
                     raise spec
-                yield guarded(name, partial(_run, case, imu, spec, suffix), partial(_bug, name + suffix))
+                yield guarded(name, partial(_run, case, imu, spec, suffix, whole=False), partial(_bug, name + suffix))
             except AttlogError as error:
                 if failed is not None:
                     failed[name + suffix] = error
@@ -154,15 +154,18 @@ def aids_of(case: Case, suffix: str) -> estimators.Aids:
     return inputs.aids_of(case.log, case.segments, case.imus[suffix], declination.model(case.log))
 
 
-def _run(case: Case, imu: Imu, spec: estimators.Row | Runnable, suffix: str) -> tuple[Row, EstimatorRow]:
-    """One estimator over one IMU as the log has it, or as the runnable wants it."""
+def _run(
+    case: Case, imu: Imu, spec: estimators.Row | Runnable, suffix: str, whole: bool = True
+) -> tuple[Row, EstimatorRow]:
+    """One estimator over one IMU as the log has it, or as the runnable wants it; ``whole`` as :func:`replayed`."""
     STAGES.info("running %s", spec.name)
     if not isinstance(spec, estimators.Row):
         return spec.run(case, imu, suffix)
     if is_recorded(spec):
         return recorded_row(case, imu, spec, spec.name + suffix)
     mag = None if case.log.mag is None else case.log.mags[case.log.mag]
-    return replayed(case, imu, mag, spec, facts(case, suffix), aids_of(case, suffix), spec.name + suffix)
+    told, aids = facts(case, suffix), aids_of(case, suffix)
+    return replayed(case, imu, mag, spec, told, aids, spec.name + suffix, whole)
 
 
 def is_recorded(spec: estimators.Row) -> bool:
@@ -193,8 +196,13 @@ def replayed(
     told: estimators.LogFacts,
     aids: estimators.Aids,
     name: str,
+    whole: bool = True,
 ) -> tuple[Row, EstimatorRow]:
-    """Run one estimator over the samples of a unit and a magnetometer, and align what comes out."""
+    """Run one estimator over the samples of a unit and a magnetometer, and align what comes out.
+
+    Not ``whole``: without what it tells beside attitude and bias, which no metric looks at, and which in a long log is
+    as large as the attitude.
+    """
     log, ref = case.log, case.reference
     uses_mag = mag is not None and "mag" in spec.estimator.uses
     resolved = spec.resolved(told)
@@ -212,11 +220,15 @@ def replayed(
     )
     if np.array_equal(estimate.t, t):
         estimate.t = t  # one array for all rows: in long logs copies add up
+    if not whole:
+        estimate.aux = {}
+    quality, aux, handed = dict(estimate.quality), dict(estimate.aux), [estimate]
+    del estimate  # who makes the row of it lets go of it, which only the last holder can
     row = reference.replayed(
         log,
         case.segments,
         ref,
-        estimate,
+        handed.pop(),
         name=name,
         estimator=spec.estimator.origin if spec.estimator.origin.endswith(".py") else spec.estimator.name,
         parameters={k: v for k, (v, _) in resolved.items()},
@@ -224,7 +236,7 @@ def replayed(
     )
     row.imu = imu
     row.equation = spec.estimator.equation
-    row.quality, row.aux = dict(estimate.quality), dict(estimate.aux)
+    row.quality, row.aux = quality, aux
     _add_common_bias(row, case.bias_of(imu))
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}

@@ -206,8 +206,9 @@ class Result:
         ``document``: what ``to_dict`` gave for it, where somebody has it already.
         """
         whole = self.to_dict(deterministic) if document is None else document
-        text = indented(whole) + "\n"
-        text = NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+        text = indented(whole, "\n")
+        if NOT_UTF8.search(text):  # a copy of all of it is not made for nothing
+            text = NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
             from attlog.output import write_atomic
 

@@ -157,8 +157,11 @@ def estimate(
     if aids is not None and not isinstance(aids, Aids):
         raise UsageError(f"aids must be attlog.estimators.Aids, not {type(aids).__name__}")
     values = {k: v for k, (v, _) in estimator.resolve(row.preset, given, log=log).items()}
-    lead = estimator.origin != "attlog" or (estimator.run is None and estimator.vectors_at == "start")
-    samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead)
+    ours = estimator.origin == "attlog"
+    lead = not ours or (estimator.run is None and estimator.vectors_at == "start")
+    samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)
+    samples.once = ours  # others may have to run again, to say where they failed
+    del t, gyr, acc, mag, data, dt  # what was made for this call alone goes before the filter runs
     if estimator.run is not None:
         aids = replace(aids or Aids(), sampling=sampling)
     return loop.with_line(estimator, lambda: loop.run(estimator, samples, values, q0, int(every), aids))

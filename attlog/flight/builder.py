@@ -272,14 +272,15 @@ class LogBuilder:
         if len(index) == 0:
             return None
         stamps = np.asarray(t_us, np.int64)[index]
-        unit = rotation.normalize(np.asarray(q, np.float64)[index])
+        # Twice: the second time takes out what rounding left of the first, and nobody has to do it again.
+        unit = rotation.normalize(rotation.normalize(np.asarray(q, np.float64)[index]))
         resets: set[int] = set()
         if counter is not None:
             resets |= {int(i) + 1 for i in np.flatnonzero(np.diff(np.asarray(counter)[index].astype(np.int64)))}
         resets |= self.reset_steps(stamps, unit, reset_times_us, resets)
         sampled = None if t_sample_us is None else self.sample_times(stamps, np.asarray(t_sample_us)[index])
         return Attitude(
-            self.seconds(stamps), unit, source, sampled, np.array(sorted(resets), np.int64), has_trim, step_deg
+            self.seconds(stamps), unit, source, sampled, np.array(sorted(resets), np.int64), has_trim, step_deg, True
         )
 
     def reset_steps(self, t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int]) -> set[int]:

@@ -151,6 +151,8 @@ class Attitude:
     resets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     has_trim: bool = False
     step_deg: float = 0.0
+    normal: bool = False
+    """Whether ``q`` was normalized already: who needs it so takes the array itself, because copies add up."""
 
     @property
     def rate(self) -> float:

@@ -121,8 +121,9 @@ def _samples(case: Case, unit: Imu, with_field: bool) -> Samples | None:
     if good.sum() < 2:
         return None
     t, w, f = (np.ascontiguousarray(x, np.float64) for x in gaps.only(good, t, unit.gyro.x, unit.acc.x))
-    found = Samples(t, f, np.zeros((len(t), 3)), np.zeros(len(t)), float(median(np.diff(t))))
+    found = Samples(t, f, np.zeros((0, 3)), np.zeros(0), float(median(np.diff(t))))
     if with_field and case.log.mag is not None:
+        found.m, found.age = np.zeros((len(t), 3)), np.zeros(len(t))
         measured = case.log.mags[case.log.mag].field
         mean = np.concatenate([w[:1], w[1:] if unit.gyro.sampling == "interval" else 0.5 * (w[1:] + w[:-1])])
         _hold(found, mean, place(t, measured.t_best, measured.x))

@@ -64,8 +64,10 @@ def _integrated(case: Case, imu: Imu) -> Integrated:
     q = rotation.normalize(found.q)
     if case.reference.trim is not None:
         q = trim.apply(q, case.reference.trim)
-    segment = np.zeros(len(found.t), np.int64) if found.segment is None else found.segment
-    return Integrated(found.t, q, segment)
+    segment = found.segment
+    if segment is None or not segment.any():
+        segment = np.broadcast_to(np.int64(0), found.t.shape)  # it is kept: in long logs copies add up
+    return Integrated(t if np.array_equal(found.t, t) else found.t, q, segment)
 
 
 def residual(t: Array, q: Array, gyro: Integrated, turn_deg: float) -> Array | None:

@@ -261,8 +261,13 @@ def _blocks(case: Case, t: Array, window: str, length: float) -> tuple[Array, ND
 @per_row
 def _squares(case: Case, row: Row, angle: str) -> tuple[Array, Array]:
     """The squares (n,) of an error angle, 0 where it does not count, and which count, as numbers (n,)."""
-    counted = _scored(case, row)
-    return np.where(counted, getattr(row.errors, angle) ** 2, 0.0), counted.astype(np.float64)
+    return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0), _counted(case, row)
+
+
+@per_row
+def _counted(case: Case, row: Row) -> Array:
+    """The same for all angles: in long logs copies add up."""
+    return _scored(case, row).astype(np.float64)
 
 
 def of_blocks(ids: Ids, squares: Array, wanted: Ids) -> Summary:

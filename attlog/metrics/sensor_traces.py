@@ -105,34 +105,39 @@ def vibration(imu: Imu) -> list[Trace]:
     t, edges = buckets(imu.acc.t, 1.0)
     if len(t) == 0:
         return []
-    first, size = edges[:-1], np.diff(edges)[:, None]
-    x = np.nan_to_num(imu.acc.x)
-    mean = np.add.reduceat(x, first, axis=0) / size
-    apart = x - np.repeat(mean, size[:, 0], axis=0)
-    deviation = np.sqrt(np.add.reduceat(apart * apart, first, axis=0) / size)
+    first, size = edges[:-1], np.diff(edges)
+    columns = {}
+    for name, x in zip(AXES, imu.acc.x.T, strict=True):  # one at a time: in long logs copies add up
+        apart = np.nan_to_num(x)
+        apart -= np.repeat(np.add.reduceat(apart, first) / size, size)
+        apart *= apart
+        columns[name] = np.sqrt(np.add.reduceat(apart, first) / size)
     clipped = at_the_end(imu.acc.x)
-    columns = {a: deviation[:, k] for k, a in enumerate(AXES)}
     columns["clipped"] = np.add.reduceat(clipped.astype(np.float64), first)
     return [Trace("vibration", "", t, columns, values={"samples": float(clipped.sum())})]
 
 
 def at_the_end(acc: Array) -> NDArray[np.bool_]:
     """Samples (n,) with an axis of ``acc`` (n, 3) in m/s^2 at the end of its range; none where that is not reached."""
-    size = np.abs(np.nan_to_num(acc))
-    largest = float(size.max(initial=0.0))
+    # One axis at a time, twice: in long logs copies add up.
+    largest = max(float(np.abs(np.nan_to_num(x)).max(initial=0.0)) for x in acc.T)
     full = next((r for r in RANGES_M_S2 if abs(largest / r - 1.0) <= NEAR_END), None)
-    return np.zeros(len(acc), bool) if full is None else np.asarray((size >= (1.0 - NEAR_END) * full).any(axis=1))
+    clipped = np.zeros(len(acc), bool)
+    if full is not None:
+        for x in acc.T:
+            clipped |= np.abs(np.nan_to_num(x)) >= (1.0 - NEAR_END) * full
+    return clipped
 
 
 def sizes(log: FlightLog, imu: Imu) -> list[Trace]:
     """Sizes of specific force and field over time, with what is expected at the place."""
     where = declination.place(log)
     g = G if where is None else earth.gravity(where[0], where[2])
-    found = [size_of("gravity", imu.acc.t, np.sqrt(np.sum(imu.acc.x**2, axis=1)), {"expected": g})]
+    found = [size_of("gravity", imu.acc.t, np.sqrt(np.einsum("ij,ij->i", imu.acc.x, imu.acc.x)), {"expected": g})]
     if log.mag is not None:
         field, model = log.mags[log.mag].field, declination.model(log)
         expected = {} if model is None else {"expected": model.strength_t * 1e6}
-        found.append(size_of("field", field.t, np.sqrt(np.sum(field.x**2, axis=1)) * 1e6, expected))
+        found.append(size_of("field", field.t, np.sqrt(np.einsum("ij,ij->i", field.x, field.x)) * 1e6, expected))
     return [trace for trace in found if len(trace.t)]
 
 

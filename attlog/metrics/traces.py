@@ -108,8 +108,11 @@ def difference(case: Case, row: Row, share: Share) -> list[Trace]:
     e = row.errors
     if e is None or len(e.t) == 0:
         return []
-    apart = np.degrees(rotation.wrap(rotation.to_euler(e.q_est)[:, :2] - _tilt(case, e.q_ref)))
-    columns = np.column_stack([e.total, e.heading, e.inclination, apart])
+    columns, tilt = np.empty((len(e.t), 5)), _tilt(case, e.q_ref)
+    columns[:, 0], columns[:, 1], columns[:, 2] = e.total, e.heading, e.inclination
+    for a in range(0, len(e.t), rotation.BLOCK):  # in long logs copies of all of it add up
+        own = slice(a, a + rotation.BLOCK)
+        columns[own, 3:] = np.degrees(rotation.wrap(rotation.to_euler(e.q_est[own])[:, :2] - tilt[own]))
     names = ("total", "heading", "inclination", "roll", "pitch")
     return [_enveloped("difference", row.name, e.t, _broken(columns, e.gap_segment), names, share)]
 

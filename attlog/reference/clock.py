@@ -11,6 +11,7 @@ from attlog import rotation
 from attlog.flight.model import Attitude, FlightLog
 from attlog.median import median
 from attlog.reference.model import AlignmentStep
+from attlog.segments import gaps
 
 Array = NDArray[np.float64]
 Clock = Literal["sample", "publication"]
@@ -31,7 +32,8 @@ def usable(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDArray[np.b
     good = np.isfinite(t) & np.isfinite(norm) & (norm > 0.5) & (norm < 2.0)
     highest = np.maximum.accumulate(np.where(good, t, -np.inf))
     good[1:] &= highest[1:] > highest[:-1]
-    return t[good], rotation.normalize(attitude.q[good]), good
+    t, q = gaps.only(good, t, attitude.q)
+    return t, q if attitude.normal else rotation.normalize(q), good
 
 
 def step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) -> AlignmentStep:

@@ -46,7 +46,7 @@ class Witnesses:
     def __init__(self, log: FlightLog, imu: Imu, reference: Reference, again: Callable[[Row], Row]) -> None:
         self._log, self._imu, self._reference, self._again = log, imu, reference, again
         use = np.flatnonzero(scoring.scored(reference, reference.t))
-        self._use = use[:: max(1, len(use) // SAMPLES)]
+        self._use = use[:: max(1, len(use) // SAMPLES)].copy()  # the few alone: all are as many as the log's samples
         self._asked = reference.kind in ("onboard", "smoother") and len(self._use) >= 10
         self._heard: dict[str, tuple[Row, Array]] = {}
 

@@ -28,21 +28,26 @@ def number(t: Array, limit: float | None = None) -> NDArray[np.int64]:
         return np.zeros(0, np.int64)
     dt = np.diff(t)
     broken = ~((dt >= 0) & (dt <= (gap.LEAST_S if limit is None else limit)))
-    if not broken.any():
-        return np.zeros(len(t), np.int64)
-    if limit is None:
+    found = np.zeros(len(t), np.int64)
+    if limit is None and broken.any():
         broken = ~((dt >= 0) & (dt <= gap.limit_of(t)))
-    return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
+    if broken.any():
+        np.cumsum(broken, out=found[1:])
+    return found
 
 
 def renumber(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Segment numbers (n,) from 0 that rise by one wherever one of the given numbers (n,) changes."""
+    """Segment numbers (n,) from 0 that rise by one wherever one of the given numbers (n,) changes.
+
+    The first of them itself where it is that already, because copies add up: to be read alone.
+    """
     if len(numbers[0]) == 0:
         return np.zeros(0, np.int64)
     changed = np.zeros(len(numbers[0]), bool)
     for n in numbers:
         changed[1:] |= n[1:] != n[:-1]
-    return np.cumsum(changed) if changed.any() else np.zeros(len(changed), np.int64)
+    found = np.cumsum(changed) if changed.any() else np.zeros(len(changed), np.int64)
+    return numbers[0] if np.array_equal(found, numbers[0]) else found
 
 
 def slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:
@@ -55,8 +60,16 @@ def slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:
 
 
 def only(good: NDArray[np.bool_], *arrays: NDArray[T]) -> tuple[NDArray[T], ...]:
-    """The good samples of arrays (n, ...); the arrays themselves where all are good, because copies add up."""
-    return arrays if good.all() else tuple(x[good] for x in arrays)
+    """The good samples of arrays (n, ...); the arrays themselves where all are good, because copies add up.
+
+    Where only some at the ends are not, as of two records of one flight, parts of the arrays: to be read alone.
+    """
+    if good.all():
+        return arrays
+    begin, end = int(good.argmax()), len(good) - int(good[::-1].argmax())
+    if 2 * (end - begin) > len(good) and good[begin:end].all():
+        return tuple(x[begin:end] for x in arrays)
+    return tuple(x[good] for x in arrays)
 
 
 def rising(t: Array, x: Array) -> tuple[Array, Array]:

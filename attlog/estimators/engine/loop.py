@@ -137,12 +137,18 @@ def run(
 
         shape = (estimator.outputs,)
         chunks.append(in_pieces(piece, realign, (mag, use), slice(a, b), late, every, shape))
-        kept.append(np.arange(a, b, every))
+        if every != 1:
+            kept.append(np.arange(a, b, every))
         silent += [] if late is None else [(a, late)]
     # Of one segment, the usual case, the kernel's own array: in long logs a copy adds up.
     out = chunks[0] if len(chunks) == 1 else np.concatenate(chunks or [np.empty((0, estimator.outputs))])
     chunks.clear()
-    rows = np.concatenate(kept) if kept else np.empty(0, np.int64)
+    if samples.once:
+        del acc, mag, use
+        samples.let_go()
+    rows: NDArray[np.int64] | slice = slice(None)
+    if every != 1:
+        rows = np.concatenate(kept) if kept else np.empty(0, np.int64)
     estimate = collect(estimator, samples, rows, out, values, silent)
     estimate.ns_per_update = 1e9 * spent / max(len(samples.t), 1)
     return estimate
@@ -169,12 +175,12 @@ def with_line(estimator: Estimator, run: Callable[[], T]) -> T:
 def collect(
     estimator: Estimator,
     samples: Samples,
-    rows: NDArray[np.int64],
+    rows: NDArray[np.int64] | slice,
     out: Array,
     values: Mapping[str, float | str],
     silent: list[tuple[int, int]],
 ) -> Estimate:
-    """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,) means.
+    """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,), or all, means.
 
     ``silent``: first sample, and first with a field, of each segment that had to wait for it. What the filter told
     beside attitude and bias are views of ``out``: who drops them lets go of it.
@@ -330,7 +336,7 @@ def _whole_segments(
     bounds = np.append(s.begin, len(s.t)).tolist()
     found: list[Estimate] = []
     silent: list[tuple[int, int]] = []
-    spent = 0.0
+    spent, has_field = 0.0, bool(q0 is not None and s.mag.any())
     for number, (a, b) in enumerate(pairwise(bounds)):
         # One that looks ahead knows the heading before the first field as well.
         known = not estimator.causal or (q0 is not None and number == 0)
@@ -343,13 +349,18 @@ def _whole_segments(
                 own = [x.copy() for x in own]
             # Nobody but the filter holds on to the field: one that has read it may let go of it.
             field = [np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)]
+            if s.once and b == len(s.t):
+                s.mag = s.mag[:0].copy()
             one = estimator.run(*own, field.pop(), aids.between(s.t[a], s.t[b - 1]), dict(values))
+            own.clear()
             if estimator.origin != "attlog":
                 one = returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock
         found.append(one)
+    if s.once:
+        s.let_go()
     q = to_true_north(end_to_end([e.q for e in found]) if found else np.empty((0, 4)), values)
-    if q0 is not None and len(q) and not s.mag.any():
+    if q0 is not None and len(q) and not has_field:
         want = rotation.error(np.asarray(q0, np.float64), q[0])
         q = rotation.turn_about_down(q, rotation.heading_angle(want))
     counted, spans = without_heading(s, silent)

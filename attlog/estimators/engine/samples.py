@@ -59,6 +59,14 @@ class Samples:
     """``acc``, ``mag``, ``use`` with a row of nothing before the first sample, where they are views of such arrays."""
     starts: dict[tuple[int, int, str], Any] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What :mod:`attlog.estimators.engine.start` found, by begin, end and ``init``, for who runs over them again."""
+    once: bool = False
+    """Whether nobody runs over them again: a filter then lets go of them before its output is put together."""
+
+    def let_go(self) -> None:
+        """Drop the sensors, which in long logs are as large as what comes out of a filter; times and segments stay."""
+        self.gyr = self.acc = self.mag = np.zeros((0, 3))
+        self.use = self.substeps = np.zeros(0, np.int64)
+        self.dt, self.led = np.zeros(0), None
 
 
 def prepare(
@@ -71,11 +79,13 @@ def prepare(
     sampling: Sampling = "interval",
     hold_mag: bool = True,
     lead: bool = True,
+    ours: bool = False,
 ) -> Samples:
     """Cleaned samples for the kernels; the input is never changed. UsageError for wrong shapes.
 
     ``lead``: whether :func:`handed` will be asked for the vectors of the sample before, which then need no copy.
-    Without, ``acc`` may be the input itself: for filters that write to nothing they are given.
+    ``ours``: for filters that write to nothing they are given; the rate, and without ``lead`` the vectors, may then be
+    the input itself.
     """
     if sampling not in ("interval", "instant"):
         raise UsageError(f"sampling={sampling} is not known; give interval or instant")
@@ -95,8 +105,10 @@ def prepare(
     first = restart.copy()
     first[:1] = True
     if sampling == "interval":
-        rate, between = gyr.copy(), np.flatnonzero(bridged)
-        rate[between] = 0.5 * (gyr[between - 1] + gyr[between])
+        between = np.flatnonzero(bridged)
+        rate = np.require(gyr, requirements=("C", "W")) if ours and not len(between) else gyr.copy()
+        if len(between):
+            rate[between] = 0.5 * (gyr[between - 1] + gyr[between])
     else:
         rate = np.empty(gyr.shape)
         rate[1:] = gyr[:-1]

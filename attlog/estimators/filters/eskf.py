@@ -30,6 +30,7 @@ from attlog.estimators.filters.navigation.layout import BG
 from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.options import PRIORS, SOFT
 from attlog.estimators.filters.navigation.settings import started
+from attlog.freed import give_back
 
 SOURCE = "Sola2017"
 NEEDS = {"gyro", "acc"}
@@ -75,10 +76,11 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
         tuned, known = passes.held(solution.next), solution.begin.x + solution.found.first
         del solution  # with what its passes stored
     found, begin = passes.causal(inputs, tuned, gate, known, BEGUN_WITH[str(constants)])
-    nodes = attitude.node_before(found, len(t))
-    bias = found.bias[nodes]
+    give_back(len(t))  # what the schedule took
+    bias = found.bias[attitude.node_before(found, len(t))]
     horizon = inputs.lag + MARGIN_S + max(tuned.gnss_delay, tuned.mag_delay, 0.0)
     q = attitude.predicted(inputs, found.q, bias, begin.x[BG : BG + 3], horizon)
+    found.q, found.bias = found.q[:0].copy(), found.bias[:0].copy()  # in long logs copies add up
     tilt, heading = attitude.sigmas(inputs, found, found.variance)
     told = quality.quality(inputs, found, tuned, tilt, heading)
     told["constants"] = str(constants) if looks or constants == "fixed" else "fixed"

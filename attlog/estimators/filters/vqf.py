@@ -89,6 +89,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     from vqf import VQF
 
     u = uniform(t, gyr, acc, mag)
+    del gyr, acc, mag  # a long log's are large
     has_mag = bool(u.mag.any())
     settings = {
         "tauAcc": float(params["tau_acc"]),
@@ -106,7 +107,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
     else:
         heading_from_start(u.t, q, out.inertial)
-    rows = np.clip(np.searchsorted(u.t, t), 0, len(u.t) - 1)
+    rows = slice(None) if u.regular else np.clip(np.searchsorted(u.t, t), 0, len(u.t) - 1)
     sigma = out.sigma[rows][:, None]
     bias = out.bias[rows]
     clipped = int(np.count_nonzero(np.abs(bias).max(axis=1) >= np.deg2rad(0.999 * float(params["bias_clip"]))))

@@ -188,8 +188,9 @@ def causal(
     begin = first_start(runner, inputs, tuned, gate)
     if known is not None:
         begin = _begun_with(begin, known, constants)
-    schedule = runner.timetable.scheduled(tuned, begin.how == "motion" and inputs.velocity is not None)
-    del runner.timetable  # of a long log as large as the schedule
+    settling = begin.how == "motion" and inputs.velocity is not None
+    schedule = runner.timetable.scheduled(tuned, settling, once=True)
+    del runner.timetable
     found = runner.forward(schedule, begin, tuned.packed(inputs.gravity, gate))
     found.schedule = schedule.nodes()
     return found, begin

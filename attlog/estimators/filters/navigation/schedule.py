@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,33 +80,46 @@ class Timetable:
         settling: bool = False,
         within: tuple[float, float] | None = None,
         every: float = NODE_S,
+        once: bool = False,
     ) -> Schedule:
         """Every aid at the sample next to when it was true, and nodes between them at least ``every`` s.
 
         ``settling``: aids count less in the first seconds, for a filter that starts degrees off would else be sure of
-        what it linearised there. ``within``: of the fixes only those stamped in this span.
+        what it linearised there. ``within``: of the fixes only those stamped in this span. ``once``: nothing will be
+        asked any more, so that what is made goes as it is used: of hours as much as the schedule.
         """
         placed = self._placed(tuned, within)
-        order = np.argsort(np.concatenate([p.at for p in placed]), kind="stable") if placed else np.zeros(0, np.int64)
+        if once:
+            self.kept.clear()
+            del self.force, self.rate
+        ends = np.cumsum([0, *(len(p.at) for p in placed)])
+        place = np.empty(ends[-1], np.int64)
+        place[np.argsort(np.concatenate([np.zeros(0, np.int64), *(p.at for p in placed)]), kind="stable")] = np.arange(
+            ends[-1]
+        )
 
-        def gathered(columns: list[Array]) -> Array:
-            return np.concatenate(columns)[order] if columns else np.zeros((0, 3))
+        def gathered(name: str, *shape: int, dtype: type = np.float64) -> NDArray[Any]:
+            """A column of all events in order; it leaves their kinds, which do not need it any more."""
+            out: NDArray[Any] = np.empty((len(place), *shape), dtype)
+            for p, a, b in zip(placed, ends[:-1], ends[1:], strict=True):
+                out[place[a:b]] = getattr(p, name)
+                if once:
+                    delattr(p, name)
+            return out
 
         levels = _levels(tuned, self.inputs.velocity is None)
-        sigma = gathered([p.shape * levels[p.kind] for p in placed])
+        kind, at = gathered("kind", dtype=np.int64), gathered("at", dtype=np.int64)
+        sigma = gathered("shape", 3)
+        for one, level in levels.items():
+            sigma[kind == one] *= level
         if settling:
-            when = np.concatenate([p.when for p in placed])[order] if placed else np.zeros(0)
-            sigma *= (1.0 + SETTLE_MORE * np.exp(-(when - self.t[0]) / SETTLE_S))[:, None]
-        kind = np.concatenate([np.full(len(p.at), p.kind) for p in placed])[order] if placed else order
-        at = np.concatenate([p.at for p in placed])[order] if placed else order
-        offset = np.concatenate([p.offset for p in placed])[order] if placed else np.zeros(0)
+            sigma *= (1.0 + SETTLE_MORE * np.exp(-(gathered("when") - self.t[0]) / SETTLE_S))[:, None]
         nodes = self._nodes(at, every)
         scalars = np.concatenate([[0], np.cumsum(np.where(kind == BARO, 1, 3))])
         node_event = np.append(np.searchsorted(at, nodes), len(at)).astype(np.int64)
         return Schedule(
-            nodes, node_event, kind.astype(np.int64), offset, gathered([p.z for p in placed]),
-            gathered([p.force for p in placed]), gathered([p.rate for p in placed]), sigma,
-            np.ascontiguousarray(self.inputs.rest[nodes]), scalars[node_event].astype(np.int64),
+            nodes, node_event, kind, gathered("offset"), gathered("z", 3), gathered("force", 3), gathered("rate", 3),
+            sigma, np.ascontiguousarray(self.inputs.rest[nodes]), scalars[node_event].astype(np.int64),
         )  # fmt: skip
 
     def _placed(self, tuned: Tuned, within: tuple[float, float] | None) -> list[Placed]:
