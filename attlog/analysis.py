@@ -228,6 +228,7 @@ class Passing:
         part_of(log, "Which rows are alike", partial(self.likeness.hear, row), lambda: None)
         line.metrics = metrics.compute(case, row, case.windows, cost=False, only=self._only)
         if self._traces:
+            give_back(samples)
             self._drawn += part_of(log, "Figures", partial(self._drawing.of_row, row), list[Trace])
         case.done_with(row)
         give_back(samples)

@@ -16,6 +16,7 @@ from attlog.barrier import guarded
 from attlog.errors import AttlogError, PluginError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog, Imu, Mag
+from attlog.freed import give_back
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.common_bias import CommonBias
 from attlog.reference import declination
@@ -222,6 +223,7 @@ def replayed(
         estimate.t = t  # one array for all rows: in long logs copies add up
     if not whole:
         estimate.aux = {}
+    give_back(len(t))  # what the filter took
     quality, aux, handed = dict(estimate.quality), dict(estimate.aux), [estimate]
     del estimate  # who makes the row of it lets go of it, which only the last holder can
     row = reference.replayed(

@@ -14,6 +14,7 @@ from attlog.estimators.base import Estimate, Estimator, LogFacts
 from attlog.estimators.engine import loop
 from attlog.estimators.engine.samples import Sampling, prepare
 from attlog.estimators.registry import BUILT_IN, get, names
+from attlog.freed import give_back
 
 DEFAULT = tuple(
     name for name in ("complementary", "mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf", "gyro") if name in BUILT_IN
@@ -162,6 +163,7 @@ def estimate(
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)
     samples.once = ours  # others may have to run again, to say where they failed
     del t, gyr, acc, mag, data, dt  # what was made for this call alone goes before the filter runs
+    give_back(len(samples.t))
     if estimator.run is not None:
         aids = replace(aids or Aids(), sampling=sampling)
     return loop.with_line(estimator, lambda: loop.run(estimator, samples, values, q0, int(every), aids))

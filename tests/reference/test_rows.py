@@ -7,7 +7,7 @@ import pytest
 
 from attlog import rotation, segments
 from attlog.estimators.base import Estimate
-from attlog.reference import Options, choose, onboard_rows, replayed, trim
+from attlog.reference import Options, choose, clock, onboard_rows, replayed, trim
 from attlog.segments.model import Segment
 
 from .flights import RATE, SECONDS, ardupilot, attitude_at, compared, estimate, flight, sampled
@@ -290,3 +290,15 @@ def test_what_was_said_before_a_late_field_is_no_heading_failure():
     assert [(s.name, s.value, s.applied) for s in row.steps] == [("late_field", 30.0, True)]
     assert np.flatnonzero(np.diff(row.segment)).tolist() == [np.searchsorted(T, 30.0) - 1]
     assert compared(flight(), e)[0].status == "diverged"
+
+
+def test_an_attitude_that_is_normalized_already_is_not_copied():
+    attitude = next(iter(flight().attitudes.values()))
+    attitude.q = 1.001 * attitude.q
+    _, q, _ = clock.usable(attitude, "sample")
+    np.testing.assert_allclose(np.sum(q * q, axis=1), 1.0, atol=1e-14)
+    attitude.q, attitude.normal = q, True
+    assert clock.usable(attitude, "sample")[1] is q
+    attitude.q = q = q.copy()
+    q[5] = np.nan
+    assert len(clock.usable(attitude, "sample")[1]) == len(q) - 1

@@ -73,3 +73,26 @@ def test_good_samples_are_copied_only_where_some_are_bad():
     some = gaps.only(np.array([True, False, True, True, False]), x, y)
     np.testing.assert_array_equal(some[0], [0.0, 2.0, 3.0])
     np.testing.assert_array_equal(some[1], y[[0, 2, 3]])
+
+
+def test_samples_lacking_at_the_ends_alone_cost_no_copy():
+    x, good = np.arange(20.0).reshape(10, 2), np.ones(10, bool)
+    good[[0, 1, 9]] = False
+    (ends,) = gaps.only(good, x)
+    assert np.array_equal(ends, x[good])
+    assert np.shares_memory(ends, x)
+    good[4] = False
+    (amid,) = gaps.only(good, x)
+    assert np.array_equal(amid, x[good])
+    assert not np.shares_memory(amid, x)
+    few = np.arange(10) < 3
+    assert not np.shares_memory(gaps.only(few, x)[0], x)  # else a few samples would keep all of them
+    assert len(gaps.only(np.zeros(10, bool), x)[0]) == 0
+
+
+def test_numbers_that_rise_by_one_already_are_themselves():
+    own, other = np.array([0, 0, 1, 1, 2]), np.array([7, 7, 7, 9, 9])
+    assert gaps.renumber(own, np.full(5, 3)) is own
+    assert gaps.renumber(own, other).tolist() == [0, 0, 1, 2, 3]
+    assert gaps.renumber(other).tolist() == [0, 0, 0, 1, 1]
+    assert gaps.renumber(np.zeros(0, np.int64)).tolist() == []

@@ -29,6 +29,7 @@ from attlog.estimators.engine.samples import NEW, Samples, handed
 from attlog.estimators.engine.start import First, declination_rad, first, initial_state, realigned, to_true_north
 from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
 from attlog.estimators.plugin_errors import broken, plugin_errors
+from attlog.freed import give_back
 from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.obtain import by_numba, obtained
@@ -347,18 +348,17 @@ def _whole_segments(
             own = [x[a:b] for x in (s.t, s.gyr, s.acc)]
             if estimator.origin != "attlog":  # it may write to what it is given; the times are told with its result
                 own = [x.copy() for x in own]
-            # Nobody but the filter holds on to the field: one that has read it may let go of it.
-            field = [np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan)]
+            own.append(np.where((s.use[a:b] == NEW)[:, None], s.mag[a:b], np.nan))
+            aid, begin = aids.between(s.t[a], s.t[b - 1]), own.pop(0)
             if s.once and b == len(s.t):
-                s.mag = s.mag[:0].copy()
-            one = estimator.run(*own, field.pop(), aids.between(s.t[a], s.t[b - 1]), dict(values))
-            own.clear()
+                s.let_go()
+            # Nobody but the filter holds on to the sensors: one that has read them may let go of them.
+            one = estimator.run(begin, own.pop(0), own.pop(0), own.pop(0), aid, dict(values))
             if estimator.origin != "attlog":
                 one = returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock
         found.append(one)
-    if s.once:
-        s.let_go()
+    give_back(len(s.t))
     q = to_true_north(end_to_end([e.q for e in found]) if found else np.empty((0, 4)), values)
     if q0 is not None and len(q) and not has_field:
         want = rotation.error(np.asarray(q0, np.float64), q[0])

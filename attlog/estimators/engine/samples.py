@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from attlog import gap
 from attlog.errors import UsageError
 from attlog.estimators.base import Array, VectorsAt
+from attlog.freed import give_back
 from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
 from attlog.median import median
 
@@ -67,6 +68,7 @@ class Samples:
         self.gyr = self.acc = self.mag = np.zeros((0, 3))
         self.use = self.substeps = np.zeros(0, np.int64)
         self.dt, self.led = np.zeros(0), None
+        give_back(len(self.t))
 
 
 def prepare(

@@ -80,7 +80,7 @@ PRESETS = {"package": {"tau_acc": 3.0, "tau_mag": 9.0, "bias_sigma": 0.5, "bias_
 FRD = np.array([1.0, -1.0, -1.0])
 TO_NED = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0])
 TO_FRD = np.array([0.0, 1.0, 0.0, 0.0])
-BLOCK = 50_000
+BLOCK = 1 << 14
 """Samples handed to the package at once."""
 
 

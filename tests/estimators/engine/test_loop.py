@@ -79,6 +79,10 @@ def test_input_is_never_changed_and_any_array_like_is_taken() -> None:
     assert np.array_equal(run("mahony", lists).q, want.q)
     single = run("mahony", {k: v.astype(np.float32) for k, v in x.items()} | {"t": x["t"]})
     assert np.abs(single.q - want.q).max() < 1e-5
+    writable = {k: v.copy() for k, v in x.items()}
+    for name in ("mahony", "ekf12", "vqf", "eskf"):  # ours are given the arrays themselves
+        run(name, writable)
+        assert all(np.array_equal(before[k], writable[k]) for k in x), name
     strided = {k: np.repeat(v, 2, axis=0)[::2] for k, v in x.items()}
     assert np.array_equal(run("mahony", strided).q, want.q)
 
