@@ -14,6 +14,9 @@ from attlog.metrics.quantiles import chi_square, student
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
+MOST_ALIKE = 0.6
+"""Few values tell their own correlation badly: none is taken for more than this, which doubles an interval."""
+
 
 def of_mean(values: ArrayLike) -> Interval | None:
     """t interval of the mean of independent values (k,); None for fewer than two."""
@@ -22,6 +25,23 @@ def of_mean(values: ArrayLike) -> Interval | None:
         return None
     half = student(0.975, len(x) - 1) * float(np.std(x, ddof=1)) / math.sqrt(len(x))
     centre = float(np.mean(x))
+    return centre - half, centre + half
+
+
+def of_neighbours(values: ArrayLike) -> Interval | None:
+    """t interval of the mean of consecutive values (k,) that may resemble their neighbours; None for fewer than two.
+
+    Widened by sqrt((1 + r) / (1 - r)), as the mean of a first-order process is: r is the correlation of neighbours,
+    freed of its bias of -1/k, from 0 to MOST_ALIKE.
+    """
+    x = np.asarray(values, np.float64)
+    ends = of_mean(x)
+    d = x - np.mean(x) if ends is not None else x
+    square = float(d @ d)
+    if ends is None or len(x) < 3 or not square > 0.0:
+        return ends
+    r = min(max(float(d[1:] @ d[:-1]) / square + 1.0 / len(x), 0.0), MOST_ALIKE)
+    centre, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]) * math.sqrt((1.0 + r) / (1.0 - r))
     return centre - half, centre + half
 
 
@@ -110,14 +130,14 @@ def of_quantile(
 ) -> Interval | None:
     """Interval of a quantile of correlated values: Woodruff's, with the groups as independent evidence.
 
-    The share of each group below the quantile has a t interval over the groups; its
+    The share of each group below the quantile has a t interval over the groups (`of_neighbours`); its
     ends are turned back into values (Woodruff 1952). ``ordered``: the values in ascending order, where they are known.
     """
     groups = [g for g in groups if g.stop > g.start]
     if len(groups) < 2:
         return None
     ordered = np.sort(values) if ordered is None else ordered
-    share = of_mean(means((values <= quantile(ordered, probability)).astype(np.float64), groups))
+    share = of_neighbours(means((values <= quantile(ordered, probability)).astype(np.float64), groups))
     if share is None:
         return None
     half = 0.5 * (share[1] - share[0])

@@ -44,7 +44,7 @@ MIN_BLOCKS = {"inclination": 4, "heading": 3, "total": 3}
 BLOCK_FILLED = 0.8
 
 _EVIDENCE = """Interval: t over consecutive groups of about {seconds:.0f} s (at least 4), so that neighbouring
-    samples do not count as independent evidence."""
+    samples do not count as independent evidence, widened where neighbouring groups resemble each other."""
 _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s (at least 4). Rows that gravity does
     not correct are not ranked: their error grows with the flight."""
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
@@ -83,14 +83,15 @@ def groups_of(n: int, duration: float, length: float = GROUP_S["inclination"]) -
 
 
 def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
-    """RMS of an error angle (n,) and its interval: t over the mean squares of the groups, on logarithmic scale.
+    """RMS of an error angle (n,) and its interval: t over the mean squares of the groups, which may resemble
+    their neighbours, on logarithmic scale.
 
     The relative error of the mean square becomes a factor (delta method), so that the
     interval of a short, uneven record does not reach below zero.
     """
     squares = angle**2
     square = float(np.mean(squares))
-    spread = interval.of_mean(interval.means(squares, groups)) if len(groups) > 1 else None
+    spread = interval.of_neighbours(interval.means(squares, groups)) if len(groups) > 1 else None
     if spread is None or square == 0.0:
         return math.sqrt(square), None if spread is None else (0.0, 0.0)
     factor = math.exp(0.25 * (spread[1] - spread[0]) / square)

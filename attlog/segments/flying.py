@@ -57,23 +57,32 @@ class Evidence:
 
 
 def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> Evidence | None:
-    """The evidence over [t0, t1] s; None without a throttle or without a height. ``armed``: None where unknown."""
+    """The evidence over [t0, t1] s; None without a height, or where nothing tells drive. ``armed``: None where unknown.
+
+    A log with neither throttle nor land detector has drive while it is armed, where it climbs or sinks as
+    no barometer drifts.
+    """
     throttle, above = drive(log), height(log)
-    if throttle is None or above is None or len(above.t) < 3 or t1 - t0 < SMOOTH_S:
+    by_arming = throttle is None and armed is not None and (log.landed is None or not log.landed.value)
+    if (throttle is None and not by_arming) or above is None or len(above.t) < 3 or t1 - t0 < SMOOTH_S:
         return None
     t = np.arange(t0, t1 + GRID_S, GRID_S)
     level, climb = _smooth(t, above)
-    power = _held(t, throttle.t, throttle.x[:, 0])
-    on = power > max(HALF * _usual(power, climb), LEAST_DRIVE)
+    on, source = np.ones(len(t), bool), "arming"
+    if throttle is not None:
+        power, source = _held(t, throttle.t, throttle.x[:, 0]), f"throttle ({throttle.source})"
+        on = power > max(HALF * _usual(power, climb), LEAST_DRIVE)
     if armed is not None:
-        on &= spans.inside(t, armed)
+        quick = np.abs(climb) > CLIMB_M_S
+        climbing = [s for s in armed if np.count_nonzero(quick & spans.inside(t, [s])) * GRID_S >= LEAST_S]
+        on &= spans.inside(t, climbing if by_arming else armed)
     slow = ~(motion.speed_m_s(log, t) > STANDING_M_S)
     ground = _eroded(~on & slow & (np.abs(climb) < STEADY_M_S), round(LEAST_S / GRID_S))
     known = ground & np.isfinite(level)
     high = level - np.interp(t, t[known], level[known]) if known.any() else np.full(len(t), np.nan)
     off = (high > OFF_M) | (np.abs(climb) > CLIMB_M_S)
     standing = np.isfinite(high) & ~off & (np.abs(climb) < STEADY_M_S) & slow
-    return Evidence(t, on, high, climb, off, standing, f"throttle ({throttle.source}) with a climb by {above.source}")
+    return Evidence(t, on, high, climb, off, standing, f"{source} with a climb by {above.source}")
 
 
 def flights(found: Evidence) -> list[Span]:

@@ -42,6 +42,21 @@ def test_sums_of_ranges_are_those_of_each_range_empty_ones_too():
     assert len(interval.sums(x, first[:0], last[:0])) == 0
 
 
+def test_neighbours_that_do_not_resemble_each_other_widen_nothing():
+    x = np.array([1.0, -1.0] * 6)
+    assert interval.of_neighbours(x) == pytest.approx(interval.of_mean(x))
+    assert interval.of_neighbours([1.0]) is None
+    assert interval.of_neighbours([2.0, 2.0, 2.0]) == (2.0, 2.0)
+
+
+def test_neighbours_that_resemble_each_other_widen_as_a_first_order_process():
+    x = np.array([1.0, 1.0, -1.0, -1.0] * 10)  # neighbours alike in 20 of 39 cases: r = 1/40, and 1/40 for its bias
+    wider = np.diff(interval.of_neighbours(x)) / np.diff(interval.of_mean(x))
+    assert wider == pytest.approx(np.sqrt(1.05 / 0.95))
+    slow = np.repeat([1.0, -1.0], 10)
+    assert np.diff(interval.of_neighbours(slow)) / np.diff(interval.of_mean(slow)) == pytest.approx(2.0)
+
+
 def test_a_jackknife_of_means_is_the_t_interval_of_the_values():
     """Leaving one value out of a mean: the jackknife's error is the standard error, exactly."""
     x = np.random.default_rng(4).standard_normal(12)

@@ -71,6 +71,16 @@ def test_intervals_cover_the_value_of_the_process(statistic):
     assert hits >= 68
 
 
+@pytest.mark.parametrize(("statistic", "truth"), [("rmse", 2**0.5), ("median", 1.1774)])
+def test_they_cover_it_also_where_an_error_wanders_for_longer_than_a_group(statistic, truth):
+    rng, hits = np.random.default_rng(2), 0
+    for _ in range(150):
+        x = np.hypot(*(flights.coloured(rng, 1200, 0.1, 1.0, 12.0) for _ in range(2)))
+        _, ci = rmse.statistic(x, statistic, rmse.groups_of(len(x), 120.0, 5.0))
+        hits += ci[0] <= truth <= ci[1]
+    assert hits >= 130
+
+
 def test_a_heading_whose_offset_was_removed_is_not_ranked_among_those_with_a_north():
     q = rotation.from_euler(0.01 + 0 * T, 0 * T, 0.7)
     rows = [flights.row(T, q, "gyro", heading_offset_deg=30.0), flights.row(T, q, "mahony")]

@@ -112,3 +112,24 @@ def test_rates_are_compared_where_there_are_thirty() -> None:
     rate = np.random.default_rng(5).normal(size=(30, 3))
     assert "times as far" in turning.otherwise(rate, 2.0 * rate)
     assert turning.otherwise(rate[:29], 2.0 * rate[:29]) == ""
+
+
+def test_vibration_of_the_gyro_is_no_scale() -> None:
+    log = flight(onboard_hz=100.0)
+    imu = log.imus[0]
+    imu.gyro.x = imu.gyro.x + np.radians(10.0) * np.sin(2 * np.pi * 37.0 * imu.gyro.t)[:, None]
+    (against,) = [c for c in checks(log, segments.build(log)) if c.name == "gyro against attitude"]
+    assert against.verdict == "good"
+    assert against.value == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("hz", [20.0, 100.0])
+def test_an_interval_with_a_reset_is_not_compared(hz: float) -> None:
+    log = flight(onboard_hz=hz)
+    attitude = log.attitudes["ATT"]
+    at = len(attitude.t) // 2 + 1
+    attitude.q[at:] = rotation.multiply(rotation.from_euler(0.0, 0.0, 0.8), attitude.q[at:])
+    gyro, turned_by = turning.rotations(log.imus[0], attitude, np.array([at]))
+    assert np.abs(gyro - turned_by).max() < np.radians(2.0)
+    jumped = np.subtract(*turning.rotations(log.imus[0], attitude, np.zeros(0, np.int64)))
+    assert np.abs(jumped).max() > 5.0

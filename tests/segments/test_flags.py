@@ -69,6 +69,17 @@ def test_without_land_detector_throttle_with_climb_tells_flight():
     assert "throttle (CTUN.ThO) with a climb by BARO:0" in why
 
 
+def test_without_land_detector_and_throttle_a_fast_climb_while_armed_tells_flight():
+    found, why = airborne(landed=None, baro=[height()])
+    assert len(found) == 1
+    assert found[0] == pytest.approx((TAKE_OFF, LANDED), abs=1.0)
+    assert "arming with a climb by BARO:0" in why
+    drifting = height(top=0.0)
+    drifting.x = drifting.x + 3.0 * np.sin(SECONDS / 10.0)[:, None]
+    assert airborne(landed=None, baro=[drifting])[0] == []
+    assert airborne(landed=None, baro=[height()], armed=None)[0] == []
+
+
 def test_throttle_without_climb_is_no_flight():
     found, _ = airborne(landed=None, throttle=throttle(), baro=[height(top=0.0)])
     assert found == []

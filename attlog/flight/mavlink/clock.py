@@ -23,6 +23,8 @@ UNIX_US = 10**15
 UNSTEADY = 0.5
 """Stamps that advance by another time between clock packets than the boot clock does, by more than this share of the
 mean step, are no clock: 0.01 to 0.25 in logs by wire and by good links, 0.6 by radio links that send in bursts."""
+HALF_MS = 500
+"""A clock of whole milliseconds is early by half of one, on average."""
 WINDOW = 21
 """Clock packets whose median gives the difference between packet and boot clock."""
 
@@ -36,8 +38,8 @@ class PacketClock:
             table = messages.tables.get((name, instance))
             if table is None or "time_boot_ms" not in table:
                 continue
-            time = table["time_boot_ms"].astype(np.int64) * 1000
-            set_ = time > 0
+            time = of_milliseconds(table)
+            set_ = table["time_boot_ms"] > 0
             offsets.append(table.offsets[set_])
             boot.append(time[set_])
             packet.append((table[STAMP] if STAMP in table else table.offsets)[set_])
@@ -54,7 +56,7 @@ class PacketClock:
     def of(self, table: Table) -> Stamps:
         """Stamps (n,) of a table: its own clock, else the packet's."""
         if "time_boot_ms" in table:
-            return table["time_boot_ms"].astype(np.int64) * 1000
+            return of_milliseconds(table)
         if "time_usec" in table:
             time = table["time_usec"].astype(np.int64)
             if self.unix is not None:
@@ -81,11 +83,19 @@ def steady(packet: Stamps, boot: Stamps) -> bool:
     return float(median(np.abs(np.diff(packet) - np.diff(boot)))) <= UNSTEADY * float(steps.mean())
 
 
+def of_milliseconds(table: Table) -> Stamps:
+    """Boot times (n,) in us of ``time_boot_ms``, which counts whole milliseconds that have passed: half of one more."""
+    return table["time_boot_ms"].astype(np.int64) * 1000 + HALF_MS
+
+
 def rising(t_us: Stamps) -> Stamps:
-    """The stamps without the small backward steps that an estimated clock difference makes; real ones stay."""
-    ahead = np.maximum.accumulate(t_us) if len(t_us) else t_us
-    small = ahead - t_us < 1_000_000
-    return np.where(small, ahead + np.arange(len(t_us)), t_us)
+    """The stamps without the small backward steps that an estimated clock difference makes; real ones stay.
+
+    Each is at least 1 us after the one before; those that rise by themselves stay as they are.
+    """
+    count = np.arange(len(t_us))
+    least: Stamps = np.maximum.accumulate(t_us - count) + count
+    return np.where(least - t_us < 1_000_000, least, t_us)
 
 
 def running_median(x: Stamps) -> Stamps:

@@ -11,6 +11,7 @@ import pytest
 from attlog import flight, formats, rotation
 from attlog.errors import LogUnusable, UsageError
 from attlog.flight.mavlink import reader
+from attlog.flight.mavlink.clock import rising
 from attlog.flight.model import FlightLog
 from attlog.formats import Recording
 from tests.flight.fake import messages
@@ -109,6 +110,17 @@ def test_truth_without_a_clock_is_timed_by_its_place_where_packet_stamps_are_no_
     yaw = rotation.to_euler(log.truth.q)[:, 2]
     assert np.abs(log.truth.t - np.unwrap(yaw) / 0.3).max() < 0.005
     assert ["its place" in p.text for p in log.problems if p.code == "truth_packet_times"] == [True]
+
+
+def test_packets_that_rise_keep_their_time_however_many_they_are() -> None:
+    t = 5_000_000 + 40_000 * np.arange(90_000)
+    np.testing.assert_array_equal(rising(t), t)
+    late = t.copy()
+    late[1000] -= 50_000
+    made = rising(late)
+    assert np.all(np.diff(made) > 0)
+    assert np.flatnonzero(made != late).tolist() == [1000]
+    assert made[1000] == late[999] + 1
 
 
 def test_a_rate_below_ten_hertz_is_refused_with_what_to_do() -> None:
