@@ -7,8 +7,7 @@ import numpy as np
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
 from attlog.health.reason import as_sentence
-from attlog.median import median
-from attlog.reference.turning import LEAST_DPS, LEAST_HZ, LEAST_INTERVALS, other_axes, rotations
+from attlog.reference.turning import LEAST_DPS, LEAST_HZ, LEAST_INTERVALS, centred, other_axes, rotations
 from attlog.segments import resets
 from attlog.segments.model import Segments
 
@@ -46,7 +45,7 @@ def against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments: Segm
     by_gyro, by_attitude = rotations(imu, onboard, jumps)
     if len(by_gyro) < LEAST_INTERVALS:
         return not_judged("gyro against attitude", f"{name} has too few intervals with inertial data.", limit)
-    g, a = by_gyro - median(by_gyro, axis=0), by_attitude - median(by_attitude, axis=0)
+    g, a = centred(by_gyro), centred(by_attitude)
     moving = np.degrees(g.std(axis=0)) >= LEAST_DPS
     if not moving.any():
         text = (

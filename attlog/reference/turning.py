@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from attlog import rotation
 from attlog.distinct import among
 from attlog.flight.model import Array, Attitude, Imu, Mag
-from attlog.median import median
 from attlog.reference.compare import interpolate
 from attlog.segments import gaps, increments
 
@@ -107,7 +106,7 @@ def otherwise(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] =
     """
     if len(by_gyro) < LEAST_INTERVALS:
         return ""
-    g, a = by_gyro - median(by_gyro, axis=0), by_attitude - median(by_attitude, axis=0)
+    g, a = centred(by_gyro), centred(by_attitude)
     by_the_gyro, by_the_attitude = (np.degrees(x.std(axis=0)) for x in (g, a))
     moving = by_the_gyro >= LEAST_DPS
     if moving.any() and (axes := other_axes(g, a, moving)):
@@ -122,6 +121,11 @@ def otherwise(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] =
     outside = moving & ~((slopes >= allowed[0]) & (slopes <= allowed[1]))
     shown = ", ".join(f"{'xyz'[k]} {slopes[k]:.2f}" for k in np.flatnonzero(outside))
     return f"the attitude turns {shown} times as far" if shown else ""
+
+
+def centred(rates: Array) -> Array:
+    """Rates (n, 3) without their mean: the median of a flight with turns of one sense would move with the noise."""
+    return np.asarray(rates - rates.mean(axis=0))
 
 
 def mounting(g: Array, a: Array) -> Array:
@@ -141,7 +145,7 @@ def alike(by_gyro: Array, by_attitude: Array) -> bool:
     Then both saw the same flight. Where the attitude does what the gyro never did, it is the
     attitude that nothing supports.
     """
-    g, a = (x - median(x, axis=0) for x in (by_gyro, by_attitude))
+    g, a = centred(by_gyro), centred(by_attitude)
     size = np.sqrt(np.outer(np.sum(a * a, axis=0), np.sum(g * g, axis=0)))
     match = np.abs(np.divide(a.T @ g, size, out=np.zeros((3, 3)), where=size > 0))
     return bool(match.max() > LEAST_CORRELATION)

@@ -133,3 +133,13 @@ def test_an_interval_with_a_reset_is_not_compared(hz: float) -> None:
     assert np.abs(gyro - turned_by).max() < np.radians(2.0)
     jumped = np.subtract(*turning.rotations(log.imus[0], attitude, np.zeros(0, np.int64)))
     assert np.abs(jumped).max() > 5.0
+
+
+def test_a_noisy_attitude_of_a_flight_that_turns_one_way_is_no_scale() -> None:
+    """The median of its rates lies elsewhere than that of the gyro's; the slope is that of a line with an offset."""
+    rng = np.random.default_rng(7)
+    rate = np.zeros((2000, 3))
+    rate[1100:, 2] = np.radians(8.0)  # still for longer than turning
+    noise = np.radians(2.0) * rng.normal(size=rate.shape)
+    assert turning.otherwise(rate, rate + noise, (0.97, 1.03)) == ""
+    assert "z 1.20" in turning.otherwise(rate, 1.2 * rate + 0.1 * noise, (0.97, 1.03))
