@@ -10,7 +10,8 @@ import pytest
 from attlog import analysis, estimators, flight, rotation
 from attlog.errors import AttlogError
 from attlog.inspection import inspect
-from attlog.metrics import possible
+from attlog.metrics import possible, telling
+from attlog.metrics.answer import missing
 from tests.conftest import SAMPLES, corpus_logs, corpus_root
 
 ONLY_FILTERS_TELL = {"px4_1.6.5_hand_rotation.ulg", "log_copter_3.1.1_nan.log"}
@@ -81,3 +82,11 @@ def test_of_a_flight_too_short_for_any_small_drift_only_large_ones_are_told(monk
 
 def inspect_answers(path: Path) -> dict[str, bool]:
     return {a["question"]: a["can"] for a in inspect(path)["answerable"]}
+
+
+def test_a_refusal_says_why_and_of_an_uncertain_number_also_who_is_told_of_one() -> None:
+    assert possible.refused(missing("no_rest", "no rest of 20 s", "deg", "rest")) == possible.Possible(
+        (), ("no rest of 20 s",), ("no_rest",)
+    )
+    (why,) = possible.refused(missing(telling.CODE, "too noisy", "deg", "rest")).why
+    assert why.startswith("too noisy; only a filter that is further off")
