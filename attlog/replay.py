@@ -11,7 +11,7 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from attlog import estimators, inputs, recorded, reference
+from attlog import estimators, inputs, reference
 from attlog.barrier import guarded
 from attlog.errors import AttlogError, PluginError, UsageError
 from attlog.estimators.base import Estimate
@@ -178,6 +178,8 @@ def recorded_row(case: Case, imu: Imu, spec: estimators.Row, name: str) -> tuple
     """An attitude that was computed elsewhere as a row like any other. Errors as of :func:`attlog.recorded.read`."""
     values = spec.resolved()
     asked = {k: v for k, (v, _) in values.items()}
+    from attlog import recorded  # no other row needs it
+
     estimate = recorded.read(Path(spec.estimator.origin), case.log, imu, asked)
     row = reference.replayed(
         case.log, case.segments, case.reference, estimate, name=name, estimator=spec.estimator.origin,

@@ -102,13 +102,18 @@ def interpolated_at_once(out: Array, where: Index, t: Array, q: Array, segment: 
     i = i[between]
     where[between] = i
     a, b, share = q[i], q[i + 1], ((at[between] - t[i]) / (t[i + 1] - t[i]))[:, None]
-    b = np.where(np.sum(a * b, axis=1, keepdims=True) < 0.0, -b, b)
-    apart, along = (np.sqrt(np.sum(x * x, axis=1, keepdims=True)) for x in (b - a, b + a))
+    b = np.where(_of_rows(a * b) < 0.0, -b, b)
+    apart, along = (np.sqrt(_of_rows(x * x)) for x in (b - a, b + a))
     angle = 2.0 * np.arctan2(apart, along)
     whole = np.where(angle > 0.0, np.sin(angle), 1.0)
     first = np.where(angle > 0.0, np.sin((1.0 - share) * angle) / whole, 1.0 - share)
     second = np.where(angle > 0.0, np.sin(share * angle) / whole, share)
     out[between] = first * a + second * b
+
+
+def _of_rows(x: Array) -> Array:
+    """The sums (n, 1) of rows (n, 4), column by column: numpy adds up short rows several times slower."""
+    return np.asarray(x[:, 0] + x[:, 1] + x[:, 2] + x[:, 3])[:, None]
 
 
 INTERPOLATED = kernel_of(

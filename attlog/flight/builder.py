@@ -204,7 +204,7 @@ class LogBuilder:
             x = x if within is None else self.within(x, within, source)
             chosen = np.flatnonzero(~np.isnan(x).all(axis=1))
         else:
-            chosen, finite = np.arange(len(x)), np.isfinite(x).all(axis=1)
+            chosen, finite = np.arange(len(x)), rotation.finite(x)
             good = np.asarray(finite if within is None else finite & ~within.outside(x).any(axis=1))
             if within is not None:
                 wrong = f"where {within.name} is missing or outside {within.limits} ({within.why})"

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import rotation
 from attlog.flight import physics
 from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder, finite_within
@@ -320,7 +321,7 @@ def complete(candidate: Candidate) -> Candidate:
 
     More than a few at the ends, where one sensor was logged before the other, are told.
     """
-    known = np.isfinite(candidate.acc).all(axis=1)
+    known = rotation.finite(candidate.acc)
     missing, n = int(np.count_nonzero(~known)), len(candidate.acc)
     if missing > UNTOLD_SHARE * n:
         text = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import rotation
 from attlog.flight import physics
 from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder
@@ -76,7 +77,7 @@ def spikes(field_t: Array) -> NDArray[np.bool_]:
 
 def dead(mag: Mag, imu: Imu | None) -> str:
     """Why this magnetometer measures nothing, empty if it seems to."""
-    x = mag.field.x[np.isfinite(mag.field.x).all(axis=1)]
+    x = mag.field.x[rotation.finite(mag.field.x)]
     if len(x) == 0 or not x.any():
         return "all its values are zero"
     if len(x) >= 10 and not np.ptp(x, axis=0).any() and imu is not None:

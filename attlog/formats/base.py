@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, overload, runtime_checkable
+from typing import Any, Generic, NamedTuple, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +37,6 @@ class Field:
     dtype: np.dtype[Any]
     unit: str | None = None
     scale: float = 1.0
-
-
-@runtime_checkable
-class Forgetful(Protocol):
-    """A decoder that keeps a copy of records for its next column."""
-
-    def forget(self) -> None:
-        """Drop the copy."""
 
 
 class Table:
@@ -142,9 +134,9 @@ class Table:
     def forget(self) -> None:
         """Let go of the columns and of the copy of the records behind them; both are made anew when asked."""
         self._columns.clear()
-        decoder = self._decode
-        if isinstance(decoder, Forgetful):
-            decoder.forget()
+        forget = getattr(self._decode, "forget", None)  # of one that keeps a copy of records for its next column
+        if forget is not None:
+            forget()
 
     def rows(self, select: NDArray[Any] | slice) -> Table:
         """The same message, only the selected records (mask, indices or slice)."""

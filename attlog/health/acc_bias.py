@@ -47,7 +47,7 @@ def differences(log: FlightLog, segments: Segments, bias: Array) -> tuple[float,
         return None
     rest = segments.mask(imu.acc.t, "rest")
     q = rotation.slerp(onboard.t, of_imu(log, onboard), imu.acc.t[rest])
-    known = np.isfinite(q).all(axis=1)
+    known = rotation.finite(q)
     if known.sum() < 10:
         return None
     up = rotation.rotate_inverse(q[known], np.array([0.0, 0.0, -1.0]))

@@ -84,7 +84,7 @@ def in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[Array, floa
     use = segments.mask(imu.acc.t, "airborne")
     use = use if use.sum() >= 50 else np.ones(len(use), bool)
     q = rotation.slerp(onboard.t, of_imu(log, onboard), imu.acc.t[use])
-    known = np.isfinite(q).all(axis=1)
+    known = rotation.finite(q)
     seconds = float(known.sum()) / imu.acc.rate if imu.acc.rate > 0 else 0.0
     if seconds < 5.0:
         return None
@@ -100,7 +100,7 @@ def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segme
         return direction_in_flight(log, imu, segments)
     limit = "good up to 3 deg, bad above 10 deg"
     q = rotation.slerp(onboard.t, of_imu(log, onboard), imu.acc.t[rest])
-    known = np.isfinite(q).all(axis=1)
+    known = rotation.finite(q)
     if known.sum() < 10:
         return not_judged("gravity direction", "The onboard attitude does not cover the rest.", limit)
     up = rotation.rotate_inverse(q[known], np.array([0.0, 0.0, -1.0]))

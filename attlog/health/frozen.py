@@ -71,7 +71,7 @@ def held(stream: Stream, least_s: float) -> list[Span]:
     x = stream.x.reshape(len(stream.t), -1)
     if len(x) < RECORDS:
         return []
-    known = np.isfinite(x).all(axis=1)
+    known = rotation.finite(x)
     t, x = stream.t[known], x[known]
     edges = np.concatenate([[0], np.flatnonzero((np.diff(x, axis=0) != 0).any(axis=1)) + 1, [len(t)]])
     long = np.flatnonzero(np.diff(edges) >= RECORDS)
@@ -118,7 +118,7 @@ def _turned(log: FlightLog, span: Span) -> float:
     elif log.mag is not None:
         field = log.mags[log.mag].field
         x = field.x[slice(*np.searchsorted(field.t, span))]
-        x = x[np.isfinite(x).all(axis=1)]
+        x = x[rotation.finite(x)]
     else:
         return 0.0
     middle = median(x, axis=0) if len(x) else np.zeros(3)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from attlog.flight.model import FlightLog, Imu
@@ -30,7 +32,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         return found
     peak = float(np.degrees(np.abs(imu.gyro.x).max()))
     limit = "warn from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
-    clipped = at_limit(np.degrees(np.abs(imu.gyro.x)).max(axis=1))
+    clipped = at_limit(np.degrees(reduce(np.maximum, np.abs(imu.gyro.x).T)))
     samples = "1 sample is" if clipped == 1 else f"{clipped} samples are"
     text = f"Largest rate {peak:.0f} deg/s" + (f"; {samples} at the sensor's limit." if clipped else ".")
     found = [Check("gyro range", "warn" if clipped else "good", text, round(peak, 1), "deg/s", limit)]
@@ -70,7 +72,7 @@ def alive(name: str, x: np.ndarray, source: str) -> list[Check]:
     limit = "every axis must change"
     if not x.any():
         return [Check(name, "bad", f"{source}: all values are zero.", "zero", "", limit)]
-    stuck = [axis for axis, spread in zip("xyz", np.ptp(x, axis=0), strict=True) if spread == 0]
+    stuck = [axis for axis, spread in zip("xyz", map(np.ptp, x.T), strict=True) if spread == 0]
     if stuck and len(x) >= 20:
         which = "all axes are" if len(stuck) == 3 else f"axis {', '.join(stuck)} is"
         return [Check(name, "bad", f"{source}: {which} constant.", "constant", "", limit)]

@@ -72,7 +72,7 @@ def against_attitude(log: FlightLog) -> list[Check]:
     q = attitude.q if name == "truth" else of_imu(log, attitude)
     field = log.mags[log.mag or 0].field
     turned = rotation.slerp(attitude.t, q, field.t_best)
-    good = np.isfinite(turned).all(axis=1) & np.isfinite(field.x).all(axis=1)
+    good = rotation.finite(turned) & rotation.finite(field.x)
     if good.sum() < 10:
         return [not_judged("field against attitude", f"{name} covers {good.sum()} magnetometer samples only.", limit)]
     north = rotation.rotate(turned[good], field.x[good])

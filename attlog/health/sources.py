@@ -74,7 +74,7 @@ def difference(flew: Attitude, other: Attitude, segments: Segments) -> Differenc
     step = max(1, len(t) // 4000)
     t, own = t[::step], flew.q[::step]
     q = rotation.slerp(other.t if other.t_sample is None else other.t_sample, other.q, t)
-    use = np.isfinite(q).all(axis=1) & (t > t[0] + SETTLED_S)
+    use = rotation.finite(q) & (t > t[0] + SETTLED_S)
     flown = use & segments.mask(t, "airborne")
     use = flown if flown.sum() >= SAMPLES else use
     if use.sum() < SAMPLES:

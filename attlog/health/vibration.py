@@ -80,7 +80,7 @@ def level(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
 def levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:
     """Starts (m,) in s of windows of 1 s inside spans, and the standard deviation (m, 3) of fast force in them."""
     t, acc = imu.acc.t_best, imu.acc.x
-    good = np.isfinite(t) & np.isfinite(acc).all(axis=1) & inside(t, within)
+    good = np.isfinite(t) & rotation.finite(acc) & inside(t, within)
     t, acc = t[good], acc[good]
     if len(t) < 10:
         return np.zeros(0), np.zeros((0, 3))
@@ -199,7 +199,7 @@ def _force(imu: Imu, t: Array, q: Array, window: Span) -> float:
     at = imu.acc.t_best
     i, j = np.searchsorted(at, window)
     turned = rotation.slerp(t, q, at[i:j])
-    known = np.isfinite(turned).all(axis=1)
+    known = rotation.finite(turned)
     if known.sum() < 0.9 * (j - i):
         return float("nan")
     return float(-rotation.rotate(turned[known], imu.acc.x[i:j][known])[:, 2].mean())

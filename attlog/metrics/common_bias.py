@@ -89,7 +89,7 @@ def _onboard(log: FlightLog, imu: Imu) -> CommonBias:
     stream = log.onboard_gyro_bias
     if imu is not log.replay_imu:
         return none("the onboard estimator's bias belongs to another IMU")
-    good = np.zeros(0, bool) if stream is None else np.isfinite(stream.x).all(axis=1) & np.isfinite(stream.t)
+    good = np.zeros(0, bool) if stream is None else rotation.finite(stream.x) & np.isfinite(stream.t)
     if stream is None or not good.any():
         return none("the log holds no onboard gyro bias for the replayed gyro")
     order = np.argsort(stream.t[good], kind="stable")

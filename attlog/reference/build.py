@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.reference import clock, declination, delay, floor, gravity, scoring, trim
 from attlog.reference.model import AlignmentStep, Reference
@@ -147,7 +148,7 @@ def frozen(reference: Reference, imu: Imu | None) -> str:
     if imu is None or not len(imu.gyro.x):
         return ""
     t = imu.gyro.t_best
-    known = np.isfinite(imu.gyro.x).all(axis=1) & (t >= reference.t[0]) & (t <= reference.t[-1])
+    known = rotation.finite(imu.gyro.x) & (t >= reference.t[0]) & (t <= reference.t[-1])
     good = imu.gyro.x[known]
     spread = np.std(good, axis=0) if len(good) else np.zeros(3)
     turning = float(np.degrees(np.sqrt(np.sum(spread**2))))

@@ -141,7 +141,7 @@ def _down(t: Array, q: Array, segment: NDArray[np.int64], at: Array) -> Array:
     """Earth's down in body axes (n, 3) at times, NaN where the row has no attitude."""
     turned, _ = interpolate(t, q, segment, at)
     found: Array = np.full((len(at), 3), np.nan)
-    good = np.isfinite(turned).all(axis=1)
+    good = rotation.finite(turned)
     found[good] = rotation.rotate_inverse(turned[good], DOWN)
     return found
 
@@ -157,10 +157,10 @@ def _mean_force(
 ) -> Array | None:
     """Mean specific force (3,) in earth axes by an attitude over [t0, t1] s; None without both."""
     at = imu.acc.t_best
-    inside = np.flatnonzero((at >= t0) & (at <= t1) & np.isfinite(imu.acc.x).all(axis=1))
+    inside = np.flatnonzero((at >= t0) & (at <= t1) & rotation.finite(imu.acc.x))
     inside = inside[:: max(1, len(inside) // SAMPLES)]
     turned, _ = interpolate(t, q, segment, at[inside])
-    good = np.isfinite(turned).all(axis=1)
+    good = rotation.finite(turned)
     if good.sum() < 10:
         return None
     turned = turned[good] if reference.trim is None else trim.apply(turned[good], -reference.trim)
@@ -171,7 +171,7 @@ def _mean_force(
 def _acceleration(log: FlightLog, t0: float, t1: float) -> Array:
     """Mean acceleration (3,) m/s^2 NED by GNSS between the ends of [t0, t1] s; zero where the log does not tell."""
     for gnss in log.gnss:
-        good = (gnss.fix >= 3) & np.isfinite(gnss.vel_ned).all(axis=1)
+        good = (gnss.fix >= 3) & rotation.finite(gnss.vel_ned)
         if good.sum() > 3 and gnss.t[good][0] <= t0 + 1.0 and gnss.t[good][-1] >= t1 - 1.0:
             ends = [np.interp(x, gnss.t[good], gnss.vel_ned[good, k]) for x in (t0, t1) for k in range(3)]
             change: Array = (np.array(ends[3:]) - np.array(ends[:3])) / (t1 - t0)

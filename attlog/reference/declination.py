@@ -73,7 +73,7 @@ def seen_deg(log: FlightLog, reference: Reference) -> float | None:
         return None
     field = log.mags[log.mag].field
     q, _ = interpolate(reference.t, reference.q, reference.segment, field.t_best)
-    good = np.isfinite(q).all(axis=1) & np.isfinite(field.x).all(axis=1)
+    good = rotation.finite(q) & rotation.finite(field.x)
     good &= (field.t_best >= reference.scoring_start) & (field.t_best <= reference.end)
     if np.count_nonzero(good) < 10:
         return None

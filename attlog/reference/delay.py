@@ -65,9 +65,14 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     if len(i) < FEWEST:
         return None
     i = i[:: max(1, len(i) // MOST)]
+    start, end, own = start[i], end[i], own[i]
 
-    def misfit(tau: float) -> float:
-        off = turning.between(start[i] + tau, end[i] + tau) / (end - start)[i, None] - own[i]
+    def misfits(delays: Array) -> list[float]:
+        shifted = ((t + delays[:, None]).ravel() for t in (start, end))
+        turned = turning.between(*shifted).reshape(len(delays), len(own), 3)
+        return [misfit(rates - own) for rates in turned / (end - start)[:, None]]
+
+    def misfit(off: Array) -> float:
         usual = np.sum((off - median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
         if not usual.any():  # nothing like the gyro's rates at this shift
             return math.inf
@@ -75,11 +80,11 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
         return float(np.mean(np.sum(off * off, axis=1)))
 
     coarse = np.arange(-RANGE_S, RANGE_S + 1e-9, COARSE_S)
-    best = int(np.argmin([misfit(tau) for tau in coarse]))
+    best = int(np.argmin(misfits(coarse)))
     if not 0 < best < len(coarse) - 1:
         return None
     fine = np.linspace(-COARSE_S, COARSE_S, 5)
-    around = [misfit(coarse[best] + u) for u in fine]
+    around = misfits(coarse[best] + fine)
     if not np.isfinite(around).all():
         return None
     a, b, c = np.polyfit(fine, around, 2)

@@ -75,7 +75,7 @@ def step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[float,
     tick = tick_s(t)
     rate = 0.0
     if imu is not None and len(imu.gyro.x):
-        x = imu.gyro.x[np.isfinite(imu.gyro.x).all(axis=1)]
+        x = imu.gyro.x[rotation.finite(imu.gyro.x)]
         centred = x - median(x, axis=0) if len(x) else x
         rate = float(np.degrees(np.sqrt(np.mean(np.sum(centred**2, axis=1))))) if len(x) else 0.0
     timing = tick / np.sqrt(12) * rate

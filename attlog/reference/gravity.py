@@ -85,7 +85,7 @@ def _quiet(reference: Reference, t: Array, force: Array, kind: str, t0: float, t
     inside = spans.between(t, t0, t1)
     some = slice(inside.start, inside.stop, max(1, (inside.stop - inside.start) // ACC_SAMPLES))
     q, _ = interpolate(reference.t, reference.q, reference.segment, t[some])
-    force, good = force[some], np.isfinite(q).all(axis=1)
+    force, good = force[some], rotation.finite(q)
     if not good.any():
         return None
     if reference.trim is not None:

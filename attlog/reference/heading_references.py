@@ -77,7 +77,7 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
         level = LEVELLED_BY
     else:
         return None
-    good = np.isfinite(q).all(axis=1) & np.any(x != 0, axis=1)
+    good = rotation.finite(q) & np.any(x != 0, axis=1)
     if np.count_nonzero(good) < LEAST:
         return None
     t, x, q = t[good], x[good], q[good]

@@ -35,7 +35,7 @@ def seconds(log: FlightLog) -> float | None:
     if imu is None or attitude is None or gnss is None:
         return None
     grid, force = _mean_force(*gaps.rising(imu.acc.t_best, imu.acc.x))
-    good = np.isfinite(gnss.vel_ned[:, :2]).all(axis=1) & (gnss.fix >= FIX_3D)
+    good = rotation.finite(gnss.vel_ned[:, :2]) & (gnss.fix >= FIX_3D)
     t, velocity = gnss.t[good], gnss.vel_ned[good, :2]
     if len(grid) < FEWEST:
         return None
@@ -67,7 +67,7 @@ def seconds(log: FlightLog) -> float | None:
 
 def _mean_force(t: Array, force: Array) -> tuple[Array, Array]:
     """Means (n, 3) of the specific force over STEP_S and their middles; NaN where there is none."""
-    known = np.isfinite(force).all(axis=1)
+    known = rotation.finite(force)
     t, force = t[known], force[known]
     if len(t) < 2:
         return np.zeros(0), np.zeros((0, 3))
@@ -99,7 +99,7 @@ def _fit(
     else:
         moved[-shift:] = force[:shift]
     earth = rotation.rotate(q, moved)[:, :2]
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(earth).all(axis=1))
+    known: NDArray[np.bool_] = np.asarray(rotation.finite(earth))
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.where(known[:, None], earth, 0.0) * STEP_S, axis=0)])
     missing = np.concatenate([[0], np.cumsum(~known)])
     place = [np.clip((s - receiver_s) / STEP_S + 0.5, 0.0, len(force)) for s in spans]

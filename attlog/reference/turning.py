@@ -182,7 +182,7 @@ def field_follows(
 
 def field_changes(mag: Mag) -> tuple[Array, Array, Array, Array]:
     """Times (n,) s about STEP_S apart, from and to, and the direction (n, 3) of the field at both."""
-    good = np.isfinite(mag.field.x).all(axis=1)
+    good = rotation.finite(mag.field.x)
     t, field = mag.field.t_best[good], mag.field.x[good]
     size = np.sqrt(np.sum(field**2, axis=1, keepdims=True))
     if len(t) < LEAST_INTERVALS or not (size > 0).all():

@@ -38,6 +38,7 @@ class Store:
     def __init__(self) -> None:
         self._bytes = bytearray()
         self._places: dict[bytes, int] = {}
+        self._times: dict[bytes, dict[str, Any]] = {}
 
     def values(self, y: Array, step: float = 1e-9) -> dict[str, Any]:
         """An array as int16 steps, ``step`` or coarser where the range needs it; NaN survives."""
@@ -49,7 +50,13 @@ class Store:
         return self._put(np.diff(whole, prepend=np.int16(0)), step)
 
     def times(self, t: Array) -> dict[str, Any]:
-        """Times as int32 steps."""
+        """Times as int32 steps; those of one row are those of most others."""
+        given = t.tobytes()
+        if given not in self._times:
+            self._times[given] = self._stored_times(t)
+        return self._times[given]
+
+    def _stored_times(self, t: Array) -> dict[str, Any]:
         t = np.nan_to_num(t)
         step = _rounded(max(TIME_STEP, float(np.max(np.abs(t), initial=0.0)) / 2.0e9))
         return self._put(np.diff(np.round(t / step).astype(np.int32), prepend=np.int32(0)), step)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import gap
+from attlog import gap, rotation
 from attlog.flight.model import Attitude, FlightLog, Imu, part_of
 from attlog.segments import flags, flying, gaps, hover, impact, motion, resets, rest, spans, windows
 from attlog.segments.model import Segment, Segments
@@ -131,7 +131,7 @@ def _windows(imu: Imu) -> windows.Windows | None:
     t, gyro, acc = imu.gyro.t_best, imu.gyro.x, imu.acc.x
     n = min(len(t), len(gyro), len(acc))
     t, gyro, acc = t[:n], gyro[:n], acc[:n]
-    good = np.isfinite(t) & np.isfinite(gyro).all(axis=1) & np.isfinite(acc).all(axis=1)
+    good = np.isfinite(t) & rotation.finite(gyro) & rotation.finite(acc)
     if not good.all():
         t, gyro, acc = t[good], gyro[good], acc[good]
     return windows.build(t, gyro, acc) if len(t) >= 10 else None

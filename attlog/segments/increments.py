@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 CHUNK = 1 << 18
 """Samples per pass: temporaries of long logs stay small."""
 
-LOOKED_UP = 1 << 14
-"""Intervals per pass."""
+LOOKED_UP = 1 << 12
+"""Intervals per pass: what they need stays in the processor's cache."""
 
 
 class Turning:
@@ -82,8 +82,12 @@ def _at(t: Array, sums: Array, at: Array) -> Array:
     """The sums (m, 6) at times, linear between samples."""
     at = np.clip(at, t[0], t[-1])
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
-    slope = (sums[i + 1] - sums[i]) / (t[i + 1] - t[i])[:, None]
-    return np.asarray(slope * (at - t[i])[:, None] + sums[i])
+    before, since, found = sums.take(i, axis=0), t.take(i), sums.take(i + 1, axis=0)
+    found -= before
+    found /= (t.take(i + 1) - since)[:, None]
+    found *= (at - since)[:, None]
+    found += before
+    return found
 
 
 def _cross(a: Array, b: Array) -> Array:

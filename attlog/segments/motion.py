@@ -28,7 +28,7 @@ def speed_m_s(log: FlightLog, at: Array) -> Array:
     """Speed (m,) in m/s by the first receiver with a 3D fix nearest in time; NaN where there is none near."""
     for gnss in log.gnss:
         velocity = np.where(np.isfinite(gnss.vel_ned), gnss.vel_ned, 0.0)
-        good = (gnss.fix >= 3) & np.isfinite(gnss.vel_ned[:, :2]).all(axis=1) & np.isfinite(gnss.t)
+        good = (gnss.fix >= 3) & rotation.finite(gnss.vel_ned[:, :2]) & np.isfinite(gnss.t)
         if np.count_nonzero(good) > 3:
             t, speed = gnss.t[good], np.sqrt(np.sum(velocity[good] ** 2, axis=1))
             i = _nearest(t, at)

@@ -130,7 +130,7 @@ def setpoints(builder: LogBuilder, clock: Clock, flew: str | None) -> Attitude |
         if not ("TimeUS" in table or "TimeMS" in table):
             return None
         q, step = from_euler_deg(columns(table, *desired))
-        good = np.isfinite(q).all(axis=1)
+        good = rotation.finite(q)
         own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # the stamps were reported with the attitude
         found = own.attitude(clock.of(table)[good], q[good], f"{name}.Des", has_trim=True, step_deg=step)
         builder.take_values(own)

@@ -119,7 +119,7 @@ def setpoints(builder: LogBuilder) -> Attitude | None:
     if unset.any() and "roll_body" in table:
         euler = columns(table, "roll_body", "pitch_body", "yaw_body")
         q = np.where(unset[:, None], rotation.from_euler(*euler.T), q)
-        unset = ~np.isfinite(q).all(axis=1)
+        unset = ~rotation.finite(q)
     if unset.all():
         return None
     return builder.attitude(stamps(table)[~unset], q[~unset], "vehicle_attitude_setpoint")
