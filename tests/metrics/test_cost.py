@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from attlog import estimators
 from attlog.metrics import cost
 from tests.metrics import flights
 
