@@ -106,9 +106,13 @@ def equal_groups(n: int, count: int) -> list[slice]:
 
 def sums(values: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Array:
     """The sums (k,) of ``values[first:last]`` for k ranges of values (n,)."""
+    if len(first) == 0:
+        return np.zeros(0)
     ends = np.column_stack([first, last]).ravel()
-    padded = values if ends.max(initial=0) < len(values) else np.append(values, 0.0)  # an end may be that of the values
-    return np.where(last > first, np.add.reduceat(padded, ends)[::2], 0.0) if len(first) else np.zeros(0)
+    if ends[-1] == len(values):
+        ends = ends[:-1]  # the last range goes to the end of the values without being told
+    padded = values if ends.max() < len(values) else np.append(values, 0.0)
+    return np.where(last > first, np.add.reduceat(padded, ends)[::2], 0.0)
 
 
 def means(values: Array, groups: list[slice]) -> Array:

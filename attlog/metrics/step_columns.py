@@ -87,7 +87,8 @@ class Columns:
         At a delay in s. The slope is taken over +-``slope_s`` of what the delay moves: the row's rate without its
         aiding of gains ``aids`` (6,), or the reference's rate.
         """
-        main = self.fast.about if self.slow_row else self.fast.about - self.fast.x[:, 1:] @ aids
+        bare = self.slow_row or not aids.any()
+        main = self.fast.about if bare else self.fast.about - self.fast.x[:, 1:] @ aids
         events, first = len(self.slow.low), np.searchsorted(self.of, np.arange(len(self.slow.low) + 1))
         out, count = np.zeros((events, SIZE, SIZE)), np.zeros(events, np.int64)
         some = np.flatnonzero(np.diff(first))
