@@ -76,6 +76,10 @@ MAX_INSTANCES = 256
 MAX_SENDERS = 1024
 """Systems and components in one capture of MAVLink: swarms of hundreds fit, made-up headers give 65536."""
 
+MAX_ATTITUDES = 24
+"""Attitudes of one log that become rows: ten EKF cores with what cameras and simulators tell are below 16; each is
+compared, drawn and listed."""
+
 MAX_BOOTS = 100
 """Power-ups told apart in one file of joined logs; what is behind belongs to the last."""
 

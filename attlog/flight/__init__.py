@@ -11,6 +11,7 @@ from attlog.errors import LogUnusable, UsageError
 from attlog.flight import parameter_file, parameter_limits, room
 from attlog.flight.model import FlightLog, Problem
 from attlog.formats.base import Messages
+from attlog.limits import MAX_ATTITUDES
 
 __all__ = ["FlightLog", "flight_in", "read"]
 
@@ -70,6 +71,7 @@ def flight_in(
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
         log = read_messages(part, imu, mag, system)
+    keep_some_attitudes(log)
     log.boot, log.boots = chosen, boots
     log.problems += refused
     log.given_params, log.filled_params = given, filled
@@ -110,6 +112,18 @@ def read_messages(messages: Messages, imu: int | None, mag: int | str | None, sy
 
         return mavlink.read(messages, imu, mag, system)
     raise LogUnusable(f"{messages.path}: there is no flight reader for the format {messages.format!r}")
+
+
+def keep_some_attitudes(log: FlightLog) -> None:
+    """The attitude that flew and those with most records, where there are more than a vehicle has; which is told."""
+    beyond = len(log.attitudes) - MAX_ATTITUDES
+    if beyond <= 0:
+        return
+    order = sorted(log.attitudes, key=lambda name: (name != log.onboard, -len(log.attitudes[name].t)))
+    kept = set(order[:MAX_ATTITUDES])
+    text = f"The log holds {len(order)} attitudes; the {MAX_ATTITUDES} with most records are compared."
+    log.attitudes = {name: attitude for name, attitude in log.attitudes.items() if name in kept}
+    log.problems.append(Problem("log_limit", "warning", text, count=beyond))
 
 
 def choose_boot(messages: Messages) -> int:

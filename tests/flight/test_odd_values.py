@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from attlog import flight
 from attlog.flight.ardupilot import events
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.builder import LogBuilder
@@ -16,6 +17,7 @@ from attlog.flight.mavlink.clock import unix_minus_boot
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader, sdlog2
 from attlog.flight.record_time import clock_of
+from attlog.limits import MAX_ATTITUDES
 from tests.flight.fake import gravity, level, messages, micros
 
 N = 400
@@ -102,6 +104,17 @@ def test_an_attitude_that_is_never_set_is_told() -> None:
     log = read({("sensor_combined", 0): combined(), ("vehicle_attitude", 0): none})
     assert "vehicle_attitude" not in log.attitudes
     assert [p.count for p in log.problems if p.code == "attitude_unset"] == [N]
+
+
+def test_of_more_attitudes_than_a_vehicle_has_those_with_most_records_are_kept() -> None:
+    tables = {("sensor_combined", 0): combined()}
+    tables |= {("estimator_attitude", k): {"timestamp": micros(20 + k, 50.0), "q": level(20 + k)} for k in range(255)}
+    tables["vehicle_attitude", 0] = {"timestamp": micros(10, 50.0), "q": level(10)}
+    with np.errstate(invalid="ignore"):
+        log = flight.flight_in(messages("ulog", tables, info={"sys_name": "PX4"}))
+    assert log.onboard in log.attitudes
+    assert sorted(len(a.t) for a in log.attitudes.values()) == [10, *range(275 - MAX_ATTITUDES + 1, 275)]
+    assert [p.count for p in log.problems if p.code == "log_limit"] == [256 - MAX_ATTITUDES]
 
 
 def test_a_filter_whose_cutoff_is_unknown_is_not_called_0_hz() -> None:

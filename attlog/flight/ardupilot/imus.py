@@ -60,7 +60,9 @@ def imu(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Ca
     """``IMU`` records: calibrated, body frame, after the firmware's low-pass filters, at one instant."""
     found = []
     for unit, table in units(builder.messages, "IMU").items():
-        if not all(c in table for c in (*GYRO, *ACC)):
+        if missing := [c for c in (*GYRO, *ACC) if c not in table]:
+            text = f"{name_of(table, unit)}: its {len(table):,} records hold no {', '.join(missing)}."
+            builder.problem("unreadable_message", "warning", text, count=len(table))
             continue
         t = clock.of(table)
         timed = own_time(table) is not None

@@ -56,6 +56,16 @@ def test_imu_is_instantaneous_and_late_by_its_low_pass_at_that_time() -> None:
     assert str(log.firmware) == "ArduPilot Copter 4.6.2"
 
 
+def test_imu_records_without_an_axis_are_not_called_unlogged() -> None:
+    records = imu()
+    del records["GyrY"]
+    log = read({("IMU", 0): records}, [ParamChange("LOG_BITMASK", 2.0**18 + 2.0**7, 1)])
+    assert log.imu is None
+    told = next(p.text for p in log.problems if p.code == "no_imu")
+    assert "hold no GyrY" in told
+    assert "LOG_BITMASK" not in told
+
+
 def test_the_unit_of_the_primary_core_by_the_mask_is_replayed() -> None:
     core = {"TimeUS": micros(100, 5), "PI": np.where(np.arange(100) < 10, 0, 1).astype(np.int8)}
     tables = {("IMU", 0): imu(), ("IMU", 1): imu(), ("IMU", 2): imu(rates=(0.5, 0, 0)), ("XKF4", 0): core}
