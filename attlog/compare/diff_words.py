@@ -127,9 +127,10 @@ def _value(value: float | None, ci95: tuple[float, float] | None, unit: str) -> 
 def _told(entry: Changed | str) -> str:
     if isinstance(entry, str):
         return clean(entry)
-    sides = [
-        "absent" if x == ABSENT else f"{x:.7g}" if isinstance(x, float) else str(x) for x in (entry.old, entry.new)
-    ]
+    ends = entry.old, entry.new
+    sides = ["absent" if x == ABSENT else f"{x:.7g}" if isinstance(x, float) else str(x) or "none" for x in ends]
+    if sides[0] == sides[1]:  # what differs is behind the digits shown
+        sides = [repr(x) for x in ends]
     return clean(f"{entry.name}: {sides[0]} → {sides[1]}")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from attlog.compare.comparison import Comparison, Said
 from attlog.compare.difference_words import Seen, clause, seen
+from attlog.present.contest import BY_ITSELF
 from attlog.present.names import AGREEMENT
 from attlog.present.numbers import counted, listed
 
@@ -95,7 +96,8 @@ def _lost(found: Comparison, name: str) -> list[str]:
             said.append(f"{called[one]} {STATUS.get(status, status)} {where} and is not compared there.")
     used = [line for line in found.logs if not line.code]
     onboard = sum(line.reference.startswith("onboard") for line in used)
-    if onboard:
+    against = [q for q in found.questions if not q.metric.startswith(BY_ITSELF)]
+    if onboard and any(b.value is not None for q in against for c in q.contrasts for b in c.logs):
         where = "" if onboard == len(used) else f" on {onboard} of {counted(len(used), 'log')}"
         said.append(f"Errors are differences from {AGREEMENT}{where}.")
     return said

@@ -70,6 +70,8 @@ def _of(s: Sweep, c: Column) -> Iterator[str]:
     if beside.value is not None:
         yield f"The filter as it is: {beside_text(beside, unit)}."
     edges = at_edge(s, c.single)
+    if {*c.near, c.single, s.base} >= set(range(len(s.settings))):
+        edges = []  # which end is best is chance
     if edges:
         yield f"The optimum lies at the end of the range of {listed(edges)}: a wider one may hold a better setting."
     if c.left_out:

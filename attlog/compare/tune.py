@@ -149,5 +149,5 @@ def _on(part: Part, settled: Settled, metric: Wanted) -> Settled:
     answer = settled.answers[metric]
     there = part.of(answer)
     if there is None and answer.value is not None:
-        there = missing("not_covered", f"nothing of it lies in {part.name}", metric.unit, metric.window)
+        there = missing("not_covered", "no whole block of it lies there", metric.unit, metric.window)
     return replace(settled, answers={metric: there if there is not None else answer})

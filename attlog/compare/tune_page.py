@@ -49,7 +49,7 @@ def _tried(t: Tuned, f: Free, number: int) -> Figure:
         "axis": f"{f.name}, {unit}" if unit else f.name, "title": "objective, % of the filter as it is",
         "table": [[f.name, "objective [%]"], *([g, c] for g, c in zip(listed(gains), listed(changes), strict=True))],
     }  # fmt: skip
-    caption = "Red: the gains to take. Triangles: worse than the figure reaches."
+    caption = "Red: the gains found. Triangles: worse than the figure reaches."
     words = f"{named(t.found.setting)}: {min(changes):+.0f} %"
     return Figure(
         f"tried{number}", "tried", f"Every setting that was tried, by {f.name}", caption, 300, data, False, words

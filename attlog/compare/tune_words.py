@@ -30,9 +30,12 @@ def sentences(t: Tuned, references: Mapping[str, int]) -> Iterator[str]:
     if edges:
         lie = "lies" if len(edges) == 1 else "lie"
         yield f"{listed(edges)} {lie} at the end of the range: a wider one may hold better gains."
-    missing = {t.parts[k].name: why for j in t.judged if j.weight > 0 for k, why in j.missing.items()}
-    for name, why in missing.items():
-        yield f"Not counted: {clean(name)} ({why})."
+    gone: dict[tuple[str, str], list[str]] = {}
+    for j in t.judged:
+        for k, why in j.missing.items() if j.weight > 0 else ():
+            gone.setdefault((t.parts[k].name, why), []).append(j.metric.title)
+    for (name, why), titles in gone.items():
+        yield f"Not counted: {listed(titles)} of {clean(name)} ({why})."
     yield from only_agreement(references)
 
 
@@ -75,11 +78,16 @@ def _change(b: Beside, unit: str, signed: bool = False) -> tuple[str, str]:
     return f"{abs(value):.0f} %", f" ({a:.0f} to {z:.0f} %)"
 
 
+def _moved(percent: float) -> str:
+    """``falls by 6 %``, ``rises by 29 %``."""
+    return f"{'rises' if percent < 0 else 'falls'} by {abs(percent):.0f} %"
+
+
 def _sure(t: Tuned) -> str:
     """Whether to take the gains: by what was left out, beside what was fitted."""
     weighed = [j for j in t.judged if j.weight > 0]
     fitted, left = (100.0 * (1.0 - math.exp(x)) for x in (t.found.cost, mean_left_out(t)))
-    sizes = f"the objective falls by {fitted:.0f} % where the gains were found and by {left:.0f} % where they were not"
+    sizes = f"the objective {_moved(fitted)} where the gains were found and {_moved(left)} where they were not"
     if any(told_side(j.beside) < 0 for j in weighed) and not any(told_side(j.beside) > 0 for j in weighed):
         return f"Worth taking: {sizes}."
     if any(told_side(j.beside) > 0 for j in weighed):
@@ -120,7 +128,7 @@ def gain_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
         "objective found",
         "objective left out",
     ]
-    rows = [["nothing: the gains to take", *_gains(t, t.found.setting), _percent(t.found.cost), ""]]
+    rows = [["nothing: the gains found", *_gains(t, t.found.setting), _percent(t.found.cost), ""]]
     for fold in t.folds:
         names = clean(listed([p.name for p in fold.left_out]))
         rows.append([names, *_gains(t, fold.found.setting), _percent(fold.found.cost), _percent(fold.cost_left_out)])

@@ -29,7 +29,8 @@ class Limit:
 
 LIMITS: dict[str, Limit] = {
     "drift_": Limit(60.0, "the 60 deg/min that an uncalibrated gyro turns by"),
-    "lag_": Limit(50.0, "a lag of 50 ms, a third of what the attitude loop of a usual autopilot has to spare"),
+    # a third of what the attitude loop of a usual autopilot has to spare
+    "lag_": Limit(50.0, "a lag of 50 ms"),
     "step_gain": Limit(1.0, "whether the movement is followed at all"),
     "step_error_pct": Limit(100.0, "an error of the whole movement"),
     "overshoot_pct": Limit(100.0, "an overshoot by the whole movement"),

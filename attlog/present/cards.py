@@ -43,7 +43,8 @@ def reasons(verdict: Verdict, names: Mapping[str, str], filters: set[str]) -> li
 
 
 def lead_and_tail(sentence: str) -> tuple[str, str]:
-    """The part of a verdict that is set in bold, up to the first full stop or semicolon, and the rest."""
+    """The part of a verdict that is set in bold, up to the first full stop or semicolon, and the rest; brackets are
+    not cut."""
     nothing = sentence.startswith(("No filter can", "No filter's", "Cannot "))
-    end = re.search(r"[.;:](?= |$)" if nothing else r"[.;](?= |$)", sentence)
+    end = re.search(rf"[{'.;:' if nothing else '.;'}](?= |$)(?![^(]*\))", sentence)
     return (sentence[: end.end()], sentence[end.end() :].strip()) if end else (sentence, "")

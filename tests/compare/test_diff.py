@@ -7,7 +7,7 @@ import math
 import pytest
 
 from attlog.compare.diff import Changed, difference, interval, units_of
-from attlog.compare.diff_words import document, lines, markdown
+from attlog.compare.diff_words import _told, document, lines, markdown
 from attlog.compare.tolerance import SHARE, SMALLEST, Tolerances, tolerances
 from attlog.errors import UsageError
 from attlog.metrics.answer import Answer
@@ -147,3 +147,8 @@ def test_the_json_holds_what_was_compared_and_what_stands_alone() -> None:
     assert found["count"] == 2
     assert found["only_in"] == {"old": ["y.json"], "new": []}
     assert found["logs"][0]["moved"][0]["difference"] == 8.0
+
+
+def test_what_differs_behind_the_digits_shown_is_shown_with_all_of_them_and_nothing_as_none() -> None:
+    said = [_told(Changed(*change)) for change in (("a", 3.473641512, 3.473641513), ("b", "", "x"), ("c", 1.5, 2.0))]
+    assert said == ["a: 3.473641512 → 3.473641513", "b: none → x", "c: 1.5 → 2"]

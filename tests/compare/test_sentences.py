@@ -80,6 +80,8 @@ def test_agreement_with_what_flew_is_not_called_truth() -> None:
     assert verdicts(found)[0].more == ["Errors are differences from onboard (agreement, not truth) on 1 of 2 logs."]
     found.logs[0].reference = "onboard (ATT)"
     assert verdicts(found)[0].more == ["Errors are differences from onboard (agreement, not truth)."]
+    found.questions[0].metric = "noise_tilt_deg"
+    assert verdicts(found)[0].more == [], "noise is compared with nothing"
 
 
 def test_without_any_difference_the_commonest_reason_is_given() -> None:

@@ -167,6 +167,14 @@ def test_an_optimum_at_the_end_of_a_range_is_said_to_be_there() -> None:
     assert "end of the range of kp" in edge
 
 
+def test_no_end_of_a_range_is_named_where_no_setting_is_told_from_the_others() -> None:
+    class Flat(Made):
+        def __call__(self, settings: list[dict[str, float]]) -> list[Settled]:
+            return [settled(blocks(1.0, 1)) for _ in settings]
+
+    assert "end of the range" not in "\n".join(sentences(made(Flat("a", 0.1))))
+
+
 def test_the_json_and_the_csv_hold_every_setting_on_every_log() -> None:
     s = made(Made("a", 0.2), Made("bb", 0.4))
     found = document(s, {})

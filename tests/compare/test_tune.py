@@ -82,7 +82,10 @@ def test_its_worth_on_logs_left_out_is_what_theory_gives(planted: Tuned) -> None
 def test_no_gain_is_promised_where_the_filter_is_at_its_best_already() -> None:
     found = tuned([noisy(seed, 100.0) for seed in range(3)], ["kp=0.1..10log"], start=PLANTED, generations=2)
     assert told_side(found.judged[0].beside) == 0
-    assert any("No gain is told" in s for s in sentences(found, {"truth": 3}))
+    said = next(s for s in sentences(found, {"truth": 3}) if "No gain is told" in s)
+    left_out = 100.0 * (1.0 - np.exp(mean_left_out(found)))
+    assert f" {'falls' if left_out >= 0 else 'rises'} by {abs(left_out):.0f} % where they were not" in said
+    assert "by -" not in said
 
 
 def test_one_log_alone_is_tuned_over_blocks_of_its_time() -> None:

@@ -16,6 +16,10 @@ from attlog.result import Verdict
         ("Cannot be judged: no rest.", "Cannot be judged:"),
         ("No filter can be ranked: a (diverged).", "No filter can be ranked:"),
         ("Nothing", "Nothing"),
+        (
+            "A wanders least: 0.1° (1 sigma; 0.1 to 0.2) at rest; more.",
+            "A wanders least: 0.1° (1 sigma; 0.1 to 0.2) at rest;",
+        ),
     ],
 )
 def test_the_first_words_of_a_verdict_are_bold(sentence, lead):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from attlog.metrics.common_bias import CommonBias
 from attlog.present.sentences import verdicts
 from attlog.result import Check, Result
 from tests.present.made import absent, drift, lag, merged, noise, result, row, sentence, step, tilt
@@ -32,6 +33,10 @@ def test_a_gyro_that_reads_wrong_standing_still_is_said_by_every_card():
         assert found.sentence.startswith(
             "Do not rely on this, the gyro is wrong: at rest −24.34, −23.28, 2.62°/s about x, y, z. "
         )
+    made.gyro_bias = [CommonBias("rest", "rest", dps=[-24.2, -24.1, 2.5])]
+    assert not any(found.sentence.startswith("Do not rely") for found in verdicts(made)), "it was taken off"
+    made.estimators[0].status = "not_judged"
+    assert sentence("quiet", made).startswith("Do not rely")
     made.audit[0].verdict = "warn"
     assert not sentence("quiet", made).startswith("Do not rely")
 
