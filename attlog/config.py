@@ -6,7 +6,6 @@ file at once. The resolved configuration stands in every result and can be fed b
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from attlog import estimators
-from attlog.errors import UsageError
+from attlog.errors import UsageError, suggestion
 from attlog.setting_values import Kind, either, number, or_none, text, truth, whole, words
 from attlog.settings_file import text_of, toml_of
 
@@ -127,9 +126,7 @@ KINDS = {
 def _checked(name: str, value: Any) -> Any:
     """The value as the configuration holds it. UsageError tells what would do."""
     if name not in KINDS:
-        close = difflib.get_close_matches(str(name), list(KINDS), 1)
-        hint = f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(KINDS)}"
-        raise UsageError(f"unknown key {name!r}{hint}")
+        raise UsageError(f"unknown key {name!r}{suggestion(str(name), KINDS)}")
     try:
         return KINDS[name].checked(value)
     except ValueError as error:

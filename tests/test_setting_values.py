@@ -72,7 +72,7 @@ def test_a_configuration_is_checked_when_it_is_changed() -> None:
     assert config.declination == 4.5
     with pytest.raises(UsageError, match="declination: use a number from -180 to 180, auto, model or param"):
         config.declination = 181.0
-    with pytest.raises(UsageError, match="unknown key 'windw'; did you mean 'window'"):
+    with pytest.raises(UsageError, match="unknown key 'windw'; did you mean window"):
         config.windw = "all"  # type: ignore[attr-defined]
 
 
@@ -81,4 +81,4 @@ def test_all_that_is_wrong_is_told_at_once() -> None:
         Config.build({"boot": -1, "clocks": "sample", "trim": "maybe"}, origin="f.toml")
     lines = str(error.value).splitlines()
     assert [line.split(":")[0] for line in lines] == ["f.toml"] * 3
-    assert "did you mean 'clock'" in lines[1]
+    assert "did you mean clock?" in lines[1]

@@ -90,7 +90,11 @@ def test_an_earlier_result_is_a_configuration(attlog, samples, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "told"),
-    [('{"schema": "x"}', "no object named config"), ("{", "not valid JSON"), ('{"clok": "sample"}', "'clock'")],
+    [
+        ('{"schema": "x"}', "no object named config"),
+        ("{", "not valid JSON"),
+        ('{"clok": "sample"}', "did you mean clock?"),
+    ],
 )
 def test_a_json_file_that_is_no_configuration_is_2(attlog, samples, tmp_path, text, told):
     (tmp_path / "c.json").write_text(text)

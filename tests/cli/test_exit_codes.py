@@ -118,7 +118,7 @@ def test_all_problems_of_a_config_file_are_told_at_once(attlog, samples, tmp_pat
     config = tmp_path / "c.toml"
     config.write_text('estimater = ["gyro"]\nclock = "wall"\ntrim = "perhaps"\n')
     done = attlog("analyze", samples / LOGS[0], "--config", config, "-o", tmp_path / "out")
-    expect(done, 2, "did you mean 'estimators'", "clock", "trim")
+    expect(done, 2, "did you mean estimators?", "clock", "trim")
 
 
 def test_a_place_that_cannot_be_written_is_73_and_leaves_nothing(attlog, samples, tmp_path):
