@@ -54,8 +54,9 @@ def at_limit(rate: np.ndarray) -> int:
 
 
 def bias(imu: Imu, segments: Segments) -> Check:
-    """The median rate at rest; on the ground with motors on where the vehicle never rests."""
-    limit = f"good up to {BIAS_DPS[0]:.0f} deg/s, bad above {BIAS_DPS[1]:.0f} deg/s"
+    """The median rate at rest, and how far it moved from one rest to another; on the ground with motors on where the
+    vehicle never rests."""
+    limit = f"good up to {BIAS_DPS[0]:.0f} deg/s, bad above {BIAS_DPS[1]:.0f} deg/s; the same for its change"
     for kind, where in (("rest", "Standing still"), ("idle", "On the ground with motors on")):
         mask = segments.mask(imu.gyro.t, kind)
         if mask.sum() < 10:
@@ -63,8 +64,33 @@ def bias(imu: Imu, segments: Segments) -> Check:
         x, y, z = (float(v) for v in np.degrees(median(imu.gyro.x[mask], axis=0)))
         worst = max(x, y, z, key=abs)
         text = f"{where} the gyro reads {x:.2f}, {y:.2f}, {z:.2f} deg/s about x, y, z."
-        return Check("gyro bias", graded(abs(worst), *BIAS_DPS), text, round(worst, 3), "deg/s", limit)
+        verdict = graded(abs(worst), *BIAS_DPS)
+        moved = _moved(imu, segments, limit) if kind == "rest" and verdict != "bad" else None
+        return moved or Check("gyro bias", verdict, text, round(worst, 3), "deg/s", limit)
     return not_judged("gyro bias", "The vehicle never stands still on the ground in this log.", limit)
+
+
+def _moved(imu: Imu, segments: Segments, limit: str) -> Check | None:
+    """The check where two rests disagree by more than BIAS_DPS about an axis, which their common median hides."""
+    t = imu.gyro.t
+    rests = [(a, b, imu.gyro.x[(t >= a) & (t <= b)]) for a, b in segments.spans("rest")]
+    told = [(a, b, np.degrees(median(x, axis=0))) for a, b, x in rests if len(x) >= 10]
+    if len(told) < 2:
+        return None
+    readings = np.array([x for _, _, x in told])
+    axis = int(np.argmax(np.ptp(readings, axis=0)))
+    low, high = sorted((int(np.argmin(readings[:, axis])), int(np.argmax(readings[:, axis]))))
+    change = float(np.ptp(readings[:, axis]))
+    if change <= BIAS_DPS[0]:
+        return None
+    before, after = (", ".join(f"{v:.2f}" for v in readings[k]) for k in (low, high))
+    text = (
+        f"Standing still the gyro reads {before} deg/s about x, y, z until {told[low][1]:.0f} s, and {after} from "
+        f"{told[high][0]:.0f} s on: its bias moved by {change:.2f} deg/s about {'xyz'[axis]}."
+    )
+    worst = float(readings.ravel()[np.argmax(np.abs(readings))])
+    verdict = graded(max(change, abs(worst)), *BIAS_DPS)
+    return Check("gyro bias", verdict, text, round(worst, 3), "deg/s", limit, t=told[high][0])
 
 
 def alive(name: str, x: np.ndarray, source: str) -> list[Check]:

@@ -56,6 +56,21 @@ def test_every_check_has_a_sentence_a_threshold_and_a_known_verdict() -> None:
         assert check.verdict in ("good", "warn", "bad", "cannot_judge")
 
 
+def test_a_gyro_bias_that_moves_in_flight_is_told_with_its_change() -> None:
+    phases = segments.build(good("px4_steps.ulg"))
+    landed = phases.spans("rest")[-1][0] - 1.0
+    assert len(phases.spans("rest")) > 1
+
+    def moved(log: FlightLog) -> None:
+        log.imus[0].gyro.x[log.imus[0].gyro.t > landed, 2] += np.radians(2.5)
+
+    check = with_fault(moved)["gyro bias"]
+    assert check.verdict == "warn"
+    assert "its bias moved by 2." in check.text
+    assert "about z" in check.text
+    assert check.t == pytest.approx(landed + 1.0)
+
+
 def test_swapped_gyro_axes_are_named() -> None:
     def swap(log: FlightLog) -> None:
         log.imus[0].gyro.x = log.imus[0].gyro.x[:, [1, 0, 2]]
