@@ -34,8 +34,7 @@ def other_axes(log: FlightLog) -> str:
         return ""
     start, end, before, after = field_changes(mag)
     turning = increments.of(imu)
-    t = turning.t
-    inside = np.flatnonzero((start >= t[0]) & (end <= t[-1])) if len(t) else np.zeros(0, np.int64)
+    inside = np.flatnonzero(turning.known(start, end))
     inside = inside[:: len(inside) // MOST + 1]
     if len(inside) < LEAST_INTERVALS:
         return ""

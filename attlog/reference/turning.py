@@ -80,8 +80,7 @@ def rotations(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[A
     no gaps, large turns or ``jumps`` (indices of the samples after resets)."""
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
     turning = increments.of(imu)
-    gyro_t, segment = turning.t, turning.segment
-    if len(gyro_t) < 3 or len(t) < 3:
+    if len(turning.t) < 3 or len(t) < 3:
         return np.zeros((0, 3)), np.zeros((0, 3))
     step = max(1, math.ceil(min(SPAN_S * attitude.rate, len(t) / LEAST_INTERVALS) - 0.01))
     reset = np.zeros(len(t), int)
@@ -89,8 +88,7 @@ def rotations(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[A
     resets = np.cumsum(reset)[::step]
     t, q = t[::step], attitude.q[::step]
     dt = np.diff(t)
-    at = segment[np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)]
-    good = (dt > 0) & (dt <= 1.0) & (t[:-1] >= gyro_t[0]) & (t[1:] <= gyro_t[-1]) & (at[1:] == at[:-1])
+    good = (dt > 0) & (dt <= 1.0) & turning.known(t[:-1], t[1:])
     good &= np.diff(resets) == 0
     turned = rotation.turns(q[:-1], q[1:])
     good &= np.einsum("ni,ni->n", turned, turned) < 1.0
@@ -165,7 +163,7 @@ def field_follows(
     own = attitude.t if attitude.t_sample is None else attitude.t_sample
     segment = gaps.renumber(gaps.number(own), np.cumsum(among(np.arange(len(own)), jumps)))
     (before, first), (after, last) = (interpolate(own, attitude.q, segment, t) for t in (start, end))
-    both = (first >= 0) & (first == last) & (start >= turning.t[0]) & (end <= turning.t[-1])
+    both = (first >= 0) & (first == last) & turning.known(start, end)
     if np.count_nonzero(both) < LEAST_INTERVALS:
         return ""
     before, after, field, changed = before[both], after[both], field[both], changed[both]

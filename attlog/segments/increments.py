@@ -43,6 +43,19 @@ class Turning:
         """The number (n,) of the segment between gaps that each sample belongs to."""
         return gaps.number(self.t)
 
+    def known(self, start: Array, end: Array) -> NDArray[np.bool_]:
+        """Which intervals (m,) from ``start`` to ``end`` lie between samples of one segment.
+
+        How far the gyro turned in a gap nobody knows, also where both ends lie in it.
+        """
+        if len(self.t) == 0:
+            return np.zeros(len(start), bool)
+        before = np.searchsorted(self.t, start, side="right") - 1
+        after = np.searchsorted(self.t, end, side="left")
+        last = len(self.t) - 1
+        same = self.segment[np.maximum(before, 0)] == self.segment[np.minimum(after, last)]
+        return np.asarray((before >= 0) & (after <= last) & same)
+
     def between(self, start: Array, end: Array) -> Array:
         """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
         if len(self.t) < 2:

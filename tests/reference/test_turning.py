@@ -143,3 +143,16 @@ def test_a_noisy_attitude_of_a_flight_that_turns_one_way_is_no_scale() -> None:
     noise = np.radians(2.0) * rng.normal(size=rate.shape)
     assert turning.otherwise(rate, rate + noise, (0.97, 1.03)) == ""
     assert "z 1.20" in turning.otherwise(rate, 1.2 * rate + 0.1 * noise, (0.97, 1.03))
+
+
+def test_a_gap_in_the_gyro_accuses_nobody() -> None:
+    """The sample behind a gap stands for no second before it."""
+    log = with_compass(flight(onboard_hz=50.0))
+    for stream in (log.imus[0].gyro, log.imus[0].acc):
+        kept = (stream.t % 6.0 < 3.0) | (stream.t < 20.0)
+        stream.t, stream.x = stream.t[kept], stream.x[kept]
+    log.imus[0].gyro.sampling = log.imus[0].acc.sampling = "interval"
+    assert choose(log, segments.build(log)).gyro_fault == ""
+    gyro, turned_by = turning.rotations(log.imus[0], log.attitudes["ATT"], np.zeros(0, np.int64))
+    assert len(gyro) > 100
+    assert np.abs(gyro - turned_by).max() < np.radians(2.0)
