@@ -22,6 +22,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import re
 import stat
 from collections.abc import Mapping
 from pathlib import Path
@@ -67,6 +68,7 @@ BUILT_IN = (
 )
 """Module names under ``attlog.estimators.filters``, in the order in which people see them."""
 
+_NAME = re.compile(r"[\w.-]+")
 GROUP = "attlog.estimators"
 """Entry points of this group name modules of other packages: ``my_filter = "my_package.my_filter"``."""
 
@@ -256,7 +258,18 @@ def _entry_point(name: str) -> EntryPoint:
 
 
 def _entry_points() -> dict[str, EntryPoint]:
-    """Installed entry points by name."""
-    from importlib.metadata import entry_points
+    """The filters of installed packages by name, of two with one name the first on the path.
 
-    return {p.name: p for p in entry_points(group=GROUP)}
+    A package whose description is damaged has none; it need not have to do with attlog.
+    """
+    from importlib.metadata import distributions
+
+    found: dict[str, EntryPoint] = {}
+    for package in distributions():
+        try:
+            points = [p for p in package.entry_points if p.group == GROUP and _NAME.fullmatch(p.name)]
+        except Exception:  # whatever reading somebody's files may raise
+            continue
+        for point in points:
+            found.setdefault(point.name, point)
+    return found

@@ -145,6 +145,24 @@ def test_an_installed_package_can_bring_estimators(plugin: Path, monkeypatch: py
         attlog.estimate(rows["gone"], [0.0, 0.1], np.zeros((2, 3)))
 
 
+@pytest.mark.parametrize("damaged", [b"garbage\0\xff[attlog.estimators\n===\n", b"[attlog.estimators", b"\xff\xfe\0["])
+def test_a_package_whose_description_is_damaged_takes_no_other_with_it(
+    damaged: bytes, plugin: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(plugin.parent)
+    for name, points in (
+        ("a_bad", damaged),
+        ("mine", b"[attlog.estimators]\nmy_filter = mine\nno name! = mine\nx =\n"),
+    ):
+        (plugin.parent / f"{name}-1.0.dist-info").mkdir()
+        (plugin.parent / f"{name}-1.0.dist-info" / "entry_points.txt").write_bytes(points)  # and no METADATA
+    assert "my_filter" in names()
+    assert "no name!" not in names()
+    assert get("my_filter").presets == {"slow": {"scale": 0.5}}
+    with pytest.raises(PluginError):
+        get("x")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
