@@ -157,6 +157,14 @@ def _left_out(builder: LogBuilder, more_than: int = 0) -> str:
     return max(losses, key=lambda p: p.count).text if losses else ""
 
 
+def _unreadable(builder: LogBuilder) -> str:
+    """Where most of a file is damaged, the first place; no setting would have logged more that can be read."""
+    log = builder.messages
+    if not log.damage or 2 * log.damage_bytes < log.size:
+        return ""
+    return f"Most of the file is damaged: {log.damage[0].lost} at byte {log.damage[0].offset}."
+
+
 def choose_unit(
     builder: LogBuilder, units: list[Candidate], flew: int | None, why: str, asked: int | None, logging: Logging
 ) -> int | None:
@@ -170,7 +178,8 @@ def choose_unit(
         text = (
             f"No record of the gyro and accelerometer in this log can be used. {_left_out(builder)}"
             if refused
-            else f"This log holds no continuous gyro and accelerometer data of one unit. {logging.advice('imu')}"
+            else "This log holds no continuous gyro and accelerometer data of one unit. "
+            + (_unreadable(builder) or logging.advice("imu"))
         )
         builder.problem("no_imu", "error", text)
         return None

@@ -17,6 +17,7 @@ from attlog.flight.mavlink.clock import unix_minus_boot
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader, sdlog2
 from attlog.flight.record_time import clock_of
+from attlog.formats.base import Damage
 from attlog.limits import MAX_ATTITUDES
 from tests.flight.fake import gravity, level, messages, micros
 
@@ -97,6 +98,14 @@ def test_where_the_fast_message_is_useless_the_reason_is_told_and_not_a_setting(
         told = next(p.text for p in log.problems if p.severity == "error")
         assert re.search(why, told)
         assert "SDLOG" not in told
+
+
+def test_a_log_that_is_mostly_damaged_is_not_told_what_to_log() -> None:
+    made = messages("ulog", {("vehicle_attitude", 0): {"timestamp": micros(N, 50.0), "q": level(N)}})
+    made.damage, made.damage_bytes = [Damage(77, made.size, "900 bytes that are no records", "")], made.size
+    told = next(p.text for p in reader.read(made).problems if p.code == "no_imu")
+    assert "900 bytes that are no records at byte 77" in told
+    assert "SDLOG" not in told
 
 
 def test_an_attitude_that_is_never_set_is_told() -> None:
