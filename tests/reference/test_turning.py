@@ -156,3 +156,11 @@ def test_a_gap_in_the_gyro_accuses_nobody() -> None:
     gyro, turned_by = turning.rotations(log.imus[0], log.attitudes["ATT"], np.zeros(0, np.int64))
     assert len(gyro) > 100
     assert np.abs(gyro - turned_by).max() < np.radians(2.0)
+
+
+def test_directions_of_the_field_are_told_apart_by_a_step_forwards_in_time() -> None:
+    start, end, before, after = turning.field_changes(with_compass(flight(truth_hz=50.0)).mags[0])
+    assert len(start) > 1000
+    assert (end - start).min() >= turning.STEP_S - 1e-9
+    assert (end - start).max() < 2.0 * turning.STEP_S
+    assert np.linalg.norm(np.concatenate([before, after]), axis=1) == pytest.approx(1.0)
