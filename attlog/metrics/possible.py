@@ -68,13 +68,18 @@ def stand_in(case: Case) -> Row:
 def integrated(imu: Imu, rates: Array, clock: str) -> Estimate:
     """The unit's ``rates`` (n, 3) integrated from level at each restart, at the samples that every filter uses."""
     t = imu.gyro.t_best if clock == "sample" else imu.gyro.t
-    clean = samples.prepare(t, rates, imu.acc.x, dt=imu.dt, sampling=imu.gyro.sampling)
+    clean = samples.prepare(t, rates, imu.acc.x, dt=imu.dt, sampling=imu.gyro.sampling, lead=False, ours=True)
     angles, first = np.where(clean.substeps > 0, clean.dt, 0.0)[:, None] * clean.gyr, clean.acc[clean.begin]
     times, segment, begins = clean.t, clean.segment, clean.begin.tolist()
     del clean, rates
-    q = products(rotation.from_rotvec(angles))
+    turns = [rotation.from_rotvec(angles)]
+    del angles  # of gigabytes each copy is one
+    q = products(turns.pop())
     for begin, end, acc in zip(begins, [*begins[1:], len(q)], first, strict=True):
-        q[begin:end] = rotation.multiply(rotation.multiply(levelled(acc), rotation.conjugate(q[begin])), q[begin:end])
+        level = rotation.multiply(levelled(acc), rotation.conjugate(q[begin]))
+        for a in range(begin, end, rotation.BLOCK):
+            own = slice(a, min(a + rotation.BLOCK, end))
+            q[own] = rotation.multiply(level, q[own])
     return Estimate(times, q, segment=segment)
 
 
@@ -97,8 +102,10 @@ def products(q: Array) -> Array:
     for k in range(1, size):
         blocks[:, k] = rotation.multiply(blocks[:, k - 1], blocks[:, k])
     if len(blocks) > 1:
-        before = products(blocks[:-1, -1])
-        blocks[1:] = rotation.normalize(rotation.multiply(before[:, None], blocks[1:]))
+        before, some = products(blocks[:-1, -1]), max(1, rotation.BLOCK // size)
+        for a in range(1, len(blocks), some):  # what is made on the way stays in the processor's cache
+            own = blocks[a : a + some]
+            own[:] = rotation.normalize(rotation.multiply(before[a - 1 : a - 1 + len(own), None], own))
     return padded[:n]
 
 
