@@ -11,6 +11,7 @@ from attlog.flight import magnetic
 from attlog.flight.model import Array, FlightLog, Gnss, Stream
 from attlog.health.model import Check
 from attlog.median import median, quantile
+from attlog.segments import gaps
 from attlog.segments.model import Segments
 from attlog.segments.spans import Span, intersect, seconds
 
@@ -71,9 +72,11 @@ def held(stream: Stream, least_s: float) -> list[Span]:
     x = stream.x.reshape(len(stream.t), -1)
     if len(x) < RECORDS:
         return []
-    known = rotation.finite(x)
-    t, x = stream.t[known], x[known]
-    edges = np.concatenate([[0], np.flatnonzero((np.diff(x, axis=0) != 0).any(axis=1)) + 1, [len(t)]])
+    t, x = gaps.only(rotation.finite(x), stream.t, x)
+    changed = np.zeros(max(len(t) - 1, 0), bool)
+    for column in x.T:  # one at a time: of gigabytes copies add up
+        changed |= column[1:] != column[:-1]
+    edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(t)]])
     long = np.flatnonzero(np.diff(edges) >= RECORDS)
     spans = [(float(t[edges[k]]), float(t[edges[k + 1] - 1])) for k in long]
     return [(a, b) for a, b in spans if b - a >= least_s]

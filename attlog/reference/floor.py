@@ -75,9 +75,9 @@ def step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[float,
     tick = tick_s(t)
     rate = 0.0
     if imu is not None and len(imu.gyro.x):
-        x = imu.gyro.x[rotation.finite(imu.gyro.x)]
+        (x,) = gaps.only(rotation.finite(imu.gyro.x), imu.gyro.x)
         centred = x - median(x, axis=0) if len(x) else x
-        rate = float(np.degrees(np.sqrt(np.mean(np.sum(centred**2, axis=1))))) if len(x) else 0.0
+        rate = float(np.degrees(np.sqrt(np.mean(np.einsum("ij,ij->i", centred, centred))))) if len(x) else 0.0
     timing = tick / np.sqrt(12) * rate
     missing = missing_deg(imu)
     floor = float(np.sqrt(own**2 + timing**2 + missing**2))
