@@ -49,7 +49,7 @@ def normalize(q: ArrayLike) -> Array:
     """Unit quaternions (..., 4); one of zero length, or of one beyond any number, becomes NaN."""
     q = np.asarray(q, np.float64)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        norm = np.asarray(_length(q))
+        norm = np.asarray(length(q))
         return np.asarray(q / np.where((norm > 0) & (norm < np.inf), norm, np.nan)[..., None])
 
 
@@ -65,7 +65,7 @@ def finite(x: Array) -> NDArray[np.bool_]:
         return np.isfinite(x @ np.ones(x.shape[-1]))
 
 
-def _length(x: Array) -> Array:
+def length(x: Array) -> Array:
     """Lengths (...) of (..., k): column by column, because numpy sums a short last axis many times slower."""
     square = x[..., 0] * x[..., 0]
     for k in range(1, x.shape[-1]):
@@ -117,7 +117,7 @@ def rotate_inverse(q: ArrayLike, v: ArrayLike) -> Array:
 def from_rotvec(v: ArrayLike) -> Array:
     """Quaternion of a rotation vector (..., 3) in rad."""
     v = np.asarray(v, np.float64)
-    half = 0.5 * _length(v)
+    half = 0.5 * length(v)
     with np.errstate(invalid="ignore", divide="ignore"):
         factor = np.where(half > 1e-9, 0.5 * np.sin(half) / half, 0.5)
     out = np.empty((*v.shape[:-1], 4))
@@ -130,7 +130,7 @@ def from_rotvec(v: ArrayLike) -> Array:
 def to_rotvec(q: ArrayLike) -> Array:
     """Rotation vector (..., 3) in rad, length 0 to pi."""
     q = np.asarray(q, np.float64)
-    w, s = q[..., 0], _length(q[..., 1:])
+    w, s = q[..., 0], length(q[..., 1:])
     with np.errstate(invalid="ignore", divide="ignore"):
         factor = np.where(s > 1e-12, 2.0 * np.arctan2(s, np.abs(w)) / s, 2.0)
     return np.asarray(np.where(w < 0, -factor, factor)[..., None] * q[..., 1:])
@@ -255,7 +255,7 @@ def error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
 def total_angle(e: ArrayLike) -> Array:
     """Total error in rad, 0 to pi: 2 atan2(|e_vec|, |e0|)."""
     e = np.asarray(e, np.float64)
-    angle: Array = 2.0 * np.arctan2(_length(e[..., 1:]), np.abs(e[..., 0]))
+    angle: Array = 2.0 * np.arctan2(length(e[..., 1:]), np.abs(e[..., 0]))
     return angle
 
 
@@ -268,7 +268,7 @@ def heading_angle(e: ArrayLike) -> Array:
 def inclination_angle(e: ArrayLike) -> Array:
     """Tilt error in rad, 0 to pi: 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
     e = np.asarray(e, np.float64)
-    angle: Array = 2.0 * np.arctan2(_length(e[..., 1:3]), _length(e[..., ::3]))
+    angle: Array = 2.0 * np.arctan2(length(e[..., 1:3]), length(e[..., ::3]))
     return angle
 
 

@@ -339,8 +339,10 @@ def columns(table: Table, *names: str) -> Array:
 
 def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:
     """Which rows (n,) of x (n, k) are finite and within +-limit."""
+    inside = np.ones(len(x), bool)
     with np.errstate(invalid="ignore"):
-        inside: NDArray[np.bool_] = np.all(np.abs(x) <= limit, axis=1)
+        for column in x.T:  # many times faster than ``all`` of each row
+            inside &= (column >= -limit) & (column <= limit)
     return inside
 
 

@@ -113,7 +113,9 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
     alike = sum(p.count for p in own.problems if p.code in ("duplicate_times", "unset_times"))
     wrong += alike if alike > ALIKE_SHARE * len(candidate.t_us) else 0
     candidate.refused = wrong / max(len(candidate.t_us), 1)
-    measured = (candidate.gyro[index] != 0).any(axis=1) | (candidate.acc[index] != 0).any(axis=1)
+    measured = np.zeros(len(index), bool)
+    for column in (*candidate.gyro.T, *candidate.acc.T):
+        measured |= column[index] != 0
     if len(index) and np.mean(measured) < MEASURED_SHARE:
         text = f"{candidate.source}: its gyro and accelerometer values are zero; this unit is not used."
         builder.problem("imu_all_zero", "warning", text, count=len(index))

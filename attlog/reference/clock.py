@@ -28,7 +28,7 @@ def usable(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDArray[np.b
     Left out are samples without a finite attitude and those whose time does not rise.
     """
     t = times(attitude, clock)
-    norm = np.sqrt(np.sum(attitude.q * attitude.q, axis=1))
+    norm = rotation.length(attitude.q)
     good = np.isfinite(t) & np.isfinite(norm) & (norm > 0.5) & (norm < 2.0)
     highest = np.maximum.accumulate(np.where(good, t, -np.inf))
     good[1:] &= highest[1:] > highest[:-1]

@@ -65,7 +65,7 @@ def missing_deg(imu: Imu | None) -> float:
     t, rate = gaps.rising(imu.gyro.t_best, imu.gyro.x)
     dt = np.diff(t)
     bridged = (dt > gap.limit_of(t)) & (dt <= gap.RESTART_S)
-    change = np.sqrt(np.sum(np.diff(rate, axis=0)[bridged] ** 2, axis=1))
+    change = rotation.length(rate[1:][bridged] - rate[:-1][bridged])
     return float(np.degrees(np.sqrt(np.sum((0.25 * dt[bridged] * change) ** 2))))
 
 

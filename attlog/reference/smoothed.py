@@ -76,7 +76,7 @@ def not_smoothed(log: FlightLog, segments: Segments) -> str:
     """Why the smoother is not run over a log unless it is asked for; empty where it is."""
     if log.replay_imu is None:
         return "no IMU is replayed"
-    force = np.sqrt(np.sum(log.replay_imu.acc.x**2, axis=1))
+    force = rotation.length(log.replay_imu.acc.x)
     shown = float(median(force[np.isfinite(force)])) if np.isfinite(force).any() else 0.0
     if not FORCES_M_S2[0] <= shown <= FORCES_M_S2[1]:
         return f"the accelerometer shows {shown:.2g} m/s^2 (median), which is no gravity"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from attlog import rotation
 from attlog.flight.model import Imu
 from attlog.median import median
 from attlog.segments import gaps
@@ -43,8 +44,8 @@ def of(imu: Imu) -> Spikes:
     dt = np.diff(t)
     usual = float(median(dt))
     off = rate[1:-1] - 0.5 * (rate[:-2] + rate[2:])
-    size = np.sqrt(np.sum(off**2, axis=1))
-    apart = np.sqrt(np.sum((rate[2:] - rate[:-2]) ** 2, axis=1))
+    size = rotation.length(off)
+    apart = rotation.length(rate[2:] - rate[:-2])
     regular = (np.maximum(dt[:-1], dt[1:]) < 1.5 * usual) & np.isfinite(size)
     if not regular.any():
         return Spikes()

@@ -127,11 +127,11 @@ def _disarmed(log: FlightLog) -> list[float]:
 
 def _blows(imu: Imu, within: list[Span], tumbling: bool = False) -> list[tuple[float, float]]:
     """Times and sizes (g) of forces above 4 g within spans; ``tumbling``: with 200 deg/s within 0.5 s of it."""
-    force = np.sqrt(np.sum(imu.acc.x**2, axis=1)) / G
+    force = rotation.length(imu.acc.x) / G
     t = imu.acc.t_best
     hit = np.flatnonzero((force > BLOW_G) & spans.inside(t, within))
     if tumbling:
-        speed = np.degrees(np.sqrt(np.sum(imu.gyro.x**2, axis=1)))
+        speed = np.degrees(rotation.length(imu.gyro.x))
         fast = imu.gyro.t_best[speed > TUMBLE_DPS]
         hit = hit[np.searchsorted(fast, t[hit] + NEAR_S) > np.searchsorted(fast, t[hit] - NEAR_S)]
     return [(float(t[i]), float(force[i])) for i in hit]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ class Segments:
     def of(self, kind: str) -> list[Segment]:
         """Segments of a kind in time order; ``rest`` means long and short."""
         kinds = ("rest.long", "rest.short") if kind == "rest" else (kind,)
-        return sorted((s for s in self.segments if s.kind in kinds), key=lambda s: s.t0)
+        return sorted([s for s in self.segments if s.kind in kinds], key=attrgetter("t0"))
 
     def spans(self, window: str) -> list[tuple[float, float]]:
         """(t0, t1) pairs of a ``--window``: a name of WINDOWS or ``T0:T1`` in s. ValueError otherwise."""

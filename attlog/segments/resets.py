@@ -73,7 +73,7 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
         by_attitude = rotation.multiply(rotation.conjugate(attitude.q[a:b]), attitude.q[a + 1 : b + 1])
         rest = rotation.multiply(rotation.conjugate(rotation.from_rotvec(by_gyro)), by_attitude)
         jump[a:b] = np.degrees(rotation.total_angle(rest))
-        rotated[a:b] = np.degrees(np.sqrt(np.sum(by_gyro**2, axis=1)))
+        rotated[a:b] = np.degrees(rotation.length(by_gyro))
     where = np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)
     whole = segment[where[:-1]] == segment[where[1:]]
     whole &= np.diff(gaps.number(t)) == 0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog import rotation
 from attlog.median import median
 from attlog.segments import gaps
 
@@ -80,7 +81,7 @@ def _statistics(gyro: Array, acc: Array, key: NDArray[np.int64], count: NDArray[
     """Columns (m, 7) of the windows that begin at samples ``key``: rate, rate_std, rate_rms, force, force_std."""
     samples = slice(int(key[0]), int(key[-1] + count[-1]))
     rate = np.degrees(gyro[samples])
-    force = np.sqrt(np.sum(acc[samples] ** 2, axis=1))
+    force = rotation.length(acc[samples])
     first = key - key[0]
 
     def mean(x: Array) -> Array:
@@ -91,8 +92,8 @@ def _statistics(gyro: Array, acc: Array, key: NDArray[np.int64], count: NDArray[
     return np.column_stack(
         [
             rate_mean,
-            np.sqrt(mean(np.sum(spread * spread, axis=1) / 3.0)),
-            np.sqrt(mean(np.sum(rate * rate, axis=1))),
+            np.sqrt(mean(np.einsum("ni,ni->n", spread, spread) / 3.0)),
+            np.sqrt(mean(np.einsum("ni,ni->n", rate, rate))),
             force_mean,
             np.sqrt(mean((force - np.repeat(force_mean, count)) ** 2)),
         ]
