@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.model import FlightLog, Stream
+from attlog.flight.vehicle import VehicleKind
 from attlog.median import median, quantile
 from attlog.segments import motion, spans
 from attlog.segments.spans import Span
@@ -32,6 +33,8 @@ SURE_M = 1.0
 """A flight that reaches this height is believed against any flag; a lower one only where it lasts."""
 HALF, LEAST_DRIVE = 0.5, 0.1
 """Drive is above half of the throttle that flight takes, and above a tenth."""
+LIFTING = 0.2
+"""Motors that idle take up to 0.15 of the throttle; rotors that never get less than this carry what they lift."""
 STEADY_M_S, STANDING_M_S = 0.5, 2.0
 BRIDGE_S, LEAST_S, LOW_S = 3.0, 1.0, 5.0
 IDLE_S, CALM_S, CALM_DPS = 2.0, 5.0, 1.0
@@ -44,7 +47,8 @@ class Evidence:
 
     ``drive``: throttle above half of what moving up and down takes. ``height`` m above the ground, NaN where
     nothing tells it; ``climb`` m/s. ``off``: higher than 0.5 m, or climbing or sinking faster than 1 m/s.
-    ``standing``: not so, and no speed. ``why`` names the sources.
+    ``standing``: not so, and no speed. ``why`` names the sources. ``aloft``: a log that begins and ends in the air, of
+    rotors that always lift: nothing in it tells where the ground is.
     """
 
     t: Array
@@ -54,6 +58,7 @@ class Evidence:
     off: Mask
     standing: Mask
     why: str
+    aloft: bool = False
 
 
 def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> Evidence | None:
@@ -68,7 +73,7 @@ def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> 
         return None
     t = np.arange(t0, t1 + GRID_S, GRID_S)
     level, climb = _smooth(t, above)
-    on, source = np.ones(len(t), bool), "arming"
+    on, power, source = np.ones(len(t), bool), np.ones(len(t)), "arming"
     if throttle is not None:
         power, source = _held(t, throttle.t, throttle.x[:, 0]), f"throttle ({throttle.source})"
         on = power > max(HALF * _usual(power, climb), LEAST_DRIVE)
@@ -82,11 +87,16 @@ def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> 
     high = level - np.interp(t, t[known], level[known]) if known.any() else np.full(len(t), np.nan)
     off = (high > OFF_M) | (np.abs(climb) > CLIMB_M_S)
     standing = np.isfinite(high) & ~off & (np.abs(climb) < STEADY_M_S) & slow
+    lifting = log.throttle is not None and log.kind is VehicleKind.MULTIROTOR and bool(np.all(power > LIFTING))
+    if lifting and armed is None and not known.any():
+        return Evidence(t, on, high, climb, off, standing, f"{source}, which is never below {LIFTING}", aloft=True)
     return Evidence(t, on, high, climb, off, standing, f"{source} with a climb by {above.source}")
 
 
 def flights(found: Evidence) -> list[Span]:
     """Spans off the ground that drive has lifted: to 1 m, or for 5 s; ends reach out to where the climb began."""
+    if found.aloft:
+        return [(float(found.t[0]), float(found.t[-1]))]
     lifted = _bridged(found.off, found.drive, round(BRIDGE_S / GRID_S))
     kept = []
     for a, b in _runs(lifted):

@@ -80,6 +80,18 @@ def test_without_land_detector_and_throttle_a_fast_climb_while_armed_tells_fligh
     assert airborne(landed=None, baro=[height()], armed=None)[0] == []
 
 
+@pytest.mark.parametrize(("least", "flown"), [(0.35, True), (0.1, False)])
+def test_a_log_cut_out_of_a_hover_is_all_flight_where_the_throttle_always_lifts(least, flown):
+    """Without arming, land detector, climb or ground in the log; motors that idle take up to 0.15."""
+    throttle = Stream(SECONDS, np.where(SECONDS % 7 < 1, least, 0.4)[:, None], "1", "", "CTUN.ThO")
+    hover = Stream(SECONDS, np.full((len(SECONDS), 1), 420.0), "m", "", "BARO:0")
+    more = {"armed": None, "landed": None, "throttle": throttle, "baro": [hover]}
+    found, why = airborne(vehicle="quadrotor", **more)
+    assert (spans.seconds(found) > END - 1.0) is flown
+    assert ("never below" in why) is flown
+    assert airborne(vehicle="rover", **more)[0] == airborne(vehicle="fixed wing", **more)[0] == []
+
+
 def test_throttle_without_climb_is_no_flight():
     found, _ = airborne(landed=None, throttle=throttle(), baro=[height(top=0.0)])
     assert found == []
