@@ -116,9 +116,9 @@ def evaluate(
 
     ``case``: what :func:`prepare` gave; it may serve many calls. ``command`` stands in the result. ``traces``: keep the
     arrays that figures are drawn from. ``cost``: measure what each filter costs, which takes longer than running it.
-    ``only``: the metrics that are wanted (as in ``metrics.compute``); the result then has neither verdicts nor
-    problems. UsageError for an unknown estimator or parameter; a plug-in that fails becomes a row with ``status =
-    "failed"``, the others finish.
+    ``only``: the metrics that are wanted (as in ``metrics.compute``); the result then has no verdicts, and no problems
+    but those of reference and filters. UsageError for an unknown estimator or parameter; a plug-in that fails becomes a
+    row with ``status = "failed"``, the others finish.
     """
     if isinstance(specs, str):
         specs = estimators.items(specs)
@@ -173,11 +173,12 @@ def evaluate(
         traces=drawn,
     )
     result.timing = clock.seconds
+    failures = _problems(case.reference, lines, failed) + _slow(chosen, rows)
     if only:
-        result.problems = _problems(case.reference, lines, failed)
+        result.problems = failures
         return result
     result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
-    own = _problems(case.reference, lines, failed) + _unmeasured(lines) + _slow(chosen, rows) + _late_field(rows)
+    own = failures + _unmeasured(lines) + _late_field(rows)
     open_questions = part_of(
         case.log, "What would answer open questions", partial(_unanswered, case, result), list[Open]
     )
@@ -368,9 +369,10 @@ def _slow(chosen: Mapping[str, replay.Chosen], rows: list[Row]) -> list[Problem]
     text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
     found = []
     for name, spec in chosen.items():
-        if isinstance(spec, estimators.Row) and name in ran:
+        if name in ran and not isinstance(spec, PluginError):
+            row = spec if isinstance(spec, estimators.Row) else spec.row
             try:
-                why = estimators.not_compiled(spec.estimator)
+                why = estimators.not_compiled(row.estimator)
             except PluginError as error:
                 code = TIMED_OUT if isinstance(error, PluginTimeout) else "estimator_failed"
                 found.append(Problem(code, "error", f"{name}: in a later run, by which metrics try it: {error}"))

@@ -36,6 +36,10 @@ class Runnable(Protocol):
     def name(self) -> str:
         """What the row is called."""
 
+    @property
+    def row(self) -> estimators.Row:
+        """The filter that runs."""
+
     def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Row, EstimatorRow]:
         """The row of one unit, and its line of the table; ``suffix`` follows its name. AttlogError if it fails."""
 

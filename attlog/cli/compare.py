@@ -112,7 +112,9 @@ def command(
             nonlocal done
             done += 1
             shown.clear()
-            late.update([PluginTimeout.exit_code] * one.late)
+            for sentence in one.late:
+                late.add(PluginTimeout.exit_code)
+                to_stderr(f"attlog: {one.line.path}: {sentence}")
             if one.line.code:
                 to_stderr(one.trace * (verbose > 1) + f"attlog: {one.line.path}: {one.line.reason}")
             shown.before = f"[{min(done + 1, len(logs))}/{len(logs)}] "

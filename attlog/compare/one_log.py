@@ -39,8 +39,8 @@ class Measured:
     cells: dict[str, dict[str, Cell]] = field(default_factory=dict)
     beside: dict[str, dict[str, Beside]] = field(default_factory=dict)
     trace: str = ""
-    late: bool = False
-    """A filter from a file took longer than it was given."""
+    late: tuple[str, ...] = ()
+    """Sentences on filters from files that took longer than they were given."""
 
 
 def measured(log: Path, name: str, plan: Plan) -> Measured:
@@ -71,7 +71,7 @@ def _measured(log: Path, name: str, plan: Plan) -> Measured:
         told.get("duration_s"), f"{result.reference.choice} ({result.reference.source})" if result.reference else "",
     )  # fmt: skip
     rows = {row.name: row for row in result.estimators}
-    late = any(problem.code == TIMED_OUT for problem in result.problems)
+    late = tuple(problem.text for problem in result.problems if problem.code == TIMED_OUT)
     return read_off(
         Measured(line, late=late), result, [rows[called] for called, _ in plan.configurations], plan.questions
     )

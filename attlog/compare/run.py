@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from attlog import replay
+from attlog import estimators, replay
 from attlog.compare.before import prepared
 from attlog.compare.configuration import Configuration
 from attlog.compare.settings import SETTINGS
@@ -26,6 +26,11 @@ class Run:
     def name(self) -> str:
         """What the row is called."""
         return self.configuration.name
+
+    @property
+    def row(self) -> estimators.Row:
+        """The filter that runs."""
+        return self.configuration.row
 
     def __str__(self) -> str:
         return self.configuration.text

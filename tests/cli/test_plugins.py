@@ -60,6 +60,21 @@ def test_compare_ends_with_the_code_of_a_filter_that_took_too_long(samples, tmp_
     assert list((tmp_path / "out").rglob("*.html"))
 
 
+LATER = "calls.append(0); time.sleep(30 if len(calls) == 2 else 0)"
+
+
+def test_compare_ends_with_the_code_of_a_filter_that_took_too_long_when_a_metric_tried_it(samples, tmp_path):
+    (tmp_path / "later.py").write_text(RUN.format(top="import time\ncalls = []", body=LATER))
+    done = subprocess.run(
+        [sys.executable, "-m", "attlog", "compare", samples / "copter_yaw_turns.bin", "gyro", tmp_path / "later.py",
+         "--filter-timeout", "3", "-o", tmp_path / "out"],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 75, done.stderr[-2000:]
+    assert "in a later run" in done.stderr
+    assert list((tmp_path / "out").rglob("*.html"))
+
+
 def test_an_analysis_with_built_in_filters_needs_no_compiler_once_kernels_are_at_hand(samples, tmp_path):
     code = (
         "import sys\nfrom attlog.cli import main\n"
