@@ -93,7 +93,7 @@ def get(name: str) -> Estimator:
     if name in BUILT_IN:
         return from_module(importlib.import_module(f"attlog.estimators.filters.{name}"), name)
     point = _entry_point(name)
-    return apart.from_package(name, f"{point.value} {point.dist.version if point.dist else ''}")
+    return apart.from_package(name, f"{point.value} {_version(point)}")
 
 
 def here(name: str) -> Estimator:
@@ -255,6 +255,14 @@ def _entry_point(name: str) -> EntryPoint:
     if name not in points:
         raise UsageError(f"there is no estimator {name}{suggestion(name, names())}")
     return points[name]
+
+
+def _version(point: EntryPoint) -> str:
+    """The version of a filter's package, empty where its description does not tell it."""
+    try:
+        return str(point.dist.version) if point.dist else ""
+    except Exception:  # importlib and its stand-in importlib_metadata raise differently
+        return ""
 
 
 def _entry_points() -> dict[str, EntryPoint]:
