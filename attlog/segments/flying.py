@@ -68,7 +68,8 @@ def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> 
     no barometer drifts.
     """
     throttle, above = drive(log), height(log)
-    by_arming = throttle is None and armed is not None and (log.landed is None or not log.landed.value)
+    flag = log.landed is not None and bool(log.landed.value)
+    by_arming = throttle is None and armed is not None and not flag
     if (throttle is None and not by_arming) or above is None or len(above.t) < 3 or t1 - t0 < SMOOTH_S:
         return None
     t = np.arange(t0, t1 + GRID_S, GRID_S)
@@ -88,7 +89,7 @@ def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> 
     off = (high > OFF_M) | (np.abs(climb) > CLIMB_M_S)
     standing = np.isfinite(high) & ~off & (np.abs(climb) < STEADY_M_S) & slow
     lifting = log.throttle is not None and log.kind is VehicleKind.MULTIROTOR and bool(np.all(power > LIFTING))
-    if lifting and armed is None and not known.any():
+    if lifting and armed is None and not flag and not known.any():
         return Evidence(t, on, high, climb, off, standing, f"{source}, which is never below {LIFTING}", aloft=True)
     return Evidence(t, on, high, climb, off, standing, f"{source} with a climb by {above.source}")
 

@@ -89,6 +89,8 @@ def test_a_log_cut_out_of_a_hover_is_all_flight_where_the_throttle_always_lifts(
     found, why = airborne(vehicle="quadrotor", **more)
     assert (spans.seconds(found) > END - 1.0) is flown
     assert ("never below" in why) is flown
+    landed = TimeLine(np.array([0.0]), [True], "vehicle_land_detected")
+    assert airborne(vehicle="quadrotor", **{**more, "landed": landed})[0] == [], "somebody knew"
     assert airborne(vehicle="rover", **more)[0] == airborne(vehicle="fixed wing", **more)[0] == []
 
 
