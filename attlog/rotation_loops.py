@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.kernels.loops import kernel_of
+from attlog.kernels.search import before
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -43,19 +44,7 @@ def interpolated(out: Array, where: Index, t: Array, q: Array, segment: Index, a
         where[k] = -1
         if not (last >= 0 and t[0] <= x <= t[last]):
             continue
-        if x < t[i]:
-            i = 0
-        step = 1
-        while i + step <= last and t[i + step] <= x:  # doubled steps, then bisection
-            i += step
-            step *= 2
-        high = min(i + step, last + 1)
-        while high - i > 1:
-            middle = (i + high) // 2
-            if t[middle] <= x:
-                i = middle
-            else:
-                high = middle
+        i = before(t, x, i, last)
         if x == t[i]:
             where[k] = i
             for c in range(4):

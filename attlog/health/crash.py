@@ -16,6 +16,10 @@ def checks(segments: Segments) -> list[Check]:
     first, what = (before[0], "Control was lost") if before else (blows[0], "An impact")
     times = f" {len(before)} times" if len(before) > 1 else ""
     text = f"{what}{times}{', first' if times else ''} at {first.t0:.1f} s: {first.why}. "
-    again = "It flew again: what follows is compared too."
-    text += f"Nothing is compared after {blows[0].t0:.1f} s." if blows else again
+    if not blows:
+        text += "It flew again: what follows is compared too."
+    elif before and blows[0].t0 > before[-1].t1:
+        text += f"It flew again until an impact at {blows[0].t0:.1f} s, after which nothing is compared."
+    else:
+        text += f"Nothing is compared after {blows[0].t0:.1f} s."
     return [Check("crash", "bad", text, max(len(before), 1), "", limit, t=first.t0, count=max(len(before), 1))]

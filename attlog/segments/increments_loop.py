@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.kernels.loops import kernel_of
+from attlog.kernels.search import before
 
 Array = NDArray[np.float64]
 
@@ -32,25 +33,6 @@ def summed_gyro(out: Array, t: Array, rate: Array, interval: int) -> None:
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = ax, ay, az, cx, cy, cz
 
 
-def before(t: Array, x: float, i: int) -> int:
-    """The last number but one or less whose time (n,), ascending, is not after ``x``; looked for from ``i`` on."""
-    last = len(t) - 2
-    if x < t[i]:
-        i = 0
-    step = 1
-    while i + step <= last and t[i + step] <= x:  # doubled steps, then bisection
-        i += step
-        step *= 2
-    high = min(i + step, last + 1)
-    while high - i > 1:
-        middle = (i + high) // 2
-        if t[middle] <= x:
-            i = middle
-        else:
-            high = middle
-    return i
-
-
 def sum_at(sums: Array, column: int, i: int, share: float) -> float:
     """A sum (n, 6) so far beyond sample i."""
     return float(sums[i, column] + share * (sums[i + 1, column] - sums[i, column]))
@@ -61,12 +43,12 @@ def gyro_between(out: Array, t: Array, sums: Array, start: Array, end: Array) ->
 
     Linear between samples, two at least; outside the gyro stands still. Times that ascend are found by walking on.
     """
-    i, j, first, last = 0, 0, t[0], t[len(t) - 1]
+    i, j, last_but_one, first, last = 0, 0, len(t) - 2, t[0], t[len(t) - 1]
     for k in range(len(start)):
         a, b = start[k], end[k]
         a = first if a < first else last if a > last else a
         b = first if b < first else last if b > last else b
-        i, j = before(t, a, i), before(t, b, j)
+        i, j = before(t, a, i, last_but_one), before(t, b, j, last_but_one)
         p, r = (a - t[i]) / (t[i + 1] - t[i]), (b - t[j]) / (t[j + 1] - t[j])
         ax, ay, az = sum_at(sums, 0, i, p), sum_at(sums, 1, i, p), sum_at(sums, 2, i, p)
         x, y, z = sum_at(sums, 0, j, r) - ax, sum_at(sums, 1, j, r) - ay, sum_at(sums, 2, j, r) - az

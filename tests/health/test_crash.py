@@ -26,3 +26,9 @@ def test_a_loss_that_is_flown_on_ends_nothing() -> None:
     again = Segment("loss_of_control", 90.0, 91.0, "tilt of 99 deg, and at once it was disarmed")
     text = f"Control was lost 2 times, first at 41.7 s: {LOSS.why}. It flew again: what follows is compared too."
     assert said(LOSS, again) == text
+
+
+def test_an_impact_of_a_later_flight_is_told_beside_the_loss() -> None:
+    blow = Segment("impact", 90.0, 95.0, "5.0 g with a tumble, and 2.5 s later the log stopped")
+    again = "It flew again until an impact at 90.0 s, after which nothing is compared."
+    assert said(LOSS, blow) == f"Control was lost at 41.7 s: {LOSS.why}. {again}"
