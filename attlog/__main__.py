@@ -1,8 +1,15 @@
 """``python -m attlog`` and the command ``attlog``."""
 
+import sys
+from pathlib import Path
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    # ``-m`` puts the current folder first, where a file beside a log may be called numpy.py; the command does not.
+    if not Path(sys.path[0], "attlog", "__init__.py").is_file():
+        del sys.path[0]
+
 import os
 import signal
-import sys
 
 
 def main() -> None:

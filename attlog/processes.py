@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 K = TypeVar("K")
 R = TypeVar("R")
+SAFE_PATH = "PYTHONSAFEPATH"
 
 
 class Died(Exception):
@@ -36,9 +39,11 @@ def in_processes(
 def _pool(function: Callable[..., R], work: dict[K, tuple[Any, ...]], count: int) -> Iterator[tuple[K, R]]:
     """Results from a pool of processes, until one of them dies."""
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _leave_interrupts_to_the_parent)
+    with _without_current_folder():  # the pool's own helper process starts with it
+        pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _leave_interrupts_to_the_parent)
     try:
-        keys: dict[Future[R], K] = {pool.submit(function, *arguments): key for key, arguments in work.items()}
+        with _without_current_folder():
+            keys: dict[Future[R], K] = {pool.submit(function, *arguments): key for key, arguments in work.items()}
         for future in as_completed(keys):
             try:
                 yield keys[future], future.result()
@@ -50,6 +55,23 @@ def _pool(function: Callable[..., R], work: dict[K, tuple[Any, ...]], count: int
             child.terminate()  # an interrupted analysis would go on for minutes
             child.join()
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextmanager
+def _without_current_folder() -> Iterator[None]:
+    """Processes started meanwhile import nothing from the current folder, where a file may be called numpy.py.
+
+    An environment variable: ``multiprocessing`` takes no options for the interpreters that it starts.
+    """
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before
 
 
 def _leave_interrupts_to_the_parent() -> None:

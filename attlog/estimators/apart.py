@@ -149,7 +149,7 @@ class Apart:
             return self._process
         path = [os.path.abspath(p) if p else os.getcwd() for p in sys.path]
         self._process = process = subprocess.Popen(
-            [sys.executable, "-c", START.format(path=path)],
+            [sys.executable, "-P", "-c", START.format(path=path)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=_environment(), **OWN_GROUP,
         )  # fmt: skip
         self._owner = os.getpid()

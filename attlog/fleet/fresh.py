@@ -31,7 +31,7 @@ class Fresh:
 
     def __init__(self, work: Work, room: Path, environment: Mapping[str, str]) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-c", START.format(path=sys.path)], env=environment, start_new_session=True,
+            [sys.executable, "-P", "-c", START.format(path=sys.path)], env=environment, start_new_session=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         self._told: SimpleQueue[dict[str, Any]] = SimpleQueue()

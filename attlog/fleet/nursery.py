@@ -96,7 +96,7 @@ class Nursery:
             start = START.format(path=sys.path, fd=theirs.fileno())
             # a session of its own: Ctrl-C goes to the caller alone
             self._process = subprocess.Popen(
-                [sys.executable, "-c", start], pass_fds=[theirs.fileno()], start_new_session=True,
+                [sys.executable, "-P", "-c", start], pass_fds=[theirs.fileno()], start_new_session=True,
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                 env=_environment(),
             )  # fmt: skip

@@ -72,7 +72,7 @@ def read(path: Path, log_format: str) -> Columns:
             with log.open("w+b") as file:
                 unpack(path, file)
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(p or os.curdir for p in sys.path)}
-        command = [sys.executable, "-m", __name__, log_format, str(log), str(answer)]
+        command = [sys.executable, "-P", "-m", __name__, log_format, str(log), str(answer)]
         patience = VERIFY_S + VERIFY_S_PER_BYTE * log.stat().st_size
         with printed.open("wb") as sink:
             try:
