@@ -135,6 +135,17 @@ def test_a_window_that_was_not_analysed_says_how() -> None:
     assert (found.status, "analyse with --window 20:30" in found.sentence) == ("failed", True)
 
 
+@pytest.mark.parametrize("status", ["diverged", "failed"])
+def test_an_onboard_attitude_that_is_lost_is_no_measure_for_others(status: str) -> None:
+    """1.2 deg is within 1.5 times the onboard attitude's 1.0 deg, but that attitude itself was lost."""
+    gate = Gate("inclination_rmse_deg", (Limit("max_ratio_to_onboard", 1.5),), filters=("a",))
+    (sound,) = outcomes(gate, row("onboard", tilt(1.0), kind="onboard"), row("a", tilt(1.2)))
+    lost = row("onboard", tilt(1.0), kind="onboard", status=status, reason="tilt error above 30 deg")
+    (found,) = outcomes(gate, lost, row("a", tilt(1.2)))
+    assert (sound.status, found.status, found.cause) == ("passed", "failed", "unanswered")
+    assert "above 30 deg" in found.sentence
+
+
 def test_limits_beside_the_onboard_attitude() -> None:
     onboard = row("onboard", merged(tilt(1.0), lag(-2.0)), kind="onboard")
     ratio, above = Limit("max_ratio_to_onboard", 1.5), Limit("max_above_onboard", 3.0)

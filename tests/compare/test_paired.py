@@ -117,3 +117,14 @@ def test_values_without_units_are_told_apart_by_their_intervals() -> None:
     assert compared(a, b).direction == "worse"
     near = Answer(6.0, "s", "all", ci95=(5.0, 7.0))
     assert compared(a, near).direction == "not told"
+
+
+@pytest.mark.parametrize("coarse", [0, 1])
+def test_a_difference_that_one_side_cannot_resolve_is_not_told(coarse: int) -> None:
+    """2 ms on common events and 3 s without any are told, unless one of both answers resolves no more than that."""
+    events = [answer("lag_event", 12.0 + NOISE), answer("lag_event", 14.0 + NOISE[::-1] / 9.0)]
+    values = [Answer(v, "s", "all", ci95=(v - 1.0, v + 1.0)) for v in (5.0, 8.0)]
+    for both, resolved in ((events, 5.0), (values, 3.5)):
+        assert compared(*both, "zero").direction == "worse"
+        both[coarse].floor = resolved
+        assert compared(*both, "zero").direction == "not told"

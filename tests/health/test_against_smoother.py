@@ -61,7 +61,9 @@ def test_a_tilt_that_is_off_for_long_is_the_wrong_one_with_size_sigma_and_time()
     ],
 )
 def test_how_far_and_how_long_decide(vector, span, sigma: float, verdict: str) -> None:
-    assert judged(off(flight(), vector, *span), tilt=sigma, heading=sigma)[0].verdict == verdict
+    check, _ = judged(off(flight(), vector, *span), tilt=sigma, heading=sigma)
+    assert check.verdict == verdict
+    assert ("wrong" in check.text) == (verdict == "bad")
 
 
 def test_where_it_is_wrong_comes_before_where_it_is_only_off_for_longer() -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from copy import deepcopy
+from pathlib import Path
 
 import pytest
 
+from attlog import health
 from attlog.flight.model import FlightLog, Problem
 from attlog.flight.remedies import GENERAL
 from attlog.health.findings import ABOUT, Open, findings, hopeless
 from attlog.health.model import Check, not_judged
+from tests.conftest import ROOT
 from tests.health.test_health import good
 
 
@@ -96,3 +100,14 @@ def test_every_serious_entry_has_cause_and_remedy(log: FlightLog) -> None:
 
 def test_every_fault_has_a_general_remedy() -> None:
     assert {a.fault for a in ABOUT.values() if a.fault} <= set(GENERAL)
+
+
+def test_every_check_has_its_row_in_the_documentation() -> None:
+    """As every metric has: what is good and what is bad, in a row that begins with the check's name."""
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
+    rows = [row.split("|") for row in pages.splitlines() if row.startswith("|")]
+    told = {name for cells in rows if not cells[2].strip().isdigit() for name in re.findall(r"`([^`]+)`", cells[1])}
+    source = "".join(path.read_text(encoding="utf-8") for path in Path(health.__file__).parent.rglob("*.py"))
+    named = set(re.findall(r"\bCheck\(\s*\"([^\"]+)\"", source))
+    assert len(named) > 15
+    assert sorted((named | set(ABOUT)) - told) == []

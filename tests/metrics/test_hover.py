@@ -12,6 +12,7 @@ SEGMENTS = [Segment("continuous", 0, 80), Segment("airborne", 10, 80), Segment("
 
 def jitter(roll_deg, segments=SEGMENTS, t=T):
     row = flights.row(t, rotation.from_euler(np.radians(roll_deg) + 0 * t, 0 * t, 0.7))
+    row.start = float(t[0])
     turning = rotation.from_euler(0.3 * np.sin(t), 0.2 * np.sin(1.3 * t), 0.7)
     return hover.compute(flights.case([row], segments, (t[::4], turning[::4])), row, "hover")["hover_jitter_deg"]
 
@@ -56,3 +57,11 @@ def test_noise_of_known_size_lies_in_the_interval():
 @pytest.mark.parametrize(("hz", "answered"), [(9.5, False), (10.5, True)])
 def test_ten_values_a_second_are_needed(hz, answered):
     assert (jitter(0.0, t=np.arange(0.0, 80.0, 1.0 / hz)).code is None) is answered
+
+
+def test_the_first_5_seconds_of_a_row_that_starts_in_hover_do_not_count():
+    """Its filter still settles, by 10 deg: from 30 to 35 s of a hover from 20 to 70 s."""
+    t = T[T >= 30.0]
+    answer = jitter(np.where(t < 34.9, 10.0, 0.5) * np.sin(2 * np.pi * t), t=t)
+    assert answer.seconds == pytest.approx(35.0, abs=0.1)
+    assert answer.value == pytest.approx(0.5 / np.sqrt(2), abs=0.03)

@@ -42,6 +42,17 @@ def test_differences_below_the_floor_are_ties():
     assert ranking.family(coarse, "low").best == ["a", "b"]
 
 
+@pytest.mark.parametrize("bound", ["floor", "counts_as_zero_below"])
+@pytest.mark.parametrize("coarse", ["a", "b"])
+def test_the_coarser_of_two_rows_sets_what_is_a_tie(coarse, bound):
+    """Rows may come at other rates and with other steps: one that resolves 0.005 deg ties with any within that."""
+    by_intervals = {"a": answer(0.001, 0.0009, 0.0011), "b": answer(0.004, 0.0039, 0.0041)}
+    for column in (by_intervals, {"a": by_units([0.001] * 20), "b": by_units([0.004] * 20)}):
+        assert ranking.family(column, "low").best == ["a"]
+        setattr(column[coarse], bound, 0.005)
+        assert ranking.family(column, "low").best == ["a", "b"]
+
+
 def test_zero_is_best_from_both_sides_and_an_interval_across_zero_ties():
     column = {"late": answer(4.0, 3.0, 5.0), "early": answer(-2.0, -2.5, -1.5), "zero": answer(0.5, -0.5, 1.6)}
     assert set(ranking.family(column, "zero").best) == {"zero", "early"}

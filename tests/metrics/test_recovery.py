@@ -56,3 +56,15 @@ def test_a_row_is_back_only_where_it_stays_for_a_second():
 def test_a_row_that_comes_back_at_the_very_end_of_a_log_is_back():
     t = np.arange(0.0, 20.0, 0.02)
     assert recovery.time_back(t, np.where((t < 10.0) | (t >= 18.0), 0.0, 10.0), (10.0, 11.0)) == pytest.approx(7.0)
+
+
+def test_of_two_disturbances_the_larger_one_counts():
+    force = np.where((T >= 20) & (T < 21), 1.5, np.where((T >= 60) & (T < 64), 2.0, 1.0))
+    assert recovery.largest(T, force[:, None] * [0.0, 0.0, -9.81], 9.81) == pytest.approx((60.0, 64.0), abs=0.05)
+
+
+@pytest.mark.parametrize(("seconds", "kind"), [(8.0, "mag"), (1.0, "acc")])
+def test_of_a_manoeuvre_and_a_magnetic_disturbance_the_longer_one_counts(monkeypatch, seconds, kind):
+    found = {"acc": (50.0, 52.0), "mag": (70.0, 70.0 + seconds)}
+    monkeypatch.setattr(recovery, "disturbances", lambda case: found)
+    assert recovered(1.0, force=1.8).detail["disturbance"] == kind

@@ -109,7 +109,8 @@ def test_against_the_smoother_its_sigma_is_named_and_what_flew_is_judged():
         "VQF is closest in tilt to the smoother (sigma 0.12°): 1.2° (1.1 to 1.3). "
         "Mahony is farthest: 3.7° (3.3 to 4.1). Onboard: 18.2°; it is the wrong one here."
     )
-    assert sentence("closest", against_smoother(rows)).endswith("Onboard: 18.2°.")
+    for verdict_on_onboard in ("good", "warn"):  # a warning asks for a look, it calls nothing wrong
+        assert sentence("closest", against_smoother(rows, onboard=verdict_on_onboard)).endswith("Onboard: 18.2°.")
     assert verdict("closest", against_smoother(rows)).title == "Which filter is closest?"
 
 

@@ -46,6 +46,17 @@ def test_figures_with_numbers_say_them_in_words(visit, report):
         assert len(page.locator(f"#{plot.get_attribute('aria-describedby')}").inner_text()) > 10
 
 
+def test_the_figure_of_drifts_holds_every_drift_at_rest_and_in_the_air_once():
+    result = make_result()
+    rows = [row for row in result.estimators if row.kind == "replay"]
+    answers = [(m, a) for row in rows for found in row.metrics.values() for m, a in found.items() if "drift_" in m]
+    wanted = sorted({(m.partition(".")[2] or "rest", a.value) for m, a in answers if a.value is not None})
+    dots = figures(result)["drifts"].data["rows"]
+    found = [(d["where"].removeprefix("against ").removeprefix("at "), d["v"]) for d in dots]
+    assert {where for where, _ in wanted} == {"rest", "onboard"}
+    assert [one for one in wanted if one not in found] == []
+
+
 def test_lines_in_words_are_their_smallest_and_largest_value():
     trace = Trace("attitude", "vqf", np.arange(3.0), {"roll": np.array([-2.0, np.nan, 31.04])})
     assert reach([trace], Rows({"vqf": "VQF"})) == "VQF: roll −2.0° to 31.0°"

@@ -7,6 +7,8 @@ import pytest
 
 from attlog import rotation, segments
 from attlog.flight.model import FlightLog
+from attlog.segments import impact
+from attlog.segments.flags import Phase
 
 from .flights import DISARMED, LANDED, flight
 
@@ -55,6 +57,13 @@ def test_a_blow_with_a_tumble_before_disarming_is_an_impact_to_the_end_of_the_lo
 
 def test_a_collision_in_the_air_that_is_flown_on_is_no_impact():
     assert impacts(blow(flight(), 50.0, tumble_dps=600.0)) == []
+
+
+@pytest.mark.parametrize(("seconds", "counts"), [(4.0, True), (6.0, False)])
+def test_a_vehicle_that_flies_again_for_5_seconds_had_no_impact_and_a_hop_is_no_flight(seconds, counts):
+    log = blow(flight(), CRASH, tumble_dps=600.0)
+    again = Phase(True, [(35.0, 75.0), (90.0, 90.0 + seconds)])
+    assert [s.t0 for s in impact.find(log, log.imus[0], again, [], [], 105.0)] == [CRASH] * counts
 
 
 def test_a_flip_that_is_flown_on_is_no_impact_and_the_last_one_before_disarming_is():

@@ -100,6 +100,15 @@ def test_an_offset_that_creeps_with_temperature_stays_rest():
     assert spans.seconds(resting(log)) > 590
 
 
+@pytest.mark.parametrize(("shaking", "rests"), [(0.1, 1), (0.3, 0)])
+def test_a_quiet_gyro_on_a_shaking_accelerometer_is_no_rest(shaking, rests):
+    """A hand that holds still, or idling motors: 0.15 m/s^2 of standard deviation is the limit."""
+    t = np.arange(0.0, 30.0, 0.01)
+    log = still_log(t)
+    log.imus[0].acc.x[:, 2] += np.random.default_rng(4).normal(0.0, shaking, len(t))
+    assert len(resting(log)) == rests
+
+
 def test_a_dead_accelerometer_shows_no_rest():
     t = np.arange(0, 30, 1 / 100)
     log = imu_log(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)))

@@ -126,6 +126,18 @@ def test_wind_has_its_mean_its_turbulence_and_drydens_spectrum() -> None:
         assert np.polyfit(np.log(want[band]), np.log(density[band, column]), 1)[0] == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.parametrize("course_deg", [30.0, 90.0, -160.0])
+def test_turbulence_turns_with_the_wind(course_deg: float) -> None:
+    """Along and across belong to the mean wind: the same noise in a wind of another course is turned as that is."""
+    t, course = np.arange(2000) / 50.0, np.radians(course_deg)
+    turn = np.array([[np.cos(course), -np.sin(course), 0.0], [np.sin(course), np.cos(course), 0.0], [0.0, 0.0, 1.0]])
+    north, turned = (
+        wind_at(Wind(mean_ned_m_s=(6.0 * c, 6.0 * s, 0.0), turbulence_m_s=1.2), t, 1)
+        for c, s in ((1.0, 0.0), (np.cos(course), np.sin(course)))
+    )
+    np.testing.assert_allclose(turned, north @ turn.T, atol=1e-9)
+
+
 def test_a_gust_comes_and_goes_once() -> None:
     t = np.arange(1000) / 100.0
     air = wind_at(Wind(turbulence_m_s=0.0, gust=(Gust(t=2.0, seconds=4.0, ned_m_s=(0.0, 6.0, -1.0)),)), t, 0)

@@ -66,3 +66,10 @@ def test_one_fast_turn_in_slow_flight_is_taken_in_parts():
     got = prepare(np.arange(100) * 0.1, gyr, None)
     assert got.substeps[50] == 3
     assert set(got.substeps[1:]) == {1, 3}
+
+
+def test_a_samples_own_time_is_trusted_up_to_one_and_a_half_times_and_not_over_a_lost_sample():
+    """Records 10 ms apart, one 14 ms late, then one lost: what that one would have turned is not in the next."""
+    t = np.cumsum([0.0, 0.01, 0.014, 0.02, 0.01])
+    got = prepare(t, np.zeros((5, 3)), None, dt=np.array([0.01, 0.0099, 0.0101, 0.0098, np.nan]))
+    np.testing.assert_allclose(got.dt, [0.0, 0.0099, 0.0101, 0.02, 0.01], atol=1e-12)

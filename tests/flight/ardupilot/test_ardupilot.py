@@ -230,6 +230,15 @@ def test_resets_stand_where_yaw_was_reset_and_where_another_estimator_took_over(
     assert log.attitudes["ATT"].resets.tolist() == [50, 120]
 
 
+def test_the_attitude_steps_at_the_first_record_of_another_estimator() -> None:
+    """A larger step two records before: a time one record early would put the reset there."""
+    yaw = 10.0 * np.arange(200) / 200
+    yaw[48:] += 8.0
+    yaw[50:] += 5.0
+    columns = att() | {"Yaw": yaw, "AEKF": np.where(np.arange(200) < 50, 0, 3).astype(np.uint8)}
+    assert read({("IMU", 0): imu(), ("ATT", 0): columns}).attitudes["ATT"].resets.tolist() == [50]
+
+
 def test_armed_and_landed_follow_the_events_and_begin_on_the_ground() -> None:
     events = {"TimeUS": np.array([15, 17, 25, 28], np.uint64) * 1_000_000, "Id": np.array([10, 28, 18, 11], np.uint8)}
     log = read({("IMU", 0): imu(), ("EV", 0): events})

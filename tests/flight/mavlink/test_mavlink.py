@@ -123,6 +123,18 @@ def test_packets_that_rise_keep_their_time_however_many_they_are() -> None:
     assert made[1000] == late[999] + 1
 
 
+def test_samples_stamped_in_unix_time_are_put_on_the_boot_clock_and_not_on_their_packets() -> None:
+    """The link delays packets by 3 ms and more; the sensor's own stamps do not know of that."""
+    n, late = 500, np.random.default_rng(4).exponential(3000, 500)
+    imu = raw_imu(n, 50)
+    own = imu["time_usec"].astype(np.int64)
+    imu |= {"time_usec": (own + UNIX).astype(np.uint64), "_t_us": UNIX + own + np.int64(late)}
+    system = clock(9, 1) | {"time_unix_usec": (UNIX + clock(9, 1)["time_boot_ms"].astype(np.int64) * 1000)}
+    log = read({("RAW_IMU", ME): imu, ("ATTITUDE", ME): attitude(100, 10, late[:100]), ("SYSTEM_TIME", ME): system})
+    assert log.t0_us == 5_000_000
+    np.testing.assert_allclose(log.imus[log.imu].gyro.t, np.arange(n) / 50, atol=2e-6)
+
+
 def test_a_rate_below_ten_hertz_is_refused_with_what_to_do() -> None:
     none = {k: v if k in ("_t_us", "time_usec") else np.zeros_like(v) for k, v in raw_imu(100, 4).items()}
     log = read({("RAW_IMU", ME): raw_imu(100, 4), ("SCALED_IMU3", ME): none, ("ATTITUDE", ME): attitude(100, 4)})

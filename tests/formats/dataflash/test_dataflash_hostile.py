@@ -136,6 +136,22 @@ def test_a_multiplier_that_is_no_number_leaves_no_unit(tmp_path: Path) -> None:
     assert log["IMU", 0].fields["GyrX"].unit is None
 
 
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1.0, "deg"), (0.01, "deg"), (0.0, "deg"), (1e-5, "mdeg"), (10.0, "kdeg")]
+)
+def test_a_multiplier_of_one_beside_a_scaled_letter_leaves_the_unit_as_it_is(
+    tmp_path: Path, factor: float, unit: str
+) -> None:
+    """Letter c is read in hundredths; firmwares write the same 0.01 again, or 1: the read number is in deg for both."""
+    units = fmt(132, 76, b"UNIT", b"QbZ", b"TimeUS,Id,Label") + record(132, "Qb64s", 0, ord("d"), b"deg")
+    factors = fmt(133, 20, b"MULT", b"Qbd", b"TimeUS,Id,Mult") + record(133, "Qbd", 0, ord("F"), factor)
+    att = fmt(150, 13, b"ATT", b"Qc", b"TimeUS,Roll") + record(130, "QB16s16s", 0, 150, b"-d", b"-F")
+    log = opened(tmp_path, HEAD + FMTU + units + factors + att + record(150, "Qh", 5, 250))
+    assert log["ATT", 0]["Roll"].tolist() == [250]
+    assert log["ATT", 0].value("Roll").tolist() == [pytest.approx(2.5)]
+    assert log["ATT", 0].fields["Roll"].unit == unit
+
+
 def test_descriptions_without_end_are_read_in_linear_time(tmp_path: Path) -> None:
     defined = b"".join(fmt(150, 11, b"I%d" % (i % 200), b"Q", b"T%d" % i) for i in range(3000))
     described = b"".join(record(130, "QB16s16s", 0, 150, b"s%d" % (i % 50), b"F") for i in range(30_000))
