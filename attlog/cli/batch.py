@@ -183,7 +183,8 @@ class _Told:
         self._bar.advance(record)
         lines = [f"attlog: {record.log}: gate: {sentence}" for sentence in entry.gates]
         if not record.done:
-            lines.append(record.trace * (self._verbose > 1) + record.message)
+            if not record.known or self._verbose:
+                lines.append(record.trace * (self._verbose > 1) + record.message)
         elif self._verbose:
             how = "done before" if record.again else f"{record.wall_s:.1f} s, {record.peak_mb:.0f} MB"
             lines.append(f"{record.log}: {how}")

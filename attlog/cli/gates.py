@@ -82,9 +82,8 @@ class Gated:
 
         def failures(record: Record) -> tuple[str, ...]:
             if not record.done:
-                self.broken(
-                    record.log, record.name, record.code, record.message, 0.0 if deterministic else record.wall_s
-                )
+                seconds = 0.0 if deterministic else record.wall_s
+                self.broken(record.log, record.name, record.code, record.message, seconds, record.known)
                 return ()
             return held.record(record, folder, timed=not deterministic).sentences
 
@@ -102,10 +101,10 @@ class Gated:
         else:
             say(lines(judged), out)
 
-    def broken(self, log: str, name: str, code: int, message: str, seconds: float = 0.0) -> None:
+    def broken(self, log: str, name: str, code: int, message: str, seconds: float = 0.0, known: bool = False) -> None:
         """A log that has no result."""
         if self.gating is not None:
-            self.gating.broken(log, name, code, message.removeprefix("attlog: "), seconds)
+            self.gating.broken(log, name, code, message.removeprefix("attlog: "), seconds, known)
 
     def finish(self, names: Iterable[str], wrong: Sequence[AttlogError] = (), *, interrupted: bool = False) -> set[int]:
         """Write what was asked for, logs in the order of these reports; the exit codes that come of it.

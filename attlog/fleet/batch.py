@@ -86,8 +86,8 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
             for record in coming:
                 entry = entry_of(record, judge)
                 found[place[record.name]] = entry
-                outcome.again += record.again
-                outcome.codes |= {record.code, 1} if entry.gates else {record.code}
+                outcome.again += record.again and record.done
+                outcome.codes |= {0 if record.known else record.code} | ({1} if entry.gates else set())
                 watcher.finished(record, entry)
                 index.write_if_due(lambda: _ordered(found))
                 if record.folder_full:
@@ -125,7 +125,9 @@ def entry_of(record: Record, judge: Judge | None = None) -> Entry:
     """What index and summary keep of a record in memory."""
     gates = judge(record) if judge is not None else ()
     row = light(record.row) if record.done else None
-    return Entry(record.log, record.name, record.code, record.message.removeprefix("attlog: "), row, gates)
+    return Entry(
+        record.log, record.name, record.code, record.message.removeprefix("attlog: "), row, gates, record.known
+    )
 
 
 def _ordered(found: dict[int, Entry]) -> list[Entry]:

@@ -16,16 +16,15 @@ import traceback
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from itertools import chain
 from queue import Empty, SimpleQueue
 from typing import Any
 
 from attlog import __version__
 from attlog.errors import BUG, AttlogError, ClusterError, OutputError, UsageError, message
-from attlog.fleet.record import Record, write_record
+from attlog.fleet.record import Record
 from attlog.fleet.task import OtherVersion, Returned, Unseen, sign
-from attlog.fleet.work import Work, done_before
+from attlog.fleet.work import Work, done_before, keep
 from attlog.output import is_full, write_atomic
 
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
@@ -198,8 +197,7 @@ class _Run:
 
 def _before(work: Work) -> Record | None:
     """The record of an earlier run, where the work asks for it and it still holds."""
-    before = done_before(work) if work.resume else None
-    return None if before is None else replace(before, again=True)
+    return done_before(work) if work.resume else None
 
 
 def _doing() -> Callable[..., Returned]:
@@ -232,7 +230,7 @@ def _kept(work: Work, record: Record, files: dict[str, bytes]) -> Record:
         for name in sorted(files, key=lambda name: (name.endswith(".json"), name)):
             write_atomic(work.folder / name, files[name])
         if work.keep:
-            write_record(work.folder, record)
+            return keep(work, record)
     except OutputError as error:
         return Record(
             work.source.name, work.name, code=error.exit_code, message=message(error, __version__, work.source.name),

@@ -12,7 +12,7 @@ class Entry:
 
     ``code`` and ``message``: the exit code, and the sentence of a log that failed; ``row``: what
     :func:`attlog.fleet.row.index_row` made, None of a log that failed; ``gates``: a sentence for each gate that
-    failed.
+    failed. ``known``: it failed like this in an earlier run.
     """
 
     log: str
@@ -21,3 +21,4 @@ class Entry:
     message: str = ""
     row: dict[str, Any] | None = None
     gates: tuple[str, ...] = ()
+    known: bool = False

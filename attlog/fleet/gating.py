@@ -62,9 +62,9 @@ class Gating:
             write_record(folder, replace(record, files=record.files | {report.name: now}))
         return found
 
-    def broken(self, log: str, name: str, code: int, message: str, seconds: float = 0.0) -> Judged:
-        """A log without a result; ``code``: what its analysis ended with."""
-        self.logs[name] = judged(log, name, code=code, message=message, seconds=seconds)
+    def broken(self, log: str, name: str, code: int, message: str, seconds: float = 0.0, known: bool = False) -> Judged:
+        """A log without a result; ``code``: what its analysis ended with; ``known``: as in an earlier run."""
+        self.logs[name] = judged(log, name, code=code, message=message, known=known, seconds=seconds)
         return self.logs[name]
 
     def in_order(self, names: Iterable[str] | None = None) -> list[Judged]:

@@ -16,14 +16,15 @@ MOST_KEPT = 50
 class Judged:
     """One log: ``code`` and ``message`` where it has no result, else how many gates passed, failed, were skipped.
 
-    ``worst``: failures, the worst first. ``excused``: how many are beyond a limit to the baseline that the evidence
-    does not tell. ``suite``: what the JUnit file says of the log.
+    ``known``: it had no result in an earlier run either. ``worst``: failures, the worst first. ``excused``: how many
+    are beyond a limit to the baseline that the evidence does not tell. ``suite``: what the JUnit file says of the log.
     """
 
     log: str
     name: str
     code: int = 0
     message: str = ""
+    known: bool = False
     passed: int = 0
     failed: int = 0
     skipped: int = 0
@@ -33,8 +34,8 @@ class Judged:
 
     @property
     def broken(self) -> bool:
-        """Whether the log has no result to be judged."""
-        return self.code != 0
+        """Whether the log has no result to be judged, which is news."""
+        return self.code != 0 and not self.known
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -43,14 +44,15 @@ class Judged:
 
 
 def judged(
-    log: str, name: str, outcomes: Sequence[GateOutcome] = (), *, code: int = 0, message: str = "", seconds: float = 0.0
-) -> Judged:
+    log: str, name: str, outcomes: Sequence[GateOutcome] = (), *, code: int = 0, message: str = "",
+    known: bool = False, seconds: float = 0.0,
+) -> Judged:  # fmt: skip
     """A log with what gates said of it; ``name`` is that of its report, ``seconds`` what its analysis took."""
     count = {status: sum(o.status == status for o in outcomes) for status in ("passed", "failed", "skipped")}
     failures = [o for o in worst_first(outcomes) if o.status == "failed"]
     return Judged(
-        log, name, code, message, **count, excused=sum(o.excused for o in outcomes), worst=tuple(failures[:MOST_KEPT]),
-        suite=junit.suite(log, name, outcomes, code, message, seconds),
+        log, name, code, message, known, **count, excused=sum(o.excused for o in outcomes),
+        worst=tuple(failures[:MOST_KEPT]), suite=junit.suite(log, name, outcomes, code, message, seconds, known),
     )  # fmt: skip
 
 

@@ -33,17 +33,22 @@ class Suite:
         return zlib.decompress(self.packed).decode()
 
 
-def suite(log: str, name: str, outcomes: Sequence[GateOutcome], code: int, message: str, seconds: float) -> Suite:
+def suite(
+    log: str, name: str, outcomes: Sequence[GateOutcome], code: int, message: str, seconds: float, known: bool = False
+) -> Suite:
     """What the file says of one log; the arguments are those of :func:`attlog.fleet.judged.judged`."""
     time = f' time="{seconds:.3f}"' if seconds > 0.0 else ""
     failures, skipped = (sum(o.status == status for o in outcomes) for status in ("failed", "skipped"))
+    skipped += known
     lines = [
         f"<testsuite name={_quoted(log)} tests={_quoted(len(outcomes) + 1)} failures={_quoted(failures)}"
-        f" errors={_quoted(int(code != 0))} skipped={_quoted(skipped)}{time}>",
+        f" errors={_quoted(int(code != 0 and not known))} skipped={_quoted(skipped)}{time}>",
         f'<properties><property name="report" value={_quoted(name + ".html")}/>'
         f'<property name="attlog" value={_quoted(__version__)}/></properties>',
     ]
     error = "" if code == 0 else _part("error", message, f"exit code {code}", message)
+    if known:
+        error = f"<skipped message={_quoted(f'as in an earlier run: {message}')}/>"
     lines.append(_case(log, ANALYSIS, error, time))
     in_order = sorted(outcomes, key=lambda o: (o.check, o.row))  # the same place from run to run
     lines += [_case(log, f"{o.row}: {o.check}", _of(o)) for o in in_order]

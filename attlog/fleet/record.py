@@ -28,6 +28,7 @@ class Record:
     bytes and SHA-256 of each file written; ``stamp``: what tells without its bytes whether a URL or a member is the
     same. ``wall_s``, ``cpu_s`` and ``peak_mb`` (resident memory) are measured and differ from run to run, all else
     does not. ``trace`` belongs to a bug. ``again``: taken from an earlier run.
+    ``known``: the log failed like this in an earlier run of the folder already.
     """
 
     log: str
@@ -45,6 +46,7 @@ class Record:
     folder_full: bool = False
     """The output folder takes no more: nothing else can be written there either."""
     again: bool = field(default=False, compare=False)
+    known: bool = field(default=False, compare=False)
 
     @property
     def done(self) -> bool:
@@ -56,9 +58,18 @@ class Record:
         """Whether the same log ends like this again."""
         return self.code in FOR_GOOD
 
+    def fails_as(self, before: Record | None) -> bool:
+        """Whether an earlier record tells the same failure: of the same content, settings and version."""
+        return (
+            before is not None
+            and not self.done
+            and bool(self.key)
+            and (self.key, self.code) == (before.key, before.code)
+        )
+
 
 MEASURED = ("wall_s", "cpu_s", "peak_mb")
-NOT_KEPT = ("again", "folder_full")
+NOT_KEPT = ("again", "known", "folder_full")
 
 
 def record_path(folder: Path, name: str) -> Path:

@@ -8,7 +8,6 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,9 @@ from attlog import __version__
 from attlog.errors import BUG, LogUnreadable, OutputError, exit_code, message, no_more_processes
 from attlog.fleet.memory import resident_mb
 from attlog.fleet.nursery import Closed, Nursery, shared
-from attlog.fleet.record import INSIDE, Record, read_record, write_record
+from attlog.fleet.record import INSIDE, Record, read_record
 from attlog.fleet.unchanged import CHANGED, state
-from attlog.fleet.work import Work, done_before
+from attlog.fleet.work import Work, content_key, done_before, keep
 from attlog.output import is_full
 
 LIMIT_REACHED = 75
@@ -41,7 +40,7 @@ def run_one(work: Work, nursery: Nursery | None = None, tell: Callable[[dict[str
     if work.resume:
         before = done_before(work)
         if before is not None:
-            return replace(before, again=True)
+            return before
     log = work.source.name
     room = work.folder / INSIDE / "rooms" / secrets.token_hex(8)
     try:
@@ -51,7 +50,7 @@ def run_one(work: Work, nursery: Nursery | None = None, tell: Callable[[dict[str
             _publish(room / "out", work.folder)
         if work.keep:
             _remove_outdated(work, record)
-            write_record(work.folder, record)
+            record = keep(work, record)
     except (OSError, OutputError) as error:
         told: Exception = error
         if isinstance(error, OSError) and not no_more_processes(error):
@@ -113,12 +112,12 @@ def _analysed(work: Work, room: Path, nursery: Nursery, tell: Callable[[dict[str
     measured = {"wall_s": round(time.monotonic() - started, 3), "cpu_s": round(ended.get("cpu_s", 0.0), 3),
                 "peak_mb": round(ended.get("peak_mb", 0.0), 1)}  # fmt: skip
     if limit:
-        return Record(work.source.name, work.name, code=LIMIT_REACHED, message=f"attlog: {log}: {limit}", **measured)
+        return Record(log, work.name, content_key(work), LIMIT_REACHED, f"attlog: {log}: {limit}", **measured)
     if told:
         told["files"] = {name: (size, digest) for name, (size, digest) in told.get("files", {}).items()}
         return Record(log, work.name, **told, **measured)
     code, why = _died(ended.get("exit"), state(Path(work.source.place)) != before)
-    return Record(log, work.name, code=code, message=f"attlog: {log}: {why}", trace=_said(room), **measured)
+    return Record(log, work.name, content_key(work), code, f"attlog: {log}: {why}", trace=_said(room), **measured)
 
 
 def _beyond(work: Work, seconds: float, pid: int) -> str:

@@ -13,7 +13,7 @@ from attlog.fleet.trouble import with_gates
 from attlog.present.numbers import counted, duration
 from attlog.present.text import typeset
 
-WORST, SHORTEST = 5, 30
+WORST, SHORTEST, REASONS = 5, 30, 6
 QUESTIONS = ("closest", "quiet", "late", "drifting")
 WHY = {
     2: "did not fit the options",
@@ -31,10 +31,12 @@ def summary(
 ) -> Iterator[str]:
     """The lines, each at most ``width`` wide. ``again``: how many logs were done in an earlier run."""
     done = [entry for entry in entries if entry.row is not None]
-    left = total - len(entries)
+    failed = [entry for entry in entries if entry.row is None]
+    left, known = total - len(entries), sum(entry.known for entry in failed)
     yield (
         f"{counted(total, 'log')}: {counted(len(done), 'report')} in {folder}, {duration(seconds) or '0 s'}"
         + (f"; {again} done before" if again else "")
+        + (f"; {known} failed before" if known else "")
         + (f"; {left} not reached" if left else "")
     )
     if done:
@@ -42,13 +44,7 @@ def summary(
         yield (
             "  answered: " + ", ".join(f"{q} on {n}" for q, n in answered.items()) + f" of {counted(len(done), 'log')}"
         )
-    failed = [entry for entry in entries if entry.row is None]
-    for code, count in sorted(Counter(entry.code for entry in failed).items()):
-        first = next(entry for entry in failed if entry.code == code)
-        others = f" (and {count - 1} more)" if count > 1 else ""
-        yield _cut(
-            f"  {counted(count, 'log')} {WHY.get(code, 'failed')} (exit code {code}): {_reason(first)}", width, others
-        )
+    yield from _failures(failed, width)
     gates = sum(bool(entry.gates) for entry in entries)
     if gates:
         yield f"  gates failed on {gates} of {counted(len(done), 'log')}"
@@ -75,8 +71,25 @@ def _judged(row: str) -> bool:
     return re.split("[@/]", row)[0] not in BASELINES and not row.startswith("onboard")
 
 
+def _failures(failed: Sequence[Entry], width: int) -> Iterator[str]:
+    """A line for each reason, new ones first, then those of most logs; reasons that differ in numbers alone are one."""
+    groups: dict[tuple[bool, int, str], list[Entry]] = {}
+    for entry in failed:
+        groups.setdefault((entry.known, entry.code, re.sub(r"\d+", "0", _reason(entry))), []).append(entry)
+    ordered = sorted(groups.items(), key=lambda group: (group[0][0], -len(group[1]), group[0][1]))
+    for (known, code, _), alike in ordered[:REASONS]:
+        others = f" (and {len(alike) - 1} more)" if len(alike) > 1 else ""
+        what = f"{counted(len(alike), 'log')} {WHY.get(code, 'failed')}"
+        said = ", as before" if known else f" (exit code {code})"
+        yield _cut(f"  {what}{said}: {alike[0].log}: {_reason(alike[0])}", width, others)
+    rest = [entry for _, alike in ordered[REASONS:] for entry in alike]
+    if rest:
+        yield f"  {counted(len(rest), 'log')} failed for {counted(len(ordered) - REASONS, 'other reason')}"
+
+
 def _reason(entry: Entry) -> str:
-    return typeset(" ".join(entry.message.split()))
+    """Why a log failed, without its name."""
+    return typeset(" ".join(entry.message.removeprefix(f"{entry.log}: ").split()))
 
 
 def _cut(text: str, width: int, behind: str = "") -> str:

@@ -63,6 +63,17 @@ def key(content: str, settings: str) -> str:
     return f"{content}:{settings}:{__version__}"
 
 
+def content_key(work: Work) -> str:
+    """The key of a log whose process was ended before it told it; empty of what would have to be fetched again."""
+    if work.source.member or is_url(work.source.place):
+        return ""
+    try:
+        with work.source.local(work.folder) as log:
+            return key(log.sha256, work.settings)
+    except AttlogError:
+        return ""
+
+
 def done_before(work: Work) -> Record | None:
     """The record of an earlier run where the log needs no new one: same key, every file as it was written.
 
@@ -76,19 +87,26 @@ def done_before(work: Work) -> Record | None:
         return None
     try:
         if record.stamp and record.stamp == stamp(work.source):
-            return _renamed(work, record)
+            return _from_before(work, record)
         with work.source.local(work.folder) as log:
-            return _renamed(work, record) if log.sha256 == content else None
+            return _from_before(work, record) if log.sha256 == content else None
     except AttlogError:
         return None
 
 
-def _renamed(work: Work, record: Record) -> Record:
+def _from_before(work: Work, record: Record) -> Record:
     """The record of the log as it is named now."""
     if record.log != work.source.name:
         record = replace(record, log=work.source.name)
         write_record(work.folder, record)
-    return record
+    return replace(record, again=True, known=not record.done)
+
+
+def keep(work: Work, record: Record) -> Record:
+    """Keep the record; it then tells whether the log failed like this before. OutputError if it cannot be written."""
+    before = read_record(work.folder, work.name) if work.resume else None
+    write_record(work.folder, record)
+    return replace(record, known=record.fails_as(before))
 
 
 def stamp(source: Source) -> str:

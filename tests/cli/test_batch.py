@@ -58,6 +58,34 @@ def test_a_folder_with_a_batch_asks_what_to_do(attlog, small, tmp_path):
     assert "; 1 done before" in done.out
 
 
+def test_a_finished_batch_counts_what_failed_before_and_tells_what_fails_anew(attlog, small, tmp_path):
+    """A nightly job with one unusable log ended with 65 every night and printed the same line."""
+    (small.parent / "bad.ulg").write_bytes(b"x" * 500)
+    again = ("batch", small.parent, "-o", tmp_path / "out", *GYRO, "--resume")
+    expect(attlog(*again), 65, "bad.ulg: not a flight log")
+    done = attlog(*again, "--junit", tmp_path / "known.xml")
+    assert (done.code, done.err) == (0, "")
+    assert "; 1 done before; 1 failed before" in done.out
+    assert "1 log cannot be used, as before:" in done.out
+    assert 'errors="1"' not in (tmp_path / "known.xml").read_text()
+    assert "<skipped message=" in (tmp_path / "known.xml").read_text()
+    assert "bad.ulg: not a flight log" in attlog(*again, "-v").err
+    (small.parent / "new.ulg").write_bytes(b"y" * 500)
+    done = attlog(*again)
+    expect(done, 65, "new.ulg: not a flight log")
+    assert "bad.ulg" not in done.err
+    (small.parent / "bad.ulg").write_bytes(b"z" * 500)
+    expect(attlog(*again), 65, "bad.ulg: not a flight log")
+
+
+def test_a_log_that_takes_too_long_each_night_is_news_once(attlog, samples, tmp_path):
+    again = ("batch", samples / "copter_yaw_turns.bin", "-o", tmp_path / "out", "--resume", "--timeout", "0.05")
+    expect(attlog(*again), 75, "took longer than 0.05 s")
+    done = attlog(*again)
+    assert (done.code, done.err) == (0, "")
+    assert "1 log took more time or memory than allowed, as before: " in done.out
+
+
 def test_what_a_batch_cannot_do_has_its_exit_code(attlog, small, tmp_path):
     out = tmp_path / "out"
     expect(attlog("batch", tmp_path / "*.ulg", "-o", out), 66, "no file matches this pattern")

@@ -171,8 +171,8 @@ def test_a_cluster_gives_the_same_folder_as_this_machine(
     assert len(one) == 12
     assert one == other
     again = start("batch", *places, "-o", "there/out", "--scheduler", dask.address, "--resume", *OPTIONS)
-    assert again.process.wait(PATIENCE_S) == 65
-    assert "6 done before" in again.said
+    assert again.process.wait(PATIENCE_S) == 0  # the unusable log is known
+    assert "5 done before; 1 failed before" in again.said
     assert files(tmp_path / "there/out") == one
 
 

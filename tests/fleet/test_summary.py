@@ -75,3 +75,23 @@ def test_lines_fit_the_terminal() -> None:
 
 def test_nothing_done_is_told_without_a_table() -> None:
     assert list(summary([], 3, 0.0, OUT)) == ["3 logs: 0 reports in out, 0.0 s; 3 not reached"]
+
+
+def test_failures_are_grouped_by_reason_and_those_of_an_earlier_run_come_last() -> None:
+    old = [Entry(f"{k}.ulg", f"{k}.ulg", 65, f"{k}.ulg: {k}00 bytes, no flight log", known=True) for k in range(3)]
+    new = [
+        Entry("x", "x", 65, "x: encrypted"),
+        *(Entry(f"y{k}", f"y{k}", 65, f"y{k}: {k} s of data are too short") for k in range(2)),
+    ]
+    assert list(summary([*old, *new], 6, 1.0, OUT)) == [
+        "6 logs: 0 reports in out, 1.0 s; 3 failed before",
+        "  2 logs cannot be used (exit code 65): y0: 0 s of data are too short (and 1 more)",
+        "  1 log cannot be used (exit code 65): x: encrypted",
+        "  3 logs cannot be used, as before: 0.ulg: 000 bytes, no flight log (and 2 more)",
+    ]
+
+
+def test_many_reasons_do_not_fill_the_screen() -> None:
+    lines = list(summary([Entry(c, c, 65, f"{c}: reason {c}") for c in "abcdefghi"], 9, 1.0, OUT))
+    assert lines[-1] == "  3 logs failed for 3 other reasons"
+    assert len(lines) <= 8
