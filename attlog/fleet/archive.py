@@ -12,18 +12,21 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
-from pathlib import Path
+from itertools import count
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import IO
 
 from attlog import formats
 from attlog.errors import LogUnreadable, LogUnusable
 from attlog.fleet.copied import BLOCK, copy, unreadable
-from attlog.fleet.meant import named_as_log
+from attlog.fleet.meant import may_be_log, named_as_log
 from attlog.fleet.urls import is_url, shown
 from attlog.limits import MAX_MEMBERS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 
 _ENCRYPTED = 1
+MADE_BY_MACOS = "__MACOSX"
+"""A folder beside the files, with a small file for each that bears its name."""
 _BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OverflowError)
 """What reading a damaged or foreign archive raises; RuntimeError: a member is encrypted after all."""
 
@@ -31,18 +34,26 @@ _BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, Runtim
 def members(place: str, pattern: str = "") -> list[str]:
     """The members of an archive (path or URL) that are logs, known as in a folder; with ``pattern`` those it matches.
 
+    Encrypted ones are logs by their names, hidden ones by their content alone; what they are called: :func:`_entries`.
     LogUnreadable: the archive cannot be read. LogUnusable: it is damaged, or there are more members than limits allow.
     """
     with _archive(place) as archive:
-        entries = {entry.filename: entry for entry in archive.infolist() if not entry.is_dir()}
+        entries = _entries(archive)
         if len(entries) > MAX_MEMBERS:
             raise LogUnusable(f"{shown(place)}: holds more than {MAX_MEMBERS} files; unpack what you need of it")
         if pattern:
             wanted = [name for name in entries if name == pattern] or [n for n in entries if fnmatchcase(n, pattern)]
         else:
-            wanted = [name for name in entries if not _hidden(name)]
-        exact = wanted == [pattern]
-        return [name for name in sorted(wanted) if exact or _is_log(archive, entries[name])]
+            wanted = [name for name in entries if MADE_BY_MACOS not in name.split("/")]
+        if wanted == [pattern]:
+            return wanted
+        return [name for name in sorted(wanted) if _is_log(archive, entries[name])]
+
+
+def locked(place: str) -> int:
+    """How many files of an archive are encrypted. Errors as above."""
+    with _archive(place) as archive:
+        return sum(map(_encrypted, archive.infolist()))
 
 
 def extract(place: str, member: str, path: Path) -> tuple[str, int]:
@@ -50,7 +61,7 @@ def extract(place: str, member: str, path: Path) -> tuple[str, int]:
     name = f"{shown(place)}/{member}"
     with _archive(place) as archive:
         entry = _entry(archive, member, name)
-        if entry.flag_bits & _ENCRYPTED:
+        if _encrypted(entry):
             raise LogUnusable(f"{name}: is encrypted in its archive; unpack it with its password first")
         try:
             return copy(_blocks(archive, entry, name), path)
@@ -108,9 +119,36 @@ def _opened(file: str | Path | IO[bytes], place: str) -> zipfile.ZipFile:
 
 def _entry(archive: zipfile.ZipFile, member: str, name: str) -> zipfile.ZipInfo:
     try:
-        return archive.getinfo(member)
+        return _entries(archive)[member]
     except KeyError:
         raise LogUnreadable(f"{name}: no such member of the archive") from None
+
+
+def _entries(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    """The files in an archive by name. Where two have one name the second is called ``a (2).ulg``; copies are left out.
+
+    Archives that tools append to, or that gather several cards, hold such; other programs show the last of them.
+    """
+    found: dict[str, zipfile.ZipInfo] = {}
+    taken = set(archive.namelist())
+    seen: dict[str, set[tuple[int, int]]] = {}
+    numbers: dict[str, Iterator[int]] = {}
+    for entry in archive.infolist():
+        name, content = entry.filename, (entry.file_size, entry.CRC)
+        if entry.is_dir() or content in seen.setdefault(name, set()):
+            continue
+        seen[name].add(content)
+        if name in found:
+            path = PurePosixPath(name)
+            counting = numbers.setdefault(name, count(2))
+            name = next(n for k in counting if (n := f"{path.parent / path.stem} ({k}){path.suffix}") not in taken)
+            taken.add(name)
+        found[name] = entry
+    return found
+
+
+def _encrypted(entry: zipfile.ZipInfo) -> bool:
+    return bool(entry.flag_bits & _ENCRYPTED)
 
 
 def _blocks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Iterator[bytes]:
@@ -127,17 +165,17 @@ def _blocks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Iter
 
 def _is_log(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bool:
     """As :func:`attlog.fleet.meant.is_meant`: by content, else by name."""
-    if not entry.flag_bits & _ENCRYPTED:
-        try:
-            with archive.open(entry) as file:
-                head = file.read(formats.HEAD)
-            if formats.recognise_bytes(io.BytesIO(head)):
-                return True
-        except (*_BROKEN, OSError):
-            pass  # damaged: its name tells whether it was meant
-    return named_as_log(entry.filename)
+    if _encrypted(entry):
+        return may_be_log(entry.filename)  # nobody knows what is in it: rather told than left out
+    try:
+        with archive.open(entry) as file:
+            head = file.read(formats.HEAD)
+        if formats.recognise_bytes(io.BytesIO(head)):
+            return True
+    except (*_BROKEN, OSError):
+        pass  # damaged: its name tells whether it was meant
+    return named_as_log(entry.filename) and not _hidden(entry.filename)
 
 
 def _hidden(name: str) -> bool:
-    """What file managers add beside the files, and what is hidden in a folder too."""
-    return any(part == "__MACOSX" or (part[:1] == "." and part not in (".", "..")) for part in name.split("/"))
+    return any(part[:1] == "." and part not in (".", "..") for part in name.split("/"))

@@ -13,6 +13,7 @@ from attlog.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.fleet.meant import is_archive, is_meant, may_be_log
 from attlog.fleet.sources import Source
 from attlog.fleet.urls import is_url, shown
+from attlog.present.numbers import counted
 
 PATTERN = frozenset("*?[")
 
@@ -36,7 +37,7 @@ def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError
     """The logs that were named, each once, and what is wrong with the names.
 
     A file is taken as it is, also where it does not exist: reading it says so. A folder
-    stands for the logs in it at any depth (hidden folders left out), a pattern that no
+    stands for the logs in it at any depth (what is hidden left out), a pattern that no
     file bears as its name for the logs that it matches (``**`` reaches into folders),
     a zip archive for the logs in it, ``archive.zip/a.ulg`` or ``archive.zip/*.ulg`` for
     those members; there logs are known by their content, also in gzip files. A URL is one
@@ -158,11 +159,15 @@ def _in_archive(path: Path) -> list[Source] | None:
 
 
 def _members(place: str, pattern: str = "") -> list[Source]:
-    from attlog.fleet.archive import members
+    from attlog.fleet.archive import locked, members
 
     found = [Source(place, member) for member in members(place, pattern)]
     if not found:
         what = f"no flight log matches {pattern}" if pattern else "is an archive without a flight log"
+        if hidden := locked(place):
+            what += (
+                f", but {counted(hidden, 'file')} in it cannot be looked at: encrypted, unpack with the password first"
+            )
         raise LogUnreadable(f"{shown(place)}: {what}")
     return found
 

@@ -145,17 +145,56 @@ def test_an_archive_of_too_many_files_is_refused(zipped: Path, monkeypatch: pyte
     assert "more than 5 files" in str(wrong)
 
 
-def test_an_encrypted_member_is_one_failure_with_its_reason(tmp_path: Path) -> None:
-    path = tmp_path / "locked.zip"
+def locked(path: Path, name: str) -> Path:
+    """An archive of one member that is encrypted."""
     with zipfile.ZipFile(path, "w") as file:
-        file.writestr("a.ulg", LOG)
+        file.writestr(name, LOG)
     raw = bytearray(path.read_bytes())
     raw[6] |= 1  # the flag in the member's own header, and in the directory
     raw[raw.index(b"PK\x01\x02") + 8] |= 1
     path.write_bytes(raw)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.ulg", "00000012.BIN", "2026-11-01.log"])
+def test_an_encrypted_member_is_one_failure_with_its_reason(tmp_path: Path, name: str) -> None:
+    path = locked(tmp_path / "locked.zip", name)
     error = failure(sources([path])[0][0])
     assert isinstance(error, LogUnusable)
     assert "unpack it with its password first" in str(error)
+
+
+def test_an_archive_in_which_nothing_can_be_looked_at_says_so(tmp_path: Path) -> None:
+    """Nothing tells whether "photos" is a log; among the files of a folder it is none."""
+    path = locked(tmp_path / "locked.zip", "photos")
+    (wrong,) = sources([path])[1]
+    assert "1 file in it cannot be looked at: encrypted" in str(wrong)
+    (tmp_path / "a.bin").write_bytes(LOG)
+    assert names(sources([tmp_path])[0], tmp_path) == ["a.bin"]
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_two_members_of_one_name_are_two_logs_and_a_copy_is_none(tmp_path: Path) -> None:
+    path, other = tmp_path / "cards.zip", LOG[: len(LOG) // 2]
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for member, data in [("d/1.bin", LOG), ("d/1.bin", other), ("d/1 (2).bin", LOG[:5000]), ("d/1.bin", LOG)]:
+            file.writestr(member, data)
+    found, wrong = sources([path])
+    assert wrong == []
+    assert {source.member: len(content(source)) for source in found} == {
+        "d/1.bin": len(LOG), "d/1 (2).bin": 5000, "d/1 (3).bin": len(other),
+    }  # fmt: skip
+    assert len({source.stamp() for source in found}) == 3
+    assert content(sources([path / "d/1 (3).bin"])[0][0]) == other
+
+
+def test_a_hidden_member_is_a_log_by_its_content_alone(tmp_path: Path) -> None:
+    """``._a.ulg`` is what macOS adds; a log may be hidden by a synchronising program."""
+    path = tmp_path / "hidden.zip"
+    with zipfile.ZipFile(path, "w") as file:
+        for member, data in [(".flight.bin", LOG), (".cards/1.bin", LOG), ("._a.ulg", b"\0" * 200)]:
+            file.writestr(member, data)
+    assert names(sources([path])[0], path) == [".cards/1.bin", ".flight.bin"]
 
 
 def test_a_damaged_member_is_one_failure_and_the_others_are_read(zipped: Path, temporary: Path) -> None:
