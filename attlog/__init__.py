@@ -9,15 +9,15 @@ __all__ = ["Aids", "AttlogError", "Config", "Result", "analyze", "estimate", "ev
 
 if TYPE_CHECKING:
     from attlog.analysis import analyze, evaluate, prepare
+    from attlog.base.errors import AttlogError
     from attlog.config import Config
-    from attlog.errors import AttlogError
     from attlog.estimators import Aids, estimate
     from attlog.flight import read
     from attlog.result import Result
 
 _HOMES = {
     "Aids": "attlog.estimators",
-    "AttlogError": "attlog.errors",
+    "AttlogError": "attlog.base.errors",
     "Config": "attlog.config",
     "Result": "attlog.result",
     "analyze": "attlog.analysis",

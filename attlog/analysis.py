@@ -23,21 +23,22 @@ import numpy as np
 
 import attlog
 from attlog import estimators, metrics, reference, replay, segments
+from attlog.base.errors import AttlogError, LogUnusable, PluginError, PluginTimeout, UsageError
+from attlog.base.freed import give_back
 from attlog.config import Config
-from attlog.errors import AttlogError, LogUnusable, PluginError, PluginTimeout, UsageError
 from attlog.estimators.base import Estimate
 from attlog.estimators.registry import BUILT_IN
-from attlog.flight import read, room
+from attlog.flight import memory as room
+from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem, part_of
-from attlog.freed import give_back
 from attlog.health import Check, answerable, audit
 from attlog.health.findings import Open, contradiction, findings, hopeless
-from attlog.metrics.alike import Likeness
 from attlog.metrics.base import Case, per_case
-from attlog.metrics.common_bias import common_bias
-from attlog.metrics.common_bias import none as no_bias
-from attlog.metrics.ranking import Ranking
-from attlog.metrics.trace import Trace
+from attlog.metrics.evidence.common_bias import common_bias
+from attlog.metrics.evidence.common_bias import none as no_bias
+from attlog.metrics.figures.trace import Trace
+from attlog.metrics.ranking.alike import Likeness
+from attlog.metrics.ranking.best import Ranking
 from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Row
 from attlog.result import TIMED_OUT, EstimatorRow, ReferenceSummary, Result

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from attlog import estimators
-from attlog.errors import UsageError, suggestion
-from attlog.setting_values import Kind, either, number, or_none, text, truth, whole, words
-from attlog.settings_file import text_of, toml_of
+from attlog.base.errors import UsageError, suggestion
+from attlog.base.setting_values import Kind, either, number, or_none, text, truth, whole, words
+from attlog.base.settings_file import text_of, toml_of
 
 
 @dataclass

@@ -22,14 +22,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import formats, rotation, spreadsheet
-from attlog.errors import LogUnusable, OutputError, UsageError
-from attlog.file_names import file_names
+from attlog import formats
+from attlog.base import rotation, spreadsheet
+from attlog.base.errors import LogUnusable, OutputError, UsageError
+from attlog.base.file_names import file_names
+from attlog.base.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
+from attlog.base.output import staged, write_atomic, write_together
+from attlog.flight.clock.record_time import clock_of
 from attlog.flight.model import FlightLog
-from attlog.flight.record_time import clock_of
 from attlog.formats import Messages
-from attlog.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
-from attlog.output import staged, write_atomic, write_together
 from attlog.summary import sha256
 
 if TYPE_CHECKING:

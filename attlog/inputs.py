@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import earth
+from attlog.base import earth
+from attlog.base.median import median
 from attlog.estimators import Aids, LogFacts, LogInfo, Measured
 from attlog.estimators.aids import LONGEST_LAG_S
 from attlog.flight.model import FlightLog, Gnss, Imu, Stream
 from attlog.flight.vehicle import VehicleKind
-from attlog.median import median
 from attlog.segments import spans
 from attlog.segments.model import Segments
 

@@ -9,16 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from attlog import formats, reference, segments
-from attlog.flight import flight_in, room
+from attlog.base.freed import give_back
+from attlog.flight import flight_in
+from attlog.flight import memory as room
+from attlog.flight.clock.record_time import ends_of
 from attlog.flight.model import FlightLog, part_of
-from attlog.flight.record_time import ends_of
 from attlog.formats import Messages
-from attlog.freed import give_back
 from attlog.health import answerable, audit
 from attlog.health.findings import contradiction, findings
 from attlog.kernels.loops import briefly
 from attlog.metrics import Case
-from attlog.metrics.common_bias import common_bias
+from attlog.metrics.evidence.common_bias import common_bias
 from attlog.plain import plain
 from attlog.reference.model import Reference
 from attlog.segments import Segments

@@ -26,6 +26,7 @@ Keys = dict[str, dict[str, str]]
 
 def kernels() -> Iterator[Kernel]:
     """The loops of all built-in filters, readers and metrics and, where its packages are there, of the simulator."""
+    from attlog.base.rotation_loops import INTERPOLATED
     from attlog.estimators import get
     from attlog.estimators.engine.loop import kernel_of
     from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
@@ -36,8 +37,11 @@ def kernels() -> Iterator[Kernel]:
     from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink import compiled as mavlink
     from attlog.formats.ulog import index
-    from attlog.metrics import aiding_loop, envelope_loop, noise_loop, step_loops, turning_loop
-    from attlog.rotation_loops import INTERPOLATED
+    from attlog.metrics.evidence import aiding_loop
+    from attlog.metrics.figures import envelope_loop
+    from attlog.metrics.noise import loops as noise_loop
+    from attlog.metrics.steps import turning_loop
+    from attlog.metrics.steps.fit import loops as step_loops
     from attlog.segments import increments_loop
 
     yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.step is not None)
@@ -70,7 +74,8 @@ def kernels() -> Iterator[Kernel]:
         increments_loop.BETWEEN,
     )
     try:
-        from attlog.simulate import controller, rigid_body, wind
+        from attlog.simulate.autopilot import controller
+        from attlog.simulate.physics import rigid_body, wind
         from attlog.simulate.sensors import imu
     except ImportError:  # built alone: the simulator reads its scenarios with pydantic
         return

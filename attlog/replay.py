@@ -12,13 +12,13 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from attlog import estimators, inputs, reference
-from attlog.barrier import guarded
-from attlog.errors import AttlogError, PluginError, UsageError
+from attlog.base.barrier import guarded
+from attlog.base.errors import AttlogError, PluginError, UsageError
+from attlog.base.freed import give_back
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog, Imu, Mag
-from attlog.freed import give_back
 from attlog.metrics.base import Case, per_case
-from attlog.metrics.common_bias import CommonBias
+from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.reference import declination
 from attlog.reference.model import Row
 from attlog.result import EstimatorRow, ParameterValue

@@ -16,20 +16,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
+from attlog.base.json_text import indented
+from attlog.base.limits import MAX_RESULT_BYTES
+from attlog.base.settings_file import bytes_of
 from attlog.flight.model import Problem
 from attlog.health.model import Check
-from attlog.json_text import indented
-from attlog.limits import MAX_RESULT_BYTES
-from attlog.metrics.alike import Alike
 from attlog.metrics.answer import Answer
-from attlog.metrics.common_bias import CommonBias
-from attlog.metrics.trace import Trace
-from attlog.metrics.units import UnitValues
+from attlog.metrics.evidence.common_bias import CommonBias
+from attlog.metrics.figures.trace import Trace
+from attlog.metrics.ranking.alike import Alike
+from attlog.metrics.statistics.units import UnitValues
 from attlog.plain import IN_JSON, Misfit, plain, restored, without
 from attlog.reference.model import AlignmentStep
 from attlog.segments.model import Segment
-from attlog.settings_file import bytes_of
 
 if TYPE_CHECKING:
     import pandas
@@ -210,7 +210,7 @@ class Result:
         if NOT_UTF8.search(text):  # a copy of all of it is not made for nothing
             text = NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
-            from attlog.output import write_atomic
+            from attlog.base.output import write_atomic
 
             write_atomic(Path(path), text)
         return text

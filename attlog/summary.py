@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from attlog import earth
-from attlog.errors import LogUnreadable
+from attlog.base import earth
+from attlog.base.errors import LogUnreadable
+from attlog.base.median import median
 from attlog.flight.model import FlightLog, Stream, TimeLine, part_of
-from attlog.median import median
 from attlog.segments.model import Segments
 
 

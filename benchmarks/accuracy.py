@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import attlog
-from attlog import rotation
-from attlog.errors import AttlogError
+from attlog.base import rotation
+from attlog.base.errors import AttlogError
 from attlog.estimators import estimate, place, select
 from attlog.estimators.engine.samples import Sampling
 

@@ -31,7 +31,7 @@ def compared(runs: int = 15) -> Pair:
     """Both, from arrays to text."""
     import plotly.graph_objects as go
 
-    from attlog.report.figure import Rows, series
+    from attlog.report.figures.figure import Rows, series
     from attlog.report.pack import Store
     from attlog.result import Trace
 

@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import attlog
-from attlog import inputs, rotation
+from attlog import inputs
+from attlog.base import rotation
 from attlog.estimators import Aids, Estimate, Measured, estimate, place
 from attlog.reference import declination
 

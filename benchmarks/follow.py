@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from attlog import analysis
+from attlog.base.errors import AttlogError
 from attlog.config import Config
-from attlog.errors import AttlogError
 from attlog.flight import read
 from attlog.replay import run_rows
 

@@ -34,11 +34,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import analysis, flight, metrics, reference, replay, rotation
-from attlog.errors import AttlogError
-from attlog.metrics import Answer, Case, injection, level, noise, ranking
-from attlog.metrics.settled import PHASES
-from attlog.metrics.units import Summary, ids_of
+from attlog import analysis, flight, metrics, reference, replay
+from attlog.base import rotation
+from attlog.base.errors import AttlogError
+from attlog.metrics import Answer, Case
+from attlog.metrics.evidence import level
+from attlog.metrics.evidence.settled import PHASES
+from attlog.metrics.noise import added as noise
+from attlog.metrics.noise import injection
+from attlog.metrics.ranking import best as ranking
+from attlog.metrics.statistics.units import Summary, ids_of
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]

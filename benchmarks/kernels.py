@@ -18,7 +18,7 @@ import numpy as np
 from measured import apart
 from table import Measured, Target, Task
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import get, names
 from attlog.estimators.engine import batch, loop
 from attlog.estimators.engine.samples import Samples, prepare

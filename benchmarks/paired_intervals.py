@@ -21,14 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.analysis import evaluate, prepare
-from attlog.compare import pooled
-from attlog.compare.configuration import parse
-from attlog.compare.one_log import place
-from attlog.compare.paired import estimate
-from attlog.compare.questions import asked
-from attlog.compare.run import Run
-from attlog.errors import AttlogError
-from attlog.metrics.units import UnitValues
+from attlog.base.errors import AttlogError
+from attlog.compare.configurations.configuration import parse
+from attlog.compare.configurations.run import Run
+from attlog.compare.differences import pooled
+from attlog.compare.differences.one_log import place
+from attlog.compare.differences.paired import estimate
+from attlog.compare.differences.questions import asked
+from attlog.metrics.statistics.units import UnitValues
 
 Index = NDArray[np.int64]
 FIRST = "mahony:kp=0.6"

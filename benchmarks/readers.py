@@ -26,8 +26,8 @@ from measured import Pair, anonymous_mb, apart, by_turns, cpu, environment, quie
 from table import Measured, Target, Task, of_pair, seconds
 
 from attlog import formats
+from attlog.base.freed import give_back
 from attlog.formats import Messages
-from attlog.freed import give_back
 
 WANTED = {
     ".ulg": ["sensor_combined", "vehicle_magnetometer", "vehicle_attitude", "vehicle_gps_position"],
@@ -180,7 +180,7 @@ def peak_share(path: Path) -> float:
     file; NaN where not told. What code takes (imports, loops, dialects) is loaded before."""
     import threading
 
-    from attlog.limits import READ_BYTES
+    from attlog.base.limits import READ_BYTES
 
     load_machine_code(path)
     give_back(path.stat().st_size)

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from attlog import formats
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.formats import Messages, format_named, oracle
 from attlog.formats.verify import spelled
 

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 import attlog
 from attlog import formats
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import recording
-from attlog.simulate.scenario import load
+from attlog.simulate.scenario.scenario import load
 
 Array = NDArray[np.float64]
 FILTERS = (

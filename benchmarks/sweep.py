@@ -17,13 +17,13 @@ from pathlib import Path
 
 import attlog
 from attlog import replay
-from attlog.compare import sweep_words
-from attlog.compare.configuration import parse
-from attlog.compare.grid import grid, text_of
-from attlog.compare.many import OnLog, wanted
-from attlog.compare.sweep import sweep
-from attlog.compare.sweep_page import sweep_page
-from attlog.metrics import rmse
+from attlog.compare.configurations.configuration import parse
+from attlog.compare.sweep import text as sweep_words
+from attlog.compare.sweep.grid import grid, text_of
+from attlog.compare.sweep.many import OnLog, wanted
+from attlog.compare.sweep.page import sweep_page
+from attlog.compare.sweep.sweep import sweep
+from attlog.metrics.errors import rmse
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
 AXES = ("kp=0.1..2/16", "ki=0..0.05/8")

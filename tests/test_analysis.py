@@ -14,7 +14,7 @@ import pytest
 
 import attlog
 from attlog import analysis, replay
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.estimators.base import Estimate
 from attlog.metrics.base import Case
 from attlog.reference.model import Row
@@ -199,7 +199,7 @@ TURNED = '''"""A filter whose heading is off by 92 deg."""
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import estimate, Estimate
 
 NEEDS, USES = {"gyro", "acc"}, {"mag"}

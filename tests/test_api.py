@@ -73,7 +73,7 @@ from attlog import Aids, Config, Result, analyze, estimate, evaluate, prepare, r
 from attlog.estimators import Estimate, Measured, place
 from attlog.flight.model import FlightLog
 from attlog.simulate.fly import fly
-from attlog.simulate.scenario import Scenario, load
+from attlog.simulate.scenario.scenario import Scenario, load
 from attlog.testing import check_estimator
 
 log = read("x.ulg", imu=0)

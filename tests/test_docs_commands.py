@@ -25,9 +25,9 @@ ELSEWHERE = {
     "python3 -m venv": "changes the installation; tests/test_package.py installs the wheel",
     "venv/bin/pip install": "changes the installation; tests/test_package.py installs the wheel",
     "pip install": "changes the installation; tests/test_package.py installs the wheel",
-    "attlog --install-completion": "changes the user's shell; tests/cli/test_completion.py",
-    "attlog batch s3://": "needs a cluster; tests/fleet/test_cluster.py runs one",
-    "attlog batch --watch /srv": "does not end; tests/fleet/test_watch.py",
+    "attlog --install-completion": "changes the user's shell; tests/cli/shared/test_completion.py",
+    "attlog batch s3://": "needs a cluster; tests/fleet/schedulers/test_cluster.py runs one",
+    "attlog batch --watch /srv": "does not end; tests/fleet/schedulers/test_watch.py",
 }
 """Commands that begin so are not run here, and why."""
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import earth, inputs, segments
+from attlog import inputs, segments
+from attlog.base import earth
 from attlog.flight.model import Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.segments.model import Segment, Segments
 

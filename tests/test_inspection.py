@@ -12,7 +12,7 @@ import pytest
 from attlog import formats, inspection
 from attlog.flight import builder
 from attlog.formats import Messages
-from attlog.reference import delay
+from attlog.reference.physics import delay
 
 
 def test_the_file_is_read_once_and_the_delay_measured_once(samples: Path, monkeypatch: pytest.MonkeyPatch) -> None:

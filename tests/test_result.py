@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import attlog
-from attlog.errors import LogUnreadable, UsageError
+from attlog.base.errors import LogUnreadable, UsageError
 from attlog.plain import Misfit, plain, restored
 from attlog.result import SCHEMA, Result
 from tests.conftest import SAMPLES

@@ -14,12 +14,12 @@ from typing import Annotated
 import typer
 
 from attlog import __version__
-from attlog.cli import streams
-from attlog.cli.commands import Commands
-from attlog.cli.common import to_stderr
-from attlog.cli.guard import guarded
-from attlog.cli.signals import ended_by_signals
-from attlog.errors import INTERRUPTED, AttlogError, exit_code, message
+from attlog.base.errors import INTERRUPTED, AttlogError, exit_code, message
+from attlog.cli.registry import Commands
+from attlog.cli.shared import streams
+from attlog.cli.shared.common import to_stderr
+from attlog.cli.shared.guard import guarded
+from attlog.cli.shared.signals import ended_by_signals
 
 app = typer.Typer(
     name="attlog",

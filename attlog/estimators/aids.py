@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.estimators.base import Array
 
 LAT, LON, ALT, POS_H_ACC, POS_V_ACC = 0, 1, 2, 3, 4

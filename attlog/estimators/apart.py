@@ -26,10 +26,10 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import IO, Any, TypeVar
 
-from attlog.errors import AttlogError, PluginError, PluginTimeout
+from attlog.base.errors import AttlogError, PluginError, PluginTimeout
+from attlog.base.limits import FILTER_S, MAX_ERROR_LETTERS, MAX_FILTER_BYTES
 from attlog.estimators.base import Estimator, LogInfo
 from attlog.estimators.plugin_errors import broken
-from attlog.limits import FILTER_S, MAX_ERROR_LETTERS, MAX_FILTER_BYTES
 
 T = TypeVar("T")
 LIMIT = "ATTLOG_FILTER_TIMEOUT"

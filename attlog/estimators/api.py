@@ -8,13 +8,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from attlog.errors import PluginError, UsageError
+from attlog.base.errors import PluginError, UsageError
+from attlog.base.freed import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Estimate, Estimator, LogFacts
 from attlog.estimators.engine import loop
 from attlog.estimators.engine.samples import Sampling, prepare
 from attlog.estimators.registry import BUILT_IN, get, names
-from attlog.freed import give_back
 
 DEFAULT = tuple(
     name for name in ("complementary", "mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf", "gyro") if name in BUILT_IN

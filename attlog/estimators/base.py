@@ -19,7 +19,7 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import PluginError, UsageError, suggestion
+from attlog.base.errors import PluginError, UsageError, suggestion
 from attlog.estimators.plugin_errors import plugin_errors
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from attlog.errors import AttlogError, PluginError
-from attlog.limits import MAX_ERROR_LETTERS
+from attlog.base.errors import AttlogError, PluginError
+from attlog.base.limits import MAX_ERROR_LETTERS
 
 
 def broken(where: str, error: BaseException) -> PluginError:

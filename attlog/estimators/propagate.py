@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.estimators.api import estimate
 from attlog.estimators.base import Array
 from attlog.estimators.engine.samples import HOLD_PERIODS
-from attlog.median import median
 
 
 def propagated(t: Array, gyr: Array, mag: Array) -> Array:

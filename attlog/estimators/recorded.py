@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 from typing import Any, NoReturn
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.estimators.base import Estimator, Parameter
 
 SUFFIX = ".csv"

@@ -29,7 +29,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from attlog.errors import AttlogError, PluginError, UsageError, suggestion
+from attlog.base.errors import AttlogError, PluginError, UsageError, suggestion
 from attlog.estimators import apart, recorded
 from attlog.estimators.base import (
     AIDS,

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from attlog import formats
-from attlog.errors import LogUnusable, UsageError
-from attlog.flight import parameter_file, parameter_limits, room
+from attlog.base.errors import LogUnusable, UsageError
+from attlog.base.limits import MAX_ATTITUDES
+from attlog.flight import memory as room
 from attlog.flight.model import FlightLog, Problem
+from attlog.flight.parameters import file as parameter_file
+from attlog.flight.parameters import limits as parameter_limits
 from attlog.formats.base import Messages
-from attlog.limits import MAX_ATTITUDES
 
 __all__ = ["FlightLog", "flight_in", "read"]
 

@@ -15,16 +15,16 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
-from attlog.barrier import guarded
+from attlog.base import rotation
+from attlog.base.barrier import guarded
+from attlog.base.limits import READ_BYTES
+from attlog.base.median import median
 from attlog.flight import physics
+from attlog.flight.clock.corroboration import times_alone
+from attlog.flight.clock.timing import LATEST_US, Stamps, plausible
 from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
 from attlog.flight.physics import Quantity
-from attlog.flight.timing import LATEST_US, Stamps, plausible
-from attlog.flight.witnesses import times_alone
 from attlog.formats.base import Messages, Table
-from attlog.limits import READ_BYTES
-from attlog.median import median
 
 T = TypeVar("T")
 U = TypeVar("U")

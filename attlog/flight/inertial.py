@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder, finite_within
+from attlog.flight.clock.timing import Stamps, plausible
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
-from attlog.flight.timing import Stamps, plausible
-from attlog.median import median
 
 REPLAY_MIN_SAMPLES = 20
 """Fewer samples are no flight."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder
+from attlog.flight.clock.timing import Stamps
 from attlog.flight.inertial import sentence
 from attlog.flight.model import Array, Imu, Mag
-from attlog.flight.timing import Stamps
-from attlog.median import median
 
 GAUSS = 1e-4
 """Tesla per gauss."""

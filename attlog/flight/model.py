@@ -15,11 +15,11 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.barrier import guarded
+from attlog.base.barrier import guarded
+from attlog.base.median import median
 from attlog.flight.advice import Logging, What, stand_still
 from attlog.flight.remedies import GENERAL, Fault
 from attlog.flight.vehicle import VehicleKind, kind_of
-from attlog.median import median
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

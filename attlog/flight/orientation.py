@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import Array
 
 EULER_DEG = (

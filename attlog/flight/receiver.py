@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from attlog.flight import physics
 from attlog.flight.builder import OF_VALUES, LogBuilder, on_earth
+from attlog.flight.clock.timing import Stamps
 from attlog.flight.model import Array, Gnss
 from attlog.flight.physics import Quantity
-from attlog.flight.timing import Stamps
 
 FIX = 2
 """Fix types from here on tell a place."""

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
-from attlog.errors import LogUnreadable, NotALog, UsageError
+from attlog.base.errors import LogUnreadable, NotALog, UsageError
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
 from attlog.formats.recording import Layout, Recording
 from attlog.formats.registry import Format
@@ -45,8 +45,8 @@ def open(path: Path | str, system: int | None = None) -> Messages:
     or none of the formats. LogUnusable: a format that cannot be read (encrypted, newer), or a file that unpacks to
     more than any log.
     """
+    from attlog.base.limits import MAX_DAMAGE
     from attlog.formats.compression import content
-    from attlog.limits import MAX_DAMAGE
 
     path = Path(path)
     entry = format_named(recognise(path))

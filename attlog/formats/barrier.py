@@ -1,4 +1,4 @@
-"""The last barrier around one message type of a reader, see :mod:`attlog.barrier`: the rest of the log goes on.
+"""The last barrier around one message type of a reader, see :mod:`attlog.base.barrier`: the rest of the log goes on.
 
 What nobody expected becomes a remark with the message, the kind of error and its place, and a traceback at log level
 debug.
@@ -10,8 +10,8 @@ import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 
-from attlog.barrier import RAISE, sentence
-from attlog.errors import AttlogError
+from attlog.base.barrier import RAISE, sentence
+from attlog.base.errors import AttlogError
 from attlog.formats.base import Remark
 
 CODE = "part_failed"

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.limits import LAST_TIME_US, MAX_BOOTS, MAX_TIME_JUMP_S
 from attlog.formats.base import Boot, Offsets
-from attlog.limits import LAST_TIME_US, MAX_BOOTS, MAX_TIME_JUMP_S
 
 Timeline = tuple[Offsets, NDArray[np.int64]]
 """Byte offsets of records that carry their time, ascending, and the times (us)."""

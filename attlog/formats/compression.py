@@ -2,7 +2,7 @@
 
 The readers map a log's bytes, so a compressed one needs a place for them: the
 temporary folder, from which the system removes the file as soon as nobody maps
-it. What a stranger's file may unpack to is limited (``attlog.limits``).
+it. What a stranger's file may unpack to is limited (``attlog.base.limits``).
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import LogUnreadable, LogUnusable
+from attlog.base.errors import LogUnreadable, LogUnusable
+from attlog.base.limits import MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 from attlog.formats.base import Damage
 from attlog.formats.mapping import map_bytes, map_open_file
-from attlog.limits import MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 
 MAGIC = b"\x1f\x8b"
 _GZIP = 16 + zlib.MAX_WBITS  # zlib's word for "with a gzip header and its checksum"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from attlog.base.limits import MAX_DAMAGE
 from attlog.formats.base import Damage
-from attlog.limits import MAX_DAMAGE
 
 
 class Losses:
@@ -35,6 +35,6 @@ class Losses:
 
     @property
     def listed(self) -> list[Damage]:
-        """The places in file order, at most :data:`attlog.limits.MAX_DAMAGE`."""
+        """The places in file order, at most :data:`attlog.base.limits.MAX_DAMAGE`."""
         one_by_one = self._one_by_one[: MAX_DAMAGE - len(self._kinds)]
         return sorted([*one_by_one, *self._kinds], key=lambda d: d.offset)

@@ -12,8 +12,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import limits
-from attlog.errors import LogUnreadable, LogUnusable
+from attlog.base import limits
+from attlog.base.errors import LogUnreadable, LogUnusable
 from attlog.formats.base import Offsets
 from attlog.formats.compiled import if_cheap, is_ready
 from attlog.formats.copying import COPY
@@ -23,9 +23,9 @@ def map_bytes(path: str | Path) -> NDArray[np.uint8]:
     """The content of a file as uint8 array (n,), read into memory; reading costs some 0.3 ms per MB.
 
     A file that is cut while it is mapped ends the process that reads on (SIGBUS), which no handler in Python can
-    prevent. So only a process that another one watches maps files larger than :data:`attlog.limits.READ_BYTES`, or one
-    that asks for it by the environment's :data:`attlog.limits.MAPPED`. LogUnreadable if the file cannot be opened or
-    is cut while it is read, LogUnusable if it is empty.
+    prevent. So only a process that another one watches maps files larger than :data:`attlog.base.limits.READ_BYTES`,
+    or one that asks for it by the environment's :data:`attlog.base.limits.MAPPED`. LogUnreadable if the file cannot be
+    opened or is cut while it is read, LogUnusable if it is empty.
     """
     try:
         with open(path, "rb") as file:

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from attlog.base.limits import VERIFY_S, VERIFY_S_PER_BYTE
 from attlog.formats.base import Messages, Table
-from attlog.limits import VERIFY_S, VERIFY_S_PER_BYTE
 
 Key = tuple[str, int | None]
 """Message and instance; instance None where the library does not split by it."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.formats.base import ParamChange, Text
 
 Columns = Mapping[str, NDArray[Any]]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.formats.base import Messages
 from attlog.formats.recording import Recording
 

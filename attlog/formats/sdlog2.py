@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
 from attlog.formats.barrier import Barrier
 from attlog.formats.base import Field, Messages, Remark, Table
 from attlog.formats.clock import boots, false_times

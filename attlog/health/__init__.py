@@ -5,29 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from attlog.barrier import guarded
+from attlog.base.barrier import guarded
 from attlog.flight.model import FlightLog, part_of
-from attlog.health import (
+from attlog.health.model import Answerable, Check, failed
+from attlog.health.onboard import against_smoother, attitude, crash, jumps, sources
+from attlog.health.onboard import declination as declination_told
+from attlog.health.questions import answerable
+from attlog.health.sensors import (
     acc_bias,
     accelerometer,
-    against_smoother,
-    attitude,
-    crash,
-    declination_told,
     delay,
     frozen,
     gnss,
     gyro,
     interference,
-    jumps,
     magnetometer,
     sensor_faults,
-    sources,
     timing,
     vibration,
 )
-from attlog.health.model import Answerable, Check, failed
-from attlog.health.questions import answerable
 from attlog.reference import choose
 from attlog.reference.model import Reference
 from attlog.segments.model import Segments

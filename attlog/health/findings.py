@@ -13,13 +13,15 @@ import numpy as np
 
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.flight.remedies import Fault
-from attlog.health import against_smoother, frozen, many_of_a_kind
-from attlog.health.attitude import CONTRADICTED
-from attlog.health.gyro import HOPELESS_DPS
+from attlog.health import repeated as many_of_a_kind
 from attlog.health.model import FAILED, Check
+from attlog.health.onboard import against_smoother
+from attlog.health.onboard.attitude import CONTRADICTED
 from attlog.health.reason import as_sentence
+from attlog.health.sensors import frozen
+from attlog.health.sensors.gyro import HOPELESS_DPS
 from attlog.reference.model import Reference
-from attlog.reference.sensor_faults import FRAME
+from attlog.reference.physics.sensor_faults import FRAME
 
 ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
 """Worst first."""

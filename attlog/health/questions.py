@@ -1,6 +1,6 @@
 """Which of the four questions a log can answer, and what would be needed for the others.
 
-The metrics say it themselves (``metrics/possible.py``): what they find in the gyro alone
+The metrics say it themselves (``metrics/evidence/possible.py``): what they find in the gyro alone
 every filter can be judged by, what they refuse to it they refuse to every filter.
 """
 
@@ -10,7 +10,7 @@ from attlog.flight.model import FlightLog
 from attlog.health.model import Answerable
 from attlog.health.reason import as_sentence
 from attlog.metrics.base import Case
-from attlog.metrics.possible import ASKED, Possible, ask
+from attlog.metrics.evidence.possible import ASKED, Possible, ask
 
 STEPS = "Fly quick attitude steps of 15 deg and more in Stabilize."
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.kernels.generate import INLINE
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.processor import target

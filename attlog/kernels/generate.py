@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
-from attlog.errors import PluginError
+from attlog.base.errors import PluginError
 
 INLINE = "@njit(forceinline=True, error_model='numpy', no_cpython_wrapper=True, no_cfunc_wrapper=True)\n"
 """Only the loop is called from Python: compiling entry points for its helpers costs a quarter of the time."""

@@ -15,10 +15,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from attlog.base.private_folder import version_of
 from attlog.kernels import processor, sources
 from attlog.kernels.folder import folder, write
 from attlog.kernels.kernel import Kernel
-from attlog.private_folder import version_of
 
 FORMAT = 1
 """Counts changes of the file's form and of how entries are compiled and called."""

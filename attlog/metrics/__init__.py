@@ -8,15 +8,15 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from attlog.barrier import guarded
+from attlog.base.barrier import guarded
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, HeadingReference, Metric
 from attlog.reference.model import Row
 
 if TYPE_CHECKING:
-    from attlog.metrics import ranking
-    from attlog.metrics.trace import Trace
-    from attlog.metrics.traces import Drawing
+    from attlog.metrics.figures.trace import Trace
+    from attlog.metrics.figures.traces import Drawing
+    from attlog.metrics.ranking import best as ranking
 
 __all__ = [
     "Answer",
@@ -33,13 +33,27 @@ __all__ = [
 ]
 
 QUESTIONS = (
-    "noise", "lag", "step_error", "leak", "settling", "drift_rest", "drift_air", "wander", "rmse",
-    "allan", "convergence", "recovery", "hover", "bias", "cost", "controller",
-)  # fmt: skip
+    "noise.added",
+    "steps.lag",
+    "steps.step_error",
+    "steps.leak",
+    "steps.settling",
+    "drift.drift_rest",
+    "drift.drift_air",
+    "drift.wander",
+    "errors.rmse",
+    "noise.allan",
+    "errors.convergence",
+    "errors.recovery",
+    "noise.hover",
+    "errors.bias",
+    "cost",
+    "steps.controller",
+)
 """The files of this room that hold one, in the order of the table; ``attlog info`` imports only those it asks."""
 MEASURED = "cost"
 """The question that is answered by running the filter again, not from the log."""
-LATE = {"Drawing": "traces", "Trace": "trace"}
+LATE = {"Drawing": "figures.traces", "Trace": "figures.trace"}
 FULL_COVERAGE_PCT = 95.0
 COMPARED = ("total_", "heading_", "inclination_", "lag_", "step_error_", "drift_air_")
 
@@ -82,7 +96,8 @@ def compute(
     ``coverage_pct`` stands beside comparisons of a row that was scored on less than 95 % of
     its time. A row that gravity does not correct is a baseline: it is ranked nowhere. What tells nothing is withheld.
     """
-    from attlog.metrics import level, telling
+    from attlog.metrics.evidence import level
+    from attlog.metrics.ranking import resolution as telling
 
     table: dict[str, dict[str, Answer]] = {}
     asked = [q for q in questions() if (cost or q is not measured()) and (not only or _is_of(q, only))]
@@ -110,7 +125,7 @@ def settle(
 
     What was measured stands in the order of the table as if it had been asked with the rest.
     """
-    from attlog.metrics import rmse
+    from attlog.metrics.errors import rmse
 
     rmse.decide(case)
     if not cost or (only and not _is_of(measured(), only)):
@@ -138,6 +153,6 @@ def _asked(question: ModuleType, case: Case, row: Row, window: str) -> dict[str,
 
 def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:
     """Who is best and worst in each column; values of ranked rows move to the units that all of them have."""
-    from attlog.metrics import ranking
+    from attlog.metrics.ranking import best as ranking
 
     return ranking.rank(table, rows, definitions())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from attlog.metrics.units import UnitValues
+from attlog.metrics.statistics.units import UnitValues
 
 CODES = (
     "no_rest",

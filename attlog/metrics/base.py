@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.answer import Answer
-from attlog.metrics.common_bias import CommonBias, common_bias, none
+from attlog.metrics.evidence.common_bias import CommonBias, common_bias, none
 from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import WINDOWS, Segments
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
+from attlog.base.median import median
 from attlog.estimators.engine.loop import run
 from attlog.estimators.engine.samples import prepare
-from attlog.median import median
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph
 from attlog.reference.model import Row

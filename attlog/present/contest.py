@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from attlog.present.names import name_in_sentence
 from attlog.present.numbers import SIGNED, interval, quantity
-from attlog.present.rows import has_value, is_baseline, is_best, is_ranked, value_of, window_of
+from attlog.present.table.rows import has_value, is_baseline, is_best, is_ranked, value_of, window_of
 from attlog.result import Answer, EstimatorRow, Result
 
 THE_BASELINE = "the gyro alone, shown for comparison"

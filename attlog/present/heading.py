@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from attlog.present.rows import AIR, find, has_value
+from attlog.present.table.rows import AIR, find, has_value
 from attlog.result import Result
 
 DRIFT_AIR = "drift_air_deg_per_min"

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import gap, rotation
-from attlog.errors import UsageError
+from attlog.base import gap, rotation
+from attlog.base.errors import UsageError
 from attlog.estimators import Estimate
 from attlog.flight.model import FlightLog, Imu
 from attlog.recorded import clock, columns, frame

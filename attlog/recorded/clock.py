@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.flight.model import FlightLog
 from attlog.recorded.columns import Columns
 

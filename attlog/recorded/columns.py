@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import UsageError
-from attlog.limits import MAX_RESULT_BYTES
-from attlog.settings_file import text_of
+from attlog.base.errors import UsageError
+from attlog.base.limits import MAX_RESULT_BYTES
+from attlog.base.settings_file import text_of
 
 Array = NDArray[np.float64]
 

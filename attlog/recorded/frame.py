@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
-from attlog.errors import UsageError
+from attlog.base import rotation
+from attlog.base.errors import UsageError
+from attlog.base.limits import GYRO_LIMIT_RAD_S
 from attlog.flight.model import Imu
-from attlog.limits import GYRO_LIMIT_RAD_S
 from attlog.recorded.columns import Columns
 from attlog.segments import gaps
 

@@ -1,13 +1,13 @@
 """What attitudes are compared with, and how the comparison is made fair."""
 
 from attlog.reference.choose import choose
-from attlog.reference.contradiction import Witnesses, contradicted
 from attlog.reference.declination import seen_deg
 from attlog.reference.heading_references import heading_references
 from attlog.reference.model import AlignmentStep, Errors, HeadingReference, Reference, Row
 from attlog.reference.options import Options
+from attlog.reference.physics.contradiction import Witnesses, contradicted
+from attlog.reference.physics.sensor_faults import FRAME
 from attlog.reference.rows import onboard_rows, replayed
-from attlog.reference.sensor_faults import FRAME
 from attlog.reference.smoothed import NAME as SMOOTHER
 from attlog.reference.smoothed import foreseen, joined, not_smoothed, pieces, sigma_deg
 

@@ -7,11 +7,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.reference import clock, declination, delay, floor, gravity, scoring, trim
+from attlog.reference import clock, declination, floor, scoring, trim
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.reference.options import Options
+from attlog.reference.physics import delay, gravity
 from attlog.segments import Segments, gaps, resets
 
 Array = NDArray[np.float64]

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from attlog.distinct import among
-from attlog.errors import AttlogError, UsageError
+from attlog.base.distinct import among
+from attlog.base.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, part_of
-from attlog.reference import clock, sensor_faults, smoothed, turning
+from attlog.reference import clock, smoothed
 from attlog.reference.build import build, frozen, without
 from attlog.reference.model import AlignmentStep, Reference, SensorFault
 from attlog.reference.options import Options
+from attlog.reference.physics import sensor_faults, turning
 from attlog.segments import Segments, resets
 
 Smooth = Callable[[], Estimate]

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.flight.model import Attitude, FlightLog
-from attlog.median import median
 from attlog.reference.model import AlignmentStep
 from attlog.segments import gaps
 

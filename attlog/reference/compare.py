@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.reference import scoring
 from attlog.reference.model import Errors, Met, Reference
 from attlog.segments import gaps

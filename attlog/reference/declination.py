@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import earth, rotation
-from attlog.errors import UsageError
+from attlog.base import earth, rotation
+from attlog.base.errors import UsageError
+from attlog.base.median import median
 from attlog.flight.model import FlightLog
-from attlog.median import median
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, Reference
 

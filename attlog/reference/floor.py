@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import gap, rotation
+from attlog.base import gap, rotation
+from attlog.base.median import median
 from attlog.flight.model import Imu
-from attlog.median import median
 from attlog.reference.model import AlignmentStep
 from attlog.segments import gaps
 

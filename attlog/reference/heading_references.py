@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import estimators, rotation
-from attlog.errors import AttlogError
+from attlog import estimators
+from attlog.base import rotation
+from attlog.base.errors import AttlogError
 from attlog.flight.model import Attitude, FlightLog, Gnss, Imu
 from attlog.reference import clock
 from attlog.reference.compare import interpolate

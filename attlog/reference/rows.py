@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
 from attlog.reference import clock, compare, floor, heading, scoring, smoothed, trim

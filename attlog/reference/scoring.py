@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import gap
+from attlog.base import gap
+from attlog.base.median import median
+from attlog.base.rotation import error, total_angle, unwrap, wrap
 from attlog.flight.model import Attitude
-from attlog.median import median
 from attlog.reference.model import Errors, Reference
-from attlog.rotation import error, total_angle, unwrap, wrap
 from attlog.segments import Segments, gaps, spans
 from attlog.segments.spans import Span
 

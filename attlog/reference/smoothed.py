@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
-from attlog.errors import UsageError
+from attlog.base import rotation
+from attlog.base.errors import UsageError
+from attlog.base.median import median
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
-from attlog.median import median
 from attlog.reference import scoring
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, Reference

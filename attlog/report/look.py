@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from attlog.present.names import row_names
-from attlog.present.rows import is_baseline, leads, ordered
+from attlog.present.table.rows import is_baseline, leads, ordered
 from attlog.result import Result
 
 COLOURS = 8

@@ -9,20 +9,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from attlog.output import write_atomic
+from attlog.base.output import write_atomic
 from attlog.present.alike import alike
 from attlog.present.flight import firmware, subtitle
 from attlog.present.gyro_bias import gyro_bias
 from attlog.present.messages import alarming, level_name, messages
 from attlog.present.numbers import counted, duration, moment, number, quantity, unit_sign
 from attlog.present.problems import problems
-from attlog.present.table import axis_table, main_table, window_tables
+from attlog.present.table.table import axis_table, main_table, window_tables
 from attlog.present.text import clean, cleaned, plain_value, typeset
 from attlog.report.bundle import Bundle, bundle, source_hash
 from attlog.report.cards import card
-from attlog.report.figures import sections
+from attlog.report.figures.catalogue import sections
+from attlog.report.figures.marks import time_marks
 from attlog.report.look import looks
-from attlog.report.marks import time_marks
 from attlog.report.pack import Store, packed
 from attlog.result import MEASURED_TIMES, Result
 

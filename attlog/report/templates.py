@@ -13,10 +13,10 @@ from jinja2 import BytecodeCache, Environment, FileSystemLoader, Template
 from jinja2.bccache import Bucket
 
 from attlog import __version__
-from attlog.errors import OutputError
-from attlog.output import write_atomic
+from attlog.base.errors import OutputError
+from attlog.base.output import write_atomic
+from attlog.base.private_folder import private_folder, version_of
 from attlog.present.text import clean
-from attlog.private_folder import private_folder, version_of
 
 WEB = Path(__file__).parent / "web"
 DIGEST = hashlib.sha256().digest_size

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from attlog.compare.pooled import pool
+from attlog.compare.differences.pooled import pool
 from attlog.reproduce.paper import Number, Verdict
 
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from attlog.output import write_atomic
+from attlog.base.output import write_atomic
 from attlog.plain import plain
 from attlog.present.numbers import interval, quantity, unit_sign
 from attlog.present.text import typeset
 from attlog.report import shell
-from attlog.report.figure import Figure as Place
-from attlog.report.figure import listed
+from attlog.report.figures.figure import Figure as Place
+from attlog.report.figures.figure import listed
 from attlog.report.pack import Store
 from attlog.reproduce.paper import TRUTH, Figure, Line, Number, Paper
 

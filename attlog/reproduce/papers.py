@@ -6,7 +6,7 @@ from dataclasses import replace
 from importlib import import_module
 from typing import cast
 
-from attlog.errors import UsageError, suggestion
+from attlog.base.errors import UsageError, suggestion
 from attlog.reproduce.paper import Options, Paper
 
 PAPERS = ("lyu", "fan", "huang", "xu")
@@ -26,5 +26,5 @@ def reproduce(name: str, options: Options, command: str = "") -> Paper:
     """Run one paper's experiments."""
     from attlog.analysis import versions
 
-    found = cast(Paper, import_module(f"attlog.reproduce.{name}").paper(options))
+    found = cast(Paper, import_module(f"attlog.reproduce.{name}.claims").paper(options))
     return replace(found, attlog={k: str(v) for k, v in versions().items()}, command=command)

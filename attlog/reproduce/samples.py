@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import estimators, rotation
+from attlog import estimators
+from attlog.base import rotation
 from attlog.estimators.engine.samples import Sampling
-from attlog.simulate.loop import Estimator
+from attlog.simulate.autopilot.loop import Estimator
 
 if TYPE_CHECKING:
     from attlog.simulate.flight import Flight

@@ -6,8 +6,8 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-from attlog.errors import AttlogError
-from attlog.processes import Died, in_processes
+from attlog.base.errors import AttlogError
+from attlog.base.processes import Died, in_processes
 from attlog.reproduce.paper import Options
 
 R = TypeVar("R")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import gap, rotation
+from attlog.base import gap, rotation
 from attlog.flight.model import Attitude, FlightLog, Imu, part_of
 from attlog.segments import flags, flying, gaps, hover, impact, motion, resets, rest, spans, windows
 from attlog.segments.model import Segment, Segments

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.median import median, quantile
 from attlog.flight.model import FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
-from attlog.median import median, quantile
 from attlog.segments import motion, spans
 from attlog.segments.spans import Span
 from attlog.segments.windows import Windows

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import gap, rotation
+from attlog.base import gap, rotation
 from attlog.segments.model import Segment
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import FlightLog, Imu
 from attlog.segments import motion, spans
 from attlog.segments.flags import Phase

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.median import median
 from attlog.segments import gaps, increments
 from attlog.segments.model import Segments
 from attlog.segments.once import asked_once

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.median import median, quantile
+from attlog.base.median import median, quantile
 from attlog.segments import spans
 from attlog.segments.flags import Phase
 from attlog.segments.model import Segment

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
-from attlog.median import median
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]

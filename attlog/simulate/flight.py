@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.scenario.scenario import Scenario
 
 Array = NDArray[np.float64]
 

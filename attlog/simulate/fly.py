@@ -8,23 +8,23 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import Estimator, Row
-from attlog.simulate.autopilot import Autopilot, Maker, Measured
-from attlog.simulate.computable import check_samples, check_truth
-from attlog.simulate.environment import Environment, environment, field_at
+from attlog.simulate.autopilot.autopilot import Autopilot, Maker, Measured
 from attlog.simulate.flight import Flight, Truth
 from attlog.simulate.happenings import events
-from attlog.simulate.prescribed import moved
-from attlog.simulate.rigid_body import POINTS, TOUCHING, Body
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.physics.environment import Environment, environment, field_at
+from attlog.simulate.physics.prescribed import moved
+from attlog.simulate.physics.rigid_body import POINTS, TOUCHING, Body
+from attlog.simulate.physics.wind import share_at, wind_at
+from attlog.simulate.scenario.computable import check_samples, check_truth
+from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.baro import BaroSensor
 from attlog.simulate.sensors.gnss import GnssSensor
 from attlog.simulate.sensors.imu import ImuSensor
 from attlog.simulate.sensors.imu_kernel import RAW
 from attlog.simulate.sensors.mag import MagSensor
 from attlog.simulate.sensors.power import battery, rpm
-from attlog.simulate.wind import share_at, wind_at
 
 Array = NDArray[np.float64]
 SETTLING_S = 1.0
@@ -41,7 +41,7 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
     processes a flight would take several times as long. UsageError where the scenario's numbers lead to motion or
     samples that cannot be computed or written; PluginError and PluginTimeout as in a replay.
     """
-    from attlog.simulate.pilot import foreign, make
+    from attlog.simulate.autopilot.pilot import foreign, make
 
     row = None if autopilot is not None else foreign(scenario)
     if row is not None and row.estimator.apart is not None:
@@ -170,6 +170,6 @@ def _there(
     estimator: Estimator, preset: str | None, params: dict[str, float | str], scenario: Scenario, seed: int
 ) -> Flight:
     """:func:`fly` in the process of the scenario's estimator."""
-    from attlog.simulate.pilot import make
+    from attlog.simulate.autopilot.pilot import make
 
     return fly(scenario, seed, partial(make, row=Row(estimator, preset, params)))

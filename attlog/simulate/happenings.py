@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.simulate.flight import Truth
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.scenario.scenario import Scenario
 
 IMPACT_M_S = 2.0
 """A touch-down faster than this is an impact; landing gear is tested for less."""

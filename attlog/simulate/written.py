@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from attlog.output import staged
-from attlog.processes import in_processes
+from attlog.base.output import staged
+from attlog.base.processes import in_processes
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import write
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.scenario.scenario import Scenario
 
 Written = list[tuple[Path, int]] | Exception
 """Each path with its bytes, or what went wrong."""

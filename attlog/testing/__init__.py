@@ -20,7 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from attlog.errors import AttlogError, PluginTimeout
+from attlog.base.errors import AttlogError, PluginTimeout
 from attlog.estimators import Estimator, Row, not_compiled
 from attlog.estimators.base import AIDS
 from attlog.testing import bad_input, behaviour, extras

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.estimators import Estimate, estimate
 from attlog.testing.motion import CONSUMER, Array, Motion, still, swing
 from attlog.testing.subject import Subject, inclination_deg, require, require_attitudes, total_deg

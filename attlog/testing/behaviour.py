@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import Parameter, estimate, not_compiled
 from attlog.estimators.base import AIDS
 from attlog.testing.extras import aids_in_place

@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.estimators import Aids, Estimate, LogFacts, LogInfo, Measured
 from attlog.testing.motion import CONSUMER, Motion, swing
 from attlog.testing.subject import Subject, inclination_deg, require, require_attitudes

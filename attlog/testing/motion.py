@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 
 Array = NDArray[np.float64]
 Angles = Callable[[Array], tuple[ArrayLike, ArrayLike, ArrayLike]]

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from junitparser import JUnitXml
 
-from attlog.compare import gate_file
+from attlog.compare.gates import file as gate_file
 from tests.ci.runner import Machine
 from tests.conftest import ROOT, SAMPLES
 

@@ -210,7 +210,7 @@ def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, h
 
 
 def test_a_bug_while_a_log_is_told_loses_no_other(attlog, samples, tmp_path, monkeypatch):
-    from attlog.cli import terminal
+    from attlog.cli.shared import terminal
 
     shown = terminal.printed
 

@@ -18,7 +18,7 @@ LOG = SAMPLES / "copter_yaw_turns.bin"
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="signals and limits as Linux knows them")
 MAPPED = """
 import os, sys
-from attlog import limits
+from attlog.base import limits
 limits.READ_BYTES = 1000
 import attlog.flight
 inside = attlog.flight.flight_in
@@ -84,7 +84,7 @@ def test_where_the_disk_takes_one_file_and_not_the_other_both_old_ones_stay(tmp_
     for path, text in old.items():
         path.write_text(text)
     before = (
-        "import attlog.output as o\nreal = o.write_atomic\n"
+        "import attlog.base.output as o\nreal = o.write_atomic\n"
         "def write(path, data):\n"
         "    if path.suffix == '.json':\n"
         "        raise o._cannot(path, OSError(28, 'No space left on device'))\n"
@@ -149,7 +149,7 @@ def test_the_library_reads_a_large_log_that_is_cut_meanwhile(tmp_path: Path) -> 
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
     code = (
-        "import os, sys, attlog.limits\nattlog.limits.READ_BYTES = 1000\nfrom attlog import formats\n"
+        "import os, sys, attlog.base.limits\nattlog.base.limits.READ_BYTES = 1000\nfrom attlog import formats\n"
         "log = formats.open(sys.argv[1])\nos.truncate(sys.argv[1], 5000)\n"
         "print(sum(len(table[c]) for table in log.values() for c in table.fields))"
     )

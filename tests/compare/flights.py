@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from attlog.compare.comparison import Beside, Cell, Comparison, LogLine
-from attlog.compare.configuration import Configuration, parse
-from attlog.compare.one_log import Measured
-from attlog.compare.over_logs import gathered
-from attlog.compare.questions import Asked, asked
+from attlog.compare.configurations.configuration import Configuration, parse
+from attlog.compare.differences.comparison import Beside, Cell, Comparison, LogLine
+from attlog.compare.differences.one_log import Measured
+from attlog.compare.differences.over_logs import gathered
+from attlog.compare.differences.questions import Asked, asked
 
 CONFIGURATIONS = [parse("mahony:kp=0.3"), parse("mahony:kp=0.6")]
 FIRST, SECOND = (c.name for c in CONFIGURATIONS)

@@ -8,8 +8,9 @@ import pytest
 
 import attlog
 from attlog import segments
-from attlog.compare import baseline, gate_file
-from attlog.compare.gates import GateOutcome, judge
+from attlog.compare.gates import baseline
+from attlog.compare.gates import file as gate_file
+from attlog.compare.gates.gates import GateOutcome, judge
 from tests.compare import faulty
 from tests.conftest import SAMPLES
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from attlog.analysis import evaluate, prepare
-from attlog.compare.configuration import parse
-from attlog.compare.one_log import place
-from attlog.compare.paired import estimate
-from attlog.compare.questions import asked
-from attlog.compare.run import Run
+from attlog.compare.configurations.configuration import parse
+from attlog.compare.configurations.run import Run
+from attlog.compare.differences.one_log import place
+from attlog.compare.differences.paired import estimate
+from attlog.compare.differences.questions import asked
 from tests.conftest import SAMPLES
 
 SPECS = ("mahony:kp=0.6", "mahony:kp=0.3", "mahony:kp=1.1", "madgwick", "vqf")

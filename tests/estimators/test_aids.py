@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.estimators import Aids, Measured
 from attlog.estimators.aids import SIZE
 

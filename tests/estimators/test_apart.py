@@ -12,7 +12,7 @@ import pytest
 
 import attlog
 from attlog import estimators
-from attlog.errors import PluginError, PluginTimeout, UsageError
+from attlog.base.errors import PluginError, PluginTimeout, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, apart
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.registry import from_file

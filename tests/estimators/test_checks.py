@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.errors import PluginError
+from attlog.base.errors import PluginError
 from attlog.estimators import Estimate, Estimator, Parameter, Row, get
 from attlog.estimators.engine import samples
 from attlog.estimators.engine.vectors import down, field_error, gravity_error, turn

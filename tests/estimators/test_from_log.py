@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import rotation
-from attlog.errors import PluginError
+from attlog.base import rotation
+from attlog.base.errors import PluginError
 from attlog.estimators import LogFacts, LogInfo, get, parse
 
 PLUGIN = '''"""A filter whose gain is a parameter of the log."""

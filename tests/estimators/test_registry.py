@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.errors import PluginError, UsageError
+from attlog.base.errors import PluginError, UsageError
 from attlog.estimators import DEFAULT, get, names, parse, select
 
 GOOD = '''"""Gyro and nothing else.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from attlog.compare.gates import GateOutcome
-from attlog.fleet.judged import Judged, judged
+from attlog.compare.gates.gates import GateOutcome
+from attlog.fleet.ci.judged import Judged, judged
 
 
 def outcome(row: str, status: str = "failed", excess: float = 2.0, **changes: Any) -> GateOutcome:

@@ -7,9 +7,9 @@ import functools
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from attlog.fleet.entry import Entry
-from attlog.fleet.row import index_row, light
-from attlog.fleet.trouble import POINTS, Reason, trouble
+from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.row import index_row, light
+from attlog.fleet.records.trouble import POINTS, Reason, trouble
 from attlog.present.sentences import verdicts
 from tests.report.conftest import make_result
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from attlog.fleet.entry import Entry
-from attlog.fleet.index_page import write_index
+from attlog.fleet.pages.index_page import write_index
+from attlog.fleet.records.entry import Entry
 from tests.fleet.made import failed, flown, many, reason
-from tests.fleet.test_index_page import EVIL
+from tests.fleet.pages.test_index_page import EVIL
 
 BATCH: list[Entry] = [
     flown("fine.ulg", scale=1.0, firmware="PX4 1.15.4", date_utc="2025-02-01T10:00:00+00:00"),

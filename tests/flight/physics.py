@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
 
 Array = NDArray[np.float64]

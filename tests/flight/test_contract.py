@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog import flight, rotation
-from attlog.errors import AttlogError
+from attlog import flight
+from attlog.base import rotation
+from attlog.base.errors import AttlogError
+from attlog.base.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, MAG_LIMIT_T
 from attlog.flight.model import FlightLog, Stream
-from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, MAG_LIMIT_T
 from tests.conftest import SAMPLES, corpus_logs, corpus_root
 from tests.flight import physics
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from attlog import flight
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from tests.conftest import SAMPLES
 
 NAMES = ("px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog")

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.flight import parameter_limits, physics
+from attlog.flight import physics
 from attlog.flight.ardupilot import reader as ardupilot
 from attlog.flight.builder import LogBuilder
 from attlog.flight.inertial import low_pass_delay
 from attlog.flight.model import FlightLog, Problem
+from attlog.flight.parameters import limits as parameter_limits
 from attlog.flight.px4 import reader as px4
 from attlog.formats.base import ParamChange
 from tests.flight.fake import gravity, level, messages, micros

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from attlog import flight
+from attlog.base.limits import MAX_ATTITUDES
 from attlog.flight.ardupilot import events
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.builder import LogBuilder
+from attlog.flight.clock.record_time import clock_of
 from attlog.flight.mavlink.clock import unix_minus_boot
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader, sdlog2
-from attlog.flight.record_time import clock_of
 from attlog.formats.base import Damage
-from attlog.limits import MAX_ATTITUDES
 from tests.flight.fake import gravity, level, messages, micros
 
 N = 400

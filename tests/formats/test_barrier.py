@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from attlog import flight, formats
-from attlog.barrier import RAISE
-from attlog.errors import AttlogError
+from attlog.base.barrier import RAISE
+from attlog.base.errors import AttlogError
 from attlog.formats.barrier import CODE
 from attlog.formats.ulog import content, topic
 from tests.conftest import SAMPLES, corpus_logs

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.barrier import RAISE
+from attlog.base.barrier import RAISE
 from attlog.formats.barrier import CODE
 from attlog.formats.dataflash import tables, text
 from attlog.formats.mavlink import reader as mavlink

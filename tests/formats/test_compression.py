@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.errors import LogUnreadable, LogUnusable, NotALog
+from attlog.base.errors import LogUnreadable, LogUnusable, NotALog
 from attlog.formats import compression
 from attlog.formats.base import Messages
 from attlog.formats.verify import verify

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.errors import AttlogError, LogUnreadable, LogUnusable, NotALog
+from attlog.base.errors import AttlogError, LogUnreadable, LogUnusable, NotALog
 from tests.conftest import SAMPLES, corpus_logs
 
 FORMATS = {".ulg": "ulog", ".bin": "dataflash", ".tlog": "tlog", ".log": "dataflash_text", ".px4log": "px4log",

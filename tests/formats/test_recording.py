@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.errors import OutputError, UsageError
+from attlog.base.errors import OutputError, UsageError
 from attlog.formats import Layout, ParamChange, Recording, Text
 from attlog.formats.merge import ROWS_AT_ONCE, merged
 from attlog.formats.recording import fitted

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.errors import NotALog
+from attlog.base.errors import NotALog
 from attlog.formats import oracle
 from attlog.formats.registry import Format
 from attlog.formats.verify import verify

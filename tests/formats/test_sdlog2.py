@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
 from attlog.formats import sdlog2
 from tests.conftest import corpus_logs
 from tests.formats.dataflash.test_dataflash import differences, read_with_pymavlink

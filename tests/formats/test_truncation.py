@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.formats import Messages, ParamChange, Recording, Text
 from tests.conftest import SAMPLES
 

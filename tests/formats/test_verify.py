@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog.errors import NotALog
+from attlog.base.errors import NotALog
 from attlog.formats import oracle
 from attlog.formats.verify import verify
 from tests.conftest import SAMPLES, corpus_logs

@@ -174,7 +174,8 @@ def _attempt(trial: Trial, path: Path, folder: Path, out: io.TextIOBase) -> int:
 def _commanded(command: str, path: Path, output: Path) -> tuple[int, list[str]]:
     """Exit code, and the JSON texts of the results."""
     if command in ("analyze", "default"):
-        from attlog import analysis, errors
+        from attlog import analysis
+        from attlog.base import errors
 
         chosen = ["default"] if command == "default" else ["gyro", "mahony"]
         try:

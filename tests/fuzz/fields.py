@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import flight
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.formats.base import Messages, Table
 
 Column = NDArray[Any]

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog import analysis, flight, formats, rotation
-from attlog.errors import LogUnusable
+from attlog import analysis, flight, formats
+from attlog.base import rotation
+from attlog.base.errors import LogUnusable
 from attlog.flight.model import Attitude
 from attlog.formats.base import Messages
 from attlog.health import answerable, audit

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from attlog import flight, formats
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.flight import physics
 from attlog.flight.model import FlightLog, Stream
 from attlog.formats.base import Messages

@@ -9,7 +9,7 @@ import pytest
 
 import attlog
 from attlog import formats
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
 from attlog.flight.model import Problem
 from attlog.health.findings import ORDER
 from attlog.result import Result

@@ -11,14 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog import flight, reference, rotation, segments
-from attlog.errors import AttlogError
+from attlog import flight, reference, segments
+from attlog.base import rotation
+from attlog.base.errors import AttlogError
 from attlog.flight.model import FlightLog, Mag
 from attlog.health import answerable, audit
-from attlog.health.accelerometer import mounting_hint
 from attlog.health.model import Check
-from attlog.metrics import steps
+from attlog.health.sensors.accelerometer import mounting_hint
 from attlog.metrics.base import Case
+from attlog.metrics.steps import events as steps
 from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES, corpus_logs, corpus_root
 

@@ -7,10 +7,12 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from attlog import rotation, segments
+from attlog import segments
+from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Stream
-from attlog.health import acc_bias, interference, jumps, sources, vibration
 from attlog.health.model import Check
+from attlog.health.onboard import jumps, sources
+from attlog.health.sensors import acc_bias, interference, vibration
 from tests.health.test_health import good
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation
 from attlog.analysis import prepare
+from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog
 from attlog.health import questions
-from attlog.metrics import drift_rest
+from attlog.metrics.drift import drift_rest
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.segments.test_rest import still_log

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import Firmware, FlightLog
 from attlog.metrics.base import Case
 from attlog.reference.model import Errors, Reference, Row

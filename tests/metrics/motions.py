@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from attlog import rotation
-from attlog.metrics.turning import Turning
+from attlog.base import rotation
+from attlog.metrics.steps.turning import Turning
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog import estimators, metrics, read, reference, rotation, segments
-from attlog.metrics import drift_rest, lag, step_evidence, steps
+from attlog import estimators, metrics, read, reference, segments
+from attlog.base import rotation
+from attlog.metrics.drift import drift_rest
+from attlog.metrics.steps import events as steps
+from attlog.metrics.steps import evidence as step_evidence
+from attlog.metrics.steps import lag
 from tests.reference.test_corpus import MAG_FAULTS, ROWS
 
 pytestmark = pytest.mark.slow

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation
-from attlog.metrics import drift_rest
+from attlog.base import rotation
+from attlog.metrics.drift import drift_rest
 from tests.metrics.test_corpus import trial_of
 
 pytestmark = pytest.mark.slow

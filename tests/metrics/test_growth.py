@@ -9,10 +9,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.metrics import allan, bias, common_bias, drift_rest, step_curves, step_fit, step_groups, steps
-from attlog.reference import clock, gravity, scoring
+from attlog.metrics.drift import drift_rest
+from attlog.metrics.errors import bias
+from attlog.metrics.evidence import common_bias
+from attlog.metrics.noise import allan
+from attlog.metrics.steps import curves as step_curves
+from attlog.metrics.steps import events as steps
+from attlog.metrics.steps.fit import groups as step_groups
+from attlog.metrics.steps.fit import line as step_fit
+from attlog.reference import clock, scoring
+from attlog.reference.physics import gravity
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.metrics.motions import motion, sampled

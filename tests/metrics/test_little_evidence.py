@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.metrics import interval
+from attlog.metrics.statistics import intervals as interval
 
 
 @pytest.mark.parametrize("n", range(1, 12))

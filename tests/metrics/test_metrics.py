@@ -6,11 +6,12 @@ import re
 import numpy as np
 import pytest
 
-from attlog import metrics, rotation
+from attlog import metrics
+from attlog.base import rotation
 from attlog.flight.model import Imu, Stream
-from attlog.metrics import steps
 from attlog.metrics.answer import CODES
-from attlog.metrics.traces import traces
+from attlog.metrics.figures.traces import traces
+from attlog.metrics.steps import events as steps
 from attlog.plain import plain
 from attlog.segments.model import WINDOWS, Segment
 from tests.conftest import ROOT

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from attlog import rotation
-from attlog.metrics import compute, moderated, noise, rank
-from attlog.metrics.evidence import detrended, deviations
+from attlog.base import rotation
+from attlog.metrics import compute, rank
+from attlog.metrics.evidence.samples import detrended, deviations
+from attlog.metrics.noise import added as noise
+from attlog.metrics.statistics import moderated
 from tests.metrics.test_corpus import row_of, trial_of
 
 pytestmark = pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight.model import Stream
-from attlog.metrics.traces import onboard_bias
+from attlog.metrics.figures.traces import onboard_bias
 from tests.metrics import flights
 
 T = np.arange(0.0, 20.0, 0.01)

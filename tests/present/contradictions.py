@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from attlog.present.cards import shown_unranked
 from attlog.present.names import name_in_sentence
 from attlog.present.numbers import below, number, quantity
-from attlog.present.table import main_table
+from attlog.present.table.table import main_table
 from attlog.result import Answer, EstimatorRow, Result, Verdict
 from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT
 

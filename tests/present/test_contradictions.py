@@ -137,7 +137,7 @@ def test_a_bar_or_a_star_that_differs_from_the_table_is_found():
 @pytest.mark.parametrize("path", corpus_logs(), ids=lambda p: p.name)
 def test_no_log_in_hand_contradicts_itself(path):
     from attlog.analysis import evaluate, prepare
-    from attlog.errors import AttlogError
+    from attlog.base.errors import AttlogError
 
     try:
         found = evaluate(prepare(path))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from attlog.cli.terminal import wrong
+from attlog.cli.shared.terminal import wrong
 from attlog.present.problems import nothing_wrong, problems
 from attlog.result import Problem, Result
 

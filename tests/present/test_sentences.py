@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from attlog.metrics.common_bias import CommonBias
+from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.present.sentences import verdicts
 from attlog.result import Check, Result
 from tests.present.made import absent, drift, lag, merged, noise, result, row, sentence, step, tilt

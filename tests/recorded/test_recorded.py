@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog import recorded, rotation
-from attlog.errors import LogUnreadable, UsageError
+from attlog import recorded
+from attlog.base import rotation
+from attlog.base.errors import LogUnreadable, UsageError
 from attlog.flight.model import FlightLog
 from tests.reference.flights import attitude_at, flight
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation, segments
+from attlog import segments
+from attlog.base import rotation
 from attlog.estimators.base import Estimate
-from attlog.flight import parameters
 from attlog.flight.ardupilot import state
 from attlog.flight.inertial import low_pass_delay
 from attlog.flight.model import Attitude, Firmware, FlightLog, TimeLine
+from attlog.flight.parameters import history as parameters
 from attlog.flight.px4.state import DECLINATION
 from attlog.reference import Options, Reference, Row, choose, replayed
 from attlog.segments import Segments

@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from attlog import earth, rotation, segments
+from attlog import segments
+from attlog.base import earth, rotation
 from attlog.flight.model import Gnss, Mag, Stream
-from attlog.reference import Options, Reference, choose, declination, delay, floor, seen_deg
+from attlog.reference import Options, Reference, choose, declination, floor, seen_deg
+from attlog.reference.physics import delay
 
 from .flights import RATE, SECONDS, ardupilot, attitude_at, flight, sampled
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation, segments
-from attlog.errors import UsageError
+from attlog import segments
+from attlog.base import rotation
+from attlog.base.errors import UsageError
 from attlog.flight.model import Attitude, TimeLine
 from attlog.reference import Options, Reference, choose, heading_references
 from attlog.segments.model import Segment, Segments

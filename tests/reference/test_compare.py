@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.reference import compare
 from attlog.reference.model import Reference
 

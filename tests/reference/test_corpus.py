@@ -10,7 +10,7 @@ import pytest
 
 import attlog
 from attlog import segments
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.flight.model import FlightLog
 from attlog.reference import Options, Reference, choose, heading_references, onboard_rows, seen_deg
 from tests.conftest import corpus_logs, corpus_root

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from attlog import rotation, segments
+from attlog import segments
+from attlog.base import rotation
 from attlog.flight.model import Gnss, Mag, Stream
 from attlog.reference import Options, choose, heading_references
 from attlog.reference.model import HeadingReference, Reference

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation, segments
+from attlog import segments
+from attlog.base import rotation
 from attlog.estimators.base import Estimate
 from attlog.reference import Options, choose, clock, onboard_rows, replayed, trim
 from attlog.segments.model import Segment

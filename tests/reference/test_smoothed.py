@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog import replay, rotation, segments
-from attlog.errors import UsageError
+from attlog import replay, segments
+from attlog.base import rotation
+from attlog.base.errors import UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
 from attlog.health.findings import contradiction, findings

@@ -7,7 +7,7 @@ import pytest
 
 from attlog.flight.model import Problem
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.trace import Trace
+from attlog.metrics.figures.trace import Trace
 from attlog.present.sentences import verdicts
 from attlog.reference.model import AlignmentStep
 from attlog.result import Check, EstimatorRow, ParameterValue, ReferenceSummary, Result

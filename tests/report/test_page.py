@@ -11,7 +11,7 @@ import tomllib
 
 import pytest
 
-from attlog.errors import OutputError
+from attlog.base.errors import OutputError
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.page import render

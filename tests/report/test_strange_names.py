@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from attlog.compare import comparison_page
-from attlog.compare.grid import grid
-from attlog.compare.sweep import sweep
-from attlog.compare.sweep_page import sweep_page
+from attlog.compare.sweep.grid import grid
+from attlog.compare.sweep.page import sweep_page
+from attlog.compare.sweep.sweep import sweep
+from attlog.compare.tables import comparison_page
 from attlog.estimators import get
-from attlog.fleet.index_page import write_index
+from attlog.fleet.pages.index_page import write_index
 from attlog.report import write_report
 from tests.compare.flights import comparison
-from tests.compare.test_sweep import Made
+from tests.compare.sweep.test_sweep import Made
 from tests.fleet.made import failed, flown, reason
 from tests.report.browser import Visit
 from tests.report.conftest import make_result
@@ -125,7 +125,7 @@ def test_tables_saved_from_the_page_run_nothing(page: Visit) -> None:
 
 
 def test_the_script_quotes_cells_as_the_package_does(page: Visit, spreadsheet: Callable[[str], str]) -> None:
-    from attlog.spreadsheet import cell
+    from attlog.base.spreadsheet import cell
 
     for text in ("=1", "-1", "-1 -1", " @x", "a;=1", "a\r=2", "a\tb", "\t=1", "-5;=1", 'a"b', "two\nlines", "-", ""):
         assert spreadsheet(text) == '"' + cell(text).replace('"', '""') + '"'

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from attlog.errors import AttlogError
-from attlog.reproduce import lyu_runs
+from attlog.base.errors import AttlogError
+from attlog.reproduce.lyu import runs as lyu_runs
 from attlog.reproduce.paper import Options
 from attlog.reproduce.samples import samples
 from attlog.reproduce.seeds import each_seed

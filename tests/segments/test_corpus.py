@@ -10,7 +10,7 @@ import pytest
 
 import attlog
 from attlog import formats, segments
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.segments import resets, spans
 from tests.conftest import corpus_logs, corpus_root
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import gap
+from attlog.base import gap
 from attlog.segments import gaps
 
 

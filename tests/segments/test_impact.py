@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation, segments
+from attlog import segments
+from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments import impact
 from attlog.segments.flags import Phase

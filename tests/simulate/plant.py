@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog import rotation
-from attlog.simulate import controller
-from attlog.simulate.vehicle import ROTOR_SIGNS, ROTOR_TURNS, Vehicle
+from attlog.base import rotation
+from attlog.simulate.autopilot import controller
+from attlog.simulate.scenario.vehicle import ROTOR_SIGNS, ROTOR_TURNS, Vehicle
 
 Array = np.ndarray
 

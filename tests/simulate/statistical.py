@@ -14,7 +14,7 @@ from attlog.result import Result
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import recording
-from attlog.simulate.scenario import Scenario, build
+from attlog.simulate.scenario.scenario import Scenario, build
 
 Array = NDArray[np.float64]
 RATE = 200.0

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.autopilot import Measured
+from attlog.simulate.autopilot.autopilot import Measured
 from attlog.simulate.flight import Flight, ImuStream, Onboard
 from attlog.simulate.fly import fly
-from attlog.simulate.scenario import Scenario, build
+from attlog.simulate.scenario.scenario import Scenario, build
 from attlog.simulate.sensors.imu import ImuSensor
 from attlog.simulate.sensors.imu_kernel import RAW
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 import attlog
-from attlog import rotation
+from attlog.base import rotation
 from attlog.simulate.flight import Flight
-from attlog.simulate.streams import generator
+from attlog.simulate.physics.streams import generator
 from attlog.testing.motion import CONSUMER, FIELD_T, GRAVITY
 from tests.simulate.statistical import ACC_UG_RTHZ, GYRO_DPS_RTHZ, MAG_UT_RTHZ, RATE, still
 from tests.simulate.still import flown

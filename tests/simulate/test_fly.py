@@ -10,14 +10,14 @@ import pytest
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from attlog.errors import UsageError
-from attlog.simulate.environment import environment
+from attlog.base.errors import UsageError
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
-from attlog.simulate.place import Gust, Wind
-from attlog.simulate.scenario import Scenario, build, load
-from attlog.simulate.streams import generator
-from attlog.simulate.wind import share_at, wind_at
+from attlog.simulate.physics.environment import environment
+from attlog.simulate.physics.streams import generator
+from attlog.simulate.physics.wind import share_at, wind_at
+from attlog.simulate.scenario.place import Gust, Wind
+from attlog.simulate.scenario.scenario import Scenario, build, load
 from tests.simulate.still import PERFECT, flown, scenario
 
 

@@ -7,10 +7,10 @@ import functools
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
-from attlog.simulate.scenario import load, names
+from attlog.simulate.scenario.scenario import load, names
 
 WANTED = {
     "static", "lift-drop", "rotation", "hover", "steps", "initial-angle", "tracking", "waypoints", "yaw", "aggressive",

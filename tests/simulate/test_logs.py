@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from attlog import flight as flights
-from attlog import formats, rotation
+from attlog import formats
+from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.formats.verify import verify
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import recording, write
 from attlog.simulate.logs.records import START_US, every, held, micros, vibration
-from attlog.simulate.overrides import overridden
-from attlog.simulate.scenario import build, values_of
+from attlog.simulate.scenario.overrides import overridden
+from attlog.simulate.scenario.scenario import build, values_of
 
 SUFFIXES = (".ulg", ".bin", ".tlog")
 TWO = tuple(f"sensors.{kind}.1.rate_hz={hz}" for kind, hz in (("imu", 400), ("mag", 20), ("gnss", 10), ("baro", 10)))

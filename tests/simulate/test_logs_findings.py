@@ -9,8 +9,8 @@ import pytest
 from attlog.inspection import inspect
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import write
-from attlog.simulate.overrides import overridden
-from attlog.simulate.scenario import build, names, values_of
+from attlog.simulate.scenario.overrides import overridden
+from attlog.simulate.scenario.scenario import build, names, values_of
 
 SUFFIXES = (".ulg", ".bin", ".tlog")
 OF_TELEMETRY = {"rate", "truth_packet_times"}

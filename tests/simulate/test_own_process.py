@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog.errors import PluginError, PluginTimeout
+from attlog.base.errors import PluginError, PluginTimeout
 from attlog.estimators import parse
+from attlog.simulate.autopilot.pilot import make
 from attlog.simulate.fly import fly
-from attlog.simulate.pilot import make
 from tests.simulate.test_fly import everything, hop
 
 FILE = '''"""Gyro alone."""

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator, LogFacts
 from attlog.estimators.engine import expand, loop

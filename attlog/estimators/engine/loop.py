@@ -18,8 +18,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog import rotation
-from attlog.errors import AttlogError
+from attlog.base import rotation
+from attlog.base.errors import AttlogError
+from attlog.base.freed import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator
 from attlog.estimators.engine.events import events
@@ -29,7 +30,6 @@ from attlog.estimators.engine.samples import NEW, Samples, handed
 from attlog.estimators.engine.start import First, declination_rad, first, initial_state, realigned, to_true_north
 from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
 from attlog.estimators.plugin_errors import broken, plugin_errors
-from attlog.freed import give_back
 from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.obtain import by_numba, obtained
@@ -96,7 +96,7 @@ SIGNATURE = (
 EVENTS = ", i8[::1], i8[::1], f8[:, ::1]"
 SCRATCH = (("f8", (3,)), ("f8", (3,)))
 """Accelerometer and magnetometer vectors of a part of a step."""
-SOURCES = ("estimators", "kernels", "earth.py", "errors.py", "limits.py", "rotation.py")
+SOURCES = ("estimators", "kernels", "base/earth.py", "base/errors.py", "base/limits.py", "base/rotation.py")
 """Files below the package that say what a built-in filter's kernel does."""
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import PluginError
+from attlog.base.errors import PluginError
 from attlog.estimators.base import Estimate
 
 

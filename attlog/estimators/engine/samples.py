@@ -8,7 +8,7 @@ What happens to real input, once for all filters:
 - a missing, zero or impossible accelerometer or magnetometer vector reaches the step as
   a zero vector, which asks for no correction;
 - ``interval``: sample k acts over (t_{k-1}, t_k]; ``instant``: the mean of k-1 and k does;
-- a gap (:mod:`attlog.gap`) of up to 0.5 s is integrated across with the
+- a gap (:mod:`attlog.base.gap`) of up to 0.5 s is integrated across with the
   neighbours' mean rate; beyond, a new segment begins and ``segment`` counts up;
 - a magnetometer vector is worth 1.5 nominal periods, then it is missing;
 - a step that would turn by more than 1 rad is to be taken in parts.
@@ -23,12 +23,12 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog import gap
-from attlog.errors import UsageError
+from attlog.base import gap
+from attlog.base.errors import UsageError
+from attlog.base.freed import give_back
+from attlog.base.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
+from attlog.base.median import median
 from attlog.estimators.base import Array, VectorsAt
-from attlog.freed import give_back
-from attlog.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
-from attlog.median import median
 
 Sampling = Literal["interval", "instant"]
 D = TypeVar("D", bound=np.generic)

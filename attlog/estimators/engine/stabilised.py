@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.base import Array
 
 

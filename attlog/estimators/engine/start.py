@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog import rotation
-from attlog.errors import PluginError, UsageError
+from attlog.base import rotation
+from attlog.base.errors import PluginError, UsageError
 from attlog.estimators.base import Array, Estimator
 from attlog.estimators.engine.stabilised import stabilised
 from attlog.estimators.engine.vectors import GRAVITY

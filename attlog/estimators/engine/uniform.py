@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.estimators.base import Array
-from attlog.median import median
 
 JITTER = 0.05
 TYPICAL_FIELD_UT = 50.0

@@ -23,6 +23,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from attlog.base.freed import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.filters.navigation import attitude, passes, quality
@@ -30,7 +31,6 @@ from attlog.estimators.filters.navigation.layout import BG
 from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.options import PRIORS, SOFT
 from attlog.estimators.filters.navigation.settings import started
-from attlog.freed import give_back
 
 SOURCE = "Sola2017"
 NEEDS = {"gyro", "acc"}

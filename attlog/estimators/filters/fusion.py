@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.engine.start import first_seconds, start_attitude, turned_to_field
 from attlog.estimators.engine.uniform import typical_size
 from attlog.estimators.engine.vectors import GRAVITY
 from attlog.estimators.propagate import propagated
-from attlog.median import median
 
 SOURCE = "Madgwick2014 chapter 7; package imufusion"
 NEEDS = {"gyro", "acc"}

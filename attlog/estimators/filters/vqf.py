@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.engine.start import MOTION_S
 from attlog.estimators.engine.uniform import Uniform, typical_scale, uniform

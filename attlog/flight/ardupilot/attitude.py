@@ -12,11 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.builder import LogBuilder, columns, step_of
+from attlog.flight.clock.timing import Stamps
 from attlog.flight.model import Array, Attitude, covered_seconds
-from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages, Table
 
 YAW_RESET_EVENT = 62

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.flight.timing import Stamps, stamps_of
+from attlog.flight.clock.timing import Stamps, stamps_of
 from attlog.formats.base import Messages, Table
 
 

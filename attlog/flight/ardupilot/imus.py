@@ -10,13 +10,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from attlog.base.median import median
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import Stamps
 from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array
-from attlog.flight.timing import Stamps
 from attlog.formats.base import Messages, ParamChange, Table
-from attlog.median import median
 
 INCREMENTS_HZ = 100.0
 RAW_HZ = 400.0

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Stream
-from attlog.median import median
 
 MOTOR_FUNCTIONS = (*range(33, 41), *range(82, 86))
 """SERVOn_FUNCTION of motors 1 to 12."""

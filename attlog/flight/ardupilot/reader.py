@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.flight import inertial, magnetic, parameters
+from attlog.base.median import median
+from attlog.flight import inertial, magnetic
 from attlog.flight.ardupilot import attitude, imus, state, vehicle
 from attlog.flight.ardupilot.advice import Settings
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import Stamps, on_a_clock
 from attlog.flight.model import Firmware, FlightLog, Mag
-from attlog.flight.timing import Stamps, on_a_clock
+from attlog.flight.parameters import history as parameters
 from attlog.formats.base import Messages
-from attlog.median import median
 
 MILLIGAUSS = 1e-7
 """Tesla per milligauss, the unit of MAG records."""

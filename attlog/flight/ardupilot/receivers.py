@@ -8,9 +8,9 @@ from attlog.flight import receiver
 from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import stamps_of
+from attlog.flight.clock.utc import gps_time_us
 from attlog.flight.model import Array, Gnss
-from attlog.flight.timing import stamps_of
-from attlog.flight.utc import gps_time_us
 from attlog.formats.base import Table
 
 

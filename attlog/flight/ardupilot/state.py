@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.ardupilot import events, gyro_bias, phases, power, receivers, remedies, vehicle
 from attlog.flight.ardupilot.clock import Clock
@@ -14,7 +15,6 @@ from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Array, FlightLog, Imu, Stream
 from attlog.flight.px4.state import utc_offset
-from attlog.median import median
 
 DECLINATION = {"COMPASS_DEC": math.degrees(1.0)}
 """The parameter of the declination and its factor to degrees."""

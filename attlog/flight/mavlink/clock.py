@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.base.median import median
 from attlog.flight import physics
-from attlog.flight.timing import Stamps
+from attlog.flight.clock.timing import Stamps
 from attlog.formats.base import Messages, Table
 from attlog.formats.mavlink.reader import CLOCK_MESSAGES, STAMP
-from attlog.median import median
 
 UNIX_US = 10**15
 """A time_usec above this is Unix time (2001), not time since boot."""

@@ -11,19 +11,20 @@ from pathlib import Path
 
 import numpy as np
 
-from attlog import rotation
-from attlog.errors import LogUnusable, UsageError
-from attlog.flight import inertial, magnetic, parameters
+from attlog.base import rotation
+from attlog.base.errors import LogUnusable, UsageError
+from attlog.flight import inertial, magnetic
 from attlog.flight.ardupilot import state as ardupilot
 from attlog.flight.ardupilot.imus import cutoffs
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import on_a_clock, only_new
 from attlog.flight.inertial import low_pass_delay
 from attlog.flight.mavlink import state
 from attlog.flight.mavlink.advice import Settings
 from attlog.flight.mavlink.clock import PacketClock
 from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Mag
+from attlog.flight.parameters import history as parameters
 from attlog.flight.px4 import state as px4
-from attlog.flight.timing import on_a_clock, only_new
 from attlog.formats.base import Messages, Table
 
 ARDUPILOT, PX4 = 3, 12

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.inertial import longest_held
 from attlog.flight.model import Imu, Stream
 from attlog.flight.px4.imus import stamps
 from attlog.formats.base import Table
-from attlog.median import median
 
 TOPIC = "estimator_sensor_bias"
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import Stamps, stamps_of
 from attlog.flight.inertial import REFUSED_SHARE, Candidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array, Problem
 from attlog.flight.px4.calibration import calibrate
-from attlog.flight.timing import Stamps, stamps_of
 from attlog.formats.base import Table
-from attlog.median import median
 
 FAST_HZ = 100.0
 DECIMATED = 1.5

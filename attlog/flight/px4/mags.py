@@ -6,10 +6,10 @@ import numpy as np
 
 from attlog.flight import magnetic
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import only_new
 from attlog.flight.model import Mag
 from attlog.flight.px4.calibration import calibrate, priority, slot_of
 from attlog.flight.px4.imus import device, sample_stamps, stamps
-from attlog.flight.timing import only_new
 
 
 def magnetometers(builder: LogBuilder, values: dict[str, float]) -> list[Mag]:

@@ -10,15 +10,16 @@ from functools import partial
 
 import numpy as np
 
-from attlog.flight import inertial, magnetic, parameters
+from attlog.base.median import median
+from attlog.flight import inertial, magnetic
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import Stamps, on_a_clock
 from attlog.flight.model import Attitude, Firmware, FlightLog
+from attlog.flight.parameters import history as parameters
 from attlog.flight.px4 import imus, mags, state
 from attlog.flight.px4.advice import Settings
 from attlog.flight.px4.imus import sample_stamps, stamps
-from attlog.flight.timing import Stamps, on_a_clock
 from attlog.formats.base import Messages
-from attlog.median import median
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:

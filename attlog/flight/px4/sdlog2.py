@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog import rotation
-from attlog.flight import inertial, magnetic, parameters, physics, receiver
+from attlog.base import rotation
+from attlog.flight import inertial, magnetic, physics, receiver
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import Stamps, on_a_clock, only_new, stamps_of
 from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag, Stream
 from attlog.flight.modes import px4_mode
+from attlog.flight.parameters import history as parameters
 from attlog.flight.physics import Quantity
 from attlog.flight.px4.advice import Sdlog2Settings
 from attlog.flight.px4.state import ARMED, DECLINATION, utc_offset
-from attlog.flight.timing import Stamps, on_a_clock, only_new, stamps_of
 from attlog.flight.vehicle import named
 from attlog.formats.base import Messages, Table
 from attlog.formats.sdlog2 import TIME

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
+from attlog.base.median import median
 from attlog.flight import physics, receiver
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.clock.timing import only_new
 from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import px4_mode
 from attlog.flight.px4 import events, gyro_bias, remedies
 from attlog.flight.px4.imus import stamps
-from attlog.flight.timing import only_new
 from attlog.flight.vehicle import PX4_TYPES, named
 from attlog.formats.base import Messages, Table
-from attlog.median import median
 
 DECLINATION = {"EKF2_MAG_DECL": 1.0, "ATT_MAG_DECL": 1.0}
 """Parameters of the declination and their factor to degrees, those of the newer estimator first."""

@@ -9,11 +9,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.limits import LAST_TIME_US
 from attlog.formats.base import Messages, Offsets
 from attlog.formats.clock import Timeline, false_times, in_file_order
 from attlog.formats.dataflash.index import HEADER_LENGTH, Format, Index
 from attlog.formats.mapping import gather
-from attlog.limits import LAST_TIME_US
 
 
 def time_column(fmt: Format) -> tuple[str, int] | None:

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.limits import MAX_FORMATS
 from attlog.formats import compiled
 from attlog.formats.compiled import at_any_cost, if_cheap, kernel_of
 from attlog.formats.mapping import offset_type
-from attlog.limits import MAX_FORMATS
 
 WORTH_COMPILED = 32 << 20
 """Below this many bytes loading compiled code costs more than it saves (25 ms against 0.5 ms per MB)."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import repeat
 from math import isfinite
 
+from attlog.base.limits import LAST_TIME_US, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 from attlog.formats.base import Messages, ParamChange, Table, Text
 from attlog.formats.clock import Timeline, times_before
 from attlog.formats.mapping import text_of, texts_of
-from attlog.limits import LAST_TIME_US, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
 INFO = 6
 """Syslog severity of all texts; MSG records carry none."""

@@ -19,12 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.limits import MAX_FORMATS, MAX_LAYOUTS_OF_A_NAME
 from attlog.formats.base import Offsets
 from attlog.formats.dataflash import compiled
 from attlog.formats.dataflash.compiled import FMT_LENGTH, FMT_TYPE
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import gather, offset_type
-from attlog.limits import MAX_FORMATS, MAX_LAYOUTS_OF_A_NAME
 
 HEADER_LENGTH = 3
 STAMP_LENGTH = 8

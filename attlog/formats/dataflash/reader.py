@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
 from attlog.formats.barrier import Barrier
 from attlog.formats.base import Boot, Messages, Offsets, Remark
 from attlog.formats.clock import Timeline, boots_between, restarts

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.limits import MAX_INSTANCES
 from attlog.formats.barrier import unguarded
 from attlog.formats.base import Field, Guard, Offsets, Table
 from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index
 from attlog.formats.grouping import by_kind
 from attlog.formats.mapping import Records, gather
-from attlog.limits import MAX_INSTANCES
 
 Units = dict[int, tuple[str, Callable[[], tuple[str | None, ...]]]]
 """By layout its unit ids, and the unit text of every column when somebody asks."""

@@ -18,7 +18,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
+from attlog.base.limits import (
+    MAX_CELL_BYTES,
+    MAX_LETTERS,
+    MAX_NAME_LENGTH,
+    MAX_TEXT_FORMATS,
+    MAX_TEXT_LENGTH,
+    MAX_TEXTS,
+)
 from attlog.formats.barrier import Barrier
 from attlog.formats.base import Field, Guard, Messages, Remark, Table, Text
 from attlog.formats.clock import boots
@@ -28,14 +36,6 @@ from attlog.formats.dataflash.index import FMT_FORMAT, LETTER_DTYPES, Format, co
 from attlog.formats.dataflash.tables import by_instance_number, instance_column
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import map_bytes, text_of
-from attlog.limits import (
-    MAX_CELL_BYTES,
-    MAX_LETTERS,
-    MAX_NAME_LENGTH,
-    MAX_TEXT_FORMATS,
-    MAX_TEXT_LENGTH,
-    MAX_TEXTS,
-)
 
 _TEXT_LETTERS = "nNZMa"  # M is a mode name in text logs; arrays are printed in a form of their own
 # Every quantifier is possessive (it never gives back what it took), so that a line is judged in one pass over it.
@@ -49,7 +49,7 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     """The messages of a text log, columns split and converted on demand; ``data`` are its bytes if mapped already.
 
     ``info["banner"]`` holds the lines before the first FMT line. Numbers are int64
-    or float64 as printed, text is bytes, at most :data:`attlog.limits.MAX_CELL_BYTES`.
+    or float64 as printed, text is bytes, at most :data:`attlog.base.limits.MAX_CELL_BYTES`.
     Memory: the file once, 16 bytes per line, and the columns asked for. LogUnusable if
     there is no FMT line.
     """

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
+from attlog.base.output import write_atomic
 from attlog.formats.dataflash.compiled import FMT_TYPE
 from attlog.formats.dataflash.index import FMT_FORMAT, HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format
 from attlog.formats.dataflash.tables import instance_column
 from attlog.formats.merge import merged
 from attlog.formats.recording import Columns, Layout, Recording, fitted, only
-from attlog.output import write_atomic
 
 UNITS = {
     "-": "", "?": "UNKNOWN", "A": "A", "a": "Ah", "d": "deg", "b": "B", "B": "B/s", "k": "deg/s", "D": "deglatitude",

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.limits import MAX_SENDERS
 from attlog.formats.base import Offsets
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import gather, offset_type
 from attlog.formats.mavlink.compiled import compiled_packets, pays
 from attlog.formats.mavlink.crc import crc_of_padded_rows, crc_of_rows
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V1, V2
-from attlog.limits import MAX_SENDERS
 
 SIGNED = 0x01  # incompatibility flag of MAVLink 2: a signature of 13 bytes follows the checksum
 SIGNATURE_LENGTH = 13

@@ -18,7 +18,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
+from attlog.base.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 from attlog.formats.barrier import Barrier
 from attlog.formats.base import Boot, Field, Guard, Messages, Offsets, ParamChange, Remark, Table, Text
 from attlog.formats.clock import Timeline, boots, times_before
@@ -30,7 +31,6 @@ from attlog.formats.mavlink.compiled import PAYLOAD
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
 from attlog.formats.mavlink.dialect import STAMP, catalogue, layout
 from attlog.formats.mavlink.index import Packets, index_packets
-from attlog.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
 __all__ = ["CLOCK_MESSAGES", "STAMP", "parameter_values", "read", "systems_of", "vehicle_of"]
 

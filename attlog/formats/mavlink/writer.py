@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
+from attlog.base.output import write_atomic
 from attlog.formats.base import Text
 from attlog.formats.mavlink.crc import crc_of_rows
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V2
 from attlog.formats.mavlink.dialect import STAMP, catalogue, dialect, layout
 from attlog.formats.merge import merged, order_of
 from attlog.formats.recording import Columns, Key, Recording, fitted, only
-from attlog.output import write_atomic
 
 _HEADER = 10
 _TEXT_CHUNK = 50

@@ -10,12 +10,12 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.limits import MAX_TIME_JUMP_S
+from attlog.base.median import median
 from attlog.formats.base import Offsets
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes, identifier_at
 from attlog.formats.ulog.layout import Layout
-from attlog.limits import MAX_TIME_JUMP_S
-from attlog.median import median
 
 MAX_JUMP_US = MAX_TIME_JUMP_S * 1e6
 

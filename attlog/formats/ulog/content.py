@@ -8,9 +8,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
+from attlog.base.limits import MAX_DROPOUTS, MAX_INFO, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 from attlog.formats.base import ParamChange, Remark, Text
 from attlog.formats.ulog.records import info_value, keyed, parameter_value, text
-from attlog.limits import MAX_DROPOUTS, MAX_INFO, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 
 RUN = 1 << 16
 """Bytes of parameters looked at together."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from attlog.base.limits import MAX_FORMATS, MAX_REDEFINED, MAX_RESUBSCRIBED
 from attlog.formats.base import Remark
 from attlog.formats.ulog.layout import Formats, Layout
-from attlog.limits import MAX_FORMATS, MAX_REDEFINED, MAX_RESUBSCRIBED
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from attlog.base.limits import MAX_FIELDS, MAX_NESTING
 from attlog.formats.base import Field
-from attlog.limits import MAX_FIELDS, MAX_NESTING
 
 BASIC = {
     "int8_t": "<i1", "uint8_t": "<u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",

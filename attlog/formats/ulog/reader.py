@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from attlog.errors import LogUnusable, NotALog
+from attlog.base.errors import LogUnusable, NotALog
+from attlog.base.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
 from attlog.formats.barrier import Barrier
 from attlog.formats.base import Boot, Damage, Messages, Offsets, Remark, Table
 from attlog.formats.grouping import by_kind
@@ -32,7 +33,6 @@ from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Segments, Size
 from attlog.formats.ulog.layout import Layout
 from attlog.formats.ulog.records import FILE_HEADER, LARGEST_UNKNOWN, MAGIC, SYNC_MARK, text
 from attlog.formats.ulog.topic import Topic
-from attlog.limits import MAX_BOOTS, MAX_COLUMNS, MAX_DAMAGE, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
 
 __all__ = ["read"]
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.limits import MAX_LAYOUTS
 from attlog.formats.base import Field, Guard, Offsets, Table
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes
 from attlog.formats.ulog.layout import Layout
-from attlog.limits import MAX_LAYOUTS
 
 
 @dataclass(slots=True)

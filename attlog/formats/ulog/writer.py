@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
+from attlog.base.output import write_atomic
 from attlog.formats.base import ParamChange, Text
 from attlog.formats.merge import merged
 from attlog.formats.recording import Columns, Key, Recording, only
 from attlog.formats.ulog.layout import BASIC
 from attlog.formats.ulog.records import MAGIC
-from attlog.output import write_atomic
 
 _TYPES = {np.dtype(code): name for name, code in BASIC.items() if name != "bool"} | {np.dtype(bool): "bool"}
 _NAME = re.compile(r"[A-Za-z_]\w*")

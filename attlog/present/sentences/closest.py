@@ -5,7 +5,6 @@ from __future__ import annotations
 from attlog.present.contest import Contest, Judged, contest
 from attlog.present.names import AGREEMENT, against_whom
 from attlog.present.numbers import duration, listed
-from attlog.present.rows import AIR
 from attlog.present.sentences.reasons import cannot
 from attlog.present.sentences.words import (
     NAMED,
@@ -19,6 +18,7 @@ from attlog.present.sentences.words import (
     single,
     values,
 )
+from attlog.present.table.rows import AIR
 from attlog.present.text import typeset
 from attlog.result import Result, Verdict
 

@@ -10,9 +10,9 @@ from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
 from attlog.present.names import NOT_JUDGED, against_heading
 from attlog.present.numbers import below, duration, moment, quantity
 from attlog.present.numbers import counted as count
-from attlog.present.rows import AIR, REST
 from attlog.present.sentences.reasons import cannot, commonest, switch, untold, why_not
 from attlog.present.sentences.words import NAMED, bars, bound, counted, left_out, onboard_part, some, values
+from attlog.present.table.rows import AIR, REST
 from attlog.present.text import typeset
 from attlog.result import Result, Verdict
 

@@ -8,9 +8,9 @@ from attlog.present.contest import Contest, Judged, contest
 from attlog.present.names import against_whom
 from attlog.present.numbers import counted as count
 from attlog.present.numbers import listed, number, quantity
-from attlog.present.rows import AIR, is_baseline
 from attlog.present.sentences.reasons import cannot, untold, why_not
 from attlog.present.sentences.words import NAMED, bars, bound, counted, left_out, some, values
+from attlog.present.table.rows import AIR, is_baseline
 from attlog.result import Result, Verdict
 
 LAG = "lag_ms"

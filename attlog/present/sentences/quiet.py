@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from attlog.present.contest import Contest, contest
 from attlog.present.numbers import counted as count
-from attlog.present.rows import AIR, PHASES
 from attlog.present.sentences.closest import TILT
 from attlog.present.sentences.reasons import cannot, why_not
 from attlog.present.sentences.words import Words, bars, last, leading, left_out, onboard_part, some, values
+from attlog.present.table.rows import AIR, PHASES
 from attlog.result import Result, Verdict
 
 NOISE = "noise_tilt_deg"

@@ -7,8 +7,8 @@ from collections import Counter
 from attlog.present.contest import Absent, Contest, why_unranked
 from attlog.present.heading import TOO_UNCERTAIN
 from attlog.present.names import NOT_JUDGED, name_in_sentence
-from attlog.present.rows import is_baseline
 from attlog.present.sentences.words import counted, why_absent
+from attlog.present.table.rows import is_baseline
 from attlog.present.text import typeset
 from attlog.result import Result
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from attlog.present.contest import Contest, Judged, why_unranked
 from attlog.present.names import NOT_JUDGED, name_in_sentence
 from attlog.present.numbers import below, listed
-from attlog.present.rows import is_baseline
+from attlog.present.table.rows import is_baseline
 from attlog.present.text import typeset
 from attlog.result import EstimatorRow, Result
 

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.rotation import rotate_inverse, to_euler
 from attlog.flight.ardupilot.phases import ARMED, DISARMED, LANDED, NOT_LANDED
-from attlog.flight.utc import GPS_EPOCH_S, LEAP_SECONDS
+from attlog.flight.clock.utc import GPS_EPOCH_S, LEAP_SECONDS
 from attlog.formats import ParamChange, Recording, Text
 from attlog.formats.recording import Columns, Key
-from attlog.rotation import rotate_inverse, to_euler
-from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, GnssStream, ImuStream
 from attlog.simulate.logs.ardupilot_records import LAYOUTS, record
 from attlog.simulate.logs.records import (
@@ -35,6 +34,7 @@ from attlog.simulate.logs.records import (
     texts,
     vibration,
 )
+from attlog.simulate.physics.environment import geodetic
 
 Array = NDArray[np.float64]
 MODES = {"STABILIZE": 0, "ACRO": 1, "ALTCTL": 2, "ALT_HOLD": 2, "AUTO": 3, "MISSION": 3, "GUIDED": 4, "OFFBOARD": 4,

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base.rotation import rotate_inverse, to_euler
 from attlog.formats import Recording, Text
 from attlog.formats.mavlink.dialect import STAMP
 from attlog.formats.recording import Columns, Key
-from attlog.rotation import rotate_inverse, to_euler
-from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, ImuStream
 from attlog.simulate.logs.ardupilot import BANNER, held_numbers, parameters
 from attlog.simulate.logs.records import (
@@ -33,6 +32,7 @@ from attlog.simulate.logs.records import (
     texts,
     vibration,
 )
+from attlog.simulate.physics.environment import geodetic
 
 Array = NDArray[np.float64]
 SENDER = 1 * 256 + 1

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import __version__
+from attlog.base.rotation import to_euler
 from attlog.formats import Layout, Recording
 from attlog.formats.recording import Columns, Key
-from attlog.rotation import to_euler
-from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, ImuStream
 from attlog.simulate.logs.px4_parameters import ACCS, BAROS, GNSS_ID, GYROS, MAGS, OFFSETS, parameters
 from attlog.simulate.logs.px4_topics import topic
@@ -34,6 +33,7 @@ from attlog.simulate.logs.records import (
     texts,
     vibration,
 )
+from attlog.simulate.physics.environment import geodetic
 
 MODES = {"STABILIZE": 15, "ALTCTL": 1, "ALT_HOLD": 1, "POSCTL": 2, "LOITER": 2, "GUIDED": 14, "OFFBOARD": 14,
          "AUTO": 3, "MISSION": 3, "HOLD": 4, "RTL": 5, "ACRO": 10, "TAKEOFF": 17, "LAND": 18}  # fmt: skip

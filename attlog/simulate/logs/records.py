@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import __version__
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.formats import Text
 from attlog.simulate.flight import Flight, GnssStream, ImuStream
 

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.environment import LAPSE, SEA_KELVIN, height_of, pressure
 from attlog.simulate.flight import BaroStream, Truth
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.physics.environment import LAPSE, SEA_KELVIN, height_of, pressure
+from attlog.simulate.physics.streams import generator
+from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.base import SlowSensor, at
 from attlog.simulate.sensors.damage import damaged, silent
-from attlog.simulate.streams import generator
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.simulate.flight import Truth
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.physics.streams import generator
+from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.settings import Span
 from attlog.simulate.sensors.timing import instants, kept
-from attlog.simulate.streams import generator
 
 Array = NDArray[np.float64]
 

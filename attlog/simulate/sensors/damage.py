@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.simulate.fault import Fault
-from attlog.simulate.streams import generator
+from attlog.simulate.physics.streams import generator
 
 Array = NDArray[np.float64]
 

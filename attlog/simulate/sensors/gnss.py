@@ -7,14 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
-from attlog.simulate.autopilot import Fix
-from attlog.simulate.environment import geodetic
+from attlog.base import rotation
+from attlog.simulate.autopilot.autopilot import Fix
 from attlog.simulate.flight import GnssStream, Truth
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.physics.environment import geodetic
+from attlog.simulate.physics.streams import generator
+from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.base import SlowSensor, at, attitude_at
 from attlog.simulate.sensors.damage import damaged, silent
-from attlog.simulate.streams import generator
 
 Array = NDArray[np.float64]
 STILL_UNKNOWN = 99.0

@@ -7,15 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.simulate.flight import ImuStream
-from attlog.simulate.kernel import function_of, kernel_of
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.physics.kernel import function_of, kernel_of
+from attlog.simulate.physics.streams import generator
+from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.damage import damaged, silent
 from attlog.simulate.sensors.imu_kernel import OUT, SIGNATURE, STATE, imu_samples
 from attlog.simulate.sensors.settings import Imu
 from attlog.simulate.sensors.timing import instants, kept
-from attlog.simulate.streams import generator
 
 Array = NDArray[np.float64]
 G = 9.80665

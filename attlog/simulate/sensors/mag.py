@@ -7,13 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.simulate.flight import MagStream, Truth
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.physics.streams import generator
+from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.base import SlowSensor, at, attitude_at
 from attlog.simulate.sensors.damage import damaged, silent
 from attlog.simulate.sensors.power import current
-from attlog.simulate.streams import generator
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.simulate.flight import Battery, Rpm, Truth
-from attlog.simulate.scenario import Scenario
+from attlog.simulate.physics.streams import generator
+from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.base import at
 from attlog.simulate.sensors.timing import instants
-from attlog.simulate.streams import generator
 
 Array = NDArray[np.float64]
 

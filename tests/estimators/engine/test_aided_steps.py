@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import rotation
-from attlog.errors import PluginError
+from attlog.base import rotation
+from attlog.base.errors import PluginError
 from attlog.estimators import Aids, Measured, get
 from attlog.estimators.engine.batch import estimate_batch, kernel
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import rotation
-from attlog.errors import UsageError
+from attlog.base import rotation
+from attlog.base.errors import UsageError
 from attlog.estimators import base, get
 from attlog.estimators.engine.batch import estimate_batch, kernel
 from attlog.estimators.registry import BUILT_IN

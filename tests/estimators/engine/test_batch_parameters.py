@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import get
 from attlog.estimators.base import Parameter
 from attlog.estimators.engine.batch import estimate_batch

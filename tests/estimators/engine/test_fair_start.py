@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import estimate, get
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.engine.stabilised import stabilised

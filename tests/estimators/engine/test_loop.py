@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import rotation
-from attlog.errors import UsageError
+from attlog.base import rotation
+from attlog.base.errors import UsageError
 from attlog.estimators import place
 
 RATE = 250.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import estimate, place
 
 

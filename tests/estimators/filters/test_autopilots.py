@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from attlog import analysis, rotation
+from attlog import analysis
+from attlog.base import rotation
 from attlog.config import Config
 from attlog.estimators import Aids, LogFacts, LogInfo, Measured, estimate, get
 from attlog.replay import run_rows

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import estimate
 from tests.conftest import corpus_root
 

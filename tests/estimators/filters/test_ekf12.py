@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import estimate, get
 from attlog.estimators.filters import ekf12
 from attlog.kernels.cache import compiled

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import rotation
+from attlog.base import rotation
 
 G = 9.80665
 FIELD = np.array([20.0, 0.0, 40.0])

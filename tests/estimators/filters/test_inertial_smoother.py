@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import estimate
 from attlog.estimators.filters.inertial import backward, layout
 from attlog.estimators.filters.inertial.layout import N

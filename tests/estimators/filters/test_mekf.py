@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import estimate, get
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial import compass, layout, start

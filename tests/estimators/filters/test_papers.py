@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import estimate
 from attlog.testing import Motion, Noise, flight, motion, still, swing
 from attlog.testing.subject import heading_deg, total_deg

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import Row, estimate, get
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.filters import ukf

@@ -12,9 +12,9 @@ from pymavlink import DFReader, mavutil
 
 from attlog import flight
 from attlog.flight.ardupilot import reader
+from attlog.flight.clock.utc import gps_time_us
 from attlog.flight.model import FlightLog
 from attlog.flight.modes import ARDUPILOT_MODES
-from attlog.flight.utc import gps_time_us
 from attlog.formats.base import ParamChange, Text
 from tests.flight.fake import gravity, messages, micros
 

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog import flight, formats, rotation
-from attlog.errors import LogUnusable, UsageError
+from attlog import flight, formats
+from attlog.base import rotation
+from attlog.base.errors import LogUnusable, UsageError
 from attlog.flight.mavlink import reader
 from attlog.flight.mavlink.clock import rising
 from attlog.flight.model import FlightLog

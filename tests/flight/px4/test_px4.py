@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
 from attlog.flight.px4.calibration import calibrate

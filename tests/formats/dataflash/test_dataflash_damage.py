@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.errors import LogUnreadable, LogUnusable
+from attlog.base.errors import LogUnreadable, LogUnusable
 from attlog.formats import Recording
 from attlog.formats.dataflash import reader
 from attlog.formats.dataflash.compiled import FMT_LENGTH

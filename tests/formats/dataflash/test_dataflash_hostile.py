@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
+from attlog.base.limits import MAX_INSTANCES, MAX_LAYOUTS_OF_A_NAME, MAX_TEXT_FORMATS
 from attlog.formats import sdlog2
 from attlog.formats.dataflash import reader, text
-from attlog.limits import MAX_INSTANCES, MAX_LAYOUTS_OF_A_NAME, MAX_TEXT_FORMATS
 
 
 def fmt(kind: int, length: int, name: bytes, letters: bytes, columns: bytes) -> bytes:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
 from attlog.formats.dataflash import text
 from attlog.formats.mapping import text_of
 from tests.conftest import corpus_logs

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from attlog import formats
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.formats import Layout, ParamChange, Recording, Text
 from attlog.formats.dataflash import reader
 from tests.formats.dataflash.test_dataflash import differences, read_with_pymavlink

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from attlog.errors import LogUnusable
+from attlog.base.errors import LogUnusable
+from attlog.base.limits import MAX_SENDERS
 from attlog.formats.mavlink import reader
 from attlog.formats.mavlink.dialect import catalogue
 from attlog.formats.mavlink.index import index_packets
-from attlog.limits import MAX_SENDERS
 from tests.formats.damage import KINDS, damage
 
 START = 1_700_000_000_000_000

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from attlog import formats
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
 from attlog.formats import Recording
 from attlog.formats.mavlink import reader
 from attlog.formats.mavlink.crc import crc_of_rows

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pyulog import ULog
 
-from attlog.errors import LogUnusable, NotALog
+from attlog.base.errors import LogUnusable, NotALog
 from attlog.formats import Messages
 from attlog.formats.ulog import reader
 from attlog.formats.ulog.index import NumbaChain, NumpyChain

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from attlog import formats
+from attlog.base.limits import MAX_BOOTS, MAX_COLUMNS, MAX_FORMATS, MAX_INFO, MAX_LAYOUTS, MAX_RESUBSCRIBED
 from attlog.flight import remarks
 from attlog.formats import Messages
 from attlog.formats.ulog import reader
-from attlog.limits import MAX_BOOTS, MAX_COLUMNS, MAX_FORMATS, MAX_INFO, MAX_LAYOUTS, MAX_RESUBSCRIBED
 from tests.formats.ulog import crafted
 from tests.formats.ulog.crafted import BUILDERS, PLAIN, STAMP, data, form, log, one, record, subscribe
 

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from attlog import formats
-from attlog.errors import AttlogError
+from attlog.base.errors import AttlogError
 from attlog.formats import Messages
 from attlog.formats.ulog import reader
 from tests.conftest import SAMPLES

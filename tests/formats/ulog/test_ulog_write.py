@@ -12,10 +12,10 @@ from hypothesis.extra import numpy as hnp
 from pyulog import ULog
 
 from attlog import formats
-from attlog.errors import UsageError
+from attlog.base.errors import UsageError
+from attlog.base.limits import MAX_TEXT_LENGTH
 from attlog.formats import ParamChange, Recording, Text
 from attlog.formats.ulog import reader
-from attlog.limits import MAX_TEXT_LENGTH
 
 NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,12}", fullmatch=True)
 KINDS = ["<i1", "<u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f4", "<f8"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from attlog import earth
+from attlog.base import earth
 from attlog.simulate.flight import Flight, Truth
 from attlog.simulate.fly import fly
 from attlog.simulate.sensors.baro import BaroSensor
@@ -135,7 +135,7 @@ def test_no_fix_during_an_outage_and_before_the_first_one() -> None:
 
 def test_positions_lie_on_the_ellipsoid() -> None:
     """One degree of latitude and of longitude at 47.397 deg by the radii of curvature (WGS 84)."""
-    from attlog.simulate.environment import geodetic
+    from attlog.simulate.physics.environment import geodetic
 
     one = scenario()
     a, e2, phi = 6378137.0, 0.00669437999014, math.radians(47.397)

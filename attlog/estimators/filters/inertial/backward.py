@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.base import Array, Estimate
 from attlog.estimators.engine.loop import SOURCES
 from attlog.estimators.filters import mekf

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.ahead import RING
 from attlog.estimators.filters.navigation.kernels import run_ahead

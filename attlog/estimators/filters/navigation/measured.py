@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import earth
+from attlog.base import earth
+from attlog.base.median import median
 from attlog.estimators.aids import Aids, Measured
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.settings import BARO_BLOCK_S, MAG_BLOCK_S
-from attlog.median import median
 
 GRAVITY = 9.80665
 TYPICAL_FIELD_G = 0.5

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from attlog.base.median import median
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.layout import (
     BA,
@@ -29,7 +30,6 @@ from attlog.estimators.filters.navigation.measured import Inputs, Running
 from attlog.estimators.filters.navigation.schedule import rest_times
 from attlog.estimators.filters.navigation.settings import LEAST_R, REST_MEAN_S, Prior, Tuned
 from attlog.estimators.filters.navigation.solve import Pass
-from attlog.median import median
 
 MEDIAN_OF_SQUARE = 0.4549
 """Median of the square of a standard normal variable."""

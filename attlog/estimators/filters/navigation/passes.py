@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation import delay, noise
 from attlog.estimators.filters.navigation.attitude import smoothed_nodes

@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.kernels import run_chain
 from attlog.estimators.filters.navigation.layout import (

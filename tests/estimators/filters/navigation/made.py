@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators import Aids, Measured
 from attlog.testing.motion import FIELD_T, Array, Motion, Noise, motion
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.filters.navigation import solve
 from attlog.estimators.filters.navigation.kernels import run_forward
 from attlog.estimators.filters.navigation.layout import N

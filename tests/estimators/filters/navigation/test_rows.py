@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.estimators.filters.navigation.backward import back_through_updates
 from attlog.estimators.filters.navigation.forward import carry, shrink
 from attlog.estimators.filters.navigation.layout import (

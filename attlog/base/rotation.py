@@ -1,0 +1,298 @@
+"""Quaternions, Euler angles and attitude errors on whole arrays.
+
+Conventions everywhere in attlog: scalar first, Hamilton product, ``q`` turns body
+(FRD) vectors into earth (NED) vectors, Euler angles are roll, pitch, yaw in the
+order z-y-x. Arrays are (..., 4) and (..., 3); all functions broadcast. Angles
+come from ``atan2`` of the vector part, never from ``acos`` of the scalar part: in
+float32 the latter turns rounding into 0.06 deg.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any, ParamSpec, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+P = ParamSpec("P")
+
+BLOCK = 4096
+"""Rows per pass: what is made on the way stays in the processor's cache, and costs a long log no memory."""
+
+
+def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]]:
+    """A function of rows whose answer has this shape for each, worked through in blocks where there are many rows."""
+
+    def of(function: Callable[P, Array]) -> Callable[P, Array]:
+        @functools.wraps(function)
+        def blocked(*args: P.args, **named: P.kwargs) -> Array:
+            given: tuple[Any, ...] = args
+            n = max([len(x) for x in given if isinstance(x, np.ndarray) and x.ndim == 2], default=0)
+            if n <= BLOCK or named or any(np.ndim(x) > 2 or (np.ndim(x) == 2 and len(x) != n) for x in given):
+                return function(*args, **named)
+            out, rows = np.empty((n, *shape)), cast(Callable[..., Array], function)
+            for a in range(0, n, BLOCK):
+                out[a : a + BLOCK] = rows(*(x[a : a + BLOCK] if np.ndim(x) == 2 else x for x in given))
+            return out
+
+        return blocked
+
+    return of
+
+
+@_by_blocks(4)
+def normalize(q: ArrayLike) -> Array:
+    """Unit quaternions (..., 4); one of zero length, or of one beyond any number, becomes NaN."""
+    q = np.asarray(q, np.float64)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        norm = np.asarray(length(q))
+        return np.asarray(q / np.where((norm > 0) & (norm < np.inf), norm, np.nan)[..., None])
+
+
+def finite(x: Array) -> NDArray[np.bool_]:
+    """Which rows (n,) of quaternions or vectors (n, k) hold finite numbers alone; many times faster than ``all``.
+
+    Mostly all do: then the sum of all is finite too. (Not their product with themselves: for that long arrays go to
+    several threads, which wait for each other on a busy machine.)
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        if np.isfinite(x.sum()):
+            return np.ones(len(x), bool)
+        return np.isfinite(x @ np.ones(x.shape[-1]))
+
+
+def length(x: Array) -> Array:
+    """Lengths (...) of (..., k): column by column, because numpy sums a short last axis many times slower."""
+    square = x[..., 0] * x[..., 0]
+    for k in range(1, x.shape[-1]):
+        square = square + x[..., k] * x[..., k]
+    return np.asarray(np.sqrt(square))
+
+
+def conjugate(q: ArrayLike) -> Array:
+    """The inverse rotation of unit quaternions (..., 4)."""
+    inverse: Array = np.asarray(q, np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
+
+
+@_by_blocks(4)
+def multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """Hamilton product a (x) b: first b, then a."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    a0, a1, a2, a3 = (a[..., k] for k in range(4))
+    b0, b1, b2, b3 = (b[..., k] for k in range(4))
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
+    out[..., 1] = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
+    out[..., 2] = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
+    out[..., 3] = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
+    return out
+
+
+@_by_blocks(3)
+def rotate(q: ArrayLike, v: ArrayLike) -> Array:
+    """Vectors v (..., 3) turned by q: body to earth."""
+    q = np.asarray(q, np.float64)
+    v = np.asarray(v, np.float64)
+    w, x, y, z = (q[..., k] for k in range(4))
+    vx, vy, vz = (v[..., k] for k in range(3))
+    tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
+    out = np.empty((*np.broadcast_shapes(q.shape[:-1], v.shape[:-1]), 3))
+    out[..., 0] = vx + w * tx + (y * tz - z * ty)
+    out[..., 1] = vy + w * ty + (z * tx - x * tz)
+    out[..., 2] = vz + w * tz + (x * ty - y * tx)
+    return out
+
+
+def rotate_inverse(q: ArrayLike, v: ArrayLike) -> Array:
+    """Vectors v (..., 3) turned back by q: earth to body."""
+    return rotate(conjugate(q), v)
+
+
+@_by_blocks(4)
+def from_rotvec(v: ArrayLike) -> Array:
+    """Quaternion of a rotation vector (..., 3) in rad."""
+    v = np.asarray(v, np.float64)
+    half = 0.5 * length(v)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = np.where(half > 1e-9, 0.5 * np.sin(half) / half, 0.5)
+    out = np.empty((*v.shape[:-1], 4))
+    out[..., 0] = np.cos(half)
+    out[..., 1:] = factor[..., None] * v
+    return out
+
+
+@_by_blocks(3)
+def to_rotvec(q: ArrayLike) -> Array:
+    """Rotation vector (..., 3) in rad, length 0 to pi."""
+    q = np.asarray(q, np.float64)
+    w, s = q[..., 0], length(q[..., 1:])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = np.where(s > 1e-12, 2.0 * np.arctan2(s, np.abs(w)) / s, 2.0)
+    return np.asarray(np.where(w < 0, -factor, factor)[..., None] * q[..., 1:])
+
+
+def increments(q: Array) -> Array:
+    """Rotation vectors (n - 1, 3) in rad of ``q_i^* q_(i+1)``: what attitudes (n, 4) turn from sample to sample."""
+    return turns(q[:-1], q[1:])
+
+
+def turns(before: Array, after: Array) -> Array:
+    """Rotation vectors (n, 3) in rad of ``before^* after`` of attitudes (n, 4) each."""
+    out = np.empty((len(before), 3))
+    for a in range(0, len(out), BLOCK):
+        (w, x, y, z), (e, f, g, h) = before[a : a + BLOCK].T, after[a : a + BLOCK].T
+        turn = np.empty((3, len(w)))
+        turn[0] = w * f - x * e - y * h + z * g
+        turn[1] = w * g + x * h - y * e - z * f
+        turn[2] = w * h - x * g + y * f - z * e
+        cosine, sine = w * e + x * f + y * g + z * h, np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+        factor = np.full(len(w), 2.0)
+        np.divide(2.0 * np.arctan2(sine, np.abs(cosine)), sine, out=factor, where=sine > 1e-12)
+        out[a : a + BLOCK] = (turn * np.where(cosine < 0, -factor, factor)).T
+    return out
+
+
+def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
+    """Quaternions (..., 4) of roll, pitch, yaw in rad (order z-y-x)."""
+    r, p, y = (0.5 * np.asarray(x, np.float64) for x in (roll, pitch, yaw))
+    cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+@_by_blocks(3)
+def to_euler(q: ArrayLike) -> Array:
+    """Roll, pitch, yaw (..., 3) in rad; yaw in (-pi, pi]."""
+    q = np.asarray(q, np.float64)
+    w, x, y, z = (q[..., k] for k in range(4))
+    out = np.empty((*q.shape[:-1], 3))
+    out[..., 0] = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    out[..., 1] = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    out[..., 2] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return out
+
+
+@_by_blocks(3, 3)
+def to_matrix(q: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3), body to earth."""
+    q = np.asarray(q, np.float64)
+    w, x, y, z = (q[..., k] for k in range(4))
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    out = np.empty((*q.shape[:-1], 3, 3))
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
+    return out
+
+
+def slerp(t: ArrayLike, q: ArrayLike, at: ArrayLike) -> Array:
+    """Attitudes interpolated at times ``at`` along the shortest arc; NaN outside ``t``.
+
+    ``t`` (n,) ascending, ``q`` (n, 4). The caller decides whether interpolating
+    across a gap is honest.
+    """
+    return interpolated(t, q, None, at)[0]
+
+
+def interpolated(
+    t: ArrayLike, q: ArrayLike, segment: NDArray[np.int64] | None, at: ArrayLike
+) -> tuple[Array, NDArray[np.int64]]:
+    """:func:`slerp` that never crosses from one ``segment`` (n,) to the next, and the sample (m,) before each time.
+
+    NaN and -1 where that is not to be had.
+    """
+    from attlog.base.rotation_loops import INTERPOLATED, interpolated_at_once
+    from attlog.base.rotation_loops import interpolated as loop
+    from attlog.kernels.loops import function_of
+
+    t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
+    at = np.ascontiguousarray(np.atleast_1d(at), np.float64)
+    own = np.zeros(len(t), np.int64) if segment is None else np.ascontiguousarray(segment, np.int64)
+    out, where = np.empty((len(at), 4)), np.empty(len(at), np.int64)
+    function_of(INTERPOLATED, loop, interpolated_at_once)(out, where, t, q, own, at)
+    return out, where
+
+
+def mean(q: ArrayLike) -> Array:
+    """The mean attitude (4,) of (n, 4): largest eigenvector of sum q q^T (Markley et al. 2007).
+
+    Rows with NaN and of zero length do not count; NaN where none is left.
+    """
+    q = np.asarray(q, np.float64).reshape(-1, 4)
+    return np.asarray(means(q, np.array([0, len(q)]))[0])
+
+
+def means(q: Array, edges: NDArray[np.int64]) -> Array:
+    """The mean attitudes (k, 4) of the groups of (n, 4) between ``edges`` (k + 1,), each as :func:`mean`."""
+    q = normalize(q)
+    good = finite(q)
+    if not good.all():
+        edges = np.concatenate([[0], np.cumsum(good)])[edges]
+        q = q[good]
+    groups = [q[a:b] for a, b in pairwise(edges.tolist())]
+    _, vectors = np.linalg.eigh(np.array([group.T @ group for group in groups]))
+    best = np.where(vectors[:, :1, -1] < 0, -vectors[:, :, -1], vectors[:, :, -1])
+    return np.where((np.diff(edges) > 0)[:, None], best, np.nan)
+
+
+def error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
+    """e = q_est (x) conj(q_ref): the error seen in earth axes (``docs/metrics.md``)."""
+    return multiply(q_est, conjugate(q_ref))
+
+
+def total_angle(e: ArrayLike) -> Array:
+    """Total error in rad, 0 to pi: 2 atan2(|e_vec|, |e0|)."""
+    e = np.asarray(e, np.float64)
+    angle: Array = 2.0 * np.arctan2(length(e[..., 1:]), np.abs(e[..., 0]))
+    return angle
+
+
+def heading_angle(e: ArrayLike) -> Array:
+    """Heading error in rad, -pi to pi: 2 atan2(e3, e0), wrapped."""
+    e = np.asarray(e, np.float64)
+    return wrap(2.0 * np.arctan2(e[..., 3], e[..., 0]))
+
+
+def inclination_angle(e: ArrayLike) -> Array:
+    """Tilt error in rad, 0 to pi: 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
+    e = np.asarray(e, np.float64)
+    angle: Array = 2.0 * np.arctan2(length(e[..., 1:3]), length(e[..., ::3]))
+    return angle
+
+
+def wrap(angle: ArrayLike) -> Array:
+    """Angles in rad wrapped to [-pi, pi)."""
+    return (np.asarray(angle, np.float64) + np.pi) % (2 * np.pi) - np.pi
+
+
+def unwrap(angle: Array, period: float = 2 * np.pi) -> Array:
+    """:func:`numpy.unwrap` of angles (n,), in a fraction of its time where nothing jumps, as mostly."""
+    return angle.copy() if (np.abs(np.diff(angle)) < 0.5 * period).all() else np.unwrap(angle, period=period)
+
+
+def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
+    """Attitudes turned by ``angle`` rad about the earth's down axis (adds to the heading)."""
+    q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)
+    out = np.empty((*np.broadcast_shapes(q.shape[:-1], half.shape), 4))
+    if q.ndim == 2 and len(q) > BLOCK and half.shape in ((), (len(q),)):
+        for a in range(0, len(q), BLOCK):
+            part = half[a : a + BLOCK] if half.ndim else half
+            out[a : a + BLOCK] = turn_about_down(q[a : a + BLOCK], 2.0 * part)
+        return out
+    cosine, sine = np.cos(half), np.sin(half)
+    w, x, y, z = (q[..., k] for k in range(4))
+    out[..., 0], out[..., 1] = cosine * w - sine * z, cosine * x - sine * y
+    out[..., 2], out[..., 3] = cosine * y + sine * x, cosine * z + sine * w
+    return out

@@ -1,0 +1,130 @@
+"""``attlog extract``: messages, SI streams or estimates to CSV or Parquet."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from attlog.base.errors import LogUnusable, UsageError
+from attlog.cli.shared import completion
+from attlog.cli.shared.common import Boot, Log, NoColor, Quiet, System, finite, one_log, to_stderr, to_stdout
+from attlog.cli.shared.options import FilterTimeout
+
+if TYPE_CHECKING:
+    from attlog.extraction import Extract
+    from attlog.flight.model import FlightLog
+
+KINDS = ("csv", "parquet")
+
+
+def command(
+    log: Log,
+    messages: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[MESSAGE[.N]]...",
+            show_default=False,
+            autocompletion=completion.messages,
+            help="Messages by name, in any case; MAG.0 or MAG[0] is one instance. [default: all]",
+        ),
+    ] = None,
+    streams: Annotated[
+        bool, typer.Option("--streams", help="SI streams (imu0, mag0, attitude_...) instead of messages.")
+    ] = False,
+    estimates: Annotated[
+        str | None,
+        typer.Option(
+            "--estimates",
+            metavar="LIST",
+            autocompletion=completion.rows,
+            help="Attitudes of re-run estimators: mahony@xu-0.6,gyro",
+        ),
+    ] = None,
+    start: Annotated[
+        float | None,
+        typer.Option(
+            "--from", metavar="T", callback=finite, help="From this time on (s, 0 = first IMU sample). [default: all]"
+        ),
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="T", callback=finite, help="Up to this time (s). [default: all]")
+    ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option("--format", metavar="csv|parquet", help="File format. [default: by the suffix of -o, else csv]"),
+    ] = None,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH|-",
+            help="Folder, a file (.csv, .parquet) for one table, - for standard output.",
+        ),
+    ] = Path("extract"),
+    boot: Boot = None,
+    system: System = None,
+    filter_timeout: FilterTimeout = None,
+    no_color: NoColor = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write data of LOG to files for pandas and PlotJuggler: first column time_s, units in names or metadata."""
+    kind = _kind(kind, output)
+    if messages and (streams or estimates):
+        raise UsageError("name messages, or use --streams / --estimates, not both")
+    if start is not None and end is not None and start > end:
+        raise UsageError(f"--from {start:g} is after --to {end:g}")
+    log = one_log(log)
+    from attlog import extraction
+    from attlog.flight import read
+
+    flight = read(log, boot=boot, system=system)
+    whole = _tables(flight, messages or [], streams, estimates, system)
+    if not whole:
+        raise LogUnusable(f"{log}: nothing to extract")
+    tables = [table.between(start, end) for table in whole]
+    for table, cut in zip(whole, tables, strict=True):
+        if not len(cut) and not quiet:
+            to_stderr(f"attlog: {table.name}: no row {_why_empty(table, start, end)}")
+    if str(output) == "-":
+        extraction.write_stream(tables, flight, sys.stdout.buffer, kind)
+        return
+    written = extraction.write(tables, flight, output, kind)
+    if not quiet:
+        for path, table in zip(written, tables, strict=True):
+            to_stdout(f"{path}: {len(table)} rows, {len(table.columns)} columns")
+
+
+def _tables(
+    flight: FlightLog, messages: list[str], streams: bool, estimates: str | None, system: int | None
+) -> list[Extract]:
+    from attlog import extraction
+
+    if not estimates:
+        return list(extraction.streams(flight) if streams else extraction.messages(flight, messages, system))
+    from attlog.estimators import items
+
+    tables = list(extraction.estimates(flight, items(estimates)))
+    return tables + (list(extraction.streams(flight)) if streams else [])
+
+
+def _kind(asked: str | None, output: Path) -> str:
+    """The format that is asked for or that the file's name says. UsageError where the two differ."""
+    if asked is not None and asked not in KINDS:
+        raise UsageError(f"--format {asked}: use csv or parquet")
+    named = output.suffix.removeprefix(".").lower()
+    if named in KINDS and asked is not None and asked != named:
+        raise UsageError(f"-o {output} is the name of a {named} file and --format asks for {asked}")
+    return asked or (named if named in KINDS else "csv")
+
+
+def _why_empty(table: Extract, start: float | None, end: float | None) -> str:
+    """Why a table has no row: the log's, or the range's with the times that there are."""
+    if not len(table) or "time_s" not in table.columns:
+        return "in the log"
+    t = table.columns["time_s"]
+    asked = " ".join(f"{word} {x:g} s" for word, x in (("from", start), ("to", end)) if x is not None)
+    return f"{asked}: its times are {t.min():.1f} to {t.max():.1f} s"

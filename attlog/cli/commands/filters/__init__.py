@@ -1,0 +1,1 @@
+"""Commands about filters: list them, write one, check one."""

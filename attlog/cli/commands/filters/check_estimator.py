@@ -1,0 +1,46 @@
+"""``attlog check-estimator``: does a filter keep the contract?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from attlog.cli.shared import completion, options
+from attlog.cli.shared.common import NoColor, terminal
+
+if TYPE_CHECKING:
+    from attlog.testing import Outcome
+
+FAILED = 1
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME|FILE.py", autocompletion=completion.filters, help="A filter; @PRESET and :k=v may follow."
+    ),
+]
+
+
+def command(name: Name, filter_timeout: options.FilterTimeout = None, no_color: NoColor = False) -> None:
+    """Run the conformance checks on a filter; exit code 1 if one fails."""
+    from attlog.estimators import parse
+    from attlog.present.text import for_terminal
+    from attlog.testing import about, check_estimator, speed_ns
+
+    out = terminal()
+    subject = parse(name)
+    for line in about(subject):
+        out.print(f"note  {line}", markup=False, soft_wrap=True)
+
+    def show(outcome: Outcome) -> None:
+        mark = "[green]pass[/]" if outcome.passed else "[red]FAIL[/]"
+        out.print(f"{mark}  {outcome.name.replace('_', ' ').replace('[', ' in ').replace(']', '')}", soft_wrap=True)
+        if not outcome.passed:
+            out.print(f"      {for_terminal(outcome.message)}", style="dim", markup=False, soft_wrap=True)
+
+    outcomes = check_estimator(subject, show)
+    failed = sum(not o.passed for o in outcomes)
+    if failed:
+        out.print(f"\n{name}: {failed} of {len(outcomes)} checks failed.", markup=False)
+        raise typer.Exit(FAILED)
+    out.print(f"\n{name}: all {len(outcomes)} checks passed; {speed_ns(subject):.0f} ns per update.", markup=False)

@@ -1,0 +1,164 @@
+"""``attlog info``: what is in a log, whether physics agrees, what can be answered."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
+
+import typer
+
+from attlog import __version__
+from attlog.base.errors import BUG, exit_code, message, worst
+from attlog.cli.shared.common import (
+    Boot,
+    Json,
+    Logs,
+    NoColor,
+    Quiet,
+    System,
+    Verbose,
+    console,
+    json_to_stdout,
+    say,
+    to_stderr,
+)
+from attlog.cli.shared.layout import Line, columns
+
+DIFFERS = 1
+WORDS = {"good": "good", "warn": "warn", "bad": "bad", "cannot_judge": "cannot judge"}
+STYLES = {"good": "", "warn": "yellow", "bad": "red", "cannot_judge": "dim"}
+
+
+def command(
+    logs: Logs,
+    as_json: Json = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Read the log again with pyulog or pymavlink and compare every value.")
+    ] = False,
+    boot: Boot = None,
+    system: System = None,
+    no_color: NoColor = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Say what is in each LOG, check it against physics, and tell which questions it can answer."""
+    from attlog.cli.shared.streams import is_of_a_stream
+    from attlog.fleet.sources.find import find
+    from attlog.inspection import inspect
+
+    found, wrong = find(logs)
+    several = max(len(found), len(logs)) > 1
+    codes = {exit_code(error) for error in wrong}
+    for error in wrong:
+        to_stderr(message(error, __version__))
+    for number, log in enumerate(found):
+        try:
+            report = inspect(log, boot=boot, system=system, verify=verify)
+            if as_json:
+                json_to_stdout(_json_text(report, one_line=several))
+            elif not quiet:
+                out = console()
+                say([Line("")] * (number > 0), out)
+                say(lines(printable(report), out.width, verbose), out)
+            if verify and not report["verify"]["agrees"]:
+                codes.add(DIFFERS)
+        except Exception as error:
+            if is_of_a_stream(error) or (verbose > 1 and exit_code(error) == BUG):
+                raise
+            to_stderr(message(error, __version__, str(log)))
+            codes.add(exit_code(error))
+    if worst(codes):
+        raise typer.Exit(worst(codes))
+
+
+def _json_text(report: dict[str, Any], one_line: bool) -> str:
+    import json
+
+    layout: dict[str, Any] = {"separators": (",", ":")} if one_line else {"indent": 1}
+    text = json.dumps(report, ensure_ascii=False, allow_nan=False, **layout)
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return json.dumps(report, allow_nan=False, **layout)
+    return text
+
+
+def printable(report: dict[str, Any]) -> dict[str, Any]:
+    """The report without what a stranger's log could do to a terminal; strange bytes of a file name as escapes."""
+    from attlog.present.stand_ins import stand_in
+    from attlog.present.text import cleaned
+
+    name = stand_in(report["log"]["name"], "utf-8")
+    safe: dict[str, Any] = cleaned(report | {"log": report["log"] | {"name": name}})
+    return safe
+
+
+def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line]:
+    """A report of :func:`attlog.inspection.inspect` as text of at most ``width`` columns where words can be broken."""
+    from attlog.cli.shared.terminal import wrong
+    from attlog.flight.model import Problem
+    from attlog.metrics.evidence.common_bias import CommonBias
+    from attlog.present.gyro_bias import said as said_bias
+    from attlog.present.problems import said
+
+    yield from _head(report["log"], width)
+    checks = [(c["name"], WORDS[c["verdict"]], c["text"]) for c in report["audit"]]
+    yield from _part("Physics", checks, width, [STYLES[c["verdict"]] for c in report["audit"]])
+    questions = report["answerable"]
+    answers = [
+        (q["question"], "yes" if q["can"] else "no", " ".join(x for x in (q["reason"], q["setting"]) if x))
+        for q in questions
+    ]
+    yield from _part("What can be answered", answers, width, ["" if q["can"] else "red" for q in questions])
+    taken = [(f"gyro of {bias['imu']}", said_bias(CommonBias(**bias))) for bias in report["gyro_bias"] or []]
+    yield from _part("What analyze does to every filter alike", taken, width, [""] * len(taken))
+    if report["compared_with"]:
+        yield from _part("Compared with", [("reference", "", report["compared_with"])], width, [""])
+    yield Line("")
+    found = [Problem(**p) for p in report["problems"] if verbose or p["severity"] != "info"]
+    yield from wrong(said(found), str, width, verbose=True)
+    messages = [
+        (
+            m["name"] + (f".{m['instance']}" if m["instance"] else ""),
+            f"{m['records']:>7} records",
+            "" if m["rate_hz"] is None else f"{m['rate_hz']:>8.2f} Hz",
+            f"{m['fields']:>3} fields",
+        )
+        for m in report["messages"]
+    ]
+    yield from _part("Messages", messages, width, [""] * len(messages))
+    if report["verify"] is not None:
+        v = report["verify"]
+        yield Line("")
+        yield Line(f"{'Agrees with' if v['agrees'] else 'Differs from'} {v['oracle']}: {v['text']}", "bold")
+        yield from (Line(f"  {line}") for line in v["differences"])
+
+
+def _head(log: dict[str, Any], width: int) -> Iterator[Line]:
+    """Which file, vehicle, firmware, when, how long; the sensors and why they were chosen."""
+    firmware = " ".join(x for x in (log["firmware"]["name"], log["firmware"]["version"]) if x) or "unknown firmware"
+    yield Line(f"{log['name']}  {log['format']}, {log['size'] / 1e6:.1f} MB, sha256 {log['sha256'][:12]}", "bold")
+    yield Line(f"{log['vehicle'] or 'unknown vehicle'}, {firmware}{', simulated' if log['simulated'] else ''}")
+    boots = f", boot {log['boot']} of {log['boots']}" if log["boots"] > 1 else ""
+    yield Line(f"{log['date_utc'] or 'date unknown'}, {log['duration_s']:.1f} s{boots}")
+    sensors = []
+    for what in ("imu", "mag", "attitude", "truth"):
+        sensor = log[what]
+        found = "none" if sensor is None else f"{sensor['source']} at {sensor['rate_hz']:.1f} Hz"
+        reason = log["choices"].get(what, "")
+        sensors.append((what, found + (f". {reason.rstrip('.')}." if reason else "")))
+    yield from (Line(line) for row in columns(sensors, width) for line in row)
+    if log["seconds"]:
+        yield Line(
+            "  " + ", ".join(f"{k} {'unknown' if s is None else f'{s:.1f} s'}" for k, s in log["seconds"].items())
+        )
+
+
+def _part(title: str, rows: Sequence[tuple[str, ...]], width: int, styles: list[str]) -> Iterator[Line]:
+    """A titled table; nothing without rows."""
+    if rows:
+        yield Line("")
+        yield Line(title, "bold")
+        for laid, style in zip(columns(rows, width), styles, strict=True):
+            yield from (Line(line, style) for line in laid)

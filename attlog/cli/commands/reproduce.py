@@ -1,0 +1,99 @@
+"""``attlog reproduce``: what the papers found, run again."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from attlog.base.errors import AttlogError, LogUnreadable, UsageError
+from attlog.cli.shared.arguments import command_line
+from attlog.cli.shared.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
+from attlog.cli.shared.progress import progress
+
+if TYPE_CHECKING:
+    from attlog.cli.shared.layout import Line
+    from attlog.reproduce.paper import Paper
+
+SEEDS = 20
+
+
+def command(
+    papers: Annotated[
+        list[str], typer.Argument(metavar="lyu|fan|huang|xu|all...", show_default=False, help="Which papers.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for pages and JSON.")] = Path(
+        "reports"
+    ),
+    seeds: Annotated[
+        int, typer.Option("--seeds", metavar="N", min=1, help="So many simulated flights behind each number.")
+    ] = SEEDS,
+    logs: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--logs", metavar="LOG|DIR|GLOB", readable=False,
+            help="Real flights for the paper that has some (xu); may be repeated. [default: sample_logs of the source]",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes. [default: one per core]")
+    ] = None,
+    json: Json = False,
+    no_color: NoColor = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:  # fmt: skip
+    """Run a PAPER's experiments again: each of its claims with a verdict, by how much, over how many flights."""
+    from attlog.base.output import write_together
+    from attlog.fleet.schedulers.local import cores
+    from attlog.fleet.sources.find import find
+    from attlog.reproduce import page
+    from attlog.reproduce.document import as_json
+    from attlog.reproduce.paper import Options
+    from attlog.reproduce.papers import WITH_LOGS, chosen, reproduce
+
+    names = chosen(papers)
+    errors: list[AttlogError] = []
+    found_logs: list[Path] = []
+    if logs:
+        found_logs, errors = find(logs)
+    errors += [LogUnreadable(f"{path}: there is no such file") for path in found_logs if not os.path.isfile(path)]
+    if errors:
+        raise errors[0]
+    if found_logs and not WITH_LOGS & set(names):
+        raise UsageError(f"--logs: only {', '.join(sorted(WITH_LOGS))} looks at logs, not {', '.join(names)}")
+    options = Options(seeds, jobs or cores(), tuple(found_logs))
+    for name in names:
+        with progress(quiet, verbose > 0) as shown:
+            shown.before = f"{name}: "
+            found = reproduce(name, options, command_line())
+            place = output / f"reproduce-{name}.html"
+            write_together({place: page.render(found), place.with_suffix(".json"): as_json(found, indent=1)})
+        if json:
+            json_to_stdout(as_json(found))
+        if not quiet:
+            out = console(stderr=json)
+            say(printed(found, place, verbose > 0), out)
+
+
+def printed(paper: Paper, place: Path, verbose: bool = False) -> Iterator[Line]:
+    """The claims of a paper on the terminal; ``verbose`` adds how each was measured and its numbers."""
+    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.terminal import wrapped
+    from attlog.present.text import typeset
+    from attlog.reproduce.page import measured
+
+    width = 110
+    yield Line(f"{paper.key}: {paper.title}", "bold")
+    for number, claim in enumerate(paper.claims, 1):
+        yield from wrapped(f"{number:>3}. ", f"{typeset(claim.says)} ({claim.where})", width)
+        yield from wrapped(f"     {claim.verdict}: ", typeset(claim.by), width)
+        if verbose:
+            yield from wrapped("       ", typeset(claim.measured), width)
+            for n in claim.numbers:
+                yield from wrapped("       ", f"{typeset(n.what)}: {measured(n)}", width)
+    yield Line(f"page: {place}   data: {place.with_suffix('.json').name}")
+    yield Line("")

@@ -1,0 +1,205 @@
+"""``attlog simulate``: a quadrotor flies a scenario; the logs it would have written."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from attlog.base.errors import UsageError
+from attlog.cli.shared.common import Quiet, Verbose, to_stderr, to_stdout
+from attlog.cli.shared.completion import scenarios
+from attlog.cli.shared.options import FilterTimeout
+from attlog.cli.shared.progress import progress
+
+if TYPE_CHECKING:
+    from attlog.simulate.scenario.scenario import Scenario
+
+SUFFIXES = (".ulg", ".bin", ".tlog")
+
+
+def command(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO",
+            show_default=False,
+            autocompletion=scenarios,
+            help="The name of a scenario that comes with attlog, or a TOML file. Without one they are listed.",
+        ),
+    ] = "",
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "-o",
+            metavar="FILE|DIR",
+            show_default=False,
+            help="x.ulg, x.bin or x.tlog; may be repeated: several logs of one flight. A folder gets SCENARIO.ulg.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", min=0, metavar="N", show_default=False, help="Noise, biases and gusts. [default: 0]"),
+    ] = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            "--seeds",
+            metavar="1..20|1,5,9",
+            show_default=False,
+            help="One flight for each; -o is a folder, which gets SCENARIO-SEED.ulg.",
+        ),
+    ] = None,
+    kinds: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            metavar="ulg|bin|tlog",
+            show_default=False,
+            help="What a folder gets; may be repeated. [default: ulg]",
+        ),
+    ] = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            "--estimator",
+            metavar="NAME[@PRESET][:k=v,...]|truth",
+            show_default=False,
+            help="The attitude that is flown on. [default: the scenario's]",
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            show_default=False,
+            help="A value of the scenario, as in TOML: sensors.imu.0.gyro.bias_dps=[1,0,0]. May be repeated.",
+        ),
+    ] = None,
+    params: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--param",
+            metavar="NAME=VALUE",
+            show_default=False,
+            help="A parameter that the log tells instead, such as EKF2_MAG_DECL=20. May be repeated.",
+        ),
+    ] = None,
+    jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Fly so many seeds at a time.")] = 1,
+    listed: Annotated[bool, typer.Option("--list", help="List the scenarios.")] = False,
+    printed: Annotated[bool, typer.Option("--print", help="Print the scenario with every value as TOML.")] = False,
+    filter_timeout: FilterTimeout = None,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> None:
+    """Fly a SCENARIO and write the logs that an autopilot would have written, with truth; same seed, same bytes."""
+    if listed or not scenario:
+        if not listed and (output or seeds or estimator or settings or params or printed):
+            raise UsageError("name a scenario; attlog simulate --list shows those that come with attlog")
+        _list()
+        return
+    flown = _scenario(scenario, settings or [], estimator)
+    if not quiet:
+        _warn(flown, scenario)
+    if printed:
+        from attlog.simulate.scenario.text import as_toml
+
+        typer.echo(as_toml(flown), nl=False)
+        return
+    work = _files(flown.name, output or [], seeds, seed, kinds)
+    told = _parameters(params or [])
+    from attlog.simulate.written import flights
+
+    with progress(quiet, verbose > 0) as shown:
+        if shown.stages:
+            shown.show(f"{flown.name}, {len(work)} to fly ...")
+        for number, (one, result) in enumerate(flights(flown, work, told, jobs), start=1):
+            shown.clear()
+            if isinstance(result, Exception):
+                raise result
+            for path, size in result if not quiet else ():
+                to_stdout(f"{path}: {flown.seconds:g} s, seed {one}, {size / 1e6:.1f} MB")
+            if shown.stages and number < len(work):
+                shown.show(f"[{number}/{len(work)}] {flown.name} ...")
+
+
+def _list() -> None:
+    """Names and titles of the scenarios."""
+    from attlog.simulate.scenario.scenario import load, names
+
+    found = [load(name) for name in names()]
+    width = max(len(one.name) for one in found)
+    for one in found:
+        to_stdout(f"{one.name:{width}}  {one.seconds:4g} s  {one.title}")
+    if sys.stdout.isatty():
+        to_stdout(f"\nattlog simulate {found[0].name} -o {found[0].name}.ulg writes one as a log.")
+
+
+def _scenario(name: str, settings: list[str], estimator: str | None) -> Scenario:
+    """The scenario with what the command line sets."""
+    from attlog.simulate.scenario.overrides import overridden
+    from attlog.simulate.scenario.scenario import build, place_of, values_of
+
+    values = overridden(values_of(name), settings)
+    if estimator is not None:
+        values["estimator"] = {"name": estimator}
+    return build(values, origin=place_of(name).name)
+
+
+def _warn(flown: Scenario, name: str) -> None:
+    """Say what of a scenario changes nothing."""
+    from attlog.simulate.scenario.scenario import place_of
+    from attlog.simulate.scenario.without_effect import without_effect
+
+    for sentence in without_effect(flown):
+        to_stderr(f"attlog: {place_of(name).name}: {sentence}")
+
+
+def _files(
+    name: str, output: list[Path], seeds: str | None, seed: int | None, kinds: list[str] | None
+) -> dict[int, list[Path]]:
+    """The logs to write of each seed. UsageError where the words do not fit each other."""
+    from attlog.simulate.scenario.overrides import seeds as all_seeds
+
+    wanted = [f".{kind.removeprefix('.').lower()}" for kind in kinds or ["ulg"]]
+    for suffix in wanted:
+        if suffix not in SUFFIXES:
+            raise UsageError(f"--format {suffix.removeprefix('.')}: use ulg, bin or tlog")
+    if not output:
+        raise UsageError(f"say where to write: -o {name}.ulg (or .bin, .tlog), or -o DIR")
+    output = list(dict.fromkeys(output))
+    folders = [path for path in output if os.path.isdir(path) or not path.suffix]
+    for path in output:
+        if path not in folders and path.suffix.lower() not in SUFFIXES:
+            raise UsageError(f"-o {path}: the suffix tells the format: .ulg, .bin or .tlog")
+    if seeds is not None and len(folders) < len(output):
+        raise UsageError(f"--seeds {seeds} writes several logs: -o must be a folder")
+    if kinds and not folders:
+        raise UsageError("--format is for a folder; the suffix of a file tells its format")
+    if seeds is None:
+        files = [path for path in output if path not in folders]
+        return {seed or 0: [*files, *(folder / f"{name}{suffix}" for folder in folders for suffix in wanted)]}
+    if seed is not None:
+        raise UsageError("give --seed or --seeds")
+    numbers = all_seeds(seeds)
+    digits = len(str(max(numbers)))
+    return {n: [folder / f"{name}-{n:0{digits}d}{suffix}" for folder in folders for suffix in wanted] for n in numbers}
+
+
+def _parameters(words: list[str]) -> dict[str, float | int]:
+    """Parameters by name; a number without a point is a whole one."""
+    found: dict[str, float | int] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        try:
+            found[name.strip()] = int(text) if text.strip().lstrip("+-").isdecimal() else float(text)
+        except ValueError:
+            equals = ""
+        if not equals or not name.strip() or not math.isfinite(found[name.strip()]):
+            raise UsageError(f"--param {word}: write NAME=VALUE with a number, for example EKF2_MAG_DECL=20")
+    return found

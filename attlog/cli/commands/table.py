@@ -1,0 +1,210 @@
+"""``attlog table``: numbers across the logs of a batch."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from attlog import __version__
+from attlog.base import spreadsheet
+from attlog.base.errors import LogUnusable, OutputError, UsageError, exit_code, message, worst
+from attlog.cli.shared.common import NoColor, console, say, to_stderr
+
+if TYPE_CHECKING:
+    from attlog.cli.shared.layout import Line
+    from attlog.fleet.pages.across_logs import Across, Column
+
+FORMATS = ("table", "csv", "md", "tex", "parquet")
+DEFAULT = "inclination_rmse_deg"
+GAP = "  "
+
+
+def command(
+    given: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DIR|RESULT.json...",
+            show_default=False,
+            help="Folders of batch or analyze, or single results; of a log that comes twice the newest result counts.",
+        ),
+    ],
+    metric: Annotated[
+        list[str] | None,
+        typer.Option(metavar="M[@WINDOW]", help=f"Which number; more with commas or again. [default: {DEFAULT}]"),
+    ] = None,
+    row: Annotated[
+        list[str] | None,
+        typer.Option("--row", "--estimators", metavar="NAME|PATTERN", help="Which rows: mekf,onboard. [default: all]"),
+    ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(metavar="W", help="In which seconds of the logs. [default: where the report looks it up]"),
+    ] = None,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="GROUP",
+            help="A line for each firmware, version, vehicle, board, reference, batch, month, year or attlog (its"
+            " version), with median and quartiles. [default: a line for each log]",
+        ),
+    ] = None,
+    form: Annotated[
+        str | None,
+        typer.Option(
+            "--format", metavar="|".join(FORMATS), help="How to write it. [default: table, or by FILE's suffix]"
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file. [default: print it]")
+    ] = None,
+    no_color: NoColor = False,
+) -> None:
+    """One number of many logs: a line for each log, a column for each row, median and quartiles below."""
+    from attlog.fleet.pages.across_logs import BY, across
+    from attlog.fleet.records.collection import Gathered
+
+    kind = _format(form, output)
+    if by is not None and by not in BY:
+        raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
+    asked = _listed(metric) or [DEFAULT]
+    gathered = Gathered(given, [m.partition("@")[0] for m in asked])
+    found = across(gathered, asked, _listed(row), window, by)
+    for error in gathered.wrong:
+        to_stderr(message(error, __version__))
+    if not found.logs and not gathered.wrong:
+        raise LogUnusable(f"{given[0]}: no log of it was analysed; {gathered.failed} failed")
+    if found.logs:
+        _notes(found, gathered.failed)
+        _write(found, by, kind, output)
+    code = worst([exit_code(error) for error in gathered.wrong])
+    if code:
+        raise typer.Exit(code)
+
+
+def _listed(options: list[str] | None) -> list[str]:
+    return [word.strip() for option in options or () for word in option.split(",") if word.strip()]
+
+
+def _format(form: str | None, output: Path | None) -> str:
+    """How the table is written: as asked, else by the suffix of its file."""
+    suffix = output.suffix.lower().removeprefix(".") if output else ""
+    kind = form or (suffix if suffix in FORMATS[1:] else "" if output and suffix != "txt" else FORMATS[0])
+    if kind not in FORMATS:
+        what = f"--format {kind}" if form else f"-o {output}"
+        raise UsageError(f"{what}: use {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
+    if kind == "parquet" and output is None:
+        raise UsageError("--format parquet needs a file: -o table.parquet")
+    return kind
+
+
+def _notes(found: Across, failed: int) -> None:
+    """What the table does not show, on standard error."""
+    from attlog.fleet.pages.across_logs import references
+    from attlog.present.numbers import counted, listed
+
+    if found.twice:
+        to_stderr(
+            f"attlog: {counted(found.twice, 'result')} left out: of a log that comes twice the newest one counts"
+            " (--by batch keeps batches apart)"
+        )
+    against = references(found)
+    if len(against) > 1:
+        said = listed([f"{name} ({n})" for name, n in against.items()])
+        to_stderr(f"attlog: the logs are compared with different things: {said}; --by reference tells them apart")
+    if failed:
+        to_stderr(f"attlog: {counted(failed, 'log')} could not be analysed, not in the table")
+
+
+def _write(found: Across, by: str | None, kind: str, output: Path | None) -> None:
+    from attlog.base.output import write_atomic
+    from attlog.cli.shared.layout import Line
+    from attlog.compare.tables.files import latex, markdown
+    from attlog.fleet.pages import across_table
+
+    if kind == "parquet":
+        assert output is not None
+        write_atomic(output, _parquet(found, by))
+        return
+    if kind == "table":
+        out = console()
+        if output is None:
+            say(terminal(found, by, out.width), out)
+            return
+        text = "".join(line.text + "\n" for line in terminal(found, by, sys.maxsize))
+    elif kind == "csv":
+        head, body = across_table.values(found, by)
+        text = spreadsheet.csv_text([head, *body])
+    else:
+        table = across_table.words(found, by, found.columns, units=True)
+        text = (markdown if kind == "md" else latex)(table.head, [*table.body, *table.foot])
+    if output is None:
+        say(map(Line, text.splitlines()), console())
+        return
+    write_atomic(output, text.encode("utf-8", "backslashreplace"))
+
+
+def terminal(found: Across, by: str | None, width: int) -> Iterator[Line]:
+    """A block for each metric, with as many columns as fit."""
+    from attlog.cli.shared.layout import Line
+    from attlog.present.numbers import unit_sign
+
+    questions = dict.fromkeys((c.metric, c.window) for c in found.columns)
+    for k, (metric, where) in enumerate(questions):
+        columns = [c for c in found.columns if (c.metric, c.window) == (metric, where)]
+        unit = unit_sign(columns[0].unit)
+        if k:
+            yield Line("")
+        yield Line(f"{metric}, {where}{f', in {unit}' if unit else ''}", "bold")
+        yield from _block(found, by, columns, width)
+
+
+def _block(found: Across, by: str | None, columns: Sequence[Column], width: int) -> Iterator[Line]:
+    from attlog.cli.shared.layout import Line
+    from attlog.fleet.pages.across_table import words
+    from attlog.present.text import clean
+
+    table = words(found, by, columns)
+    lines = [[clean(cell) for cell in line] for line in (table.head, *table.body, *table.foot)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(table.head))]
+    fit = len(widths)
+    while fit > 3 and sum(widths[:fit]) + len(GAP) * (fit - 1) > width:
+        fit -= 1
+    for i, line in enumerate(lines):
+        cells = [
+            c.ljust(w) if k < (1 if by else 2) else c.rjust(w)
+            for k, (c, w) in enumerate(zip(line, widths, strict=True))
+        ]
+        yield Line(GAP.join(cells[:fit]), "bold" if i == 0 else "dim" if i > len(table.body) else "")
+    if fit < len(widths):
+        yield Line(f"No room for {', '.join(table.head[fit:])}: --row NAME, or -o table.csv for all.", "dim")
+
+
+def _parquet(found: Across, by: str | None) -> bytes:
+    """The table as Parquet, metric, window and unit in the metadata of each column. OutputError without pyarrow."""
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise OutputError("Parquet needs pyarrow: pip install pyarrow, or use --format csv") from None
+    from attlog.fleet.pages import across_table
+
+    head, body = across_table.values(found, by)
+    first = len(head) - len(found.columns) * (4 if by else 1)
+    fields, arrays = [], []
+    for k, title in enumerate(head):
+        values: list[Any] = [line[k] for line in body]
+        kind = pyarrow.string() if k < first and title != across_table.LOGS else pyarrow.float64()
+        about = {}
+        if k >= first:
+            column = found.columns[(k - first) // (4 if by else 1)]
+            about = {"metric": column.metric, "window": column.window, "row": column.row, "unit": column.unit}
+        fields.append(pyarrow.field(title, kind, metadata=about))
+        arrays.append(pyarrow.array(values, kind))
+    buffer = io.BytesIO()
+    parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), buffer)
+    return buffer.getvalue()

@@ -1,0 +1,89 @@
+"""What may be left out on the command line: ``analyze``, the ``-`` after ``--json``, the file after ``--summary``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+from attlog.base.errors import UsageError
+from attlog.cli.shared.overwriting import check
+from attlog.cli.shared.verbatim import AsTyped
+
+DEFAULT = "analyze"
+
+
+class Group(AsTyped, TyperGroup):
+    """The commands; ``attlog flight.ulg`` means ``attlog analyze flight.ulg``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        none_is_empty(args)
+        own = {name for option in self.get_params(ctx) for name in (*option.opts, *option.secondary_opts)}
+        if args and args[0] not in self.commands and args[0] not in own and looks_like_a_log(args):
+            args = [DEFAULT, *args]
+        return super().parse_args(ctx, args)
+
+
+def looks_like_a_log(args: list[str]) -> bool:
+    """Whether words without a command name logs or options of ``analyze``; a lone word is a mistyped command."""
+    first = args[0]
+    if first.startswith("-"):
+        return len(args) > 1
+    return any(c in first for c in "./\\*?") or os.path.exists(first)
+
+
+def none_is_empty(args: list[str]) -> None:
+    """UsageError for a word without a letter: mostly a variable of a script that was not set, and as a path it would
+    mean the folder one is in."""
+    for k, arg in enumerate(args):
+        option, _, value = arg.partition("=")
+        if arg == "" or (option.startswith("--") and arg.endswith("=") and not value):
+            after = option or (f"after {args[k - 1]}" if k else "")
+            raise UsageError(f"an empty word {after}".rstrip() + "; is a variable not set?")
+
+
+class Plain(AsTyped, TyperCommand):
+    """A command, which overwrites none of the files that it reads."""
+
+    def invoke(self, ctx: Any) -> Any:
+        check(str(self.name), ctx.params)
+        return super().invoke(ctx)
+
+
+class WithJson(Plain):
+    """A command whose ``--json`` may be followed by ``-``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        kept: list[str] = []
+        for k, arg in enumerate(args):
+            if arg.startswith("--json="):
+                self._only_dash(arg.partition("=")[2])
+                arg = "--json"
+            elif k and args[k - 1] == "--json":
+                if arg == "-":
+                    continue
+                if arg.endswith(".json"):
+                    self._only_dash(arg)
+            kept.append(arg)
+        return super().parse_args(ctx, kept)
+
+    @staticmethod
+    def _only_dash(value: str) -> None:
+        if value != "-":
+            raise UsageError(f"--json {value}: only - (standard output); analyze writes files to the folder of -o")
+
+
+class WithGates(WithJson):
+    """A command whose ``--summary`` may be followed by a Markdown file."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        named = [k > 0 and args[k - 1] == "--summary" and arg.endswith(".md") for k, arg in enumerate([*args, ""])]
+        bare = [arg == "--summary" and not named[k + 1] for k, arg in enumerate(args)]
+        return super().parse_args(ctx, ["--summary=-" if alone else arg for arg, alone in zip(args, bare, strict=True)])
+
+
+def command_line() -> str:
+    """The command as it was typed."""
+    return " ".join(["attlog", *sys.argv[1:]])

@@ -1,0 +1,1 @@
+"""What is compared: a filter, its gains, and what comes before it."""

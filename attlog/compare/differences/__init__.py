@@ -1,0 +1,1 @@
+"""Paired differences on one log, pooled over many."""

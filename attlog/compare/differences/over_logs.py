@@ -1,0 +1,89 @@
+"""Several logs as one comparison: what was measured on each, gathered by question and pooled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from statistics import median
+from typing import Any
+
+from attlog.compare.configurations.configuration import Configuration, labels
+from attlog.compare.configurations.settings import written
+from attlog.compare.differences.comparison import Beside, Comparison, Configured, Contrast, Over, Question
+from attlog.compare.differences.one_log import Measured
+from attlog.compare.differences.paired import ALPHA, Direction, Scale
+from attlog.compare.differences.pooled import pool
+from attlog.compare.differences.questions import Asked
+from attlog.compare.differences.sentences import verdicts
+from attlog.metrics import definitions
+
+
+def gathered(
+    configurations: Sequence[Configuration],
+    logs: Sequence[Measured],
+    questions: Sequence[Asked],
+    *,
+    attlog: dict[str, str],
+    command: str = "",
+    config: dict[str, Any] | None = None,
+) -> Comparison:
+    """The comparison of configurations on logs; a log that failed is a line with its reason and nothing else."""
+    known = definitions()
+    called = labels(configurations)
+    found = Comparison(attlog, command, config or {}, [_configured(c, called[c.name]) for c in configurations])
+    found.logs = [m.line for m in logs]
+    usable = [m for m in logs if m.line.code == 0]
+    for asked in questions:
+        metric = known.get(asked.metric) or next(m for n, m in known.items() if n.startswith(asked.metric))
+        question = Question(
+            asked.id,
+            asked.metric,
+            list(asked.windows),
+            asked.title,
+            metric.unit,
+            metric.better,
+            asked.scale,
+            asked.main,
+        )
+        question.cells = {m.line.name: m.cells[asked.id] for m in usable}
+        for c in configurations[1:]:
+            each = [m.beside[asked.id][c.name] for m in usable]
+            question.contrasts.append(Contrast(c.name, each, over(each, asked.scale)))
+        if any(cell.value is not None for cells in question.cells.values() for cell in cells.values()):
+            found.questions.append(question)
+            found.definitions[asked.id] = metric.definition
+    found.verdicts = verdicts(found)
+    return found
+
+
+def over(each: Sequence[Beside], scale: Scale) -> Over | None:
+    """Differences of several logs as one; None where no log has any."""
+    usable = [b for b in each if b.value is not None]
+    if not usable:
+        return None
+    forward, back = (math.log, math.exp) if scale == "ratio" else (float, float)
+    alone = usable[0]
+    own = None if alone.ci95 is None else (forward(alone.ci95[0]), forward(alone.ci95[1]))
+    pooled = pool([forward(b.value or 0.0) for b in usable], [b.error for b in usable], (own, alone.p))
+    floor = median(b.floor for b in usable)
+    ci95 = None if pooled.ci95 is None else (back(pooled.ci95[0]), back(pooled.ci95[1]))
+    return Over(
+        back(pooled.value), ci95, pooled.p, pooled.logs, pooled.better, pooled.worse, pooled.same,
+        pooled.tau, pooled.i2_pct, pooled.method, floor,
+        alone.direction if len(usable) == 1 else direction(pooled.value, pooled.p, pooled.same == pooled.logs, floor),
+    )  # fmt: skip
+
+
+def direction(value: float, p: float | None, same: bool, floor: float) -> Direction:
+    """Whether a pooled difference is told: p below 5 %, and larger than what a log resolves."""
+    if same:
+        return "same"
+    if p is None or p >= ALPHA or abs(value) <= floor:
+        return "not told"
+    return "better" if value < 0.0 else "worse"
+
+
+def _configured(c: Configuration, label: str) -> Configured:
+    parameters = {k: f"{v:g}" if isinstance(v, float) else str(v) for k, v in c.row.params.items()}
+    before = {k: written(k, v).partition("=")[2] for k, v in c.before.items()}
+    return Configured(c.name, label, c.text, parameters, before)

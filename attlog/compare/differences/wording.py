@@ -1,0 +1,186 @@
+"""Words and numbers of a comparison: the table, the sentences and the page write a difference by these alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from attlog.compare.differences.comparison import Beside, Over, Question
+from attlog.compare.differences.paired import Direction
+from attlog.present.numbers import MINUS, decimals, number, unit_sign
+
+NO_LATER_MS = 1.0
+"""An interval that ends below this, or below what the logs resolve, means: no later."""
+TURNED: dict[Direction, Direction] = {"better": "worse", "worse": "better", "same": "same", "not told": "not told"}
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A difference as one of the two sees it: a ratio below one or a difference below zero is in its favour.
+
+    ``better`` and ``worse`` count the ``logs`` by sign. ``flipped``: it is the first that looks, while
+    the table shows the second's view.
+    """
+
+    question: Question
+    value: float
+    ci95: tuple[float, float] | None
+    direction: Direction
+    logs: int
+    better: int
+    worse: int
+    floor: float
+    flipped: bool = False
+
+    @property
+    def turned(self) -> Seen:
+        """The same as the other one sees it."""
+        ci95 = None if self.ci95 is None else (self._back(self.ci95[1]), self._back(self.ci95[0]))
+        return Seen(
+            self.question, self._back(self.value), ci95, TURNED[self.direction],
+            self.logs, self.worse, self.better, self.floor, not self.flipped,
+        )  # fmt: skip
+
+    def _back(self, x: float) -> float:
+        if self.question.scale == "ratio":
+            return 1.0 / x if x else math.inf
+        return -x if x else 0.0
+
+
+def seen(question: Question, found: Beside | Over) -> Seen | None:
+    """A difference as the second configuration sees it; None where there is none."""
+    if found.value is None:
+        return None
+    if isinstance(found, Over):
+        logs = found.logs, found.better, found.worse
+    else:
+        even = 1.0 if question.scale == "ratio" else 0.0
+        logs = 1, int(found.value < even), int(found.value > even)
+    return Seen(question, found.value, found.ci95, found.direction, *logs, found.floor)
+
+
+@dataclass(frozen=True, slots=True)
+class Wording:
+    """How a question is put into a clause: ``doing``, an amount, ``more`` or ``less``, "than"."""
+
+    doing: str
+    more: str
+    less: str
+
+
+def wording(question: Question) -> Wording:
+    """The words of a question."""
+    title = subject_of(question)
+    if question.metric.endswith("_rmse_deg"):
+        what = {"inclination_rmse_deg": "tilt", "heading_rmse_deg": "heading"}.get(question.metric, "attitude")
+        return Wording(f"holds {what}", "closer", "less closely")
+    if question.metric.startswith("noise_"):
+        where = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with idling motors"}
+        place = where.get(question.windows[0], "")
+        about = {"noise_tilt_deg": ""}.get(question.metric, f" in {question.metric.split('_')[1]}")
+        tail = f"{about} {place}".rstrip()
+        return Wording("is", f"quieter{tail}", f"noisier{tail}")
+    if question.metric.startswith("lag"):
+        axis = question.metric.removeprefix("lag_").removesuffix("ms").strip("_")
+        tail = f" in {axis}" if axis else ""
+        return Wording("is", f"less late{tail}", f"later{tail}")
+    if question.metric.startswith("drift_"):
+        place = "at rest" if "rest" in question.metric else "in the air"
+        return Wording("drifts", f"less {place}", f"more {place}")
+    if question.better in ("low", "zero"):
+        return Wording("has a", f"smaller {title}", f"larger {title}")
+    return Wording("is", f"nearer to perfect in {title}", f"farther off in {title}")
+
+
+def subject_of(question: Question) -> str:
+    """A question after "in": ``tilt error``, ``noise in hover``."""
+    return question.title[:1].lower() + question.title[1:]
+
+
+def amount(x: float, question: Question) -> str:
+    """A size with its unit: percent of a ratio, the unit of a difference. Never a sign, never a zero that is none."""
+    if question.scale == "ratio":
+        size, places, unit = abs(100.0 * (x - 1.0)), 1, "%"
+        if not math.isfinite(size):
+            return "∞ %"
+        places = 0 if size >= 9.95 else 1
+    else:
+        size, unit = abs(x), question.unit
+        places = (2 if size < 0.995 else 1 if size < 9.95 else 0) if unit == "ms" else decimals(size, unit)
+    text = f"{size:.{places}f}"
+    if float(text) == 0.0 and size > 0.0:
+        text = f"<{10.0**-places:.{places}f}"
+    sign = unit_sign(unit)
+    return text + sign if sign.startswith("°") else f"{text} {sign}".rstrip()
+
+
+def value(x: float | None, question: Question) -> str:
+    """A configuration's own value in the table, without its unit."""
+    if x is not None and question.unit == "deg" and 0.0 < abs(x) < 0.0095:
+        return f"{MINUS if x < 0.0 else ''}{abs(x):.2g}"
+    if x is None or question.unit != "ms":
+        return number(x, question.unit)
+    return signed(x, question).removesuffix(" ms")
+
+
+def signed(x: float, question: Question) -> str:
+    """The same with the sign it has: ``−24 %``, ``+3.2 ms``."""
+    even, text = 1.0 if question.scale == "ratio" else 0.0, amount(x, question)
+    return ("" if x == even or text.startswith("<") else MINUS if x < even else "+") + text
+
+
+def scale_title(question: Question, first: str) -> str:
+    """What the axis of a plot of differences says."""
+    unit = "%" if question.scale == "ratio" else unit_sign(question.unit)
+    return f"beside {first}, {unit}" if unit else f"beside {first}"
+
+
+def span(view: Seen) -> str:
+    """The interval of a difference as it stands in the table: ``−31 % to −15 %``; empty without one."""
+    if view.ci95 is None:
+        return ""
+    return f"{signed(view.ci95[0], view.question)} to {signed(view.ci95[1], view.question)}"
+
+
+def favour(view: Seen) -> str:
+    """A told difference as the better one sees it: ``24 % closer (15 % to 31 %, better on 8 of 9 logs)``."""
+    inside = (
+        [] if view.ci95 is None else [f"{amount(view.ci95[1], view.question)} to {amount(view.ci95[0], view.question)}"]
+    )
+    inside += [f"better on {view.better} of {view.logs} logs"] if view.logs > 1 else []
+    tail = f" ({', '.join(inside)})" if inside else ""
+    return f"{amount(view.value, view.question)} {wording(view.question).more}{tail}"
+
+
+def clause(view: Seen, other: str) -> str:
+    """What one does beside the other, without subject and full stop."""
+    words, question = wording(view.question), view.question
+    if view.direction == "same":
+        return f"is equal to {other} in {subject_of(question)}"
+    count = ""
+    if view.logs > 1:
+        sign, n = ("worse", view.worse) if view.direction == "worse" else ("better", view.better)
+        count = f"{sign} on {n} of {view.logs} logs"
+    if view.direction == "not told":
+        if question.metric.startswith("lag") and view.ci95 and view.ci95[1] <= max(NO_LATER_MS, view.floor):
+            return f"is no later than {other} ({_no_later(view)})"
+        inside = ", ".join(p for p in (span(view.turned if view.flipped else view), "" if view.flipped else count) if p)
+        return f"cannot be told from {other} in {subject_of(question)}" + (f" ({inside})" if inside else "")
+    ends = None if view.ci95 is None else sorted(view.ci95, key=lambda x: _size(x, question))
+    between = "" if ends is None else f"{amount(ends[0], question)} to {amount(ends[1], question)}"
+    inside = ", ".join(p for p in (between, count) if p)
+    word = words.more if view.direction == "better" else words.less
+    tail = f" ({inside})" if inside else ""
+    return f"{words.doing} {amount(view.value, question)} {word} than {other}{tail}"
+
+
+def _no_later(view: Seen) -> str:
+    """How sure it is that there is no lag to speak of: both ends are small, or the one that counts."""
+    low, high = view.ci95 or (0.0, 0.0)
+    largest = max(abs(low), abs(high))
+    small = largest <= max(NO_LATER_MS, view.floor)
+    return f"within {amount(largest, view.question)}" if small else f"at most {amount(high, view.question)}"
+
+
+def _size(x: float, question: Question) -> float:
+    return abs(x - 1.0) if question.scale == "ratio" else abs(x)

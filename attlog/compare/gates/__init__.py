@@ -1,0 +1,1 @@
+"""Limits on the numbers of a result."""

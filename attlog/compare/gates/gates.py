@@ -1,0 +1,186 @@
+"""Which of a log's numbers are beyond what was allowed? Gates, judged on the plain JSON document of a result.
+
+A gate asks one metric in one window of every row that it means (:mod:`attlog.compare.gates.rows`) for one or more
+limits (:mod:`attlog.compare.gates.limits`). It fails a row that failed or diverged, whatever its numbers; it fails an
+answer that is not there, unless it is optional, in which case that is skipped and never passed; and it fails where it
+means no row. A strict set of gates also fails every row that failed or diverged and that no gate asks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from attlog.compare.gates import answers as gate_answers
+from attlog.compare.gates import limits as gate_limits
+from attlog.compare.gates import rows as gate_rows
+from attlog.compare.gates import text as gate_words
+from attlog.compare.gates.answers import LOST
+from attlog.compare.gates.baseline import Baseline, Beside
+from attlog.compare.gates.limits import Limit
+from attlog.metrics.answer import Answer
+
+Status = Literal["passed", "failed", "skipped"]
+Cause = Literal["row", "limit", "unanswered", "no_row"]
+STATUS = "status"
+"""What the check of a strict set is called."""
+ORDER = ("failed", "skipped", "passed")
+FIRST = ("row", "limit", "unanswered", "no_row", None)
+"""Causes of a failure, the worst first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """One line of a gate file: every one of ``limits`` on a metric, for the rows that ``filters`` name.
+
+    ``window`` None: the first of the metric's windows that has an answer. ``filters`` None: every estimator row but
+    ``gyro`` and ``accel_mag``. ``baseline``: the file or folder that limits to a baseline look into.
+    """
+
+    metric: str
+    limits: tuple[Limit, ...]
+    window: str | None = None
+    filters: tuple[str, ...] | None = None
+    optional: bool = False
+    baseline: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Gates:
+    """The gates of a file. ``strict``: rows that failed or diverged count also where no gate asks them."""
+
+    gates: tuple[Gate, ...] = ()
+    strict: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class GateOutcome:
+    """What one limit of a gate said of one row.
+
+    ``check`` names gate and limit as in the file (``lag_ms@airborne max=5``), the same for every log. ``cause`` of what
+    did not pass: the ``row`` is lost, ``no_row`` is meant, the ``limit`` is exceeded, the metric is ``unanswered``.
+    ``excess``: how many times beyond the limit (1 at the limit), for the order. ``sentence`` tells it all. ``excused``:
+    passed though beyond a limit to the baseline, because the evidence does not tell it from that.
+    """
+
+    row: str
+    check: str
+    metric: str
+    window: str
+    status: Status
+    cause: Cause | None
+    value: float | None
+    unit: str
+    allowed: float | None
+    excess: float
+    sentence: str
+    excused: bool = False
+
+
+def judge(
+    gates: Gates, document: Mapping[str, Any], baselines: Mapping[Path, Baseline] | None = None
+) -> list[GateOutcome]:
+    """What the gates say of one result, given as the JSON document that ``Result.to_dict`` makes: worst first.
+
+    ``baselines``: of :func:`attlog.compare.gates.baseline.read_all`, for gates that look into one.
+    """
+    rows, log = gate_answers.rows_of(document), document.get("log") or {}
+    found: list[GateOutcome] = []
+    for gate in gates.gates:
+        baseline = (baselines or {}).get(gate.baseline) if gate.baseline is not None else None
+        beside = "no baseline was given" if baseline is None else baseline.of(log)
+        meant, unmatched = gate_rows.meant(rows, gate.filters)
+        if gate.filters is None and not meant:
+            unmatched = ["*"]
+        for limit in gate.limits:
+            for pattern in unmatched:
+                names = [str(row.get("name")) for row in rows]
+                text = gate_words.no_filter(names) if gate.filters is None else gate_words.no_row(pattern, names)
+                found.append(_without_value(gate, limit, pattern, "no_row", text))
+            found += [_of_limit(gate, limit, row, rows, beside) for row in meant]
+    if gates.strict:
+        found += [_of_row(row) for row in gate_rows.meant(rows, None)[0]]
+    return worst_first(found)
+
+
+def worst_first(outcomes: Iterable[GateOutcome]) -> list[GateOutcome]:
+    """Failed before skipped before passed; lost rows first, then by how far beyond the limit."""
+    return sorted(outcomes, key=lambda o: (ORDER.index(o.status), FIRST.index(o.cause), -o.excess))
+
+
+def _of_limit(
+    gate: Gate, limit: Limit, row: Mapping[str, Any], rows: list[Mapping[str, Any]], beside: Beside | str
+) -> GateOutcome:
+    """One limit on one row."""
+    name = str(row.get("name"))
+    if row.get("status") in LOST:
+        return _without_value(gate, limit, name, "row", gate_words.lost(row))
+    window, answer = gate_answers.answer(row, gate.metric, gate_rows.windows(gate.metric, gate.window))
+    why = gate_words.unanswered(row, gate.metric, gate.window, answer)
+    if answer is None or why:
+        return _without_value(gate, limit, name, "unanswered", why, window)
+    known = gate_answers.definition(gate.metric)
+    other, why = _other(limit, gate, gate.metric, row, rows, beside, window)
+    if why:
+        return _without_value(gate, limit, name, "unanswered", f"{name}: {why}", window)
+    decided = None
+    if limit.against == "baseline" and known.decided_by:
+        mine = gate_answers.answer(row, known.decided_by, (window,))[1]
+        theirs, _ = _other(limit, gate, known.decided_by, row, rows, beside, window)
+        decided = None if mine is None or theirs is None else (theirs, mine)
+    alike = limit.against != "baseline" or (isinstance(beside, Beside) and beside.same_log)
+    told = gate_limits.judged(
+        limit, gate.metric, known.better, answer, other, same_log=alike, decided=decided
+    )  # fmt: skip
+    return GateOutcome(
+        name, _check(gate, limit), gate.metric, window, "passed" if told.passed else "failed",
+        None if told.passed else "limit", answer.value, answer.unit, told.allowed, told.excess,
+        gate_words.measured(name, gate.metric, window, answer, limit, other, told), told.excused,
+    )  # fmt: skip
+
+
+def _other(
+    limit: Limit,
+    gate: Gate,
+    metric: str,
+    row: Mapping[str, Any],
+    rows: list[Mapping[str, Any]],
+    beside: Beside | str,
+    window: str,
+) -> tuple[Answer | None, str]:
+    """What a relative limit compares with; (None, "") for an absolute one."""
+    if limit.against == "onboard":
+        return gate_answers.of_onboard(rows, metric, window)
+    if limit.against == "baseline":
+        place = gate.baseline.name if gate.baseline is not None else ""
+        document = beside if isinstance(beside, str) else beside.document
+        return gate_answers.of_baseline(document, place, row, metric, window)
+    return None, ""
+
+
+def _without_value(gate: Gate, limit: Limit, row: str, cause: Cause, why: str, window: str = "") -> GateOutcome:
+    """No number that could pass: failed, or skipped where nothing was answered and the gate is optional."""
+    skipped = gate.optional and cause == "unanswered"
+    return GateOutcome(
+        row, _check(gate, limit), gate.metric, window or gate.window or "", "skipped" if skipped else "failed",
+        cause, None, "", None, math.inf, why,
+    )  # fmt: skip
+
+
+def _of_row(row: Mapping[str, Any]) -> GateOutcome:
+    """Whether a row ran to its end."""
+    name, lost = str(row.get("name")), row.get("status") in LOST
+    sentence = gate_words.lost(row) if lost else f"{name}: {row.get('status')}"
+    status: Status = "failed" if lost else "passed"
+    excess = math.inf if lost else 0.0
+    return GateOutcome(
+        name, STATUS, STATUS, "", status, "row" if lost else None, None, "", None, excess, sentence
+    )  # fmt: skip
+
+
+def _check(gate: Gate, limit: Limit) -> str:
+    window = f"@{gate.window}" if gate.window else ""
+    return f"{gate.metric}{window} {limit}"

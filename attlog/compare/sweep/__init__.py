@@ -1,0 +1,1 @@
+"""A grid of settings: the best, and what cannot be distinguished from it."""

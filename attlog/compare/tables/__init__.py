@@ -1,0 +1,1 @@
+"""Comparisons and analyses as tables, files and pages."""

@@ -1,0 +1,130 @@
+"""A comparison as one self-contained page: sentences, forest plots, tables. The report's own machinery draws it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from attlog.compare.differences.comparison import Beside, Comparison, Over, Question
+from attlog.compare.differences.wording import scale_title, seen, signed, span
+from attlog.compare.tables.table import Table, tables
+from attlog.plain import plain
+from attlog.report import shell
+from attlog.report.bundle import bundle
+from attlog.report.figures.figure import Figure
+from attlog.report.pack import Store
+
+OWN = Path(__file__).parents[1] / "web"
+COLOURS = 8
+
+
+def files(found: Comparison, path: Path, *, plotly: Literal["inline", "shared"] = "inline") -> dict[Path, str | bytes]:
+    """What is to be written for the page of a comparison at ``path``: the page, and the bundle beside it if shared."""
+    shared = plotly == "shared"
+    plot = bundle()
+    beside: dict[Path, str | bytes] = {path.parent / plot.name: plot.script} if shared else {}
+    return {p: s for p, s in beside.items() if not p.is_file() or p.read_bytes() != s} | {
+        path: render(found, shared=shared)
+    }
+
+
+def render(found: Comparison, *, shared: bool = False) -> str:
+    """The page as text: nothing in it is loaded from anywhere but, if ``shared``, the bundle beside it."""
+    figures = {q.id: _forest(found, q, number) for number, q in enumerate(found.questions) if q.main and _drawn(q)}
+    rows = [
+        {"name": c.label, "slot": 0 if not k else 1 + (k - 1) % COLOURS, "dash": "solid", "shown": True,
+         "onboard": False, "lost": False}
+        for k, c in enumerate(found.configurations)
+    ]  # fmt: skip
+    return shell.render(
+        "compare.html",
+        OWN,
+        rows=rows,
+        figures=figures.values(),
+        store=Store(),
+        document=plain(found),
+        shared=shared,
+        found=found,
+        names={c.name: c.label for c in found.configurations},
+        slots={c.name: row["slot"] for c, row in zip(found.configurations, rows, strict=True)},
+        places=figures,
+        tables=_by_question(found),
+        config=as_toml(found),
+    )
+
+
+def _by_question(found: Comparison) -> dict[str, list[Table]]:
+    by: dict[str, list[Table]] = {}
+    for table in tables(found):
+        by.setdefault(table.question.id, []).append(table)
+    return by
+
+
+def _drawn(question: Question) -> bool:
+    return any(b.value is not None for c in question.contrasts for b in c.logs)
+
+
+def _forest(found: Comparison, question: Question, number: int) -> Figure:
+    """The forest plot of a question: logs with a value, and all of them below."""
+    order = [c.name for c in found.configurations]
+    called = {c.name: c.label for c in found.configurations}
+    logs = [line.name for line in found.logs if any(
+        b.log == line.name and b.value is not None for c in question.contrasts for b in c.logs
+    )]  # fmt: skip
+    pooled = any(c.over is not None and c.over.logs > 1 for c in question.contrasts)
+    lines = [*logs, "all logs"] if pooled else logs
+    items: list[dict[str, Any]] = []
+    rows: list[list[Any]] = [["log", "configuration", "first", "scale", "value", "low95", "high95", "told"]]
+    for c in question.contrasts:
+        places: list[tuple[Beside | Over, int, str]]
+        places = [(b, lines.index(b.log), b.log) for b in c.logs if b.value is not None]
+        if c.over is not None and c.over.logs > 1:
+            places.append((c.over, len(logs), "all logs"))
+        for one, line, name in places:
+            view = seen(question, one)
+            if view is None:
+                continue
+            ends: list[float | None] | None = list(one.ci95) if one.ci95 is not None else None
+            say = f"{name}, {called[c.configuration]}: {signed(view.value, question)}" + (
+                f" ({span(view)})" if ends else ""
+            )
+            items.append({
+                "r": order.index(c.configuration), "line": line, "v": one.value, "ci": ends, "all": line == len(logs),
+                "told": one.direction in ("better", "worse"), "say": say,
+            })  # fmt: skip
+            rows.append(
+                [name, c.configuration, order[0], question.scale, one.value, *(ends or [None, None]), one.direction]
+            )
+    words = "; ".join(item["say"] for item in items)
+    height = 92 + 26 * len(lines) * max(1, (len(question.contrasts) + 1) // 2)
+    data = {
+        "items": items, "lines": lines, "all": pooled, "log": question.scale == "ratio", "table": rows,
+        "axis": scale_title(question, called[order[0]]),
+    }  # fmt: skip
+    caption = (
+        "Line: 95 % interval. Filled: told apart. Diamond: all logs together. Lines that leave the figure are cut."
+    )
+    title = f"{question.title} beside {called[order[0]]}"
+    return Figure(f"forest{number}", "forest", title, caption, height, data, True, words)
+
+
+def as_toml(found: Comparison) -> str:
+    """The configurations as a file that ``attlog compare`` reads."""
+    import tomli_w
+
+    parts = []
+    for c in found.configurations:
+        table: dict[str, Any] = {"name": c.name, "estimator": c.text.partition(":")[0]}
+        if ".py" in c.text or ".csv" in c.text:
+            table["estimator"] = c.text[: max(c.text.find(".py") + 3, c.text.find(".csv") + 4)]
+        table |= {k: _value(v) for k, v in (*c.parameters.items(), *c.before.items())}
+        parts.append("[[configuration]]\n" + tomli_w.dumps(table))
+    return "\n".join(parts)
+
+
+def _value(text: str) -> Any:
+    try:
+        numbers = [float(part) for part in text.split("/")]
+    except ValueError:
+        return text
+    return numbers[0] if len(numbers) == 1 else numbers

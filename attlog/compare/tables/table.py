@@ -1,0 +1,82 @@
+"""The tables of a comparison: for each question a row per log and one for all of them, as plain cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from attlog.compare.differences.comparison import Beside, Comparison, Over, Question
+from attlog.compare.differences.wording import favour, seen, signed, span, value
+from attlog.present.numbers import counted, unit_sign
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One question against one configuration. ``head`` and ``rows`` have as many cells; the last row is all logs."""
+
+    question: Question
+    configuration: str
+    title: str
+    caption: str
+    head: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    reasons: list[str]
+    """Beside each row why it has no difference, or empty."""
+
+
+def tables(found: Comparison) -> list[Table]:
+    """A table for each question and each configuration after the first."""
+    return [_table(found, q, c.configuration) for q in found.questions for c in q.contrasts]
+
+
+def _table(found: Comparison, question: Question, name: str) -> Table:
+    called = {c.name: c.label for c in found.configurations}
+    first = found.configurations[0].name
+    contrast = next(c for c in question.contrasts if c.configuration == name)
+    unit = unit_sign(question.unit)
+    change = f"{called[name]} to {called[first]}"
+    head = ("log", *(f"{called[n]}{f', {unit}' if unit else ''}" for n in (first, name)), change, "95 %", "told")
+    rows, reasons = [], []
+    for beside in contrast.logs:
+        cells = question.cells.get(beside.log, {})
+        values = (beside.first, beside.second)
+        if beside.value is None:
+            values = tuple(cells[n].value if n in cells else None for n in (first, name))  # type: ignore[assignment]
+        rows.append(
+            (
+                beside.log,
+                *(value(v, question) for v in values),
+                *_told(question, beside, called[first], called[name]),
+            )
+        )
+        reasons.append(beside.reason)
+    if contrast.over is not None and contrast.over.logs > 1:
+        over = contrast.over
+        label = (
+            f"{counted(over.logs, 'log')} of {len(found.logs)}"
+            if over.logs < len(found.logs)
+            else f"all {over.logs} logs"
+        )
+        rows.append((label, "", "", *_told(question, over, called[first], called[name])))
+        reasons.append("")
+    return Table(question, name, question.title, _caption(question), head, rows, reasons)
+
+
+def _told(question: Question, found: Beside | Over, first: str, second: str) -> tuple[str, str, str]:
+    """Change, interval and who is told to be better by how much."""
+    view = seen(question, found)
+    if view is None:
+        return "", "", "–"
+    if view.direction == "same":
+        return "0", "", "equal"
+    winner = {"better": second, "worse": first}.get(view.direction)
+    text = "not told" if winner is None else f"{winner}: {favour(view if winner == second else view.turned)}"
+    if view.logs > 1 and winner is None:
+        text += f" ({second} better on {view.better} of {view.logs} logs)"
+    return signed(view.value, question), span(view), text
+
+
+def _caption(question: Question) -> str:
+    where = " or ".join(question.windows[:2]) if len(question.windows) > 1 else question.windows[0]
+    what = {"rmse": "RMS of the typical block", "noise": "typical window of 5 s"}
+    kind = next((text for part, text in what.items() if part in question.metric), "")
+    return f"{question.metric}, {where}" + (f", {kind}" if kind else "")

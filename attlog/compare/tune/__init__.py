@@ -1,0 +1,1 @@
+"""Gains found on some logs and judged on others."""

@@ -1,0 +1,56 @@
+"""The page of a tuning: sentences, gains to paste, what was judged where, and how flat the optimum is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from attlog.compare.sweep.text import named, references_of
+from attlog.compare.tables.settings_page import Page, Section, render
+from attlog.compare.tune.search import Free
+from attlog.compare.tune.text import document, gain_rows, judged_rows, part_rows, paste, sentences
+from attlog.compare.tune.tune import Tuned
+from attlog.present.numbers import counted, unit_sign
+from attlog.report.figures.figure import Figure, listed
+
+WORST_SHOWN = 1.5
+"""Costs beyond this share above the spread of the better half are drawn at the upper edge."""
+
+
+def tune_page(t: Tuned, about: Mapping[str, Any], firmware: Mapping[str, str]) -> str:
+    """The page as text; ``about``: version, command and logs as in the JSON."""
+    where = counted(len(t.logs), "log") if len(t.logs) > 1 else "one log"
+    told = f"attlog {about['attlog']['version']} · {about['command']}"
+    said = list(sentences(t, references_of(about)))
+    whole = document(t, dict(about), dict(firmware))
+    return render(Page("tune", f"{t.filter}: gains from {where}", told, said, whole, list(_sections(t, firmware))))
+
+
+def _sections(t: Tuned, firmware: Mapping[str, str]) -> Iterator[Section]:
+    yield Section("Gains, ready to paste", code="\n".join(paste(t, firmware)))
+    yield Section("On what was left out", table=judged_rows(t))
+    yield Section("How much the gains depend on the logs", table=gain_rows(t))
+    yield Section("How flat the optimum is", figures=[_tried(t, f, k) for k, f in enumerate(t.free)])
+    yield Section("Each part, with gains that were not found on it", table=part_rows(t))
+
+
+def _tried(t: Tuned, f: Free, number: int) -> Figure:
+    """The change of the objective over one gain, a dot for each setting that was tried."""
+    changes = [100.0 * (math.exp(cost) - 1.0) for _, cost in t.found.tried]
+    low, middle = min(changes), sorted(changes)[len(changes) // 2]
+    gains = [float(setting[f.name]) for setting, _ in t.found.tried]
+    unit = unit_sign(f.unit)
+    data = {
+        "x": listed(gains), "y": listed(changes), "log": f.log, "range": [f.low, f.high],
+        "top": max(middle + WORST_SHOWN * (middle - low), low + 1.0),
+        "best": [setting == t.found.setting for setting, _ in t.found.tried],
+        "say": [f"{named(tried[0])}: {c:+.0f} %" for tried, c in zip(t.found.tried, changes, strict=True)],
+        "axis": f"{f.name}, {unit}" if unit else f.name, "title": "objective, % of the filter as it is",
+        "table": [[f.name, "objective [%]"], *([g, c] for g, c in zip(listed(gains), listed(changes), strict=True))],
+    }  # fmt: skip
+    caption = "Red: the gains found. Triangles: worse than the figure reaches."
+    words = f"{named(t.found.setting)}: {min(changes):+.0f} %"
+    return Figure(
+        f"tried{number}", "tried", f"Every setting that was tried, by {f.name}", caption, 300, data, False, words
+    )

@@ -1,0 +1,1 @@
+"""Gates over many logs, for CI: JUnit, annotations, summaries."""

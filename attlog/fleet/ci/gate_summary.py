@@ -1,0 +1,88 @@
+"""Gates as Markdown, for the summary of a CI job: what failed and by how much, worst first."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from attlog import __version__
+from attlog.base.errors import OutputError
+from attlog.base.output import write_atomic
+from attlog.fleet.ci.judged import Judged, failing
+from attlog.present.numbers import counted
+from attlog.present.table.markdown import escaped
+
+MOST_BYTES = 900_000
+"""GitHub refuses the whole summary of a step above 1 MiB."""
+
+
+def summary(logs: Sequence[Judged], most: int = MOST_BYTES) -> str:
+    """The summary of all logs; what does not fit is counted."""
+    found = failing(logs)
+    lines = [_headline(logs, found), "", _counts(logs), ""]
+    used = sum(len(line.encode()) + 1 for line in lines) + 200
+    left = sum(max(j.failed, 1) for j in found)
+    if found:
+        lines += ["| log | row | check | what was found |", "| --- | --- | --- | --- |"]
+    for line in _table(found):
+        used += len(line.encode()) + 1
+        if used > most:
+            break
+        lines.append(line)
+        left -= 1
+    if left > 0:
+        lines += ["", f"... and {counted(left, 'more failure')}: the reports of these logs show them."]
+    return "\n".join(lines) + "\n"
+
+
+def write(logs: Sequence[Judged], path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
+    """Write the summary to a file, and add it to the job's where ``$GITHUB_STEP_SUMMARY`` names one.
+
+    Returns the text that is left to be printed: all of it where it was written nowhere. OutputError if a file cannot
+    be written.
+    """
+    text = summary(logs)
+    step = environment.get("GITHUB_STEP_SUMMARY")
+    if path is not None:
+        write_atomic(path, text)
+    if step and (path is None or path.resolve() != Path(step).resolve()):
+        try:
+            with open(step, "a", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise OutputError(f"{step}: cannot be written ({error.strerror or error})") from error
+    return "" if step or path is not None else text
+
+
+def _headline(logs: Sequence[Judged], found: Sequence[Judged]) -> str:
+    if not logs:
+        return "## attlog: no log"
+    if not found:
+        return f"## ✅ attlog: {counted(len(logs), 'log')}, no gate failed"
+    return f"## ❌ attlog: {len(found)} of {counted(len(logs), 'log')} failed"
+
+
+def _counts(logs: Sequence[Judged]) -> str:
+    passed, failed, skipped, excused = (
+        sum(getattr(j, kind) for j in logs) for kind in ("passed", "failed", "skipped", "excused")
+    )
+    parts = [f"{counted(passed, 'check')} passed", f"{failed} failed", f"{skipped} skipped"]
+    broken = sum(j.broken for j in logs)
+    parts += [f"{counted(broken, 'log')} could not be analysed"] if broken else []
+    known = sum(j.known for j in logs)
+    parts += [f"{counted(known, 'log')} failed as in an earlier run"] if known else []
+    parts += [f"{excused} beyond a limit to the baseline, but not told from it by the evidence"] if excused else []
+    return f"{', '.join(parts)} (attlog {__version__})."
+
+
+def _table(found: Sequence[Judged]) -> Iterator[str]:
+    for j in found:
+        if j.broken:
+            yield _line(j.log, "", "analysis", j.message.removeprefix(f"{j.log}: "))
+        for o in j.worst:
+            yield _line(j.log, o.row, o.check, o.sentence)
+
+
+def _line(*cells: str) -> str:
+    return "| " + " | ".join(map(escaped, cells)) + " |"

@@ -1,0 +1,1 @@
+"""What a batch shows: its index, its tables, its summary."""

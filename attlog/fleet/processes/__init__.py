@@ -1,0 +1,1 @@
+"""One log in a process of its own."""

@@ -1,0 +1,134 @@
+"""What was wrong with a flight's attitude, and how urgently somebody should look: reasons in words, worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from attlog.compare.gates.rows import BASELINES
+from attlog.present.names import row_names
+from attlog.present.numbers import listed
+from attlog.result import EstimatorRow, Problem, Result
+
+ATTITUDE = frozenset({
+    "reference_contradicted", "onboard_against_smoother", "onboard_against_truth", "gravity_direction",
+    "gyro_against_attitude", "second_source", "ekf_check", "ekf_fault", "ekf_failsafe",
+})  # fmt: skip
+"""Codes of problems that say the attitude that flew was wrong, or that its estimator failed."""
+RESETS = frozenset({"attitude_jumps", "lane_switch", "estimator_instance_changed"})
+SENSORS = frozenset({
+    "gyro", "gyro_bias", "gyro_range", "gravity", "gravity_in_flight", "accelerometer_bias", "vibration",
+    "vibration_failsafe", "vertical_force", "field", "field_against_motors", "field_against_attitude", "mag_dead",
+    "mag_spikes", "imu_all_zero", "imu_mostly_refused", "gnss_glitch",
+})  # fmt: skip
+"""Codes of problems that a sensor has; ``rejected_...`` as well. Others tell what the log lacks."""
+
+POINTS = {
+    ("gate", "error"): 100.0,
+    ("attitude", "error"): 100.0,
+    ("crash", "error"): 80.0,
+    ("sensor", "error"): 40.0,
+    ("attitude", "warning"): 30.0,
+    ("log", "error"): 20.0,
+    ("reset", "warning"): 20.0,
+    ("reset", "error"): 40.0,
+    ("sensor", "bad"): 20.0,
+    ("sensor", "warning"): 10.0,
+    ("log", "warning"): 3.0,
+}
+"""How much a reason weighs, by kind and severity; notes weigh nothing and are left out.
+
+A sensor's warning counts as bad where its check says so.
+"""
+FILTER_POINTS, MOST_FILTERS = 10.0, 5
+REFUSED_POINTS = 40.0
+SERIOUS, LOOK = 40.0, 10.0
+"""One reason of this weight makes a log serious, or one to look at."""
+ANY_JUMP, PER_DEGREE, MOST_DEGREES = 5.0, 0.5, 60.0
+"""A jump of known size: a heading set anew by a few degrees at take-off is no news, one by 60 deg nearly serious."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why somebody should look: ``kind`` gate, attitude, crash, reset, filter, sensor or log.
+
+    ``points`` is its weight, ``text`` a sentence, ``t`` s on the log's clock or None.
+    """
+
+    kind: str
+    code: str
+    points: float
+    text: str
+    t: float | None = None
+
+
+def trouble(reasons: Iterable[Reason]) -> dict[str, Any]:
+    """Reasons as plain values, the heaviest first: ``level`` serious, look or none; ``score``, the sum of points."""
+    found = sorted(reasons, key=lambda r: -r.points)
+    most = found[0].points if found else 0.0
+    level = "serious" if most >= SERIOUS else "look" if most >= LOOK else "none"
+    return {"level": level, "score": round(sum(r.points for r in found), 1), "reasons": [asdict(r) for r in found]}
+
+
+def with_gates(said: dict[str, Any], failed: Iterable[str]) -> dict[str, Any]:
+    """What :func:`trouble` told, with one more reason for each sentence of a gate that failed."""
+    gates = [Reason("gate", "gate", POINTS["gate", "error"], text) for text in failed]
+    return trouble([*gates, *(Reason(**reason) for reason in said["reasons"])]) if gates else said
+
+
+def reasons(result: Result) -> list[Reason]:
+    """Everything in a result that speaks of trouble with the attitude or with what it is computed from."""
+    bad = {check.name.replace(" ", "_") for check in result.audit if check.verdict == "bad"}
+    found = [reason for problem in result.problems if (reason := _of_problem(problem, bad)) is not None]
+    codes = {r.code for r in found}
+    refused = result.reference.refused if result.reference else {}
+    for kind, why in refused.items():
+        if kind == "truth" or (kind == "onboard" and not codes & ATTITUDE):
+            said = "truth" if kind == "truth" else "attitude that flew"
+            found.append(Reason("attitude", "refused", REFUSED_POINTS, f"The {said} is refused as reference: {why}."))
+    return [*found, *_of_rows(result)]
+
+
+def _of_problem(problem: Problem, bad: Collection[str]) -> Reason | None:
+    kind = kind_of(problem.code)
+    is_bad = problem.severity == "warning" and problem.code in bad and (kind, "bad") in POINTS
+    points = POINTS.get((kind, "bad" if is_bad else problem.severity))
+    if points is None:
+        return None
+    if kind == "reset" and problem.value is not None and problem.unit == "deg":
+        points = ANY_JUMP + PER_DEGREE * min(abs(problem.value), MOST_DEGREES)
+    times = f" ({problem.count} times)" if problem.count > 1 and str(problem.count) not in problem.text else ""
+    return Reason(kind, problem.code, points, problem.text + times, problem.t)
+
+
+def kind_of(code: str) -> str:
+    """Which kind of trouble a problem's code stands for."""
+    if code in ATTITUDE:
+        return "attitude"
+    if code in RESETS:
+        return "reset"
+    if code == "crash":
+        return "crash"
+    return "sensor" if code in SENSORS or code.startswith("rejected_") else "log"
+
+
+def _of_rows(result: Result) -> list[Reason]:
+    """Rows that diverged or failed: the attitude that flew on its own, the filters together."""
+    names = row_names(result)
+    found = [
+        Reason("attitude", r.status, POINTS["attitude", "error"], f"The attitude that flew {r.status}: {r.reason}.")
+        for r in result.estimators
+        if r.name == "onboard" and r.status in ("diverged", "failed")
+    ]
+    for status in ("diverged", "failed"):
+        lost = [r for r in result.estimators if r.status == status and _judged(r)]
+        if lost:
+            why = f": {lost[0].reason}" if len(lost) == 1 and lost[0].reason else ""
+            text = f"{listed([names[r.name] for r in lost])} {status}{why}."
+            found.append(Reason("filter", status, FILTER_POINTS * min(len(lost), MOST_FILTERS), text))
+    return found
+
+
+def _judged(row: EstimatorRow) -> bool:
+    return row.kind == "replay" and row.estimator not in BASELINES

@@ -1,0 +1,1 @@
+"""Who works on which log: this machine or a cluster."""

@@ -1,0 +1,1 @@
+"""Where logs are: files, folders, archives, URLs."""

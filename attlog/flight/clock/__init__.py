@@ -1,0 +1,1 @@
+"""Which time a record has, and whether to believe it."""

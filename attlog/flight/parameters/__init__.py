@@ -1,0 +1,1 @@
+"""Parameters of the vehicle: their history, files of them, their limits."""

@@ -1,0 +1,57 @@
+"""Does the onboard estimator take so much off the accelerometer that its attitude is tilted by it?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.base import rotation
+from attlog.base.median import median
+from attlog.flight.model import Array, FlightLog
+from attlog.health.model import Check
+from attlog.health.sensors.accelerometer import degrees_between, of_imu
+from attlog.segments.model import Segments
+
+G = 9.80665
+LIMITS_DEG = (1.0, 3.0)
+"""A horizontal bias of 0.17 m/s^2 tilts the level by 1 deg, 0.5 m/s^2 by 3 deg."""
+EXPLAINS = 0.5
+"""It explains a tilt difference at rest where it leaves less than half of it."""
+
+
+def checks(log: FlightLog, segments: Segments) -> list[Check]:
+    """The tilt that the estimated accelerometer bias makes, and whether gravity at rest confirms or refutes it."""
+    stream = log.acc_bias
+    if stream is None:
+        return []
+    bias = median(stream.x, axis=0)
+    tilt = float(np.degrees(np.arctan2(np.hypot(bias[0], bias[1]), G)))
+    worst = "xy"[int(np.argmax(np.abs(bias[:2])))]
+    size = float(bias["xy".index(worst)])
+    limit = f"good up to {LIMITS_DEG[0]:.0f} deg of tilt, bad above {LIMITS_DEG[1]:.0f} deg"
+    text = f"The onboard estimator takes {size:+.2f} m/s^2 off the accelerometer's {worst} ({stream.source}), "
+    text += f"{tilt:.1f} deg of tilt"
+    verdict = "good" if tilt <= LIMITS_DEG[0] else "warn" if tilt <= LIMITS_DEG[1] else "bad"
+    both = differences(log, segments, bias)
+    if both is not None and verdict != "good":
+        plain, corrected = both
+        if corrected < EXPLAINS * plain:
+            text += f": it explains {plain - corrected:.1f} of the {plain:.1f} deg between {log.onboard} and gravity"
+            text += " at rest"
+    return [Check("accelerometer bias", verdict, text + ".", round(size, 3), "m/s^2", limit)]
+
+
+def differences(log: FlightLog, segments: Segments, bias: Array) -> tuple[float, float] | None:
+    """Median angle in deg at rest between the attitude's up and the force: as measured, and without the bias."""
+    imu, onboard = log.replay_imu, log.onboard_attitude
+    if imu is None or onboard is None:
+        return None
+    rest = segments.mask(imu.acc.t, "rest")
+    q = rotation.slerp(onboard.t, of_imu(log, onboard), imu.acc.t[rest])
+    known = rotation.finite(q)
+    if known.sum() < 10:
+        return None
+    up = rotation.rotate_inverse(q[known], np.array([0.0, 0.0, -1.0]))
+    found = []
+    for force in (imu.acc.x[rest][known], imu.acc.x[rest][known] - bias):
+        found.append(float(median(degrees_between(force / np.sqrt(np.sum(force**2, axis=1, keepdims=True)), up))))
+    return found[0], found[1]

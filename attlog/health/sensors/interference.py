@@ -1,0 +1,82 @@
+"""Does the measured field follow throttle or current? Then motors bend the compass."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.base.median import quantile
+from attlog.flight.model import FlightLog, Stream
+from attlog.health.model import Check, not_judged
+from attlog.segments.model import Segments
+from attlog.segments.spans import Span, inside
+
+Array = NDArray[np.float64]
+
+LEAST_R = 0.6
+"""Weaker correlation is no sign: the field also changes with attitude and place."""
+LEAST_UT = 1.0
+"""The earth's field has 22 uT and more: a line that ends below this, or below zero, is compared with this."""
+SHARE_PCT = (10.0, 30.0)
+"""Change of the field over the range of throttle: ardupilot.org, "Magnetic Interference", calls 30 % the limit."""
+LEAST_THROTTLE, LEAST_AMPERE = 0.1, 2.0
+"""A drive that varies by less tells nothing."""
+SECONDS, SAMPLES = 10.0, 50
+
+
+def checks(log: FlightLog, segments: Segments) -> list[Check]:
+    """The strength of the field against the motors' current, else their throttle."""
+    if log.mag is None:
+        return []
+    name = "field against motors"
+    limit = f"good up to {SHARE_PCT[0]:.0f} % or r below {LEAST_R}, bad above {SHARE_PCT[1]:.0f} %"
+    field = log.mags[log.mag].field
+    spans = segments.spans("armed") or segments.spans("airborne")
+    best: Check | None = None
+    for what, stream, least in drives(log):
+        seen = follow(field, stream, spans, least)
+        if seen is None:
+            continue
+        r, low, high = seen
+        change = 100.0 * abs(high - low) / max(min(low, high), LEAST_UT)
+        follows = abs(r) >= LEAST_R and change > SHARE_PCT[0]
+        verdict = "good" if not follows else "bad" if change > SHARE_PCT[1] else "warn"
+        text = f"The field goes from {low:.1f} to {high:.1f} uT over the range of {what} (r = {r:.2f})."
+        check = Check(name, verdict, text, round(change, 1), "%", limit)
+        if best is None or (verdict != "good" and change > float(best.value or 0.0)):
+            best = check
+    return [best or not_judged(name, "The log holds no throttle or current that changes while armed.", limit)]
+
+
+def drives(log: FlightLog) -> list[tuple[str, Stream, float]]:
+    """What may bend the field: name, stream, and the least range that tells something."""
+    found = []
+    if log.battery is not None and log.battery.x.shape[1] > 1 and np.isfinite(log.battery.x[:, 1]).any():
+        current = Stream(log.battery.t, log.battery.x[:, 1:2], "A", "", log.battery.source)
+        found.append(("the current", current, LEAST_AMPERE))
+    if log.throttle is not None and len(log.throttle.t) > 1:
+        found.append(("the throttle", log.throttle, LEAST_THROTTLE))
+    return found
+
+
+def follow(field: Stream, drive: Stream, spans: list[Span], least: float) -> tuple[float, float, float] | None:
+    """Correlation of the field's size with a drive, and the line through both (uT) at the drive's 5th and 95th
+    percentile; None where the drive varies by less than ``least`` or the log is too short."""
+    x = drive.x[:, 0]
+    known = np.isfinite(x)
+    t = field.t_best
+    size = np.sqrt(np.sum(field.x**2, axis=1)) * 1e6
+    use = np.isfinite(size) & (size > 0) & inside(t, spans)
+    if known.sum() < SAMPLES or use.sum() < SAMPLES or np.ptp(t[use]) < SECONDS:
+        return None
+    power = np.interp(t[use], drive.t[known], x[known])
+    near = np.abs(t[use] - drive.t[known][np.clip(np.searchsorted(drive.t[known], t[use]), 0, known.sum() - 1)]) < 1.0
+    power, size = power[near], size[use][near]
+    if len(power) < SAMPLES:
+        return None
+    low, high = quantile(power, 0.05), quantile(power, 0.95)
+    if high - low < least or np.std(size) == 0:
+        return None
+    r = float(np.corrcoef(power, size)[0, 1])
+    slope, start = np.polyfit(power, size, 1)
+    return r, float(start + slope * low), float(start + slope * high)

@@ -1,0 +1,104 @@
+"""The magnetometer: alive, size of the field, and a field that stands still while the vehicle turns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.base import rotation
+from attlog.base.median import median
+from attlog.flight import magnetic
+from attlog.flight.model import Array, FlightLog
+from attlog.health.model import Check, graded, not_judged
+from attlog.health.sensors import frozen
+from attlog.health.sensors.accelerometer import of_imu
+from attlog.reference import declination
+
+STRENGTH_UT = (15.0, 90.0)
+"""Outside this no place on earth lies: 22 to 67 uT with room for an iron vehicle."""
+
+STEADY_DEG, UNSTEADY_DEG = 5.0, 20.0
+"""How much the direction of the field may vary in earth axes; beyond the second a mean within it tells none."""
+
+
+def checks(log: FlightLog) -> list[Check]:
+    """Field strength, steadiness in earth axes, declination."""
+    if not log.mags:
+        return [not_judged("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
+    found = [
+        Check(f"magnetometer {m.index}", "bad", f"{m.field.source}: {reason}.", "dead", "", "must follow the field")
+        for m in log.mags
+        if (reason := magnetic.dead(m, log.replay_imu))
+    ]
+    if log.mag is None:
+        return [*found, not_judged("field", "No usable magnetometer in this log.", "15 to 90 uT")]
+    held = frozen.compass(log)
+    if held:
+        why = f"The compass stops at {held[0][0]:.1f} s: its field says nothing from there on."
+        return [*found, strength(log), *(not_judged(name, why) for name in ("field against attitude", "declination"))]
+    return [*found, strength(log), *against_attitude(log)]
+
+
+def strength(log: FlightLog) -> Check:
+    """The size of the field against the world magnetic model, and how much it varies."""
+    mag = log.mags[log.mag or 0]
+    norm = np.sqrt(np.nansum(mag.field.x**2, axis=1)) * 1e6
+    norm = norm[norm > 0]
+    value, spread = float(median(norm)), float(np.std(norm) / median(norm))
+    model = declination.model(log)
+    text = f"{mag.field.source}: {value:.1f} uT, varying by {100 * spread:.0f} %"
+    verdict = "good" if STRENGTH_UT[0] <= value <= STRENGTH_UT[1] else "bad"
+    limit = "good within 20 % of the model and varying up to 10 %; bad outside 15 to 90 uT"
+    if model is not None:
+        expected = model.strength_t * 1e6
+        text += f"; the earth's field there is {expected:.1f} uT"
+        if verdict == "good" and abs(value / expected - 1) > 0.2:
+            verdict = "warn"
+    elif verdict == "bad":
+        text += "; the earth's field is 22 to 67 uT anywhere"
+    if verdict == "good" and spread > 0.1:
+        verdict = "warn"
+    if not mag.calibrated:
+        verdict = "warn" if verdict == "good" else verdict
+        text += "; uncalibrated"
+    return Check("field", verdict, text + ".", round(value, 2), "uT", limit)
+
+
+def against_attitude(log: FlightLog) -> list[Check]:
+    """Direction of the horizontal field, rotated by truth or the onboard attitude: steady, and the declination."""
+    limit = f"good up to {STEADY_DEG:.0f} deg, bad above {UNSTEADY_DEG:.0f} deg"
+    name, attitude = ("truth", log.truth) if log.truth is not None else (log.onboard, log.onboard_attitude)
+    if attitude is None:
+        return [not_judged("field against attitude", "There is no attitude to rotate the field by.", limit)]
+    q = attitude.q if name == "truth" else of_imu(log, attitude)
+    field = log.mags[log.mag or 0].field
+    turned = rotation.slerp(attitude.t, q, field.t_best)
+    good = rotation.finite(turned) & rotation.finite(field.x)
+    if good.sum() < 10:
+        return [not_judged("field against attitude", f"{name} covers {good.sum()} magnetometer samples only.", limit)]
+    north = rotation.rotate(turned[good], field.x[good])
+    azimuth, spread = circular(np.arctan2(north[:, 1], north[:, 0]))
+    whose = "the true" if name == "truth" else f"{name}'s"
+    text = f"The field's north lies {azimuth:.1f} deg from {whose} north and varies by {spread:.1f} deg (1 sigma)."
+    verdict = graded(spread, STEADY_DEG, UNSTEADY_DEG)
+    found = [Check("field against attitude", verdict, text, round(spread, 2), "deg", limit)]
+    model = declination.model(log)
+    limit = "good within 4 deg of the model, bad above 15 deg"
+    if model is None:
+        return [
+            *found,
+            not_judged("declination", "There is no GNSS position, so no declination to compare with.", limit),
+        ]
+    difference = float(np.degrees(rotation.wrap(np.radians(azimuth - model.declination_deg))))
+    if max(UNSTEADY_DEG, abs(difference)) < spread:
+        return [*found, not_judged("declination", "The field varies too much to tell a declination.", limit)]
+    expected = f"the model says {model.declination_deg:.1f} deg"
+    text = f"The field's north lies {azimuth:.1f} deg from {whose} north; {expected}."
+    found.append(Check("declination", graded(abs(difference), 4.0, 15.0), text, round(azimuth, 2), "deg", limit))
+    return found
+
+
+def circular(angle: Array) -> tuple[float, float]:
+    """Circular mean and standard deviation in deg of angles (n,) in rad."""
+    mean = np.mean(np.exp(1j * angle))
+    length = min(max(abs(mean), 1e-12), 1.0)
+    return float(np.degrees(np.angle(mean))), float(np.degrees(np.sqrt(max(-2.0 * np.log(length), 0.0))))

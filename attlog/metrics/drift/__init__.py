@@ -1,0 +1,1 @@
+"""How fast the heading drifts: at rest, in the air, and around its mean drift."""

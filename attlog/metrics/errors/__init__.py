@@ -1,0 +1,1 @@
+"""How far a row is from the reference, when it converges, how it recovers."""

@@ -1,0 +1,338 @@
+"""How far is a row from the reference? RMSE, median, 95th percentile and maximum of the error angles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.base.distinct import among
+from attlog.base.median import median
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Case, Metric, paragraph, per_case, per_row, per_times
+from attlog.metrics.evidence.samples import seconds
+from attlog.metrics.statistics import intervals as interval
+from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
+from attlog.reference import scoring, sigma_deg
+from attlog.reference.model import Row
+from attlog.segments import gaps
+from attlog.segments.spans import complement, intersect
+
+Array = NDArray[np.float64]
+Whole = tuple[float, interval.Interval | None]
+"""A value and its interval."""
+
+ANGLES = {
+    "total": "the whole rotation between the row and the reference, 2 atan2(|e_vec|, |e0|)",
+    "heading": "the part of the error about the vertical, 2 atan2(e3, e0), without its sign",
+    "inclination": "the part of the error that tilts, 2 atan2(hypot(e1, e2), hypot(e0, e3))",
+}
+STATISTICS = {"rmse": "root mean square", "median": "median", "p95": "95th percentile", "max": "largest value"}
+GROUP_S = {"inclination": 5.0, "heading": 10.0, "total": 10.0}
+"""Errors of filters wander over seconds, heading for longer than tilt: shorter groups would count one swing twice. With
+5 s for heading the interval of half a flight met the other half in 82 % only."""
+MAX_GROUPS = 20
+SHORTEST_S, MIN_SAMPLES = 4.0, 8
+
+BLOCK_S = {"inclination": 5.0, "heading": 15.0, "total": 15.0}
+"""Blocks in which rows are compared: from one to the next the difference of two rows in tilt keeps 0.26 of itself
+after 5 s, in heading 0.48 (which made up to 7 % of the claims wrong), after 15 s next to nothing."""
+MIN_BLOCKS = {"inclination": 4, "heading": 3, "total": 3}
+BLOCK_FILLED = 0.8
+
+_EVIDENCE = """Interval: t over consecutive groups of about {seconds:.0f} s (at least 4), so that neighbouring
+    samples do not count as independent evidence, widened where neighbouring groups resemble each other."""
+_RANKED = """Rows are compared by the mean squares of their common blocks of 5 s (at least 4). Rows that gravity does
+    not correct are not ranked: their error grows with the flight."""
+_RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
+    truth or smoother: against the onboard attitude 13 to 30 % of what was told turned around in the remainder."""
+_EXTREME = "An extreme of this record has no interval and is never ranked."
+
+METRICS: tuple[Metric, ...] = tuple(
+    Metric(
+        f"{angle}_{statistic}_deg",
+        f"{angle.capitalize()} error, {words}",
+        "deg",
+        "low",
+        ("reference",),
+        paragraph(
+            f"""{words[0].upper()}{words[1:]} of {meaning}, with e = q_est q_ref* seen in earth axes, over the scored
+            samples of the window at the times of the slower of row and reference.
+            {_EXTREME if statistic == "max" else _EVIDENCE.format(seconds=GROUP_S[angle])}
+            {_RANKED if angle == "inclination" else _RANKED_HEADING}"""
+        ),
+        "" if statistic == "rmse" else f"{angle}_rmse_deg",
+    )
+    for angle, meaning in ANGLES.items()
+    for statistic, words in STATISTICS.items()
+)
+
+
+HALF_TURN_DEG = 180.0
+"""No attitude is further from another, so no interval of an error ends beyond it."""
+
+
+def groups_of(n: int, duration: float, length: float = GROUP_S["inclination"]) -> list[slice]:
+    """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of ``length`` s; none below 4 s."""
+    if duration < SHORTEST_S or n < MIN_SAMPLES:
+        return []
+    return interval.equal_groups(n, int(np.clip(duration // length, 4, MAX_GROUPS)))
+
+
+def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
+    """RMS of an error angle (n,) and its interval: t over the mean squares of the groups, which may resemble
+    their neighbours, on logarithmic scale.
+
+    The relative error of the mean square becomes a factor (delta method), so that the
+    interval of a short, uneven record does not reach below zero.
+    """
+    squares = angle**2
+    square = float(np.mean(squares))
+    spread = interval.of_neighbours(interval.means(squares, groups)) if len(groups) > 1 else None
+    if spread is None or square == 0.0:
+        return math.sqrt(square), None if spread is None else (0.0, 0.0)
+    factor = math.exp(0.25 * (spread[1] - spread[0]) / square)
+    return math.sqrt(square), (math.sqrt(square) / factor, min(math.sqrt(square) * factor, HALF_TURN_DEG))
+
+
+def statistic(
+    angle: Array, name: str, groups: list[slice], ordered: Array | None = None, whole: Whole | None = None
+) -> Whole:
+    """One of STATISTICS of an error angle without sign (n,), with its interval where it has one.
+
+    Where several are asked for: ``ordered`` are the same angles in ascending order, ``whole`` is their RMS.
+    """
+    if name == "rmse":
+        return whole or root_mean_square(angle, groups)
+    ordered = np.sort(angle) if ordered is None else ordered
+    if name == "max":
+        return float(ordered[-1]), None
+    if name == "median":
+        return interval.quantile(ordered, 0.5), interval.of_quantile(angle, 0.5, groups, ordered)
+    return percentile_95(angle, groups, ordered, whole or root_mean_square(angle, groups))
+
+
+def percentile_95(angle: Array, groups: list[slice], ordered: Array, whole: Whole) -> Whole:
+    """The 95th percentile of an error angle (n,) and its interval: Woodruff's, widened to that of the whole's size.
+
+    Few groups reach the 95th percentile at all, so the shares below it say little about how far it lies: alone they
+    met the other half of a flight in 50 to 70 %. It grows and shrinks with the RMSE, whose relative interval counts.
+    """
+    value = interval.quantile(ordered, 0.95)
+    shares = interval.of_quantile(angle, 0.95, groups, ordered)
+    if shares is None or whole[1] is None or whole[0] == 0.0:
+        return value, shares
+    low, high = (value * end / whole[0] for end in whole[1])
+    return value, (min(shares[0], low), min(max(shares[1], high), HALF_TURN_DEG))
+
+
+def compute(case: Case, row: Row, window: str, only: Collection[str] | None = None) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; ``only`` those of these ids, where many rows are asked for one."""
+    errors = row.errors
+    absent = why_no_errors(case, row)
+    if absent is not None or errors is None:
+        code, reason = absent or ("no_reference", "this row has no errors against the reference")
+        return {m.name: missing(code, reason, "deg", window) for m in METRICS}
+    good = _scored(case, row) & in_window(case, errors.t, window)
+    count = int(np.count_nonzero(good))
+    if count < MIN_SAMPLES:
+        start = case.reference.scoring_start
+        reason = f"{count} scored samples in window {window}; {MIN_SAMPLES} are needed, from {start:.1f} s on"
+        return {m.name: missing("not_covered", reason, "deg", window) for m in METRICS}
+    duration = seconds(errors.t, gaps.slices(good, _segments(case, row)))
+    answers: dict[str, Answer] = {}
+    for angle in ANGLES:
+        asked = [name for name in STATISTICS if only is None or f"{angle}_{name}_deg" in only]
+        if not asked:
+            continue
+        if angle != "inclination" and (why_not := why_no_heading(case, row)):
+            answers |= {f"{angle}_{name}_deg": missing(*why_not, "deg", window) for name in asked}
+            continue
+        own = own_sigma(case, angle, window)
+        groups = groups_of(count, duration, GROUP_S[angle])
+        values = np.abs(getattr(errors, angle)[good])
+        units = block_units(case, row, window, angle)
+        ordered, whole = np.sort(values), root_mean_square(values, groups)
+        for name in asked:
+            value, ci95 = statistic(values, name, groups, ordered, whole)
+            alone = why_unranked(case, row, angle, name, ci95, duration)
+            why = alone or _among_others(case, row, angle) or _too_few(units, angle)
+            answer = answers[f"{angle}_{name}_deg"] = Answer(
+                value,
+                "deg",
+                window,
+                len(groups) or 1,
+                duration,
+                ci95,
+                f"{STATISTICS[name]}, {len(groups)} groups" if groups else STATISTICS[name],
+                reason=why,
+                ranked=why is None,
+                detail={"samples": count},
+                floor=math.hypot(case.reference.floor_deg, own),
+                units=units if name == "rmse" else None,
+            )
+            if alone is None and row.heading_offset_deg is not None and angle != "inclination":
+                case.undecided.append((row, answer))
+    return answers
+
+
+def decide(case: Case) -> None:
+    """Settle, now that all rows are known, which headings whose offset was removed are ranked."""
+    for row, answer in case.undecided:
+        why = _among_others(case, row, "heading")
+        if why is not None:
+            answer.ranked, answer.reason = False, why
+
+
+@per_case
+def own_sigma(case: Case, angle: str, window: str) -> float:
+    """How wrong the reference may be itself in a window, deg (one sigma); 0 for one that does not tell."""
+    reference = case.reference
+    if reference.sigma_tilt_deg is None:
+        return 0.0
+    inside = case.segments.mask(reference.t, window) & scoring.scored(reference, reference.t)
+    return float(np.nan_to_num(sigma_deg(reference, angle, inside)))
+
+
+@per_times
+def in_window(case: Case, t: Array, window: str) -> NDArray[np.bool_]:
+    """Which of the times (n,) of errors lie in a window."""
+    return case.segments.mask(t, window)
+
+
+@per_row
+def _scored(case: Case, row: Row) -> NDArray[np.bool_]:
+    """Which of a row's errors (n,) count and are known."""
+    assert row.errors is not None
+    return row.errors.scored & np.isfinite(row.errors.total)
+
+
+@per_row
+def _segments(case: Case, row: Row) -> NDArray[np.int64]:
+    """The segments (n,) of a row's errors between gaps and resets."""
+    errors = row.errors
+    assert errors is not None
+    return gaps.renumber(_number(case, errors.t), errors.segment)
+
+
+@per_times
+def _number(case: Case, t: Array) -> NDArray[np.int64]:
+    return gaps.number(t)
+
+
+@per_row
+def usual_step(case: Case, row: Row) -> float:
+    """The median time between a row's errors, s."""
+    assert row.errors is not None
+    return _step(case, row.errors.t)
+
+
+@per_times
+def _step(case: Case, t: Array) -> float:
+    return float(median(np.diff(t)))
+
+
+def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
+    """Mean squares (k,) of an error angle in blocks of the window's scored time, at the same times for all rows."""
+    errors, length = row.errors, BLOCK_S[angle]
+    begin, values = np.zeros(0), np.zeros(0)
+    if errors is not None and len(errors.t) > 1:
+        needed = BLOCK_FILLED * length / usual_step(case, row)
+        begin, first, last = _blocks(case, errors.t, window, length)
+        total, count = (interval.sums(x, first, last) for x in _squares(case, row, angle))
+        full = count >= max(needed, 2)
+        begin, values = begin[full], total[full] / count[full]
+    chosen = ids_of(begin)
+    return UnitValues("mean_square", chosen, values, partial(of_blocks, chosen, values))
+
+
+@per_times
+def _blocks(case: Case, t: Array, window: str, length: float) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """When the blocks of a window's scored time begin (k,), and which of the times (n,) are in each: first, and end."""
+    scored = complement(case.reference.unscored, case.reference.scoring_start, case.reference.end)
+    spans = intersect(case.segments.spans(window), scored)
+    starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
+    begin = np.concatenate([np.zeros(0), *starts])
+    return begin, np.searchsorted(t, begin), np.searchsorted(t, begin + length)
+
+
+@per_row
+def _squares(case: Case, row: Row, angle: str) -> tuple[Array, Array]:
+    """The squares (n,) of an error angle, 0 where it does not count, and which count, as numbers (n,)."""
+    return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0), _counted(case, row)
+
+
+@per_row
+def _counted(case: Case, row: Row) -> Array:
+    """The same for all angles: in long logs copies add up."""
+    return _scored(case, row).astype(np.float64)
+
+
+def of_blocks(ids: Ids, squares: Array, wanted: Ids) -> Summary:
+    """The RMSE of some of the blocks (k,), with its interval."""
+    chosen = squares[among(ids, wanted)]
+    groups = interval.equal_groups(len(chosen), min(len(chosen), MAX_GROUPS))
+    return Summary(*root_mean_square(np.sqrt(chosen), groups))
+
+
+def why_unranked(
+    case: Case, row: Row, angle: str, name: str, ci95: interval.Interval | None, duration: float
+) -> str | None:
+    """Why an error is shown but not ranked, whatever the other rows are, else None."""
+    if name == "max":
+        return "an extreme of this record has no interval"
+    if ci95 is None:
+        return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
+    if angle != "inclination" and (case.reference.kind == "onboard" or case.reference.heading_by == "onboard"):
+        return "compared with the onboard attitude, whose own heading error can be larger"
+    if case.reference.kind == row.estimator:
+        return "made the same way as the reference"
+    return None
+
+
+def _among_others(case: Case, row: Row, angle: str) -> str | None:
+    """A reason not to rank heading errors: the offset of this row was removed while others had to find theirs."""
+    if angle == "inclination" or row.heading_offset_deg is None:
+        return None
+    if all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
+        return None
+    return "its heading offset was removed (it has no north of its own), the others had to find theirs"
+
+
+def _too_few(units: UnitValues, angle: str) -> str | None:
+    """A reason not to rank errors of so few blocks."""
+    if len(units.ids) >= MIN_BLOCKS[angle]:
+        return None
+    needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
+    return f"too short to rank: {len(units.ids)} whole blocks of {BLOCK_S[angle]:.0f} s; {needed:.0f} s are needed"
+
+
+def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
+    """Code and reason where a row cannot be compared with the reference, else None."""
+    if case.reference.kind == "none" or len(case.reference.t) == 0:
+        nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
+        return "no_reference", case.reference.fault or nothing
+    if row.is_reference:
+        return "not_applicable", "this row is the reference itself"
+    if row.errors is None or len(row.errors.t) == 0:
+        return "not_covered", row.reason or "this row and the reference have no time in common"
+    return None
+
+
+def why_no_heading(case: Case, row: Row) -> tuple[str, str] | None:
+    """Code and reason where a row's heading cannot be compared though its tilt can, else None."""
+    if row.heading_shared:
+        return "not_applicable", f"{case.reference.heading_why}, so the reference has its heading from this row"
+    if case.reference.heading_by == "nobody":
+        return "no_reference", f"{case.reference.heading_why}, and no other heading can be compared with"
+    return None
+
+
+def why_never_airborne(case: Case) -> str:
+    """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
+    if not case.log.kind.flies:
+        return f"a {case.log.vehicle} does not fly"
+    return "the vehicle was never airborne (as far as the log tells)"

@@ -1,0 +1,1 @@
+"""What several metrics need before they measure: rests, following, the common gyro bias, aiding."""

@@ -1,0 +1,1 @@
+"""Arrays for the figures of the report."""

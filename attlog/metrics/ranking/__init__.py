@@ -1,0 +1,1 @@
+"""Who is best: one rule for stars, sentences and bars."""

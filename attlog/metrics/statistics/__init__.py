@@ -1,0 +1,1 @@
+"""Intervals, quantiles, and tests of differences."""

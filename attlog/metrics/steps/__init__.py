@@ -1,0 +1,1 @@
+"""Steps (fast attitude changes): which there are, and how a row follows them."""

@@ -1,0 +1,1 @@
+"""The fit of a lag: one linear model of all steps together."""

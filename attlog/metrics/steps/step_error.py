@@ -1,0 +1,148 @@
+"""How wrong is the attitude after a quick movement? The angle off about its axis, 0.5 s and 1.0 s later."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.base.distinct import among
+from attlog.base.median import median, quantile
+from attlog.metrics.answer import Answer, missing
+from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
+from attlog.metrics.errors.rmse import why_no_errors
+from attlog.metrics.statistics import intervals as interval
+from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
+from attlog.metrics.steps.curves import Curve, curves
+from attlog.metrics.steps.evidence import first_with, too_few, why_no_events
+from attlog.metrics.steps.fit.solution import MIN_EVENTS
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+AFTER_S = (0.5, 1.0)
+NEAR_S = 0.05
+"""The error is the mean over so long on both sides, of one sample at least."""
+
+SMOOTHED_DEG = 0.05
+"""So much does a smoother's own error change within a second: 0.02 to 0.06 deg (RMS) on six flights with truth."""
+
+_ERROR = """How far the attitude is off {after:.1f} s after a quick movement: the row's error relative to its own
+    mean over 0.3 s before the onset, about the axis of the movement, {after:.1f} s after 90 % of the stroke (mean over
+    +-50 ms). A constant heading offset or misalignment does not count. """
+_DEG = _ERROR + "Median of the magnitude over events; detail: 90 %."
+_PCT = _ERROR + "Percent of the stroke, signed: negative where the row shows too little. Median over events."
+_INTERVAL = """ Interval: order statistics, from 6 events on. Against the smoother rows that differ by less than
+    0.05 deg are the same."""
+
+_KINDS: tuple[tuple[str, str, Literal["low", "zero"], str], ...] = (
+    ("deg", "deg", "low", _DEG),
+    ("pct", "%", "zero", _PCT),
+)
+
+METRICS: tuple[Metric, ...] = tuple(
+    Metric(
+        f"step_error_{unit}.{after:.1f}s", f"Step error after {after:.1f} s", sign, better, ("reference", "events"),
+        paragraph(text.format(after=after) + _INTERVAL),
+    )
+    for unit, sign, better, text in _KINDS
+    for after in AFTER_S
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Signed errors (k,) in deg of k events with these ids, and their strokes (k,) in deg."""
+
+    ids: Ids
+    deg: Array
+    stroke: Array
+
+
+def errors_after(found: list[Curve], after: float) -> Errors:
+    """The error of each event that is covered ``after`` s past 90 % of its stroke."""
+    kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
+    return Errors(
+        ids_of([c.event.onset for c, _ in kept]), np.array([e for _, e in kept]),
+        np.array([abs(c.event.delta_deg) for c, _ in kept]),
+    )  # fmt: skip
+
+
+@per_row
+def _after(case: Case, row: Row, window: str, after: float) -> Errors:
+    return errors_after(curves(case, row, window), after)
+
+
+def error_at(curve: Curve, at: float) -> float | None:
+    """The mean error (deg) over +-50 ms around a time in s, the nearest sample's if none is in there.
+
+    None beyond the event's window, which a neighbouring movement may have cut.
+    """
+    near = np.abs(curve.t - at) <= NEAR_S
+    if near.any():
+        own = curve.error[near]
+        return float(own.sum()) / len(own)
+    if not curve.t[0] <= at <= curve.t[-1]:
+        return None
+    return float(curve.error[np.argmin(np.abs(curve.t - at))])
+
+
+@dataclass(frozen=True, slots=True)
+class OnEvents:
+    """The median over a choice of events: magnitude in deg, or signed percent."""
+
+    errors: Errors
+    unit: Literal["deg", "pct"]
+
+    def __call__(self, ids: Ids) -> Summary:
+        """Median and interval on the events with these ids."""
+        values = magnitude(self.errors) if self.unit == "deg" else percent(self.errors)
+        chosen = values[among(self.errors.ids, ids)]
+        return Summary(float(median(chosen)), interval.of_median(chosen))
+
+
+def magnitude(errors: Errors) -> Array:
+    """Errors without sign, deg."""
+    return np.abs(errors.deg)
+
+
+def percent(errors: Errors) -> Array:
+    """Signed errors in percent of the stroke."""
+    return np.asarray(100.0 * errors.deg / errors.stroke)
+
+
+def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
+    """Answers of METRICS for one row and window; nothing for windows without movements by definition."""
+    if not applies_to(window, "all", "airborne"):
+        return {}
+    absent = why_no_errors(case, row) or why_no_events(case, row, window)
+    if absent is not None:
+        return {m.name: missing(*absent, m.unit, window) for m in METRICS}
+    found = curves(case, row, window)
+    answers: dict[str, Answer] = {}
+    for after in AFTER_S:
+        errors = _after(case, row, first_with(case, row, window), after)
+        own = SMOOTHED_DEG if case.reference.kind == "smoother" else 0.0
+        answers[f"step_error_deg.{after:.1f}s"] = _answer(errors, "deg", window, found, own)
+        answers[f"step_error_pct.{after:.1f}s"] = _answer(errors, "pct", window, found, own)
+    return {m.name: answers[m.name] for m in METRICS}
+
+
+def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float) -> Answer:
+    """The answer in one unit; ``own_deg``: the reference's own error, below which rows are the same."""
+    count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
+    if count < MIN_EVENTS:
+        reason = too_few(count)
+        return missing("too_few_events" if count else "no_events", reason, sign, window)
+    here = OnEvents(errors, unit)
+    summary, values = here(errors.ids), percent(errors) if unit == "pct" else magnitude(errors)
+    seconds = math.fsum(c.event.end - c.event.begin for c in found)
+    return Answer(
+        summary.value, sign, window, count, seconds, summary.ci95, f"median of {count} events, order statistics",
+        detail={"p90": quantile(np.abs(values), 0.9)}, each=[float(v) for v in values],
+        units=UnitValues("step_event", errors.ids, magnitude(errors), here),
+        floor=own_deg * (100.0 / float(median(errors.stroke)) if unit == "pct" else 1.0),
+    )  # fmt: skip

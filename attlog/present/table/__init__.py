@@ -1,0 +1,1 @@
+"""The table of filters: columns, rows, cells."""

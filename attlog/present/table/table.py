@@ -1,0 +1,82 @@
+"""The comparison as rows and cells: what the page and the terminal lay out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from attlog.present.numbers import unit_sign
+from attlog.present.table.cells import Cell, cell
+from attlog.present.table.columns import AXIS_COLUMNS, ERRORS, NOISE, Column, columns
+from attlog.present.table.rows import has_value, ordered, window_of
+from attlog.result import EstimatorRow, Result
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """One heading: title, unit, the metric and window it stands for, and how soon it may be left out."""
+
+    title: str
+    unit: str
+    metric: str
+    window: str
+    spare: int = 0
+
+
+@dataclass(slots=True)
+class Table:
+    """Headings, and (row, cells) for every row."""
+
+    columns: list[Heading] = field(default_factory=list)
+    rows: list[tuple[EstimatorRow, list[Cell]]] = field(default_factory=list)
+
+    @property
+    def partial(self) -> bool:
+        """Whether a cell says that only part of the time could be compared."""
+        return any(small.startswith("of ") for _, cells in self.rows for c in cells for small in c.small)
+
+
+def main_table(result: Result, window: str = "all") -> Table:
+    """The comparison of all rows: every column in which at least one row has a value.
+
+    With ``window`` other than ``all`` every column is looked up there only.
+    """
+    chosen = columns(result)
+    if window != "all":
+        chosen = [dataclasses.replace(c, windows=(window,)) for c in chosen if c.metric != NOISE]
+        chosen.insert(len(ERRORS), Column("Noise", NOISE, (window,)))
+    return filled(result, chosen)
+
+
+def axis_table(result: Result) -> Table:
+    """Lag, gain and shape of the steps by axis."""
+    return filled(result, AXIS_COLUMNS)
+
+
+def window_tables(result: Result) -> dict[str, Table]:
+    """Every metric of every window: the expert's tables."""
+    windows = dict.fromkeys(w for r in result.estimators for w in r.metrics)
+    out = {}
+    for window in windows:
+        metrics = dict.fromkeys(m for r in result.estimators for m in r.metrics.get(window, {}))
+        contests = [Column(m, m, (window,), not m.startswith(("step_gain", "distortion"))) for m in metrics]
+        table = filled(result, contests)
+        if table.columns:
+            out[window] = table
+    return out
+
+
+def filled(result: Result, wanted: Iterable[Column]) -> Table:
+    """The columns in which at least one row has a value, for all rows, each in one window."""
+    rows = ordered(result)
+    table, chosen = Table(), []
+    for column in wanted:
+        window = window_of(result, column.metric, column.windows)
+        answers = (row.metrics.get(window, {}).get(column.metric) for row in rows)
+        first = next((a for a in answers if a is not None and has_value(a)), None)
+        if first is not None:
+            table.columns.append(Heading(column.title, unit_sign(first.unit), column.metric, window, column.spare))
+            chosen.append((column, window))
+    table.rows = [(row, [cell(result, row, column, window) for column, window in chosen]) for row in rows]
+    return table

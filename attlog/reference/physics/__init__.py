@@ -1,0 +1,1 @@
+"""What physics says of sensors and references before anybody is compared with them."""

@@ -1,0 +1,183 @@
+"""Do filters that agree with each other, and the mean force, contradict the reference (onboard attitude, smoother)?
+
+A filter that differs from the reference may be wrong. Where several different filters
+stay together and the reference alone is elsewhere, the mean specific force decides:
+turned to earth axes and freed of the change of velocity it must be gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.base import rotation
+from attlog.base.errors import AttlogError
+from attlog.base.median import median
+from attlog.flight.model import FlightLog, Imu
+from attlog.reference import scoring, smoothed, trim
+from attlog.reference.compare import interpolate
+from attlog.reference.model import AlignmentStep, Reference, Row
+from attlog.segments import gaps
+
+Array = NDArray[np.float64]
+
+G = 9.80665
+FILTERS = 3
+"""So many different filters must agree, and they must be most of those that ran."""
+TOGETHER_DEG, APART_DEG, TIMES = 8.0, 15.0, 2.5
+"""Median distance of filters from their common down, and the least distance of the reference, also in these units."""
+SHARE, LEAST_S = 0.2, 2.0
+"""For a fifth of the scored time, and 2 s without a break."""
+RIGHT_M_S2, WRONG_M_S2 = 1.0, 2.0
+"""What is left of the mean force without gravity: by the filters at most, by the reference at least."""
+SAMPLES = 4000
+DOWN = np.array([0.0, 0.0, 1.0])
+
+
+class Witnesses:
+    """What rows that pass one by one say of a reference: each one's down at the reference's times, and no more.
+
+    ``again`` gives the whole of a row that has passed, which is run once more: only where filters speak against the
+    reference.
+    """
+
+    def __init__(self, log: FlightLog, imu: Imu, reference: Reference, again: Callable[[Row], Row]) -> None:
+        self._log, self._imu, self._reference, self._again = log, imu, reference, again
+        use = np.flatnonzero(scoring.scored(reference, reference.t))
+        self._use = use[:: max(1, len(use) // SAMPLES)].copy()  # the few alone: all are as many as the log's samples
+        self._asked = reference.kind in ("onboard", "smoother") and len(self._use) >= 10
+        self._heard: dict[str, tuple[Row, Array]] = {}
+
+    def hear(self, row: Row) -> None:
+        """Take what a row says; of several rows of a filter the last one counts."""
+        own = row.imu is None or row.imu.index == self._imu.index
+        if self._asked and own and row.kind == "replay" and len(row.t) > 1 and row.estimator != smoothed.NAME:
+            self._heard[row.estimator] = row, _down(row.t, row.q, row.segment, self._reference.t[self._use])
+
+    def contradicted(self) -> tuple[str, AlignmentStep] | None:
+        """Why an onboard attitude or a smoother is refused, and the numbers; None where filters and force agree."""
+        if len(self._heard) < FILTERS:
+            return None
+        filters, downs = [row for row, _ in self._heard.values()], np.stack([d for _, d in self._heard.values()])
+        return _judged(self._log, self._imu, self._reference, filters, downs, self._use, self._again)
+
+
+def contradicted(
+    log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
+) -> tuple[str, AlignmentStep] | None:
+    """What :class:`Witnesses` find in rows that are all at hand."""
+    witnesses = Witnesses(log, imu, reference, lambda row: row)
+    for row in rows:
+        witnesses.hear(row)
+    return witnesses.contradicted()
+
+
+def _judged(
+    log: FlightLog,
+    imu: Imu,
+    reference: Reference,
+    filters: Sequence[Row],
+    downs: Array,
+    use: NDArray[np.int64],
+    again: Callable[[Row], Row],
+) -> tuple[str, AlignmentStep] | None:
+    """The verdict over filters by their ``downs`` (k, m, 3) at samples ``use`` (m,) of the reference."""
+    t = reference.t[use]
+    shared = np.isfinite(downs).all(axis=2).sum(axis=0) >= FILTERS
+    if shared.sum() < 10:
+        return None
+    t, use, downs = t[shared], use[shared], downs[:, shared]
+    own_down = rotation.rotate_inverse(reference.q[use], DOWN)
+    common = np.nanmedian(downs, axis=0)
+    common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
+    distance = _angle(downs, common)
+    typical = np.array([median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
+    near = np.flatnonzero(typical <= TOGETHER_DEG)
+    if len(near) < max(FILTERS, (len(filters) + 1) // 2):
+        return None
+    spread = np.max(np.nan_to_num(distance[near]), axis=0)
+    apart = _angle(own_down, common)
+    off = apart > np.maximum(APART_DEG, TIMES * spread)
+    spans = [s for s in gaps.slices(off, reference.segment[use]) if t[s.stop - 1] - t[s.start] >= LEAST_S]
+    seconds = sum(float(t[s.stop - 1] - t[s.start]) for s in spans)
+    if not spans or seconds < SHARE * _seconds(t, reference.segment[use]):
+        return None
+    longest = max(spans, key=lambda s: float(t[s.stop - 1] - t[s.start]))
+    t0, t1 = float(t[longest.start]), float(t[longest.stop - 1])
+    try:
+        nearest = again(filters[int(near[np.argmin(typical[near])])])
+    except AttlogError:
+        return None
+    by_filter = _mean_force(imu, reference, nearest.t, nearest.q, nearest.segment, t0, t1)
+    by_reference = _mean_force(imu, reference, reference.t, reference.q, reference.segment, t0, t1)
+    if by_filter is None or by_reference is None:
+        return None
+    gravity = np.array([0.0, 0.0, -G]) + _acceleration(log, t0, t1)
+    right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
+    if right > RIGHT_M_S2 or wrong < WRONG_M_S2:
+        return None
+    angle = float(median(apart[longest]))
+    who = f"all {len(filters)}" if len(near) == len(filters) else f"{len(near)} of {len(filters)}"
+    fault = (
+        f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree with each other, and by them the mean "
+        "force is gravity"
+    )
+    text = (
+        f"Filters stay within {median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
+        f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
+    )
+    return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)
+
+
+def _seconds(t: Array, segment: NDArray[np.int64]) -> float:
+    """Time in s that samples (n,) cover without breaks."""
+    dt = np.diff(t)
+    return float(dt[np.diff(segment) == 0].sum())
+
+
+def _down(t: Array, q: Array, segment: NDArray[np.int64], at: Array) -> Array:
+    """Earth's down in body axes (n, 3) at times, NaN where the row has no attitude."""
+    turned, _ = interpolate(t, q, segment, at)
+    found: Array = np.full((len(at), 3), np.nan)
+    good = rotation.finite(turned)
+    found[good] = rotation.rotate_inverse(turned[good], DOWN)
+    return found
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Angles in deg between unit vectors (..., 3)."""
+    angle: Array = np.degrees(np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0)))
+    return angle
+
+
+def _mean_force(
+    imu: Imu, reference: Reference, t: Array, q: Array, segment: NDArray[np.int64], t0: float, t1: float
+) -> Array | None:
+    """Mean specific force (3,) in earth axes by an attitude over [t0, t1] s; None without both."""
+    at = imu.acc.t_best
+    inside = np.flatnonzero((at >= t0) & (at <= t1) & rotation.finite(imu.acc.x))
+    inside = inside[:: max(1, len(inside) // SAMPLES)]
+    turned, _ = interpolate(t, q, segment, at[inside])
+    good = rotation.finite(turned)
+    if good.sum() < 10:
+        return None
+    turned = turned[good] if reference.trim is None else trim.apply(turned[good], -reference.trim)
+    mean: Array = rotation.rotate(turned, imu.acc.x[inside][good]).mean(axis=0)
+    return mean
+
+
+def _acceleration(log: FlightLog, t0: float, t1: float) -> Array:
+    """Mean acceleration (3,) m/s^2 NED by GNSS between the ends of [t0, t1] s; zero where the log does not tell."""
+    for gnss in log.gnss:
+        good = (gnss.fix >= 3) & rotation.finite(gnss.vel_ned)
+        if good.sum() > 3 and gnss.t[good][0] <= t0 + 1.0 and gnss.t[good][-1] >= t1 - 1.0:
+            ends = [np.interp(x, gnss.t[good], gnss.vel_ned[good, k]) for x in (t0, t1) for k in range(3)]
+            change: Array = (np.array(ends[3:]) - np.array(ends[:3])) / (t1 - t0)
+            return change
+    return np.zeros(3)
+
+
+def _shown(force: Array) -> str:
+    return " ".join(f"{x:.2f}" for x in force + 0.0)

@@ -1,0 +1,43 @@
+"""Which figures a result can fill, section by section.
+
+A figure exists only where there is something to draw; the page then says in its
+place what is missing.
+"""
+
+from __future__ import annotations
+
+from attlog.report.figures.drift import drift
+from attlog.report.figures.figure import Figure, Rows
+from attlog.report.figures.flight import flight
+from attlog.report.figures.rest import rest
+from attlog.report.figures.sensors import sensors
+from attlog.report.figures.steps import steps
+from attlog.report.look import Look
+from attlog.report.pack import Store
+from attlog.result import Result
+
+
+def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, list[Figure]]:
+    """Figures by section of the page: flight, rest, step, drift, sensors."""
+    names = Rows({key: look.name for key, look in looks.items()})
+    traces = [t for t in result.traces if (not t.row or t.row in looks) and len(t.t)]
+    by = {kind: [t for t in traces if t.figure == kind] for kind in {t.figure for t in traces}}
+    found = {
+        "flight": flight(by, names, store, result),
+        "rest": rest(by, names, store),
+        "step": steps(by, names, store, result),
+        "drift": drift(by, names, store, result),
+        "sensors": sensors(by, names, store),
+    }
+    for part in found.values():
+        fill(part)
+    return found
+
+
+def fill(part: list[Figure]) -> None:
+    """Make a half-width figure wide where no other stands beside it."""
+    beside = 0
+    for i, figure in enumerate(part):
+        beside = 0 if figure.wide else beside + 1
+        if beside % 2 == 1 and (i + 1 == len(part) or part[i + 1].wide):
+            figure.wide = True

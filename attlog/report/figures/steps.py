@@ -1,0 +1,86 @@
+"""How much lag: one movement like most, what all have in common, lags with intervals, response to the set-point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from attlog.present.numbers import counted, moment
+from attlog.present.table.rows import AIR, find
+from attlog.report.figures.figure import Figure, Rows, dot, dot_height, listed, number, series, stored, told
+from attlog.report.pack import Store
+from attlog.result import Result, Trace
+
+MOVED_STEP = 0.002
+"""Degrees per stored step of a single movement."""
+
+
+def steps(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[Figure]:
+    """Quick movements: one of them, all of them, lags as dots, set-point response."""
+    figures = []
+    if by.get("step"):
+        figures.append(one_movement(by["step"], names, store))
+    if by.get("steps"):
+        figures.append(all_movements(by["steps"], names))
+    dots = lag_dots(result, names)
+    if dots:
+        caption = (
+            "Line: lag with 95 % interval; small dots: single movements. Hollow: shown, not ranked. "
+            "▶ beyond the figure. Grey: half an IMU sample either way."
+        )
+        rate = float((result.log.get("imu") or {}).get("rate_hz") or 0.0)
+        data = {"rows": dots, "half": 500.0 / rate if rate > 0 else 0.0}
+        figures.append(
+            Figure("lag", "lag", "Lag", caption, dot_height(dots), data, wide=False, words=told(dots, names, "ms"))
+        )
+    if by.get("setpoint"):
+        axes = tuple(dict.fromkeys(c for t in by["setpoint"] for c in t.columns))
+        drawn, _ = series(by["setpoint"], axes, names, store, 1e-4)
+        caption = "How the vehicle followed its set-point: a property of vehicle and controller, not of a filter."
+        caption += " Solid: roll, dashed: pitch." if {"roll", "pitch"} <= set(axes) else ""
+        figures.append(
+            Figure("setpoint", "setpoint", "Response to the set-point", caption, 330, {"series": drawn}, wide=False)
+        )
+    return figures
+
+
+def one_movement(traces: list[Trace], names: Rows, store: Store) -> Figure:
+    """The representative movement: what set-point, reference and filters turned since its start."""
+    axis, _, at = traces[0].key.partition("@")
+    lines = [{"r": names.index(t.row)} | stored(t, ("est", "ref", "set"), store, MOVED_STEP) for t in traces]
+    when = f", at {moment(float(at), 1)}" if at else ""
+    title = f"One movement in {axis}{when}"
+    wanted = any("set" in t.columns for t in traces)
+    caption = "The movement of middle size about the axis that moved most often. Black: reference"
+    caption += ", grey dashes: set-point. " if wanted else ". "
+    caption += "Below: filter minus reference."
+    data = {"axis": axis, "lines": lines} | ({"t": float(at)} if at else {})
+    return Figure("step", "step", title, caption, 430, data)
+
+
+def all_movements(traces: list[Trace], names: Rows) -> Figure:
+    """Median and middle 80 % of every filter over all movements, the axis to be chosen."""
+    keys = list(dict.fromkeys(t.key for t in traces))
+    views, called = [], []
+    for key in keys:
+        own = [t for t in traces if t.key == key]
+        count = int(max(t.values.get("events", 0.0) for t in own))
+        called.append(f"{key} ({counted(count, 'movement')})" if count else key)
+        lines = [{"r": names.index(t.row)} | {c: listed(t.columns[c]) for c in ("median", "low", "high")} for t in own]
+        views.append({"x": listed(1e3 * own[0].t), "lines": lines})
+    caption = (
+        "All movements laid on their start, filter minus reference in % of the movement: median, and the band that "
+    )
+    caption += "holds 80 % of the movements."
+    title = "All movements together"
+    return Figure("steps", "steps", title, caption, 360, {"views": views}, views=called)
+
+
+def lag_dots(result: Result, names: Rows) -> list[dict[str, Any]]:
+    """Lag of every row that has one: value, interval, single movements."""
+    out = []
+    for row in result.estimators:
+        found = find(row, "lag_ms", AIR)
+        if found is not None and row.name in names and found.value is not None:
+            single = [x for x in found.each if number(x)] if found.ranked else []
+            out.append(dot(names.index(row.name), found) | {"single": single})
+    return out

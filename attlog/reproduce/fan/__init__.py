@@ -1,0 +1,1 @@
+"""Fan: 12-state EKF against a complementary filter."""

@@ -1,0 +1,238 @@
+"""Fan: accelerometer and magnetometer alone, a Kalman filter with 12 states and a complementary filter, side by side.
+
+The paper prints no noise values, and the Kalman filter's bandwidth follows from them: every claim about it is judged
+with ours and with random walks three and ten times as large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from attlog.present.numbers import listed, number, quantity
+from attlog.reproduce.fan.figures import figures
+from attlog.reproduce.fan.runs import ARM_M, FILTER, RAW, REST_S, SETTLED_S, SPIKE_DEG, WIDER, Seed, one_seed, wider
+from attlog.reproduce.judge import above, alternatives, below, difference, mean, ratio, together
+from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting, Table, Verdict
+from attlog.reproduce.samples import AXES
+from attlog.reproduce.seeds import each_seed
+
+EKFS = tuple(wider(factor) for factor in WIDER)
+CALLED = {RAW: "raw", FILTER: "complementary filter"} | {
+    wider(f): "Kalman filter" if f == 1.0 else f"Kalman filter, walks x {f:g}" for f in WIDER
+}
+
+
+def paper(options: Options) -> Paper:
+    """Fan's claims, measured."""
+    found = each_seed("bench", one_seed, options)
+    judged = [_quieter(found), _but_yaw(found), _spikes(found), _sooner(found)]
+    return Paper(
+        "fan",
+        "Attitude by extended Kalman filter and by complementary filter, compared",
+        "Fan Dongsheng, Zhang Xu, Ren Wei, Huang Longliang, Chen Qi, 2021 (in Chinese), "
+        "DOI 10.12252/j.issn.2096-6261.2021.12.538",
+        _settings(),
+        (_raw(found), *(claim for claim, _ in judged)),
+        figures(found, CALLED),
+        (_table(found),),
+        (
+            "The paper gives no noise values for its Kalman filter, and they decide how fast it follows accelerometer "
+            "and magnetometer: with ours (the defaults of ekf12) 0.14 rad/s. Hence each claim about it is judged three "
+            "times, with random walks of gravity and field once, 3 and 10 times ours.",
+            _jointly([verdicts for _, verdicts in judged]),
+            "The complementary filter compares the whole field vector, as the paper prints it; the magnetometer's "
+            "noise reaches roll and pitch that way.",
+        ),
+        seeds=options.seeds,
+    )  # fmt: skip
+
+
+def _settings() -> tuple[Setting, ...]:
+    return (
+        Setting("complementary filter", "kp 3, ki 0.01 (per second), first-order step", "paper"),
+        Setting("Kalman filter", "12 states: rate, its derivative, gravity, field", "paper"),
+        Setting("its noise", "per sqrt(Hz): gyro 2e-4 rad/s, accelerometer 0.5 m/s^2, field 5 %; "
+                "walks per sqrt(s): gravity 0.07 m/s^2, field 0.75 %", "ours"),
+        Setting("at rest", f"{REST_S:g} s; standard deviation from {SETTLED_S:g} s on, straight line removed", "ours"),
+        Setting("rotation", "45 deg both ways about each axis in 1.5 s, by hand about a point "
+                f"{100 * ARM_M[0]:g} cm away", "ours"),
+        Setting("sensors", "IMU 200 Hz: 0.006 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), gyro bias 0.1 deg/s (1 sigma); "
+                "magnetometer 50 Hz: 0.05 uT/sqrt(Hz)", "ours"),
+    )  # fmt: skip
+
+
+Judged = tuple[Claim, list[Verdict]]
+"""A claim about the Kalman filter, and whether it holds with each of the random walks."""
+
+
+def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
+    """How many of the claims hold with one and the same random walks."""
+    counts = [sum(one[k] == "holds" for one in verdicts) for k in range(len(WIDER))]
+    said = [
+        f"{count} with {CALLED[wider(f)].partition(', ')[2] or 'ours'}" for f, count in zip(WIDER, counts, strict=True)
+    ]
+    most = f"no set gives all {len(verdicts)}" if max(counts) < len(verdicts) else f"one gives all {len(verdicts)}"
+    return f"Of the {len(verdicts)} claims about the Kalman filter, so many hold at once: {listed(said)}; {most}."
+
+
+def _spreads(found: Sequence[Seed], row: str, over: str, axis: int) -> Number:
+    return ratio(
+        f"spread of {AXES[axis]} at rest, {CALLED[row]} over {CALLED[over]}",
+        [s.spread[row][axis] for s in found],
+        [s.spread[over][axis] for s in found],
+    )
+
+
+def _by_walk(verdicts: Sequence[Verdict]) -> str:
+    """With which random walks a claim holds and with which that cannot be told, in words."""
+    held, untold = (
+        [f"{f:g}" for f, v in zip(WIDER, verdicts, strict=True) if v == which]
+        for which in ("holds", "cannot be judged")
+    )
+    if len(untold) == len(WIDER):
+        return "with none of the random walks for certain"
+    if len(held) in (0, len(WIDER)):
+        said = "with every random walk" if held else "with none of the random walks"
+    else:
+        said = "with our random walks alone" if held == ["1"] else f"with random walks {listed(held)} times ours"
+    if not untold:
+        return said
+    return f"{said}, and cannot be told with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
+
+
+def _span(numbers: Sequence[Number], unit: str) -> str:
+    values = sorted(n.value for n in numbers if n.value is not None)
+    return f"{number(values[0], unit)} to {quantity(values[-1], unit)}"
+
+
+def _raw(found: list[Seed]) -> Claim:
+    rest = [_spreads(found, RAW, row, axis) for row in (FILTER, *EKFS) for axis in range(3)]
+    turned = [
+        ratio(
+            f"largest quick error in rotation, raw over {CALLED[row]}",
+            [s.turned[RAW].peak_deg for s in found],
+            [s.turned[row].peak_deg for s in found],
+        )
+        for row in (FILTER, *EKFS)
+    ]
+    return Claim(
+        "raw",
+        "Angles from accelerometer and magnetometer alone are the worst, at rest and in rotation.",
+        "fig. 4, 5",
+        "Ratio of standard deviations at rest by axis, ratio of the largest quick errors in rotation (distance of the "
+        "error from its own median of 2 s); holds if all intervals are above 1.",
+        (*rest, *turned),
+        together([above(n, 1.0) for n in (*rest, *turned)]),
+        f"They scatter {_span(rest, 'ratio')} as much at rest, and their largest quick errors in rotation are "
+        f"{_span(turned, 'ratio')} as large.",
+    )
+
+
+def _quieter(found: list[Seed]) -> Judged:
+    numbers = [[_spreads(found, row, FILTER, axis) for axis in (0, 1)] for row in EKFS]
+    verdicts = [together([below(n, 1.0) for n in pair]) for pair in numbers]
+    ours = numbers[0]
+    claim = Claim(
+        "quieter",
+        "At rest the Kalman filter is smoother than the complementary filter in roll and pitch.",
+        "fig. 4",
+        "Ratio of standard deviations at rest, Kalman over complementary filter; holds if the intervals of both axes "
+        "are below 1.",
+        tuple(n for pair in numbers for n in pair),
+        alternatives(verdicts),
+        f"It holds {_by_walk(verdicts)}. Its spread is {quantity(ours[0].value, 'ratio')} that of the complementary "
+        f"filter in roll and {quantity(ours[1].value, 'ratio')} in pitch with ours, "
+        f"{_span([n for p in numbers[1:] for n in p], 'ratio')} with wider ones.",
+    )
+    return claim, verdicts
+
+
+def _but_yaw(found: list[Seed]) -> Judged:
+    numbers = [_spreads(found, row, FILTER, 2) for row in EKFS]
+    verdicts = [above(n, 1.0) for n in numbers]
+    claim = Claim(
+        "yaw",
+        "Only in heading the Kalman filter scatters more at rest.",
+        "fig. 4",
+        "As before, for heading; holds if the interval is above 1.",
+        tuple(numbers),
+        alternatives(verdicts),
+        f"It holds {_by_walk(verdicts)}: its spread is {quantity(numbers[0].value, 'ratio')} that of the complementary "
+        f"filter with ours, {_span(numbers[1:], 'ratio')} with wider ones.",
+    )
+    return claim, verdicts
+
+
+def _spikes(found: list[Seed]) -> Judged:
+    peaks = [
+        ratio(
+            f"largest quick error in rotation, complementary filter over {CALLED[row]}",
+            [s.turned[FILTER].peak_deg for s in found],
+            [s.turned[row].peak_deg for s in found],
+        )
+        for row in EKFS
+    ]
+    counts = [
+        mean(f"spikes in rotation, {CALLED[row]}", [float(s.turned[row].spikes) for s in found], "")
+        for row in (FILTER, *EKFS)
+    ]
+    verdicts = [above(n, 1.0) for n in peaks]
+    own = mean("largest quick error, complementary filter", [s.turned[FILTER].peak_deg for s in found], "deg")
+    claim = Claim(
+        "spikes",
+        "In rotation the complementary filter shows spikes that the Kalman filter does not.",
+        "fig. 5",
+        f"The error's distance from its own median of 2 s: how often it leaves {SPIKE_DEG:g} deg (a spike), and its "
+        "largest value; holds if the ratio of the largest values is above 1.",
+        (*peaks, *counts, own),
+        alternatives(verdicts),
+        f"It holds {_by_walk(verdicts)}: {counts[0].value:.1f} spikes of up to {quantity(own.value, 'deg')} against "
+        f"{listed([f'{n.value:.1f}' for n in counts[1:]])} of the Kalman filter with walks 1, 3 and 10 times ours. "
+        "The hand's acceleration is taken for a tilt by whichever filter follows the accelerometer faster.",
+    )
+    return claim, verdicts
+
+
+def _sooner(found: list[Seed]) -> Judged:
+    delays = [
+        difference(
+            f"heading half way, {CALLED[row]} after complementary filter",
+            [s.turned[row].delay_ms for s in found],
+            [s.turned[FILTER].delay_ms for s in found],
+            "ms",
+        )
+        for row in EKFS
+    ]
+    rises = [
+        mean(f"rise (10 to 90 %) beyond the true one's, {CALLED[row]}", [s.turned[row].rise_ms for s in found], "ms")
+        for row in (FILTER, *EKFS)
+    ]
+    verdicts = [below(n, 0.0) for n in delays]
+    claim = Claim(
+        "sooner",
+        "The Kalman filter's heading answers a turn sooner.",
+        "fig. 5",
+        "When heading has gone half of each of three turns (45 and 90 deg), by straight lines between samples; holds "
+        "if the interval of the difference is below 0.",
+        (*delays, *rises),
+        alternatives(verdicts),
+        f"It holds {_by_walk(verdicts)}: the difference is {quantity(delays[0].value, 'ms')} with ours, "
+        f"{_span(delays[1:], 'ms')} with wider ones. Both integrate the same gyro; a filter that follows the "
+        "magnetometer faster also follows its errors in the turn.",
+    )
+    return claim, verdicts
+
+
+def _table(found: list[Seed]) -> Table:
+    rows = []
+    for row in (RAW, FILTER, *EKFS):
+        spread = [quantity(mean("", [s.spread[row][axis] for s in found], "deg").value, "deg") for axis in range(3)]
+        errors = [
+            quantity(mean("", [s.turned[row].errors[axis] for s in found], "deg").value, "deg") for axis in range(3)
+        ]
+        rows.append((CALLED[row], *spread, *errors))
+    head = ("filter", *(f"{a}, at rest" for a in AXES), *(f"{a}, error in rotation" for a in AXES))
+    return Table(
+        "Spread at rest and error in rotation", head, tuple(rows),
+        "Means over seeds: standard deviation at rest about a straight line, RMS error in rotation.",
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Huang: Mahony's filter on the rotation matrix, nested PI-PID."""

@@ -1,0 +1,151 @@
+"""Huang's figures, redrawn from the first seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.reproduce.huang import runs
+from attlog.reproduce.huang.runs import DCM, EKF, HOVER, LEVEL_AT, LEVEL_EVERY_S, LEVELS, NEW_EKF, TRACKS
+from attlog.reproduce.paper import TRUTH, Figure, Line
+from attlog.reproduce.samples import angles, run, samples, thinned
+from attlog.simulate.flight import Flight
+from attlog.simulate.fly import fly
+
+Array = NDArray[np.float64]
+OWN, WANTED, LINEAR = "Huang's filter", "set-point", "transfer function"
+AXES = ("roll, deg", "pitch, deg", "heading, deg")
+STAND = "on the stand"
+
+
+def figures(
+    spent: dict[str, list[float]], printed_mahony: Sequence[float], printed_ekf: Sequence[float], seed: int = 0
+) -> tuple[Figure, ...]:
+    """Filter against truth, against the EKF, cost, back to level, hover, tracking."""
+    flight = fly(runs.scenario(DCM), seed)
+    return (
+        _against_truth(flight),
+        _against_ekf(flight),
+        _cost(spent, printed_mahony, printed_ekf),
+        _level(flight, seed),
+        _hover(flight),
+        _tracking(flight),
+    )
+
+
+def _against_truth(flight: Flight) -> Figure:
+    t, q = flight.onboard.t, flight.onboard.q
+    part = np.isfinite(q[:, 0]) & (t >= HOVER[0])
+    lines = []
+    for axis in range(3):
+        lines += [
+            _line(TRUTH, flight.truth.t, angles(flight.truth.q)[:, axis], axis, HOVER[0]),
+            Line(OWN, *thinned(t[part], angles(q[part])[:, axis]), axis),
+        ]
+    return Figure(
+        "truth", "fig. 3", "The filter in the loop against the truth",
+        "Hover, then three returns to level and two sines. Where the filter leaves the truth the vehicle has been "
+        "tilted and gathers speed.", "time, s", AXES, tuple(lines), height=480,
+    )  # fmt: skip
+
+
+def _against_ekf(flight: Flight) -> Figure:
+    s = samples(flight)
+    lines = []
+    for row, name in ((DCM, OWN), (EKF, "Fan's EKF"), (NEW_EKF, "mekf")):
+        found = run(row, s)
+        part = found.t >= HOVER[0]
+        lines += [Line(name, *thinned(found.t[part], found.errors[part, axis]), axis) for axis in range(3)]
+    return Figure(
+        "ekf", "fig. 4", "The filter and EKFs over the same samples, errors",
+        "Errors against the truth, because the angles themselves could hardly be told from each other.",
+        "time, s", tuple(f"error of {name}" for name in AXES), tuple(lines), height=480,
+    )  # fmt: skip
+
+
+def _cost(spent: dict[str, list[float]], mahony: Sequence[float], ekf: Sequence[float]) -> Figure:
+    run_of = np.arange(1.0, len(mahony) + 1.0)
+    lines = (
+        Line("the paper", run_of, np.array(ekf) / np.array(mahony)),
+        Line("here", run_of, np.array(spent[EKF]) / np.array(spent[DCM])),
+    )
+    return Figure(
+        "cost", "table 1", "Time of the EKF over time of Mahony's filter", "4,000 updates, nine runs.",
+        "run", ("ratio",), lines, kind="points", height=260,
+    )  # fmt: skip
+
+
+def _level(flight: Flight, seed: int) -> Figure:
+    """The three returns below each other: true angle and the filter's, on the stand, and the linear loop."""
+    lines: list[Line] = []
+    held = runs.stand(seed)
+    shown = np.linspace(-runs.TILTED_S, runs.LEVEL_S, 701)
+    for k, (angle, axis) in enumerate(LEVELS):
+        column = ("roll", "pitch").index(axis)
+        since = LEVEL_AT + k * LEVEL_EVERY_S + runs.TILTED_S
+        beside = runs.STAND_AT + k * runs.STAND_EVERY_S + runs.TILTED_S
+        step = runs.axis_of(column).step
+        linear = angle * (step(shown + runs.TILTED_S) - step(shown))
+        lines += [
+            Line(TRUTH, shown, np.interp(since + shown, flight.truth.t, angles(flight.truth.q)[:, column]), k),
+            Line(OWN, shown, np.interp(since + shown, flight.onboard.t, _known(flight)[:, column]), k),
+            Line(f"truth {STAND}", shown, np.interp(beside + shown, held.truth.t, angles(held.truth.q)[:, column]), k),
+            Line(LINEAR, shown, linear, k),
+        ]
+    panels = tuple(f"{axis} from {angle:g} deg, deg" for angle, axis in LEVELS)
+    return Figure(
+        "level", "fig. 5, 6, 8, 9", "From an angle back to level",
+        "At 0 s the set-point becomes level. In free flight the filter believes it is level while the vehicle is not.",
+        "time, s", panels, tuple(lines), height=480,
+    )  # fmt: skip
+
+
+def _hover(flight: Flight) -> Figure:
+    t, true = flight.truth.t, angles(flight.truth.q)
+    lines = [
+        line
+        for axis in (0, 1)
+        for line in (
+            _line(TRUTH, t, true[:, axis], axis, *HOVER),
+            _line(OWN, flight.onboard.t, _known(flight)[:, axis], axis, *HOVER),
+        )
+    ]
+    return Figure(
+        "hover", "fig. 5, 6, 8, 9", "Hover", "Roll and pitch with the position held; the paper's bound is +-5 deg.",
+        "time, s", AXES[:2], tuple(lines),
+    )  # fmt: skip
+
+
+def _tracking(flight: Flight) -> Figure:
+    lines = []
+    for k, (_, _, axis) in enumerate(TRACKS):
+        column = ("roll", "pitch").index(axis)
+        begin = runs.TRACK_AT + k * runs.TRACK_EVERY_S
+        for name, t, y in (
+            (TRUTH, flight.truth.t, angles(flight.truth.q)),
+            (OWN, flight.onboard.t, _known(flight)),
+            (WANTED, flight.onboard.t, angles(flight.onboard.q_setpoint)),
+        ):
+            part = (t >= begin) & (t < begin + runs.TRACK_S)
+            lines.append(Line(name, *thinned(t[part] - begin, y[part, column]), k))
+    panels = tuple(f"{axis}, sine of {period:g} s, deg" for _, period, axis in TRACKS)
+    return Figure(
+        "tracking", "fig. 5, 6, 8, 9", "Angles that follow a set-point", "The angle comes a fifth of a second later.",
+        "time since the begin, s", panels, tuple(lines),
+    )  # fmt: skip
+
+
+def _known(flight: Flight) -> Array:
+    """The filter's angles (n, 3) at all times; NaN before it has any."""
+    q = flight.onboard.q
+    found = np.full((len(q), 3), np.nan)
+    known = np.isfinite(q[:, 0])
+    found[known] = angles(q[known])
+    return found
+
+
+def _line(name: str, t: Array, y: Array, panel: int, begin: float, end: float = np.inf) -> Line:
+    part = (t >= begin) & (t < end)
+    return Line(name, *thinned(t[part], y[part]), panel)

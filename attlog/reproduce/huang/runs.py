@@ -1,0 +1,297 @@
+"""Huang's experiments for one seed: one flight with hover, returns to level and angle tracking, on any filter; cost.
+
+The flight is the same for every row but for the filter that it is flown on. What a filter is worth is measured
+twice: in the loop (the vehicle flies on it) and row to row over the samples of one flight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog import estimators
+from attlog.base import rotation
+from attlog.reproduce import response
+from attlog.reproduce.samples import Found, angles, rms, run, samples
+from attlog.simulate.autopilot.controller import Gains
+from attlog.simulate.autopilot.linear import Axis
+from attlog.simulate.autopilot.loop import Controller, Estimator
+from attlog.simulate.autopilot.onboard import TRUTH
+from attlog.simulate.flight import Flight
+from attlog.simulate.fly import fly
+from attlog.simulate.scenario.commands import Command
+from attlog.simulate.scenario.place import Wind
+from attlog.simulate.scenario.scenario import Scenario
+from attlog.simulate.scenario.vehicle import Vehicle
+from attlog.simulate.sensors.settings import Gnss, Imu, Mag, Sensors
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 400.0
+DCM, EKF = "mahony_dcm@huang", "ekf12@fan"
+PASSIVE, NEW_EKF = "mahony_passive@huang", "mekf"
+FLOWN_ON = (DCM, TRUTH, EKF, NEW_EKF)
+"""What the same flight is flown on."""
+ROWS = (DCM, PASSIVE, EKF, NEW_EKF)
+"""Filters over the samples of one flight."""
+WIND_M_S, MORE_WIND_M_S = 0.3, (1.0, 2.0)
+HOVER = (15.0, 45.0)
+WITHIN_DEG = 5.0
+LEVELS = ((20.0, "roll"), (30.0, "pitch"), (45.0, "roll"))
+LEVEL_AT, LEVEL_EVERY_S, TILTED_S, LEVEL_S = 45.0, 9.0, 0.8, 2.7
+"""A return to level: tilted for a moment, then level, then back to the place."""
+LEVEL_WITHIN_DEG = 2.0
+TRACKS = ((15.0, 2.0, "roll"), (10.0, 1.0, "pitch"))
+"""Amplitude in deg, period in s, axis."""
+TRACK_AT, TRACK_EVERY_S, TRACK_S = 78.0, 12.0, 8.0
+SECONDS = 98.0
+STAND_DRAG = (30.0, 30.0, 30.0)
+"""N s/m: a vehicle so dragged does not gather speed, as on a stand; without one it flies away while it is tilted."""
+STAND_AT, STAND_EVERY_S = 12.0, 5.0
+AXES = ("roll", "pitch")
+
+
+@dataclass(frozen=True, slots=True)
+class Returned:
+    """A return to level: ``settling_s`` until the angle stays within 2 deg, ``fall_s`` from 90 to 10 % of the
+    angle, ``overshoot_deg`` beyond level, all as the filter shows them; ``left_deg`` is what the true angle is in the
+    mean over the last second."""
+
+    settling_s: float
+    fall_s: float
+    overshoot_deg: float
+    left_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """A tracked sine: ``delay_ms`` and ``gain`` of the true angle behind the set-point, by its fundamental;
+    ``rms_deg`` between the two."""
+
+    delay_ms: float
+    gain: float
+    rms_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """RMS errors (roll, pitch, heading) in deg of an attitude against the truth, in hover and in the moves after it."""
+
+    hover: tuple[float, float, float]
+    moving: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """What one seed gave on one filter. ``most_deg``: largest true roll and pitch in hover, ``spread_deg`` their
+    standard deviations there, ``drift_m`` how far it got from the mean place; ``crashed``: it touched the ground."""
+
+    errors: Errors
+    most_deg: tuple[float, float]
+    spread_deg: tuple[float, float]
+    drift_m: float
+    crashed: bool
+    returned: tuple[Returned, ...]
+    tracked: tuple[Tracked, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """Filters over the samples of one flight: errors by row, and RMS (roll, pitch, heading) between DCM and EKF."""
+
+    errors: dict[str, Errors]
+    apart: Errors
+
+
+def commands() -> tuple[Command, ...]:
+    """Take-off, hover, returns to level, tracking."""
+    told = [Command(t=2.0, do="arm"), Command(t=3.0, do="takeoff", up_m=10.0), Command(t=10.0, do="hold")]
+    for k, (angle, axis) in enumerate(LEVELS):
+        t = LEVEL_AT + k * LEVEL_EVERY_S
+        told += [*_level(t, angle, axis), Command(t=t + TILTED_S + LEVEL_S, do="hold")]
+    for k, (size, period, axis) in enumerate(TRACKS):
+        t = TRACK_AT + k * TRACK_EVERY_S
+        told += [
+            Command(t=t, do="track", axis="roll" if axis == "roll" else "pitch", amplitude_deg=size, period_s=period),
+            Command(t=t + TRACK_S, do="hold"),
+        ]
+    return tuple(told)
+
+
+def scenario(estimator: str, wind: float = WIND_M_S, seconds: float = SECONDS) -> Scenario:
+    """Huang's flight on a filter, or on ``truth``, in turbulence of ``wind`` m/s (1 sigma)."""
+    return Scenario(
+        name="huang", seconds=seconds, command=commands(), estimator=Estimator(name=estimator),
+        wind=Wind(turbulence_m_s=wind),
+        sensors=Sensors(imu=(Imu(rate_hz=RATE_HZ),), mag=(Mag(rate_hz=50.0),), gnss=(Gnss(rate_hz=5.0),)),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Seed:
+    """Everything of one seed: the flight by filter, filters over the samples of the flight on Huang's, returns to
+    level on the stand with the errors there, the largest true roll and pitch in hover by wind in m/s."""
+
+    flown: dict[str, Flown]
+    replayed: Replayed
+    stand: tuple[Returned, ...]
+    stand_errors: tuple[float, float]
+    windy: dict[float, tuple[float, float]]
+
+
+def seed_of(seed: int) -> Seed:
+    """All flights of a seed."""
+    flown = {}
+    for estimator in FLOWN_ON:
+        flight = fly(scenario(estimator), seed)
+        flown[estimator] = measured(flight)
+        if estimator == DCM:
+            again = replayed(flight)
+    held = stand(seed)
+    found = _found(held)
+    late = found.t >= STAND_AT
+    return Seed(
+        flown, again, tuple(_returned(held, STAND_AT + k * STAND_EVERY_S, *level) for k, level in enumerate(LEVELS)),
+        (rms(found.errors[late, 0]), rms(found.errors[late, 1])),
+        {wind: hovered(seed, wind) for wind in MORE_WIND_M_S},
+    )  # fmt: skip
+
+
+def stand(seed: int, estimator: str = DCM) -> Flight:
+    """Returns to level of a vehicle that cannot gather speed."""
+    told = [Command(t=2.0, do="arm"), Command(t=3.0, do="takeoff", up_m=1.5)]
+    for k, (angle, axis) in enumerate(LEVELS):
+        t = STAND_AT + k * STAND_EVERY_S
+        told += _level(t, angle, axis)
+    seconds = STAND_AT + len(LEVELS) * STAND_EVERY_S
+    free = scenario(estimator, 0.0)
+    held = replace(Vehicle(), drag_n_s_m=STAND_DRAG)
+    return fly(free.changed(seconds=seconds, command=tuple(told), vehicle=held), seed)
+
+
+def replayed(flight: Flight) -> Replayed:
+    """All rows over the samples of a flight."""
+    s = samples(flight)
+    found = {row: run(row, s) for row in ROWS}
+    dcm, ekf = found[DCM], found[EKF]
+    return Replayed({row: _errors(one) for row, one in found.items()}, _errors(Found(dcm.t, dcm.q, ekf.q)))
+
+
+def hovered(seed: int, wind: float) -> tuple[float, float]:
+    """Largest true roll and pitch in hover in turbulence of ``wind`` m/s."""
+    flight = fly(scenario(DCM, wind, HOVER[1]), seed)
+    tilt = np.abs(angles(flight.truth.q)[_between(flight.truth.t, *HOVER), :2])
+    return float(tilt[:, 0].max()), float(tilt[:, 1].max())
+
+
+def measured(flight: Flight) -> Flown:
+    """Everything that the claims need from a flight."""
+    truth = flight.truth
+    hover = _between(truth.t, *HOVER)
+    place = truth.p[hover] - truth.p[hover].mean(axis=0)
+    level = angles(truth.q)[hover, :2]
+    return Flown(
+        _errors(_found(flight)),
+        (float(np.abs(level[:, 0]).max()), float(np.abs(level[:, 1]).max())),
+        (float(level[:, 0].std()), float(level[:, 1].std())),
+        float(np.hypot(place[:, 0], place[:, 1]).max()),
+        bool(truth.ground[truth.t > HOVER[0]].any()),
+        tuple(_returned(flight, LEVEL_AT + k * LEVEL_EVERY_S, *level) for k, level in enumerate(LEVELS)),
+        tuple(_tracked(flight, k) for k in range(len(TRACKS))),
+    )
+
+
+def axis_of(index: int) -> Axis:
+    """The loop of roll (0) or pitch (1) as transfer functions: what the gains, rotors and inertia alone would do.
+
+    The delay: half a period of the IMU's mean, half of the held command, one period until it acts.
+    """
+    vehicle, period = Vehicle(), 1.0 / RATE_HZ
+    torque = 4.0 * 0.5 * vehicle.thrust_max_n * vehicle.arm_m / np.sqrt(2.0)
+    authority = float(torque / vehicle.inertia_kg_m2[index])
+    return Axis(authority, vehicle.motor_lag_s, Gains.of(Controller()), index, delay=2.0 * period)
+
+
+def cost(rounds: int = 9, updates: int = 4000, every: int = 1, repeats: int = 7) -> dict[str, list[float]]:
+    """Microseconds for ``updates`` updates of both filters on the same samples, ``rounds`` times in turn.
+
+    ``every`` how many updates a new field comes. Of ``repeats`` runs of a round the fastest counts: the others were
+    interrupted by something.
+    """
+    rng = np.random.default_rng(0)
+    t = np.arange(updates) / RATE_HZ
+    swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
+    acc = np.array([0.0, 0.0, -9.81]) + swing + 0.05 * rng.standard_normal(swing.shape)
+    mag = np.array([20.0, 0.0, 40.0]) + swing
+    mag[np.arange(updates) % every != 0] = np.nan
+    found: dict[str, list[float]] = {DCM: [], EKF: []}
+    for _ in range(rounds):
+        for row, spent in found.items():
+            times = [estimators.estimate(row, t, 0.3 * swing, acc, mag).ns_per_update for _ in range(repeats)]
+            spent.append(1e-3 * updates * min(times))
+    return found
+
+
+def _between(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
+    return np.asarray((t >= begin) & (t < end))
+
+
+def _errors(found: Found) -> Errors:
+    parts = [found.errors[_between(found.t, *span)] for span in (HOVER, (HOVER[1], np.inf))]
+    hover, moving = ((rms(p[:, 0]), rms(p[:, 1]), rms(p[:, 2])) for p in parts)
+    return Errors(hover, moving)
+
+
+def _found(flight: Flight) -> Found:
+    """What was flown on, with the truth at the same times."""
+    truth, board = flight.truth, flight.onboard
+    known = np.isfinite(board.q[:, 0])
+    t = board.t[known]
+    return Found(t, board.q[known], rotation.slerp(truth.t, truth.q, np.minimum(t, truth.t[-1])))
+
+
+def _level(t: float, angle: float, axis: str) -> list[Command]:
+    """Tilted for a moment from ``t`` on, then level."""
+    tilted = Command(t=t, do="attitude", roll_deg=angle * (axis == "roll"), pitch_deg=angle * (axis == "pitch"))
+    return [tilted, Command(t=t + TILTED_S, do="attitude")]
+
+
+def _returned(flight: Flight, tilted_at: float, angle: float, axis: str) -> Returned:
+    since, found = tilted_at + TILTED_S, _found(flight)
+    part = _between(found.t, since - 0.1, since + LEVEL_S)
+    t, y = found.t[part], found.angles[part, AXES.index(axis)]
+    true = angles(found.truth[part])[:, AXES.index(axis)]
+    return Returned(
+        response.settling_s(t, y, since, LEVEL_WITHIN_DEG),
+        response.rise_s(t, y, since, float(np.interp(since, t, y)), 0.0),
+        response.overshoot(t, y, since, angle, 0.0),
+        float(true[t >= since + LEVEL_S - 1.0].mean()),
+    )
+
+
+def _tracked(flight: Flight, k: int) -> Tracked:
+    _, period, axis = TRACKS[k]
+    begin = TRACK_AT + k * TRACK_EVERY_S
+    # The first period is the start; whole periods after it.
+    span = (begin + period, begin + period * int(TRACK_S / period))
+    t, y = flight.truth.t, angles(flight.truth.q)[:, AXES.index(axis)]
+    board = flight.onboard
+    wanted = angles(board.q_setpoint)[:, AXES.index(axis)]
+    found, asked = (
+        _fundamental(at[_between(at, *span)] - begin, x[_between(at, *span)], period)
+        for at, x in ((t, y), (board.t, wanted))
+    )
+    ratio = found / asked
+    both = _between(board.t, *span)
+    off = np.interp(board.t[both], t, y) - wanted[both]
+    return Tracked(float(-np.angle(ratio)) / (2.0 * np.pi) * period * 1e3, float(np.abs(ratio)), rms(off))
+
+
+def _fundamental(t: Array, y: Array, period: float) -> complex:
+    """The complex amplitude of a period in ``y``, beside a straight line."""
+    w = 2.0 * np.pi / period
+    columns = np.column_stack([np.cos(w * t), np.sin(w * t), np.ones_like(t), t])
+    c, s, _, _ = np.linalg.lstsq(columns, y, rcond=None)[0]
+    return complex(c, -s)

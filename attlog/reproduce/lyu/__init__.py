@@ -1,0 +1,1 @@
+"""Lyu: a complementary filter with variable integral."""

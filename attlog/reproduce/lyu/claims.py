@@ -1,0 +1,251 @@
+"""Lyu: a complementary filter whose integral fades where the error is large, against the one with a fixed integral."""
+
+from __future__ import annotations
+
+import math
+
+from attlog.present.numbers import below as bound
+from attlog.present.numbers import quantity
+from attlog.reproduce.judge import below, difference, mean, ratio, share, together
+from attlog.reproduce.lyu import flight as lyu_flight
+from attlog.reproduce.lyu import runs
+from attlog.reproduce.lyu.figures import figures
+from attlog.reproduce.lyu.flight import Flown
+from attlog.reproduce.lyu.runs import DROPS, ERR1, READINGS, WRONG_DEG, Bench, fixed, stopped, variable
+from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting, Table
+from attlog.reproduce.seeds import each_seed
+
+QUIETER = 0.98
+"""A ratio of spreads that a person could see in a figure: 2 %."""
+SOONER_S, CLOSER_DEG = -0.1, -0.1
+"""Differences that a person could see in a figure."""
+
+
+def paper(options: Options) -> Paper:
+    """Lyu's claims, measured."""
+    found = each_seed("bench", runs.bench, options)
+    flown = each_seed("flights", lyu_flight.one_seed, options)
+    return Paper(
+        "lyu",
+        "Improved method for the complementary filtering attitude of the four-rotor aircraft",
+        "Lyu Chunsheng, Qingdao University of Science and Technology (in Chinese)",
+        _settings(),
+        (_at_rest(found), _follows(found), _settles(found), _overshoots(found), _flies(flown)),
+        figures(),
+        (_table(found),),
+        (
+            "The paper prints no numbers: its claims are read off its figures. It does not say whether ki counts per "
+            "second or per sample, so everything is run both ways; at 200 Hz the second is 200 times the first.",
+            "Equation (16) scales what the integral puts out and goes on summing. 'Input stopped' is ours: it "
+            "scales what is summed, as is usual against wind-up.",
+        ),
+        seeds=options.seeds,
+    )
+
+
+def _settings() -> tuple[Setting, ...]:
+    return (
+        Setting("kp", "0.5", "paper"),
+        Setting("ki", "0.001, per second and per sample", "paper"),
+        Setting("err1, err2", "0.3, 0.8 (sine of the error: 17 and 53 deg)", "paper"),
+        Setting("sensor", "MPU6050", "paper"),
+        Setting("its noise", "0.005 deg/s/sqrt(Hz), 400 ug/sqrt(Hz), from its data sheet", "ours"),
+        Setting("magnetometer", "none: heading is free", "paper"),
+        Setting("sampling", "200 Hz; gyro range 500 deg/s, once 250; gyro bias left 0.1 deg/s (1 sigma)", "ours"),
+        Setting("at rest", "60 s on a table tilted by 1 to 3 deg; spread from 20 s on, straight line removed", "ours"),
+        Setting("drop", "up about an edge 15 cm away in 1 s, held 4 s, dropped in 0.3 s, a blow of 2 g", "ours"),
+        Setting("flight", f"take-off, hover, roll on a sine of {lyu_flight.AMPLITUDE_DEG:g} deg and "
+                f"{lyu_flight.PERIOD_S:g} s, on the filter's attitude, by Huang's controller", "ours"),
+    )  # fmt: skip
+
+
+def _at_rest(found: list[Bench]) -> Claim:
+    numbers, verdicts = [], []
+    for reading in READINGS:
+        for axis, name in enumerate(("roll", "pitch")):
+            one = ratio(
+                f"spread of {name}, variable over fixed integral, ki per {reading}",
+                [b.spread[variable(reading)][axis] for b in found],
+                [b.spread[fixed(reading)][axis] for b in found],
+            )
+            numbers.append(one)
+            verdicts.append(below(one, QUIETER))
+    equal = share("seeds in which both filters are equal to the last bit", [all(b.equal.values()) for b in found])
+    largest = max(b.largest_e for b in found)
+    spread = mean("spread of roll, both filters, ki per second", [b.spread[fixed("second")][0] for b in found], "deg")
+    none = ratio(
+        "spread of roll, no integral at all over fixed integral, ki per second",
+        [b.without[0] for b in found],
+        [b.spread[fixed("second")][0] for b in found],
+    )
+    return Claim(
+        "rest",
+        "At rest the angles of the improved filter scatter less than those of the traditional one.",
+        "fig. 4",
+        "Standard deviation of roll and pitch at rest, both filters on the same samples; holds if the whole "
+        f"interval of the ratio is below {QUIETER:g}.",
+        (*numbers, equal, spread, none, Number("largest |e| at rest, of 1", largest, "")),
+        together(verdicts),
+        f"Not by anything: the two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The "
+        f"integral fades above |e| = {ERR1:g}, at rest |e| stays below {math.ceil(100 * largest) / 100:g}: there it is "
+        "one filter, and a quieter trace must come from something else. Even without any integral the spread is "
+        f"{quantity(none.value, 'ratio')} as large.",
+    )
+
+
+def _each_drop(found: list[Bench], what: str, field: str, unit: str) -> list[Number]:
+    """Differences (variable minus fixed) of a field by reading and drop."""
+    return [
+        difference(
+            f"{what} after {_named(angle, span)}, variable minus fixed, ki per {reading}",
+            [getattr(b.dropped[variable(reading), angle, span], field) for b in found],
+            [getattr(b.dropped[fixed(reading), angle, span], field) for b in found],
+            unit,
+        )
+        for reading in READINGS
+        for angle, span in DROPS
+    ]
+
+
+def _each_start(found: list[Bench], what: str, field: str, unit: str, ours: bool = False) -> list[Number]:
+    """Differences (variable, or ours, minus fixed) of a field by reading and angle of the wrong start."""
+    kind, name = (stopped, "input stopped") if ours else (variable, "variable")
+    return [
+        difference(
+            f"{what} after a start {angle:g} deg off, {name} minus fixed, ki per {reading}",
+            [getattr(b.started[kind(reading), angle], field) for b in found],
+            [getattr(b.started[fixed(reading), angle], field) for b in found],
+            unit,
+        )
+        for reading in READINGS
+        for angle in WRONG_DEG
+    ]
+
+
+def _named(angle: float, span: float) -> str:
+    return f"{angle:g} deg" if span > 300.0 else f"{angle:g} deg, gyro range {span:g} deg/s"
+
+
+def _range(numbers: list[Number], unit: str) -> str:
+    """Where the numbers lie, in words: from the smallest to the largest, or that all are too small to see."""
+    values = [n.value for n in numbers if n.value is not None]
+    largest = max(map(abs, values))
+    if largest < {"s": 0.05, "deg": 0.05}[unit]:
+        return f"less than {bound(largest, unit)} either way"
+    return f"{quantity(min(values), unit, True)} to {quantity(max(values), unit, True)}"
+
+
+def _follows(found: list[Bench]) -> Claim:
+    numbers = _each_drop(found, "RMS error of tilt", "error_deg", "deg")
+    above = [
+        mean(
+            f"time with |e| above err1, {_named(angle, span)}",
+            [b.dropped[variable("second"), angle, span].above_pct for b in found],
+            "pct",
+        )
+        for angle, span in DROPS
+    ]
+    most = bound(max(n.value or 0.0 for n in above), "pct")
+    return Claim(
+        "follow",
+        "Lifted and dropped, the improved filter follows the movement more closely.",
+        "fig. 5",
+        "RMS error of tilt from the lift to 5 s after the drop, from 20, 40 and 60 deg; holds if the whole interval of "
+        f"the difference is below {CLOSER_DEG:g} deg.",
+        (*numbers, *above),
+        together([below(n, CLOSER_DEG) for n in numbers]),
+        f"The error differs by {_range(numbers, 'deg')}. The filters differ only while |e| is above {ERR1:g}, which it "
+        f"is for less than {most} of the time: in the blow, and where the gyro's range is too small for the drop.",
+    )
+
+
+def _settles(found: list[Bench]) -> Claim:
+    drops = _each_drop(found, "settling time", "settling_s", "s")
+    starts = _each_start(found, "settling time", "settling_s", "s")
+    ours = _each_start(found, "settling time", "settling_s", "s", ours=True)
+    return Claim(
+        "settle",
+        "After a large error the improved filter is back at the true angle sooner.",
+        "fig. 5",
+        f"Time from the drop until the error of roll stays within {runs.DROP_WITHIN_DEG:g} deg of where it ends; time "
+        f"from a start with a wrong angle until it stays within {runs.WRONG_WITHIN_DEG:g} deg. Holds if the whole "
+        f"interval of the difference is below {SOONER_S:g} s.",
+        (*drops, *starts, *ours),
+        together([below(n, SOONER_S) for n in (*drops, *starts)]),
+        f"It differs by {_range(drops, 's')} after a drop, by {_range(starts, 's')} after a wrong start: (16) goes on "
+        "summing while nothing is put out, and the sum then drives the angle too far. Were the sum stopped instead, it "
+        f"would be {_range(ours, 's')}.",
+    )
+
+
+def _overshoots(found: list[Bench]) -> Claim:
+    drops = _each_drop(found, "overshoot", "overshoot_deg", "deg")
+    starts = _each_start(found, "overshoot", "overshoot_deg", "deg")
+    ours = _each_start(found, "overshoot", "overshoot_deg", "deg", ours=True)
+    size = mean(
+        "overshoot after a start 60 deg off, fixed integral, ki per sample",
+        [b.started[fixed("sample"), 60.0].overshoot_deg for b in found],
+        "deg",
+    )
+    return Claim(
+        "overshoot",
+        "It overshoots less.",
+        "fig. 5",
+        "How far roll goes beyond the true one after the drop, and after a start with a wrong angle. Holds if the "
+        f"whole interval of the difference is below {CLOSER_DEG:g} deg.",
+        (*drops, *starts, *ours, size),
+        together([below(n, CLOSER_DEG) for n in (*drops, *starts)]),
+        f"It differs by {_range(drops, 'deg')} after a drop, by {_range(starts, 'deg')} after a wrong start, of up to "
+        f"{quantity(size.value, 'deg')} with ki per sample. Were the sum stopped instead, it would be "
+        f"{_range(ours, 'deg')}.",
+    )
+
+
+def _flies(found: list[dict[str, Flown]]) -> Claim:
+    numbers = [
+        difference(
+            f"{what}, variable minus fixed, ki per {reading}",
+            [getattr(f[variable(reading)], field) for f in found],
+            [getattr(f[fixed(reading)], field) for f in found],
+            "deg",
+        )
+        for reading in READINGS
+        for what, field in (("error of tilt", "error_deg"), ("distance of roll from its set-point", "tracking_deg"))
+    ]
+    sizes = [
+        mean(f"{what}, fixed integral, ki per second", [getattr(f[fixed("second")], field) for f in found], "deg")
+        for what, field in (("error of tilt", "error_deg"), ("distance of roll from its set-point", "tracking_deg"))
+    ]
+    equal = share("flights that are equal to the last bit", [f[variable(r)].equal for f in found for r in READINGS])
+    largest = max(one.largest_e for f in found for one in f.values())
+    return Claim(
+        "flight",
+        "In flight the improved filter gives the better attitude.",
+        "fig. 3",
+        "RMS error of tilt from take-off on and RMS distance of the true roll from its set-point, flown on either "
+        f"filter's attitude; holds if the whole interval of each difference is below {CLOSER_DEG:g} deg.",
+        (*numbers, *sizes, equal, Number("largest |e| in flight, of 1", largest, "")),
+        together([below(n, CLOSER_DEG) for n in numbers]),
+        f"{quantity(equal.value, 'pct')} of the flights are equal to the last bit, and the others differ by "
+        f"{_range(numbers, 'deg')} where the error of tilt is {quantity(sizes[0].value, 'deg')}: |e| reaches "
+        f"{largest:.2f}, so the integral hardly ever fades.",
+    )
+
+
+def _table(found: list[Bench]) -> Table:
+    """Means of settling time and overshoot by row."""
+    kinds = (("fixed", fixed), ("variable, as printed", variable), ("variable, input stopped", stopped))
+    rows = []
+    for reading in READINGS:
+        for name, kind in kinds:
+            cells = [
+                quantity(mean("", [getattr(b.started[kind(reading), a], f) for b in found], u).value, u)
+                for a in WRONG_DEG
+                for f, u in (("settling_s", "s"), ("overshoot_deg", "deg"))
+            ]
+            rows.append((f"{name}, ki per {reading}", *cells))
+    head = ("integral", *(f"{a:g} deg: {w}" for a in WRONG_DEG for w in ("settles", "overshoots")))
+    return Table(
+        "From a start with a wrong angle", head, tuple(rows),
+        f"Means over seeds; settled: the error of roll stays within {runs.WRONG_WITHIN_DEG:g} deg.",
+    )  # fmt: skip

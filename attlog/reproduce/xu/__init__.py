@@ -1,0 +1,1 @@
+"""Xu: the gain of Mahony's filter on Pixhawk logs."""

@@ -1,0 +1,76 @@
+"""Which gain errs least over many flights, and which ones cannot be told apart from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from attlog.present.numbers import quantity
+from attlog.reproduce.judge import above, ratio
+from attlog.reproduce.paper import Number
+from attlog.reproduce.xu.runs import SWEPT, gain
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """Simulated missions or real flights, as lists by row: RMS in the band by axis in deg, dominant frequencies in Hz,
+    errors of tilt and heading in deg, NaN where a flight has none."""
+
+    called: str
+    rms: Mapping[str, list[tuple[float, float, float]]]
+    hz: Mapping[str, list[tuple[float, float, float]]]
+    tilt: Mapping[str, list[float]]
+    heading: Mapping[str, list[float]]
+
+    @property
+    def flights(self) -> int:
+        """How many."""
+        return len(self.rms[gain(0.6)])
+
+    @property
+    def measured(self) -> bool:
+        """Whether any flight has an error for every gain."""
+        return any(all(math.isfinite(self.tilt[gain(kp)][k]) for kp in SWEPT) for k in range(self.flights))
+
+    def in_band(self, row: str, axis: int) -> list[float]:
+        """The RMS of one axis in the band."""
+        return [values[axis] for values in self.rms[row]]
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """The gain with the smallest error, those that are not told apart from it, and the error of 0.6 over its."""
+
+    kp: float
+    alike: tuple[float, ...]
+    over: Number
+
+    @property
+    def tells(self) -> bool:
+        """Whether any gain is told apart from the best."""
+        return len(self.alike) < len(SWEPT)
+
+    @property
+    def words(self) -> str:
+        """In words: ``smallest with kp 0.03 to 0.1 (with 0.6 3.4 times)``."""
+        if not self.tells:
+            return f"smallest with kp {self.kp:g}, from which no gain is told apart"
+        span = f"kp {self.alike[0]:g}" + (f" to {self.alike[-1]:g}" if len(self.alike) > 1 else "")
+        return f"smallest with {span} (with 0.6 {quantity(self.over.value, 'ratio')})"
+
+    def any_within(self, low: float, high: float) -> bool:
+        """Whether one of the best lies between two gains."""
+        return any(low <= kp <= high for kp in self.alike)
+
+
+def best_gain(runs: Runs, errors: Mapping[str, list[float]], what: str) -> Best:
+    """The best over the flights on which every gain has an error, by the mean logarithm."""
+    usable = [k for k in range(runs.flights) if all(math.isfinite(errors[gain(kp)][k]) for kp in SWEPT)]
+    found = {kp: [errors[gain(kp)][k] for k in usable] for kp in SWEPT}
+    best = min(SWEPT, key=lambda kp: float(np.mean(np.log(found[kp]))) if usable else 0.0)
+    alike = tuple(kp for kp in SWEPT if kp == best or above(ratio("", found[kp], found[best]), 1.0) != "holds")
+    said = f"error of {what}, kp 0.6 over {best:g}, the best, {runs.called}"
+    return Best(best, alike, ratio(said, found[0.6], found[best]))

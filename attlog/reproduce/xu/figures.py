@@ -1,0 +1,117 @@
+"""Xu's figures, redrawn from the first seed, and what the gain does over all flights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from attlog.present.numbers import quantity
+from attlog.reproduce.judge import mean
+from attlog.reproduce.paper import TRUTH, Figure, Line, Number, Table
+from attlog.reproduce.samples import AXES, Samples, angles, run, thinned
+from attlog.reproduce.xu.logs import OnLog
+from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, SWEPT, Seed, flown, gain, in_the_air
+
+CALLED = {row: f"kp {kp:g}" for kp, row in FIXED.items()} | {ADAPTIVE: "adaptive (our law)"}
+
+
+def figures(seeds: Sequence[Seed], logs: Sequence[OnLog], seed: int = 0) -> tuple[Figure, ...]:
+    """The mission, its errors, oscillation and error against the gain."""
+    s = flown(seed)
+    return (
+        Figure(
+            "mission", "fig. 1 to 3", "A waypoint mission", "The first seed, between take-off and landing.", "time, s",
+            tuple(f"{a}, deg" for a in AXES), (*_truth(s), *_lines(s, errors=False)), height=480,
+        ),
+        Figure(
+            "errors", "fig. 1 to 3", "How far off", "The same mission: what was found minus the truth.", "time, s",
+            tuple(f"{a} error, deg" for a in AXES), _lines(s, errors=True), height=480,
+        ),
+        _by_gain("oscillation", "fig. 1 to 3", "How much it oscillates, by gain", seeds, logs),
+        _errors_by_gain(seeds, logs),
+    )  # fmt: skip
+
+
+def _truth(s: Samples) -> list[Line]:
+    part = in_the_air(s.t)
+    y = angles(s.q)[part]
+    return [Line(TRUTH, *thinned(s.t[part], y[:, axis]), axis) for axis in range(3)]
+
+
+def _lines(s: Samples, errors: bool) -> tuple[Line, ...]:
+    lines = []
+    for row, name in CALLED.items():
+        found = run(row, s)
+        part = in_the_air(found.t)
+        y = (found.errors if errors else found.angles)[part]
+        lines += [Line(name, *thinned(found.t[part], y[:, axis]), axis) for axis in range(3)]
+    return tuple(lines)
+
+
+def _by_gain(id: str, where: str, title: str, seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Figure:
+    lines = [
+        _line("simulated missions", [_typical([s.rms[gain(kp)][axis] for s in seeds]) for kp in SWEPT], axis)
+        for axis in range(3)
+    ]
+    if logs:
+        lines += [
+            _line("logs", [_typical([log.rms[gain(kp)][axis] for log in logs]) for kp in SWEPT], axis)
+            for axis in range(3)
+        ]
+    return Figure(
+        id, where, title,
+        "Geometric means over flights with their intervals, 0.2 to 5 Hz: of the error in simulation, on logs of what "
+        "the filter pushes in beyond the gyro alone.",
+        "kp, 1/s", tuple(f"{a}, deg" for a in AXES), tuple(lines), "points", height=480, x_log=True,
+    )  # fmt: skip
+
+
+def _errors_by_gain(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Figure:
+    lines = [
+        _line("simulated missions", [_typical([s.tilt[gain(kp)] for s in seeds]) for kp in SWEPT], 0),
+        _line("simulated missions", [_typical([s.heading[gain(kp)] for s in seeds]) for kp in SWEPT], 1),
+    ]
+    told = [log for log in logs if all(math.isfinite(v) for kp in SWEPT for v in log.errors.get(gain(kp), (math.nan,)))]
+    if told:
+        lines += [
+            _line("logs", [_typical([log.errors[gain(kp)][k] for log in told]) for kp in SWEPT], k) for k in (0, 1)
+        ]
+    return Figure(
+        "best", "section 3", "How far off, by gain",
+        "Geometric means of RMS errors over flights with their intervals; logs against their reference.",
+        "kp, 1/s", ("tilt, deg", "heading, deg"), tuple(lines), "points", height=400, x_log=True,
+    )  # fmt: skip
+
+
+def _typical(values: Sequence[float]) -> Number:
+    """The geometric mean with its interval."""
+    logs = mean("", [math.log(v) for v in values if v > 0.0], "")
+    if logs.value is None:
+        return logs
+    ends = None if logs.ci95 is None else (math.exp(logs.ci95[0]), math.exp(logs.ci95[1]))
+    return Number("", math.exp(logs.value), "deg", ends, logs.n)
+
+
+def _line(name: str, numbers: Sequence[Number], panel: int) -> Line:
+    y = np.array([math.nan if n.value is None else n.value for n in numbers])
+    ends = np.array([n.ci95 or (v, v) for n, v in zip(numbers, y, strict=True)])
+    return Line(name, SWEPT, y, panel, ends[:, 0], ends[:, 1])
+
+
+def table(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Table:
+    """Oscillation and errors of the paper's gains and of the adaptive one."""
+    rows = []
+    for row, name in CALLED.items():
+        sets = [("missions", [s.rms[row] for s in seeds], [(s.tilt[row], s.heading[row]) for s in seeds])]
+        if logs:
+            sets.append(
+                ("logs", [log.rms[row] for log in logs], [log.errors[row] for log in logs if row in log.errors])
+            )
+        for called, rms, errors in sets:
+            cells = [_typical([r[axis] for r in rms]) for axis in range(3)]
+            cells += [_typical([e[k] for e in errors]) for k in (0, 1)]
+            rows.append((f"{name}, {called}", *(quantity(n.value, "deg") for n in cells)))
+    head = ("gain", *(f"{a}, 0.2 to 5 Hz" for a in AXES), "error of tilt", "error of heading")
+    return Table("Oscillation and error", head, tuple(rows), "Geometric means over flights of RMS values.")

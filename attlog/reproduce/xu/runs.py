@@ -1,0 +1,84 @@
+"""Xu's experiment for one seed: a waypoint mission, and gains of Mahony's filter run over what its sensors logged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.reproduce import band
+from attlog.reproduce.samples import NOBODY, Found, Samples, rms, run, samples
+from attlog.simulate.fly import fly
+from attlog.simulate.scenario.scenario import Scenario, load
+from attlog.simulate.sensors.settings import Imu, Mag, Sensors
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+FIXED = {0.6: "mahony@xu-0.6", 1.1: "mahony@xu-1.1", 2.0: "mahony@xu-2"}
+ADAPTIVE = "mahony_adaptive@xu"
+SWEPT = (0.03, 0.06, 0.1, 0.2, 0.3, 0.45, 0.6, 0.85, 1.1, 1.5, 2.0, 3.0)
+BAND_HZ = (0.2, 5.0)
+
+
+def gain(kp: float) -> str:
+    """Xu's filter with another gain."""
+    return FIXED.get(kp, f"mahony@xu-0.6:kp={kp:g}")
+
+
+ROWS = (*map(gain, SWEPT), ADAPTIVE)
+
+
+@dataclass(frozen=True, slots=True)
+class Seed:
+    """What one seed gave by row, in the air: RMS of the error of (roll, pitch, heading) within BAND_HZ in deg, the
+    dominant frequency of each in Hz, the RMS error of tilt and of heading in deg.
+    """
+
+    rms: dict[str, Triple]
+    hz: dict[str, Triple]
+    tilt: dict[str, float]
+    heading: dict[str, float]
+
+
+def mission() -> Scenario:
+    """The library's waypoints: around a square of 30 m, nose ahead, in wind. No filter changes the flight."""
+    sensors = Sensors(imu=(Imu(rate_hz=200.0),), mag=(Mag(rate_hz=50.0),))
+    return load("waypoints").changed(sensors=sensors, estimator=NOBODY)
+
+
+def flown(seed: int) -> Samples:
+    """What the sensors of one mission logged."""
+    return samples(fly(mission(), seed))
+
+
+def in_the_air(t: Array) -> NDArray[np.bool_]:
+    """Which times (n,) lie between the first waypoint and the landing."""
+    commands = mission().command
+    first = next(c.t for c in commands if c.do == "goto")
+    last = next(c.t for c in commands if c.do == "land")
+    return np.asarray((t >= first) & (t < last))
+
+
+def one_seed(seed: int) -> Seed:
+    """All gains over one mission."""
+    s = flown(seed)
+    found = {row: run(row, s) for row in ROWS}
+    spectra = {row: _spectra(one) for row, one in found.items()}
+    air = {row: in_the_air(one.t) for row, one in found.items()}
+    return Seed(
+        {row: _three([x.rms(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
+        {row: _three([x.dominant_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
+        {row: rms(one.tilt_error[air[row]]) for row, one in found.items()},
+        {row: rms(one.heading_error[air[row]]) for row, one in found.items()},
+    )
+
+
+def _spectra(found: Found) -> list[band.Spectrum]:
+    part = in_the_air(found.t)
+    return [band.spectrum(found.t[part], found.errors[part, axis]) for axis in range(3)]
+
+
+def _three(values: list[float]) -> Triple:
+    return values[0], values[1], values[2]

@@ -1,0 +1,1 @@
+"""What flies the simulated vehicle."""

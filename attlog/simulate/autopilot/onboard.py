@@ -1,0 +1,267 @@
+"""An attlog estimator in the loop: sample by sample as a vehicle would run it, with the numbers of a batch run.
+
+The shared loop (:mod:`attlog.estimators.engine.loop`) sees a whole log at once; a vehicle sees one sample
+after the other. Here every rule of that loop is kept for single samples, around the same compiled step: bad
+samples, gaps, the sampling rule, the time to which vectors belong, the slow magnetometer's vector turned on by
+the gyro, aids at the first sample at or after their time, a field that comes late, and the start. A start
+looks at the first seconds, so there is no attitude until they are over; then what came meanwhile is run at
+once. ``attlog.estimate`` over the logged samples gives the same attitudes.
+
+What can differ: of two samples with one time the loop may take the later; it takes the median of all sample
+times for a gap and for the age of a magnetometer's vector, here it is the nominal rate; with ``q0`` a vehicle
+that flies cannot wait, so the vectors of the first sample alone go into the start; a step of more than 1 rad
+turns a held field with the bias after it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from attlog.base import rotation
+from attlog.base.errors import PluginError, UsageError
+from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse, registry
+from attlog.estimators.aids import AT_REST
+from attlog.estimators.base import Estimator
+from attlog.estimators.engine.loop import SIGMAS, kernel
+from attlog.estimators.engine.samples import MISSING, NEW, Sampling
+from attlog.estimators.engine.start import (
+    MOTION_S,
+    REST_S,
+    First,
+    at_rest,
+    declination_rad,
+    first_seconds,
+    initial_state,
+    realigned,
+)
+from attlog.estimators.engine.vectors import turn_vector_back
+from attlog.estimators.plugin_errors import plugin_errors
+from attlog.simulate.autopilot.onboard_aids import Inbox
+from attlog.simulate.autopilot.onboard_samples import Cleaner, Sample
+
+Array = NDArray[np.float64]
+TRUTH = "truth"
+"""Not an estimator: the controller flies on the true attitude and rate."""
+
+
+def stepping(text: str) -> Row:
+    """The estimator ``NAME[@PRESET][:k=v,...]`` that can fly. UsageError for unknown ones and those that cannot."""
+    row = parse(text)
+    if row.estimator.step is None:
+        why = "looks at samples that a vehicle does not have yet" if not row.estimator.causal else "has no step"
+        raise UsageError(
+            f"{row.name} cannot fly: it runs over a whole log at once and {why}; "
+            f"take a filter with a step, for example mahony, ekf12 or mekf, or {TRUTH}"
+        )
+    return row
+
+
+def _told(estimator: Estimator, advance: Callable[..., Any]) -> Callable[..., Any]:
+    """A filter's loop; what that of a file raises is a PluginError with its name, as in a replay."""
+    if estimator.origin == "attlog":
+        return advance
+
+    def guarded(*arguments: Any) -> Any:
+        with plugin_errors(estimator.origin):
+            return advance(*arguments)
+
+    return guarded
+
+
+class _One:
+    """What the compiled loop takes, for one sample: the same arrays every time, whose places it then knows."""
+
+    def __init__(self) -> None:
+        self.dt, self.substeps, self.use = np.zeros(1), np.zeros(1, np.int64), np.array([NEW])
+        self.gyr, self.acc, self.mag = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))
+
+
+class Live:
+    """The attitude of one estimator while a vehicle flies, in this process, also where the estimator is not attlog's.
+
+    ``q`` (4,) body to true north, or None until the start is over; ``bias`` (3,) rad/s, zero where the filter
+    knows none; ``aids`` takes fixes and heights, and whether the vehicle stands. UsageError for an estimator that has
+    no step or lacks a sensor.
+    """
+
+    def __init__(
+        self,
+        estimator: str | Row,
+        imu_rate: float,
+        mag_rate: float | None,
+        *,
+        sampling: Sampling = "interval",
+        declination: float | None = None,
+        q0: ArrayLike | None = None,
+        log: LogFacts | None = None,
+    ) -> None:
+        row = stepping(estimator) if isinstance(estimator, str) else estimator
+        if row.estimator.apart is not None:
+            row = replace(row, estimator=registry.here(row.estimator.apart.name))
+        self.row, filter_ = row, row.estimator
+        if mag_rate is None and "mag" in filter_.needs:
+            raise UsageError(f"{self.row.name} needs a magnetometer, which this vehicle does not have")
+        given = dict(self.row.params)
+        if declination is not None and any(p.name == "declination" for p in filter_.parameters):
+            given.setdefault("declination", declination)
+        facts = log or LogFacts(info=LogInfo(declination_deg=declination, imu_rate_hz=imu_rate, mag_rate_hz=mag_rate))
+        self.values = {k: v for k, (v, _) in filter_.resolve(self.row.preset, given, log=facts).items()}
+        self._params = filter_.pack(self.values)
+        self._advance = _told(filter_, kernel(filter_))
+        self._north = declination_rad(self.values)
+        self._turn = (math.cos(0.5 * self._north), math.sin(0.5 * self._north))
+        self.aids = Inbox(self._north, "at_rest" in filter_.uses)
+        self._cleaner = Cleaner(
+            imu_rate, mag_rate, hold_mag=filter_.hold_mag, instant=sampling == "instant",
+            aids=self.aids if filter_.aided else None,
+        )  # fmt: skip
+        self.skipped = self._cleaner.skipped
+        self._field_expected = mag_rate is not None
+        self._q0 = None if q0 is None else np.asarray(q0, np.float64)
+        bias = filter_.slices.get("bias")
+        self._bias_at = None if bias is None else bias.start
+        self.q: Array | None = None
+        self.bias = np.zeros(3)
+        self._waiting: list[Sample] = []
+        self._segment = 0
+        self._state: Array | None = None
+        self._silent = False
+        self._no_heading: list[tuple[float, float]] = []
+        self._m = np.zeros(3)
+        self._out = np.empty((1, filter_.outputs))
+        self._one = _One()
+        self._kept: list[tuple[float, int, Array]] = []
+
+    def sample(self, t: float, gyr: Array, acc: Array, mag: Array | None = None, dt: float = math.nan) -> None:
+        """One IMU sample: ``gyr`` (3,) rad/s, ``acc`` (3,) m/s^2, ``mag`` (3,) any unit if one came since the last.
+
+        ``dt`` s is the sample's own time of integration where it is known.
+        """
+        cleaned = self._cleaner.cleaned(t, gyr, acc, mag, dt)
+        if cleaned is None:
+            return
+        if cleaned.restart:
+            self._restart()
+        if self._state is None:
+            self._waiting.append(cleaned)
+            seen = self._seen()
+            if seen is None:
+                return
+            queue, self._waiting = self._waiting, []
+            self._begin(queue[0], seen)
+        else:
+            queue = [cleaned]
+        for one in queue:
+            self._step(one)
+        state = self._state
+        assert state is not None
+        w, x, y, z = state[:4].tolist()
+        c, s = self._turn
+        self.q = np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])
+        if self._bias_at is not None:
+            self.bias = state[self._bias_at : self._bias_at + 3].copy()
+
+    def estimate(self) -> Estimate:
+        """What a batch run would return: all outputs so far."""
+        filter_ = self.row.estimator
+        out = np.array([x for _, _, x in self._kept]).reshape(-1, filter_.outputs)
+        parts = {name: out[:, part.start if name in SIGMAS else part].copy() for name, part in filter_.slices.items()}
+        q = np.ascontiguousarray(out[:, :4])
+        return Estimate(
+            t=np.array([t for t, _, _ in self._kept]),
+            q=rotation.turn_about_down(q, self._north) if self._north else q,
+            bias=parts.pop("bias", None),
+            aux=parts,
+            segment=np.array([s for _, s, _ in self._kept], np.int64),
+            skipped=dict(self.skipped),
+            causal=filter_.causal,
+            no_heading=list(self._no_heading),
+        )
+
+    def _restart(self) -> None:
+        """A new segment: the filter starts anew."""
+        self._segment += 1
+        self._state, self._waiting, self._q0 = None, [], None
+        self._silent = False
+
+    def _seen(self) -> First | None:
+        """What the start needs, once enough has come that more would not change it."""
+        queue = self._waiting
+        elapsed = queue[-1].t - queue[0].t
+        if self._q0 is not None:
+            return First(queue[0].acc, queue[0].mag, None)
+        if elapsed <= REST_S:
+            return None
+        if elapsed <= MOTION_S and not self._settled(queue):
+            return None
+        t, dt = np.array([s.t for s in queue]), np.array([s.dt for s in queue])
+        gyr, acc, mag = (np.array([getattr(s, name) for s in queue]) for name in ("gyr", "acc", "mag"))
+        return first_seconds(t, gyr, acc, mag, dt, str(self.values.get("init", "average")))
+
+    def _settled(self, queue: list[Sample]) -> bool:
+        """Whether more samples would not change the start: at rest, and half a second of every vector is in."""
+        soon = [s for s in queue if s.t - queue[0].t <= REST_S]
+        if not at_rest(np.array([s.gyr for s in soon]), np.array([s.acc for s in soon])):
+            return False
+        wanted = ["acc", "mag"] if self._field_expected else ["acc"]
+        came = [next((s.t for s in queue if getattr(s, name).any()), math.inf) for name in wanted]
+        return queue[-1].t - max(came) > REST_S
+
+    def _begin(self, begin: Sample, seen: First) -> None:
+        """The state at the first sample of a segment."""
+        self._state = initial_state(self.row.estimator, seen, self._params, self.values, self._q0)
+        uses = "mag" in self.row.estimator.uses
+        self._silent = uses and self._q0 is None and self._field_expected and not seen.mag.any()
+        self._m[:] = 0.0
+        self._begun, self._late = begin.t, 0
+        self._before = Sample(begin.t, 0.0, 1, np.zeros(3), np.zeros(3), np.zeros(3), MISSING, None)
+
+    def _step(self, s: Sample) -> None:
+        """One step of the kernel, with the vectors that belong to it."""
+        state = self._state
+        assert state is not None
+        at_start = self.row.estimator.vectors_at == "start"
+        # What a step compares with the attitude that it is given are the vectors of the sample before.
+        source = self._before if at_start else s
+        # The first sample of a segment takes no step; its own vectors are not taken either.
+        if self._silent or source.use == MISSING or (not at_start and s.substeps == 0):
+            self._m[:] = 0.0
+        elif source.use == NEW:
+            self._m[:] = source.mag
+        else:
+            self._turn_field(source, 1)
+        one = self._one
+        one.dt[0], one.substeps[0], one.gyr[0], one.acc[0], one.mag[0] = s.dt, s.substeps, s.gyr, source.acc, self._m
+        data: tuple[Any, ...] = (one.dt, one.substeps, one.gyr, one.acc, one.mag, one.use, 1, self._out)
+        if s.aid is not None:
+            news = int(np.isfinite(s.aid[1, :AT_REST]).any())
+            data += (np.array([news]), np.array([0]), s.aid)
+        self._advance(state, self._params, *data)
+        if self.row.estimator.origin != "attlog" and not 0.0 < float(state[:4] @ state[:4]) < math.inf:
+            raise PluginError(f"{self.row.estimator.origin}: cannot fly: gives {state[:4]} as attitude at {s.t:.2f} s")
+        if at_start and s.substeps > 1:
+            self._turn_field(s, s.substeps - 1)
+        if self._silent and s.use == NEW:
+            self._no_heading.append((self._begun, s.t))
+            state[:] = realigned(self.row.estimator, state, self._params, s.mag)
+            self._out[0] = state[: self.row.estimator.outputs]
+            self._silent = False
+            self._m[:] = 0.0
+            self.skipped["late_field"] += self._late
+        self._late += 1
+        self._before = s
+        self._kept.append((s.t, self._segment, self._out[0].copy()))
+
+    def _turn_field(self, s: Sample, times: int) -> None:
+        """The last field turned on by the bias-corrected rate of a sample."""
+        state, at = self._state, self._bias_at
+        assert state is not None
+        x, y, z = (s.gyr if at is None else s.gyr - state[at : at + 3]).tolist()
+        for _ in range(times):
+            turn_vector_back(self._m, x, y, z, s.dt / max(s.substeps, 1))

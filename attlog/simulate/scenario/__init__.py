@@ -1,0 +1,1 @@
+"""What is simulated: scenarios, their files, their errors."""

@@ -1,0 +1,155 @@
+"""``attlog compare`` as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from attlog.base.errors import UsageError
+from attlog.compare.configurations.command_words import sorted_out
+from attlog.compare.differences.comparison import Comparison
+from tests.conftest import SAMPLES
+
+STEPS = SAMPLES / "copter_steps_stabilize.bin"
+
+
+def test_two_settings_on_one_log(attlog, tmp_path: Path) -> None:
+    tex = tmp_path / "t.tex"
+    done = attlog("compare", str(STEPS), "mahony:kp=0.3", "mahony:kp=0.6", "-o", str(tmp_path), "--table", str(tex))
+    assert done.code == 0, done.err
+    found = Comparison.load(tmp_path / "compare.json")
+    assert found.command.startswith("attlog compare")
+    lead = " ".join(done.out.split("\n\n")[0].split())
+    assert lead.startswith(found.verdicts[0].lead)
+    assert (tmp_path / "compare.html").stat().st_size > 100_000
+    assert (tmp_path / "compare.csv").read_text().startswith("metric,")
+    assert tex.read_text().count(r"\toprule") == len(found.questions)
+
+
+def test_json_goes_to_standard_output_and_the_tables_do_not(attlog, tmp_path: Path) -> None:
+    done = attlog("compare", str(STEPS), "vqf", "mahony", "-o", str(tmp_path), "--json", "-")
+    assert json.loads(done.out)["schema"] == "attlog-comparison/1"
+    assert "Tilt error" in done.err
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["{log}", "mahony"], 2, "two configurations or more"),
+        (["mahony", "vqf"], 2, "no log named"),
+        (["{log}", "mahony", "mahoni"], 2, "neither a file nor a filter; did you mean mahony?"),
+        (["{log}", "mahony:kpp=1", "vqf:lowpas=2"], 2, "did you mean lowpass?"),
+        (["{log}", "mahony", "vqf", "--metric", "lagms"], 2, "did you mean lag_ms?"),
+        (["{log}", "mahony", "vqf", "--table", "t.xls"], 2, "end its name with .csv, .md or .tex"),
+        (["{log}", "mahony", "vqf", "--reference", "thruth"], 2, "use auto, truth"),
+        (["{log}", "none.toml"], 66, "cannot be read"),
+        (["none.bin", "mahony", "vqf"], 66, "none.bin"),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_right_exit_code(
+    attlog, tmp_path: Path, words: list[str], code: int, said: str
+) -> None:
+    done = attlog("compare", *(w.format(log=STEPS) for w in words), "-o", str(tmp_path))
+    assert done.code == code, done.err
+    assert said in done.err
+
+
+def test_words_are_told_apart_by_what_they_look_like(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("metrics=['lag_ms']\n[[configuration]]\nestimator='vqf'\nname='mine'\n")
+    found = sorted_out([str(STEPS), "logs/*.bin", "mahony@xu-0.6", "gyro", str(tmp_path / "c.toml")])
+    assert [str(p) for p in found.logs] == [str(STEPS), "logs/*.bin"]
+    assert [c.name for c in found.wanted.configurations] == ["mahony@xu-0.6", "gyro", "mine"]
+    assert found.wanted.metrics == ["lag_ms"]
+    with pytest.raises(UsageError) as error:
+        sorted_out(["mahoni", "mahony:kpp=1"])
+    assert len(str(error.value).splitlines()) == 2
+
+
+def test_other_firmware_parameters_are_those_of_the_filter_itself(attlog, tmp_path: Path) -> None:
+    """The same as the filter with that gain set by hand, and the filter is found by the file's own names."""
+    new = tmp_path / "new.params"
+    new.write_text("1\t1\tATT_W_ACC\t0.8\t9\n")
+    log = str(SAMPLES / "px4_steps.ulg")
+    by_hand = "px4_q:ATT_W_ACC=0.8"
+    assert attlog("compare", log, "--params", str(new), "-o", str(tmp_path), "-q").code == 0
+    found = Comparison.load(tmp_path / "compare.json")
+    assert [c.name for c in found.configurations] == ["px4_q", f"px4_q:params={new}"]
+    assert attlog("compare", log, by_hand, f"px4_q:params={new}", "px4_q", "-o", str(tmp_path), "-q").code == 0
+    same, other = Comparison.load(tmp_path / "compare.json").verdicts
+    assert same.lead.startswith("No difference")
+    assert not other.lead.startswith("No difference")
+
+
+def test_a_file_that_fits_no_filter_is_refused(attlog, tmp_path: Path) -> None:
+    new = tmp_path / "new.param"
+    new.write_text("FOO,1\n")
+    for words in (["mahony", "vqf"], []):
+        done = attlog("compare", str(STEPS), *words, "--params", str(new), "-o", str(tmp_path))
+        assert (done.code, "name a filter that takes these parameters" in done.err) == (2, True)
+    assert attlog("compare", str(STEPS), "--params", str(tmp_path / "none"), "-o", str(tmp_path)).code == 66
+
+
+def test_a_filters_own_output_as_a_file_is_equal_to_the_filter(attlog, tmp_path: Path) -> None:
+    """Written by extract, read as an estimate: in compare and in analyze one more row with the same numbers."""
+    file = tmp_path / "estimate.csv"
+    spec = "mahony:kp=0.3"
+    assert attlog("extract", str(STEPS), "--estimates", spec, "--format", "csv", "-o", str(file)).code == 0
+    done = attlog("compare", str(STEPS), spec, str(file), "mahony", "-o", str(tmp_path), "-q")
+    assert done.code == 0, done.err
+    found = Comparison.load(tmp_path / "compare.json")
+    for question in found.questions:
+        cells = question.cells[STEPS.name]
+        if cells[spec].value is not None and question.metric != "drift_rest_deg_per_min":
+            assert cells[found.configurations[1].name].value == pytest.approx(cells[spec].value, rel=1e-3, abs=1e-3)
+    done = attlog("analyze", str(STEPS), "--estimators", f"mahony:kp=0.3,{file}", "-o", str(tmp_path))
+    assert done.code == 0, done.err
+    rows = {r["name"]: r for r in json.loads((tmp_path / f"{STEPS.name}.json").read_text())["estimators"]}
+    assert rows["estimate"]["quality"]["frame"] == "ned-frd"
+    tilt = [rows[n]["metrics"]["airborne"]["inclination_rmse_deg"]["value"] for n in (spec, "estimate")]
+    assert tilt[1] == pytest.approx(tilt[0], rel=1e-4)
+
+
+def test_an_estimate_of_another_log_is_a_row_with_its_reason(attlog, tmp_path: Path) -> None:
+    file = tmp_path / "estimate.csv"
+    file.write_text("t,qw,qx,qy,qz\n" + "\n".join(f"{1000 + 0.01 * k},1,0,0,0" for k in range(1000)))
+    done = attlog("compare", str(STEPS), "mahony", str(file), "-o", str(tmp_path))
+    assert done.code == 0
+    assert "does not overlap the log" in " ".join(done.out.split())
+    assert attlog("compare", str(STEPS), "mahony", f"{file}:frame=xyz", "-o", str(tmp_path)).code == 2
+
+
+def test_the_table_of_analyze_goes_to_a_file_for_a_paper(attlog, tmp_path: Path) -> None:
+    files = [tmp_path / f"t{suffix}" for suffix in (".csv", ".tex", ".md")]
+    named = [word for file in files for word in ("--table", str(file))]
+    done = attlog("analyze", str(STEPS), "--estimators", "mahony,madgwick", "-o", str(tmp_path), *named)
+    assert done.code == 0, done.err
+    lines = files[0].read_text().splitlines()
+    assert lines[0].startswith('filter,"Tilt error RMS, °"')
+    assert any(line.startswith("Madgwick,") for line in lines)
+    assert "Madgwick & " in files[1].read_text()
+    assert "| Madgwick | " in files[2].read_text()
+    assert attlog("analyze", str(STEPS), "--table", "t.xls", "-o", str(tmp_path)).code == 2
+
+
+def test_files_are_written_together_or_the_old_ones_stay(attlog, tmp_path: Path) -> None:
+    for name in ("compare.html", "compare.json"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "t.tex").mkdir()
+    command = [
+        "compare",
+        STEPS,
+        "gyro",
+        "mahony",
+        "--reference",
+        "onboard",
+        "-o",
+        tmp_path,
+        "--table",
+        tmp_path / "t.tex",
+    ]
+    done = attlog(*map(str, command))
+    assert (done.code, "t.tex: cannot be written" in done.err) == (73, True), done.err
+    assert [(tmp_path / name).read_text() for name in ("compare.html", "compare.json")] == ["old", "old"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["compare.html", "compare.json", "t.tex"]

@@ -1,0 +1,77 @@
+"""What a run says while it works."""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from attlog.cli.shared.progress import COMPILING, STAGES, progress
+from tests.conftest import SAMPLES
+
+
+class Terminal(io.StringIO):
+    """A standard error that somebody looks at."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("terminal", "verbose", "stages", "compiling"), [
+    (True, False, True, True), (True, True, True, True), (False, True, False, True), (False, False, False, False),
+])  # fmt: skip
+def test_stages_only_on_a_terminal_compiling_also_with_v(
+    monkeypatch: pytest.MonkeyPatch, terminal: bool, verbose: bool, stages: bool, compiling: bool
+) -> None:
+    screen = Terminal() if terminal else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with progress(quiet=False, verbose=verbose):
+        logging.getLogger(STAGES).info("running %s", "mahony")
+        logging.getLogger(COMPILING).info("compiling mahony (once)")
+    assert ("running mahony ..." in screen.getvalue()) is stages
+    assert ("attlog: compiling mahony (once)\n" in screen.getvalue()) is compiling
+    assert "\x1b" not in screen.getvalue()
+    assert not logging.getLogger(STAGES).handlers
+
+
+def test_a_stage_is_wiped_from_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with progress(quiet=False, verbose=False):
+        for text in ("running a filter with a long name", "short"):
+            logging.getLogger(STAGES).info(text)
+    rows = screen.getvalue().split("\r")
+    assert rows[2] == "short ...".ljust(len(rows[1]))
+    assert rows[-2].strip() == rows[-1] == ""
+
+
+def test_an_analysis_tells_its_stages(caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:
+    from attlog import Config
+    from attlog.fleet.processes.files import analyze_to_files
+
+    with caplog.at_level(logging.INFO, STAGES):
+        analyze_to_files(SAMPLES / "copter_yaw_turns.bin", Config(estimators=["gyro"]), tmp_path)
+    told = [record.getMessage() for record in caplog.records if record.name == STAGES]
+    assert told[0] == "reading the log"
+    assert "running gyro" in told
+    assert told[-1] == "writing the report"
+
+
+def test_the_first_run_says_what_is_compiled_and_where_it_is_kept(tmp_path: Path) -> None:
+    without_shipped = (
+        "from pathlib import Path; from attlog.kernels import store; store.SHIPPED = Path('none'); "
+        "from attlog.cli import main; main()"
+    )
+    command = [sys.executable, "-c", without_shipped, SAMPLES / "copter_yaw_turns.bin", "-o", tmp_path]
+    command += ["--estimators", "gyro"]
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "HOME": str(tmp_path)}
+    first, second = (
+        subprocess.run([*command, "-v"], capture_output=True, text=True, env=environment, check=True) for _ in range(2)
+    )
+    assert "attlog: compiling gyro (once; kept in " in first.stderr
+    assert "compiling" not in second.stderr

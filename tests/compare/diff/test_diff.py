@@ -1,0 +1,154 @@
+"""What changed between two runs: tolerances of one log, intervals of two, and everything beside the numbers."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from attlog.base.errors import UsageError
+from attlog.compare.diff.diff import Changed, difference, interval, units_of
+from attlog.compare.diff.text import _told, document, lines, markdown
+from attlog.compare.diff.tolerance import SHARE, SMALLEST, Tolerances, tolerances
+from attlog.metrics.answer import Answer
+from tests.compare.made import filtered, result
+from tests.present.made import absent, lag, merged, noise, tilt
+
+NONE = Tolerances()
+
+
+def verdicts(found) -> dict[tuple[str, str], str]:
+    return {(m.window, m.metric): m.verdict for m in found.moved}
+
+
+def test_the_same_result_has_no_difference() -> None:
+    one = result(filtered(merged(tilt(2.0), noise(0.05))))
+    found = difference("x", one, one, NONE)
+    assert (found.count, found.moved, found.equal) == (0, [], 2)
+    assert "no difference in 2 values" in next(lines([found], [], False))
+
+
+def test_of_one_log_a_value_counts_beyond_its_tolerance_whatever_its_interval() -> None:
+    old = result(filtered(merged(tilt(2.0), noise(0.05), lag(1.0))))
+    new = result(filtered(merged(tilt(2.0 * (1 + SHARE) - 1e-6), noise(0.05 + 1.5 * SMALLEST["deg"]), lag(1.4))))
+    found = difference("x", old, new, NONE)
+    assert found.same_log
+    assert verdicts(found) == {
+        ("airborne", "inclination_rmse_deg"): "within",
+        ("rest", "noise_tilt_deg"): "beyond",
+        ("airborne", "lag_ms"): "within",
+    }
+    assert found.count == 1
+
+
+def test_of_two_logs_a_value_counts_only_where_its_interval_tells_it() -> None:
+    """Intervals of a tenth: 2.0 +-0.2 and 2.3 +-0.23 overlap in their difference 0.3 +-0.305, 2.0 and 2.4 do not."""
+    old = result(filtered(tilt(2.0)))
+    near, far = (difference("x", old, result(filtered(tilt(v)), sha="b"), NONE) for v in (2.3, 2.4))
+    assert [near.moved[0].verdict, far.moved[0].verdict] == ["not_told", "beyond"]
+    assert near.count == 0
+    assert near.moved[0].interval == pytest.approx((0.3 - math.hypot(0.2, 0.23), 0.3 + math.hypot(0.2, 0.23)))
+
+
+def test_the_interval_of_a_difference_takes_the_near_ends() -> None:
+    """Zou2008: down from the lower end of the newer and the upper end of the older value."""
+    low, high = interval(1.0, (0.7, 1.4), 2.0, (1.7, 3.0)) or (0.0, 0.0)
+    assert (low, high) == pytest.approx((1.0 - math.hypot(0.3, 0.4), 1.0 + math.hypot(1.0, 0.3)))
+    assert interval(1.0, None, 2.0, (1.0, 3.0)) is None
+
+
+def test_of_two_logs_a_value_without_interval_counts_only_by_a_tolerance_that_was_given() -> None:
+    sides = [result(filtered({"all": {"lag_ms": Answer(v, "ms", "all")}}), sha=str(v)) for v in (1.0, 9.0)]
+    assert difference("x", *sides, NONE).count == 0
+    assert difference("x", *sides, tolerances(["lag_ms=5"], {"lag_ms": "ms"})).count == 1
+
+
+def test_a_lag_further_from_zero_is_worse() -> None:
+    old = result(filtered(lag(-1.0)))
+    assert difference("x", old, result(filtered(lag(-3.0))), NONE).moved[0].closer is False
+    assert difference("x", old, result(filtered(lag(0.2))), NONE).moved[0].closer is True
+
+
+def test_values_rows_and_states_that_come_and_go_count_for_one_log() -> None:
+    gone = absent("lag_ms", "airborne", "too_few_events", "2 quick movements")
+    old = result(filtered(lag(1.0)), filtered(lag(1.0), "vqf"))
+    new = result(filtered(gone, status="diverged"), filtered(lag(1.0), "ekf12"))
+    found = difference("x", old, new, NONE)
+    assert (found.rows_vanished, found.rows_appeared) == (["vqf"], ["ekf12"])
+    assert found.status == [Changed("mahony", "ok", "diverged")]
+    assert [(m.verdict, m.reason) for m in found.moved] == [("vanished", "2 quick movements")]
+    assert found.count == 4
+    assert difference("x", new, old, NONE).count == 4
+    new.log["sha256"] = "b"
+    assert difference("x", old, new, NONE).count == 3  # another flight answers other questions
+
+
+def test_parameters_gains_and_options_are_told_and_count_for_nothing() -> None:
+    old = result(filtered(lag(1.0)))
+    new = result(filtered(lag(1.0), kp=1.1), sha="b", log={"params": {"P": 1.0, "Q": 3.0, "R": 1.0}, "sha256": "b"})
+    new.config = {"window": "rest"}
+    found = difference("x", old, new, NONE)
+    assert found.parameters == [Changed("Q", 2.0, 3.0), Changed("R", "(absent)", 1.0)]
+    assert found.gains == [Changed("mahony: kp", 0.6, 1.1)]
+    assert found.config == [Changed("window", "all", "rest")]
+    assert found.count == 0
+    text = "\n".join(lines([found], [], False))
+    assert "Q: 2 → 3" in text
+    assert "R: absent → 1" in text
+
+
+def test_parameters_of_a_result_that_did_not_tell_them_are_said_to_be_unknown() -> None:
+    old, new = result(), result(sha="b")
+    del old.log["params"]
+    found = difference("x", old, new, NONE)
+    assert found.parameters is None
+    assert "not compared" in "\n".join(lines([found], [], False))
+
+
+def test_measured_times_are_never_compared() -> None:
+    sides = [result(filtered({"all": {"cost_ns": Answer(v, "ns", "all")}})) for v in (10.0, 900.0)]
+    assert difference("x", *sides, NONE).moved == []
+    assert "cost_ns" not in units_of(*sides)
+
+
+UNITS = {"lag_ms": "ms", "noise_tilt_deg": "deg", "noise_roll_deg": "deg", "distortion_pct": "%"}
+
+
+def test_tolerances_are_sizes_or_shares_and_the_last_rule_counts() -> None:
+    found = tolerances(["noise_*=5%", "noise_tilt_deg=0.02 deg", "lag_ms=2ms", "distortion_pct=10pct"], UNITS)
+    assert found.of("noise_roll_deg", "deg", -4.0) == pytest.approx(0.2)
+    assert found.of("noise_tilt_deg", "deg", 4.0) == 0.02
+    assert found.of("lag_ms", "ms", 100.0) == 2.0
+    assert found.of("distortion_pct", "%", 50.0) == pytest.approx(5.0)
+
+
+def test_everything_wrong_in_the_tolerances_is_told_at_once() -> None:
+    texts = ["lagms=2", "lag_ms=2deg", "noise_*=-1", "noise_*", "lag_ms=nan", "cost_ns=5%", "=3"]
+    with pytest.raises(UsageError) as refused:
+        tolerances(texts, UNITS)
+    said = str(refused.value).split("\n")
+    assert len(said) == len(texts)
+    for text, words in zip(
+        texts, ("mean lag_ms", "in ms, not in deg", "no size", "give METRIC", "no size", "anew", "give"), strict=True
+    ):
+        assert any(text in line and words in line for line in said), (text, said)
+
+
+def test_markdown_keeps_a_bar_in_a_name_from_opening_a_column() -> None:
+    old, new = (result(filtered(lag(v), "a|b")) for v in (1.0, 9.0))
+    table = [t for t in markdown([difference("x", old, new, NONE)], [], False) if t.startswith("|")]
+    assert len(table) == 3
+    assert all(t.replace("\\|", "").count("|") == 9 for t in table)
+
+
+def test_the_json_holds_what_was_compared_and_what_stands_alone() -> None:
+    old, new = (result(filtered(lag(v))) for v in (1.0, 9.0))
+    found = document([difference("x", old, new, NONE)], [("y.json", "old")])
+    assert found["count"] == 2
+    assert found["only_in"] == {"old": ["y.json"], "new": []}
+    assert found["logs"][0]["moved"][0]["difference"] == 8.0
+
+
+def test_what_differs_behind_the_digits_shown_is_shown_with_all_of_them_and_nothing_as_none() -> None:
+    said = [_told(Changed(*change)) for change in (("a", 3.473641512, 3.473641513), ("b", "", "x"), ("c", 1.5, 2.0))]
+    assert said == ["a: 3.473641512 → 3.473641513", "b: none → x", "c: 1.5 → 2"]

@@ -1,0 +1,142 @@
+"""The page of a sweep: one file that loads nothing, figures that say what they show."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from attlog.compare.sweep.figures import _places, figures
+from attlog.compare.sweep.grid import Axis, grid
+from attlog.compare.sweep.page import sweep_page
+from attlog.compare.sweep.sweep import Sweep, sweep
+from attlog.compare.tables.files import csv_text, latex, markdown
+from attlog.estimators import get
+from tests.compare.sweep.test_sweep import Made
+from tests.report.browser import Visit
+from tests.report.test_safety import EVIL
+
+LOG = {"name": "<a>.bin", "vehicle": "quad", "firmware": "1", "reference": "truth"}
+ABOUT = {"attlog": {"version": "1"}, "command": "attlog sweep <a>.bin mahony", "logs": [LOG]}
+
+
+def swept(*axes: str, name: str = "<a>.bin") -> Sweep:
+    return sweep("mahony", grid(axes, get("mahony")), [Made(name, 0.4), Made("bb", 0.2)])  # type: ignore[list-item]
+
+
+def test_the_page_loads_nothing_and_shows_names_as_text() -> None:
+    page = sweep_page(swept("kp=0.1,0.2,0.4", "ki=0,0.01"), ABOUT)
+    assert "default-src &#39;none&#39;" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert "<a>" not in page
+    assert "&lt;a&gt;.bin" in page
+    assert "--estimators mahony:kp=" in page
+    assert not re.findall(r"=&#34;", page), "an attribute of the template was taken for text"
+
+
+@pytest.mark.parametrize(
+    ("axes", "kinds"),
+    [
+        (["kp=0.1,0.2,0.4"], ["along"]),
+        (["kp=0.1..2/4log", "ki=0,0.01"], ["cells", "along", "along"]),
+        (["kp=0.1,0.2", "mag_form=heading,vector", "ki=0,1"], ["cells", "along", "along", "along"]),
+    ],
+)
+def test_every_figure_is_drawn_wide_and_narrow(axes: list[str], kinds: list[str], tmp_path: Path, browser: Any) -> None:
+    found = swept(*axes)
+    drawn = figures(found)
+    assert [f.kind for f in drawn] == kinds
+    path = tmp_path / "sweep.html"
+    path.write_text(sweep_page(found, ABOUT), encoding="utf-8")
+    for options in ({}, {"viewport": {"width": 360, "height": 700}, "color_scheme": "dark"}):
+        visit = Visit(browser, path, **options)
+        assert visit.figures() == {f.id: True for f in drawn}
+        assert visit.complaints == []
+        assert visit.requests == [path.as_uri()]
+        assert visit.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        visit.close()
+
+
+def test_words_stand_out_from_every_cell_in_light_and_dark(tmp_path: Path, browser: Any) -> None:
+    """Contrast as WCAG 2.2 defines it, computed here from the drawn colours; 4.5 is its limit for text."""
+    path = tmp_path / "sweep.html"
+    path.write_text(sweep_page(swept("kp=0.1..9/8log", "ki=0,0.01,1,5"), ABOUT), encoding="utf-8")
+    for scheme in ("light", "dark"):
+        visit = Visit(browser, path, color_scheme=scheme)
+        bars = visit.page.evaluate(
+            "document.getElementById('cells0').data.slice(0, 1).map((t) => [t.marker.color, t.textfont.color])[0]"
+        )
+        visit.close()
+        assert len(bars[0]) == 32
+        assert len(set(bars[0])) > 4
+        for fill, ink in zip(*bars, strict=True):
+            light, dark = sorted((_luminance(fill), _luminance(ink)), reverse=True)
+            assert (light + 0.05) / (dark + 0.05) >= 4.5, (scheme, fill, ink)
+
+
+def _luminance(colour: str) -> float:
+    digits = colour[1:] if len(colour) == 7 else "".join(2 * c for c in colour[1:])
+    parts = [int(digits[i : i + 2], 16) / 255.0 for i in (0, 2, 4)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_figures_and_tables_are_saved_as_numbers(tmp_path: Path, browser: Any) -> None:
+    found = swept("kp=0.1,0.2,0.4", "ki=0,0.01")
+    path = tmp_path / "sweep.html"
+    path.write_text(sweep_page(found, ABOUT), encoding="utf-8")
+    visit = Visit(browser, path)
+    with visit.page.expect_download() as download:
+        visit.page.click("#fig-cells0 button[data-out=csv]")
+    lines = list(csv.reader(io.StringIO(Path(download.value.path()).read_text())))
+    column = found.columns[0]
+    assert [[float(line[0]), float(line[1])] for line in lines[1:]] == [
+        [kp, ki] for kp in (0.1, 0.2, 0.4) for ki in (0.0, 0.01)
+    ]
+    assert [float(line[2]) for line in lines[1:]] == pytest.approx(column.score[:6].tolist(), rel=1e-4)
+    assert [line[3] for line in lines[1:]] == ["no" if k in column.near else "yes" for k in range(6)]
+    with visit.page.expect_download() as download:
+        visit.page.click("button.csv >> nth=0")
+    assert download.value.suggested_filename == "sweep-table-2.csv"
+    assert len(Path(download.value.path()).read_text().splitlines()) == 1 + 7
+    visit.close()
+
+
+def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
+    about = {"attlog": {"version": "1"}, "command": EVIL, "logs": [dict.fromkeys(LOG, EVIL)]}
+    path = tmp_path / "sweep.html"
+    path.write_text(sweep_page(swept("kp=0.1,0.2", "ki=0,1", name=EVIL), about), encoding="utf-8")
+    visit = Visit(browser, path)
+    assert visit.page.title() != "ran"
+    assert visit.complaints == []
+    assert visit.requests == [path.as_uri()]
+    visit.close()
+
+
+@pytest.mark.parametrize(
+    ("values", "spacing", "scale"),
+    [
+        ((0.1, 0.2, 0.4), "linear", "linear"),
+        ((0.1, 1.0), "linear", "log"),
+        ((0.5, 0.6), "log", "log"),
+        ((0.0, 1e-4, 1.0), "linear", "side by side"),
+        ((0.0, 0.5, 1.0), "linear", "linear"),
+        (("heading", "vector"), "words", "side by side"),
+    ],
+)
+def test_values_stand_where_they_can_be_told_apart(values: tuple[Any, ...], spacing: Any, scale: str) -> None:
+    places, found = _places(Axis("kp", "", values, spacing))
+    assert found == scale
+    assert places == ([float(i) for i in range(len(values))] if scale == "side by side" else list(values))
+
+
+def test_tables_for_papers_keep_their_signs() -> None:
+    head, rows = ["a_b", "x"], [["5 %", "1|2"], ["±3°", "{}"]]
+    assert r"5 \% & 1|2 \\" in latex(head, rows)
+    assert r"$\pm$3$^\circ$ & \{\} \\" in latex(head, rows)
+    assert r"| 5 % | 1\|2 |" in markdown(head, rows)
+    assert csv_text(head, rows).splitlines()[1] == "5 %,1|2"

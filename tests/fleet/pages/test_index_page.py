@@ -1,0 +1,155 @@
+"""The page of a batch: what stands in it, in which order, and that strange names are only names."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote_to_bytes
+
+import pytest
+
+from attlog.base.errors import OutputError
+from attlog.fleet.pages.index_data import first_row, ordered, page_data
+from attlog.fleet.pages.index_page import INDEX, render, write_index
+from tests.fleet.made import failed, flown, many, reason
+
+EVIL = "</script><script>document.title='ran'</script><img src=x onerror=alert(1)>'\"\x00\u202e{{7*7}}"
+
+
+def inside(html: str) -> tuple[dict[str, Any], bytes]:
+    """What the page's script unpacks."""
+    found = re.search(r'id="data">([^<]*)</script>', html)
+    assert found is not None
+    raw = gzip.decompress(base64.b64decode(found[1]))
+    size = int.from_bytes(raw[:4], "little")
+    return json.loads(raw[4 : 4 + size]), raw[4 + size :]
+
+
+def test_the_worst_come_first_and_failed_ones_before_sound_ones() -> None:
+    entries = [
+        flown("fine.ulg"),
+        flown("look.ulg", reason("sensor", "warning")),
+        failed("failed.bin"),
+        flown("crash.ulg", reason("crash")),
+        flown("gate.ulg", gates=("mekf: tilt 3.1 deg; at most 2",)),
+        flown("both.ulg", reason("attitude"), reason("crash")),
+    ]
+    worst_first = ["both.ulg", "gate.ulg", "crash.ulg", "look.ulg", "failed.bin", "fine.ulg"]
+    assert [x.name for x in ordered(entries)] == worst_first
+    assert [x.name for x in ordered(entries[::-1])] == worst_first
+
+
+def test_equally_bad_logs_stand_as_people_count() -> None:
+    assert [x.name for x in ordered([flown(f"log{i}.bin") for i in (10, 9, 100, 1)])] == [
+        "log1.bin", "log9.bin", "log10.bin", "log100.bin",
+    ]  # fmt: skip
+
+
+def test_reasons_stand_in_words_and_a_failed_log_with_its_sentence() -> None:
+    data, _ = inside(render([flown("a.ulg", reason("crash", text="A blow of 5.2 g at 7.9 s.")), failed("b.bin")]))
+    assert [data["kinds"][k] + ": " + text for k, text, _ in data["reasons"][0]] == ["crash: A blow of 5.2 g at 7.9 s."]
+    assert data["message"] == ["", "not a flight log"]
+    assert data["href"] == ["a.ulg.html", ""]
+
+
+@pytest.mark.parametrize("name", ["a \"b\" 'c'.ulg", "50%#1?.bin", "Flüge 飛行.ulg", "a&b=c;d.tlog", "x\udcff.ulg"])
+def test_links_lead_to_the_file_of_any_name(name: str) -> None:
+    data, _ = inside(render([flown(name)]))
+    href = data["href"][0]
+    assert re.fullmatch(r"[\w.%~-]+", href)
+    assert unquote_to_bytes(href) == os.fsencode(f"{name}.html")
+
+
+def test_equal_logs_give_an_equal_page_in_any_order() -> None:
+    entries = many(60)
+    assert render(entries, title="x") == render(entries[::-1], title="x")
+
+
+def test_numbers_stand_at_their_log() -> None:
+    entries = [flown("b.ulg", scale=2.0), failed("c.ulg"), flown("a.ulg", reason("crash"), scale=3.0)]
+    data, thumbs = inside(render(entries))
+    assert data["name"] == ["a.ulg", "c.ulg", "b.ulg"]
+    tilt = next(c for c in data["columns"] if c["metric"] == "inclination_rmse_deg")
+    three, none, two = tilt["values"]["vqf"]
+    assert (three / two, none) == (pytest.approx(1.5, rel=1e-3), None)
+    assert not [c for c in data["columns"] if c["metric"] == "cost_ns"]
+    assert len(thumbs) == 2 * 3 * data["points"]
+    assert data["first"] in data["rows"]
+
+
+def test_only_common_rows_are_offered() -> None:
+    entries = many(30)
+    for i, entry in enumerate(entries):
+        for column in entry.row["columns"] if entry.row else ():
+            column["values"] |= {f"mine@{i}-{k}": 1.0 for k in range(4)}
+    data, _ = page_data(ordered(entries))
+    assert len(data["rows"]) == 16
+    assert {"vqf", "onboard", "gyro"} <= set(data["rows"])
+
+
+def test_a_page_is_made_of_nothing_at_all() -> None:
+    data, _ = inside(render([]))
+    assert (data["name"], data["columns"], data["first"]) == ([], [], "")
+    assert inside(render([failed("a.bin")]))[0]["level"] == [2]
+
+
+def test_no_text_becomes_markup() -> None:
+    plain = render([flown("a.ulg"), failed("b.ulg")], title="t")
+    entries = [
+        flown(
+            EVIL.replace("/", "_"), reason("crash", text=EVIL), vehicle=EVIL, firmware=EVIL, date_utc=EVIL, board=EVIL
+        ),
+        failed(EVIL, EVIL),
+    ]
+    html = render(entries, title=EVIL)
+    assert html.count("<script") == plain.count("<script")
+    assert "<img" not in html
+    assert "\x00" not in html
+    assert "\u202e" not in html
+    data, _ = inside(html)
+    assert "\u202e" not in json.dumps(data, ensure_ascii=False)
+
+
+def test_the_page_loads_nothing_and_allows_its_own_script_only() -> None:
+    html = render(many(20))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', html)
+    assert policy is not None
+    assert policy[1].startswith("default-src &#39;none&#39;; script-src &#39;sha256-")
+    assert "unsafe" not in policy[1]
+    markup = re.sub(r"<(script|style)[^>]*>.*?</\1>", "", html, flags=re.S)
+    assert not re.search(r" style=|<[^>]*\son[a-z]+=|src=|https?:", markup)
+
+
+def test_without_javascript_the_worst_are_listed_with_links_and_reasons() -> None:
+    html = render([flown("a b.ulg", reason("crash", text="It fell.")), failed("c.ulg"), flown("fine.ulg")])
+    without = html.partition("<noscript>")[2].partition("</noscript>")[0]
+    assert '<a href="a%20b.ulg.html">a b.ulg</a>: It fell.' in without
+    assert "<b>c.ulg</b>: not a flight log" in without
+    assert "fine.ulg" not in without
+
+
+def test_an_old_page_survives_a_failure(tmp_path: Path) -> None:
+    path = write_index(tmp_path, [flown("a.ulg")])
+    assert path == tmp_path / INDEX
+    assert f"Attitude of many flights <span>{tmp_path.name}</span>" in path.read_text(encoding="utf-8")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError):
+        write_index(tmp_path / "file", [])
+
+
+def test_numbers_of_the_attitude_that_flew_are_shown_first_where_most_logs_have_its_error() -> None:
+    def column(**values: list[float | None]) -> dict[str, Any]:
+        return {"values": values}
+
+    rows = ("onboard", "gyro", "mahony", "vqf", "rare", "onboard:AHR2")
+    few = column(onboard=[1.0, None, None], gyro=[0.1] * 3, mahony=[2.0] * 3, vqf=[1.0, 1.5, 9.0],
+                 rare=[0.2, None, None], **{"onboard:AHR2": [0.1] * 3})  # fmt: skip
+    assert first_row(rows, [few], 3) == "vqf"
+    assert first_row(rows, [few | {"values": few["values"] | {"onboard": [1.0, 1.0, None]}}], 3) == "onboard"
+    assert first_row(["gyro"], [column(gyro=[1.0])], 3) == "gyro"
+    assert first_row([], [], 0) == ""

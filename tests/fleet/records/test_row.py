@@ -1,0 +1,141 @@
+"""What a batch remembers of one log: plain, whole, the same every time, and all that its result says."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from attlog import Config, Result, analyze
+from attlog.fleet.pages.thumbnail import POINTS, thumbnail
+from attlog.fleet.records.answers import numbers
+from attlog.fleet.records.row import index_row, light
+from attlog.metrics.figures.trace import Trace
+from attlog.result import MEASURED_TIMES, Segment
+from tests.conftest import SAMPLES
+from tests.report.conftest import make_result
+
+
+@pytest.fixture(scope="module")
+def flown() -> Result:
+    """A real flight in simulation, with truth."""
+    return analyze(SAMPLES / "px4_steps.ulg", Config(estimators=["mahony", "gyro"]))
+
+
+def test_a_row_is_plain_json_and_the_same_every_time(flown: Result) -> None:
+    row = index_row(flown)
+    assert json.loads(json.dumps(row, allow_nan=False)) == row
+    again = analyze(SAMPLES / "px4_steps.ulg", Config(estimators=["mahony", "gyro"]))
+    assert json.dumps(index_row(again)) == json.dumps(row)
+
+
+def test_no_measured_time_is_in_a_row() -> None:
+    made = make_result()
+    assert any(name in made.to_json() for name in MEASURED_TIMES)
+    assert not [name for name in MEASURED_TIMES if f'"{name}"' in json.dumps(index_row(made))]
+
+
+def test_every_answer_of_the_result_comes_back(flown: Result) -> None:
+    found = {(n.row, n.window, n.metric): n for n in numbers(index_row(flown)["answers"])}
+    expected = {
+        (r.name, w, m): a
+        for r in flown.estimators
+        for w, answers in r.metrics.items()
+        for m, a in answers.items()
+        if m not in MEASURED_TIMES
+    }
+    assert found.keys() == expected.keys()
+    for key, a in expected.items():
+        n = found[key]
+        assert (n.value, n.unit, n.code, n.reason if a.value is None else None) == (
+            a.value, a.unit, a.code, a.reason if a.value is None else None,
+        )  # fmt: skip
+        if a.value is not None:
+            assert ((n.low, n.high), n.n, n.seconds) == (a.ci95 or (None, None), a.n, a.seconds)
+    assert sum(n.value is None for n in found.values()) > 10
+    assert sum(n.value is not None for n in found.values()) > 100
+
+
+def test_what_flew_when_and_the_four_sentences(flown: Result) -> None:
+    row = index_row(flown)
+    flight = row["flight"]
+    assert (flight["vehicle"], flight["firmware"], flight["simulated"]) == ("quadrotor", "PX4 1.18.0 alpha", True)
+    assert (flight["sha256"], flight["date_utc"]) == (flown.log["sha256"], None)
+    assert flight["duration_s"] == pytest.approx(88.92)
+    assert flight["airborne_s"] == pytest.approx(62.5, abs=0.1)
+    assert [v["sentence"] for v in row["verdicts"]] == [v.sentence for v in flown.verdicts]
+    assert {v["question"]: v["bars"] for v in row["verdicts"]}["closest"]
+    tilt = next(c for c in row["columns"] if c["metric"] == "inclination_rmse_deg")
+    value = next(r for r in flown.estimators if r.name == "mahony").metrics["airborne"]["inclination_rmse_deg"].value
+    assert tilt["values"]["mahony"] == pytest.approx(value, rel=1e-5)
+    assert tilt["window"] == "airborne"
+
+
+def test_an_index_holds_little_of_a_row(flown: Result) -> None:
+    row = index_row(flown)
+    assert light(row).keys() == row.keys() - {"answers"}
+    assert len(json.dumps(light(row))) < 10_000
+
+
+def test_the_thumbnail_shows_tilt_and_difference_where_they_are() -> None:
+    made = make_result(("mahony@xu-0.6",), with_traces=False)
+    t = np.linspace(0.0, 96.0, 961)
+    half = np.where(t < 48.0, 0.0, 30.0)
+    spike = np.where(np.abs(t - 10.0) < 0.05, 7.0, np.nan)
+    made.traces = [
+        Trace("attitude", "onboard", t, {"roll": half, "pitch": -half, "heading": t}),
+        Trace("difference", "mahony@xu-0.6", t, {"inclination": spike, "heading": -2 * spike}),
+    ]
+    seen = thumbnail(made)
+    assert seen is not None
+    leaned = math.degrees(math.acos(math.cos(math.radians(30.0)) ** 2))
+    assert seen["tilt"] == [0.0] * (POINTS // 2) + [round(leaned, 1)] * (POINTS // 2)
+    place = int(10.0 / 96.0 * POINTS)
+    assert [i for i, v in enumerate(seen["tilt_diff"]) if v is not None] == [place]
+    assert (seen["tilt_diff"][place], seen["heading_diff"][place], seen["of"]) == (7.0, 14.0, "filters")
+    assert len(seen["tilt"]) <= 64
+
+
+def test_the_difference_is_that_of_the_attitude_that_flew_where_something_better_is_there(flown: Result) -> None:
+    seen = thumbnail(flown)
+    assert seen is not None
+    assert seen["of"] == "onboard"
+    assert max(v for v in seen["tilt"] if v is not None) > 15.0
+    assert seen["marks"] == []  # it was aligned at 2.5 s, long before take-off
+    assert seen["air"] == [[pytest.approx(19.3), pytest.approx(81.8)]]
+
+
+def test_impacts_and_jumps_in_the_air_are_marked() -> None:
+    made = make_result()
+    made.log["timeline"]["airborne"] = [[60.0, 185.0]]
+    made.segments = [Segment("reset", t - 0.01, t) for t in (5.0, 70.0)] + [Segment("impact", 186.0, 187.0)]
+    seen = thumbnail(made)
+    assert seen is not None
+    assert seen["marks"] == [[70.0, "reset"], [186.0, "impact"]]
+    made.log["timeline"]["airborne"] = []
+    seen = thumbnail(made)
+    assert seen is not None
+    assert len(seen["marks"]) == 3  # nothing tells when it flew
+
+
+def test_a_result_without_traces_has_no_thumbnail_and_still_a_row() -> None:
+    assert index_row(make_result(with_traces=False))["thumbnail"] is None
+
+
+def test_a_result_with_nothing_in_it_has_a_row() -> None:
+    empty = Result({}, "", {}, {})
+    row = index_row(empty)
+    assert row["trouble"] == {"level": "none", "score": 0.0, "reasons": []}
+    assert (row["columns"], row["rows"], list(numbers(row["answers"]))) == ([], {}, [])
+
+
+def test_odd_numbers_stay_out() -> None:
+    made = make_result()
+    made.estimators[0].metrics["rest"]["noise_tilt_deg"].value = math.inf
+    made.log |= {"duration_s": math.nan, "name": "a\udcff<b>.ulg"}
+    made.traces = [replace(t, t=t.t * np.nan) if t.row == "gyro" else t for t in made.traces]
+    row = index_row(made)
+    assert json.loads(json.dumps(row, allow_nan=False))["flight"]["duration_s"] is None

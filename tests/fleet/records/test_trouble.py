@@ -1,0 +1,131 @@
+"""Which logs somebody should open first, and why in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from attlog.fleet.records.trouble import reasons, trouble, with_gates
+from attlog.flight.model import Problem, Severity
+from attlog.result import Check
+from tests.present.made import result, row
+
+
+def said(problems: Sequence[Problem] = (), **statuses: str) -> dict:
+    """The trouble of a flight with these problems and rows of these states."""
+    rows = [row(name, {}, status=status, reason="tilt error above 45 deg") for name, status in statuses.items()]
+    made = result([row("onboard", {}), row("vqf", {}), *rows])
+    made.problems = list(problems)
+    return trouble(reasons(made))
+
+
+def problem(code: str, severity: Severity = "warning", **more: object) -> Problem:
+    return Problem(code, severity, f"What {code} says.", **more)  # type: ignore[arg-type]
+
+
+def test_a_good_flight_has_none() -> None:
+    assert said() == {"level": "none", "score": 0.0, "reasons": []}
+    assert said([problem("gyro", "note"), problem("unanswered", "note")])["reasons"] == []
+
+
+def test_a_wrong_attitude_comes_before_a_crash_before_a_sensor_before_the_recording() -> None:
+    order = [
+        problem("reference_contradicted", "error"),
+        problem("crash", "error"),
+        problem("gyro_bias", "error"),
+        problem("ekf_fault"),
+        problem("field"),
+        problem("gaps"),
+    ]
+    alone = [said([p])["score"] for p in order]
+    assert alone == sorted(alone, reverse=True)
+    assert len(set(alone)) == len(alone)
+    together = said(order[::-1])
+    assert [r["code"] for r in together["reasons"]] == [p.code for p in order]
+    assert together["score"] == sum(alone)
+    assert together["reasons"][0]["text"] == "What reference_contradicted says."
+
+
+@pytest.mark.parametrize(
+    ("code", "severity", "level"),
+    [
+        ("onboard_against_smoother", "error", "serious"),
+        ("crash", "error", "serious"),
+        ("gyro", "error", "serious"),
+        ("ekf_fault", "warning", "look"),
+        ("rejected_mag", "warning", "look"),
+        ("lane_switch", "warning", "look"),
+        ("imu_low_rate", "warning", "none"),
+    ],
+)
+def test_the_level_is_that_of_the_gravest_reason(code: str, severity: Severity, level: str) -> None:
+    assert said([problem(code, severity), problem("gaps")])["level"] == level
+
+
+def test_a_jump_weighs_by_its_size() -> None:
+    small, large = (said([problem("attitude_jumps", value=size, unit="deg")]) for size in (4.0, -60.0))
+    assert (small["level"], large["level"]) == ("none", "look")
+    assert large["score"] - small["score"] == 28.0
+    assert said([problem("attitude_jumps", value=400.0, unit="deg")])["score"] == large["score"]
+
+
+def test_filters_that_diverged_are_named_but_for_those_that_must() -> None:
+    found = said(mahony="diverged", ekf12="diverged", gyro="diverged", accel_mag="diverged", madgwick="not_converged")
+    assert [(r["kind"], r["text"]) for r in found["reasons"]] == [("filter", "Mahony and EKF12 diverged.")]
+    assert found["level"] == "look"
+    assert said(mahony="failed")["reasons"][0]["text"] == "Mahony failed: tilt error above 45 deg."
+    assert said(gyro="diverged")["reasons"] == []
+
+
+def test_the_attitude_that_flew_and_diverged_is_serious_another_of_the_log_is_not() -> None:
+    made = result([row("onboard", {}, status="diverged", reason="heading error above 45 deg")])
+    found = trouble(reasons(made))
+    assert found["level"] == "serious"
+    assert found["reasons"][0]["text"] == "The attitude that flew diverged: heading error above 45 deg."
+    assert trouble(reasons(result([row("onboard:AHR2", {}, status="diverged")])))["reasons"] == []
+
+
+def test_a_refused_truth_is_a_reason_a_smoother_that_cannot_run_is_none() -> None:
+    made = result([row("onboard", {})])
+    assert made.reference is not None
+    made.reference.refused = {"truth": "it moves otherwise than the gyro", "smoother": "it needs 20 s"}
+    assert [r.text for r in reasons(made)] == ["The truth is refused as reference: it moves otherwise than the gyro."]
+
+
+def test_a_refused_onboard_attitude_is_told_once() -> None:
+    made = result([row("onboard", {})])
+    assert made.reference is not None
+    made.reference.refused = {"onboard": "it is wrong"}
+    assert len(reasons(made)) == 1
+    made.problems = [problem("reference_contradicted", "error")]
+    assert [r.code for r in reasons(made)] == ["reference_contradicted"]
+
+
+def test_failed_gates_come_on_top_and_none_changes_nothing() -> None:
+    before = said([problem("field")])
+    assert with_gates(before, []) == before
+    after = with_gates(before, ["mekf: tilt 3.1 deg; at most 2"])
+    assert after["level"] == "serious"
+    assert [r["kind"] for r in after["reasons"]] == ["gate", "sensor"]
+    assert after["score"] == before["score"] + 100.0
+
+
+def test_how_often_it_happened_is_told_once() -> None:
+    texts = [
+        said([problem("ekf_fault", count=3)]),
+        said([Problem("ekf_fault", "warning", "It failed 3 times.", count=3)]),
+    ]
+    assert [t["reasons"][0]["text"] for t in texts] == ["What ekf_fault says. (3 times)", "It failed 3 times."]
+
+
+def test_a_bad_check_weighs_more_than_one_to_look_at() -> None:
+    made = result([row("onboard", {})])
+    made.problems = [problem("field_against_attitude"), problem("gaps")]
+    checks = [Check("field against attitude", "bad", "x"), Check("gaps", "bad", "x"), Check("vibration", "bad", "x")]
+    points = {}
+    for verdict in ("warn", "bad"):
+        made.audit = [Check(c.name, verdict, c.text) for c in checks]
+        points[verdict] = {r.code: r.points for r in reasons(made)}
+    assert points["warn"] == {"field_against_attitude": 10.0, "gaps": 3.0}
+    assert points["bad"] == {"field_against_attitude": 20.0, "gaps": 3.0}

@@ -1,0 +1,85 @@
+"""A sensor that stops in motion is said; one that rests, or is coarse, or simulated without noise, is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog import segments
+from attlog.flight.model import FlightLog, Mag, Stream
+from attlog.health.findings import hopeless
+from attlog.health.model import Check
+from attlog.health.sensors import frozen
+from tests.reference.flights import Array, flight
+from tests.reference.physics.test_turning import with_compass
+
+
+def stop(x: Array, t: Array, begin: float, end: float) -> None:
+    """The value of ``begin`` until ``end``."""
+    inside = (t >= begin) & (t < end)
+    x[inside] = x[np.argmax(inside)]
+
+
+def found(log: FlightLog) -> dict[str, Check]:
+    return {c.name: c for c in frozen.checks(log, segments.build(log))}
+
+
+def moving() -> FlightLog:
+    """Still for 20 s, then turning."""
+    log = with_compass(flight())
+    log.seconds = 60.0
+    return log
+
+
+def test_a_sound_log_has_nothing_frozen() -> None:
+    assert {c.verdict for c in found(moving()).values()} == {"good"}
+
+
+@pytest.mark.parametrize("attitude", [True, False])
+def test_a_gyro_that_stops_in_motion_is_said_and_nothing_is_judged(attitude: bool) -> None:
+    log = moving()
+    if not attitude:
+        log.attitudes, log.onboard = {}, None
+    stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 50.0)
+    check = found(log)["frozen gyro"]
+    assert (check.verdict, check.t) == ("bad", pytest.approx(40.0))
+    assert check.value == pytest.approx(100 * 10 / 60, abs=0.2)
+    assert "stands still for 17 %" in hopeless([check])
+
+
+def test_a_gyro_that_stops_for_a_moment_leaves_the_filters_judged() -> None:
+    log = moving()
+    stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 42.0)
+    check = found(log)["frozen gyro"]
+    assert check.verdict == "bad"
+    assert hopeless([check]) == ""
+
+
+def test_a_gyro_that_is_coarse_and_at_rest_is_not_frozen() -> None:
+    """Steps of 10 mrad/s hide the noise: 20 s of the same value, and a vehicle that stands."""
+    log = moving()
+    log.imus[0].gyro.x = np.round(log.imus[0].gyro.x, 2)
+    assert frozen.held(log.imus[0].gyro, 1.0)
+    assert found(log)["frozen gyro"].verdict == "good"
+
+
+def test_an_accelerometer_and_a_compass_that_stop_are_told_together() -> None:
+    log = moving()
+    stop(log.imus[0].acc.x, log.imus[0].acc.t, 30.0, 33.0)
+    assert log.mag is not None
+    field = log.mags[log.mag].field
+    stop(field.x, field.t, 30.0, 50.0)
+    check = found(log)["frozen sensors"]
+    assert (check.verdict, check.count) == ("bad", 2)
+    assert check.value == pytest.approx(20.0, abs=0.1)
+    assert "accelerometer" in check.text
+    assert "compass" in check.text
+    assert hopeless([check]) == ""
+
+
+def test_values_without_a_number_are_no_value_that_stays() -> None:
+    log = moving()
+    assert log.mag is not None
+    x = np.full_like(log.mags[log.mag].field.x, np.nan)
+    log.mags[log.mag] = Mag(0, Stream(log.mags[log.mag].field.t, x, "T", "FRD", "MAG"))
+    assert found(log)["frozen sensors"].verdict == "good"

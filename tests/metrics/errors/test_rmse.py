@@ -1,0 +1,236 @@
+import numpy as np
+import pytest
+
+from attlog.base import rotation
+from attlog.metrics.errors import rmse
+from attlog.metrics.ranking import best as ranking
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+T = np.arange(0.0, 100.0, 0.02)
+LEVEL = rotation.from_euler(0.0 * T, 0.0 * T, 0.7)
+SEGMENTS = [Segment("continuous", 0, 100), Segment("airborne", 40, 100), Segment("hover", 60, 70)]
+
+
+def answers(roll_deg, heading_deg=0.0, window="all", **fields):
+    q = rotation.from_euler(np.radians(roll_deg) + 0 * T, 0 * T, 0.7 + np.radians(heading_deg) + 0 * T)
+    row = flights.row(T, q, **fields)
+    case = flights.case([row], SEGMENTS, (T[::5], LEVEL[::5]), scoring_start=15.0)
+    return rmse.compute(case, row, window)
+
+
+def test_angles_are_told_apart_in_degrees():
+    found = answers(3.0, -4.0)
+    assert found["inclination_rmse_deg"].value == pytest.approx(3.0, abs=1e-6)
+    assert found["heading_rmse_deg"].value == pytest.approx(4.0, abs=0.01)
+    assert found["total_rmse_deg"].value == pytest.approx(5.0, abs=0.01)
+
+
+def test_a_mean_does_not_hide_a_burst():
+    found = answers(np.where((T > 50) & (T < 51), 40.0, 0.5))
+    assert found["inclination_median_deg"].value == pytest.approx(0.5, abs=1e-6)
+    assert found["inclination_max_deg"].value == pytest.approx(40.0, abs=1e-6)
+    assert found["inclination_rmse_deg"].value > 4.0
+    assert not found["inclination_max_deg"].ranked
+
+
+def test_the_window_and_the_scoring_start_decide_what_counts():
+    error = np.where(T < 15, 90.0, np.where((T >= 60) & (T <= 70), 2.0, 1.0))
+    assert answers(error)["inclination_max_deg"].value == pytest.approx(2.0)
+    assert answers(error, window="hover")["inclination_rmse_deg"].value == pytest.approx(2.0, abs=0.03)
+    assert answers(error, window="20:30")["inclination_rmse_deg"].value == pytest.approx(1.0)
+    assert answers(error, window="1:10")["inclination_rmse_deg"].code == "not_covered"
+
+
+def test_a_handful_of_samples_is_no_evidence():
+    assert answers(1.0, window="20:20.5")["total_rmse_deg"].code == "not_covered"
+    short = answers(1.0, window="20:22")["total_rmse_deg"]
+    assert short.value == pytest.approx(1.0)
+    assert short.ci95 is None
+    assert not short.ranked
+
+
+def test_slow_errors_have_wider_intervals_than_fast_ones():
+    rng = np.random.default_rng(0)
+    fast = answers(rng.standard_normal(len(T)))["inclination_rmse_deg"]
+    slow = answers(np.sqrt(2) * np.sin(2 * np.pi * T / 37.0))["inclination_rmse_deg"]
+    width = [a.ci95[1] - a.ci95[0] for a in (fast, slow)]
+    assert width[1] > 2 * width[0]
+    assert fast.n == 16
+    for a in (fast, slow):
+        assert a.ci95[0] <= a.value <= a.ci95[1]
+
+
+@pytest.mark.parametrize("statistic", ["rmse", "median", "p95"])
+def test_intervals_cover_the_value_of_the_process(statistic):
+    rng, hits = np.random.default_rng(1), 0
+    truth = {"rmse": 1.0, "median": 0.6745, "p95": 1.96}[statistic]
+    for _ in range(80):
+        x = np.abs(flights.coloured(rng, 1500, 0.04, 1.0, 0.3))
+        _, ci = rmse.statistic(x, statistic, rmse.groups_of(len(x), 60.0))
+        hits += ci[0] <= truth <= ci[1]
+    assert hits >= 68
+
+
+@pytest.mark.parametrize(("statistic", "truth"), [("rmse", 2**0.5), ("median", 1.1774)])
+def test_they_cover_it_also_where_an_error_wanders_for_longer_than_a_group(statistic, truth):
+    rng, hits = np.random.default_rng(2), 0
+    for _ in range(150):
+        x = np.hypot(*(flights.coloured(rng, 1200, 0.1, 1.0, 12.0) for _ in range(2)))
+        _, ci = rmse.statistic(x, statistic, rmse.groups_of(len(x), 120.0, 5.0))
+        hits += ci[0] <= truth <= ci[1]
+    assert hits >= 130
+
+
+def test_a_heading_whose_offset_was_removed_is_not_ranked_among_those_with_a_north():
+    q = rotation.from_euler(0.01 + 0 * T, 0 * T, 0.7)
+    rows = [flights.row(T, q, "gyro", heading_offset_deg=30.0), flights.row(T, q, "mahony")]
+    case = flights.case(rows, SEGMENTS, (T[::5], LEVEL[::5]))
+    assert not rmse.compute(case, rows[0], "all")["heading_rmse_deg"].ranked
+    assert rmse.compute(case, rows[0], "all")["inclination_rmse_deg"].ranked
+    alone = flights.case(rows[:1], SEGMENTS, (T[::5], LEVEL[::5]))
+    assert rmse.compute(alone, rows[0], "all")["heading_rmse_deg"].ranked
+
+
+def test_without_a_reference_there_is_a_code():
+    row = flights.row(T, LEVEL)
+    assert rmse.compute(flights.case([row], SEGMENTS), row, "all")["total_rmse_deg"].code == "no_reference"
+    case = flights.case([row], SEGMENTS, (T, LEVEL), "onboard")
+    row.is_reference = True
+    assert rmse.compute(case, row, "all")["total_rmse_deg"].code == "not_applicable"
+
+
+def test_float32_quaternions_are_not_read_as_error():
+    q = rotation.from_euler(0.3 * np.sin(T), 0.2 * np.cos(T), 0.05 * T)
+    row = flights.row(T, rotation.normalize(q.astype(np.float32)))
+    case = flights.case([row], SEGMENTS, (T[::5], q[::5]))
+    assert rmse.compute(case, row, "all")["total_rmse_deg"].value < 1e-4
+
+
+def drifting_rows(tilts_deg, seconds=90.0, kind="truth"):
+    """Rows whose tilt and heading are off by a wobble of the given size, against a level reference at 10 Hz."""
+    t = np.arange(0.0, seconds, 0.1)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
+    rows = []
+    for k, size in enumerate(tilts_deg):
+        wobble = np.radians(size) * np.sin(2 * np.pi * t / 2.0 + k)
+        rows.append(flights.row(t, rotation.from_euler(wobble, 0 * t, wobble), f"row{k}"))
+    whole = [Segment("continuous", 0, seconds), Segment("airborne", 0, seconds)]
+    return flights.case(rows, whole, (t, level), kind=kind, scoring_start=15.0), rows
+
+
+def test_rows_are_compared_in_blocks_of_5_s_of_tilt_and_15_s_of_heading():
+    case, rows = drifting_rows([1.0, 3.0])
+    found = rmse.compute(case, rows[0], "airborne")
+    tilt, heading = found["inclination_rmse_deg"].units, found["heading_rmse_deg"].units
+    assert tilt.ids.tolist() == [1000 * (15 + 5 * k) for k in range(15)][: len(tilt.ids)]
+    assert (len(tilt.ids) in (14, 15), len(heading.ids) in (4, 5)) == (True, True)
+    assert np.sqrt(tilt.values) == pytest.approx(1.0 / np.sqrt(2), rel=0.1)
+    assert tilt.on(tilt.ids[:3]).value == pytest.approx(np.sqrt(tilt.values[:3].mean()))
+
+
+def test_a_block_that_is_not_scored_or_half_empty_is_none():
+    case, rows = drifting_rows([1.0, 3.0])
+    e = rows[0].errors
+    e.scored &= (e.t < 30.0) | (e.t > 32.0)
+    assert 30_000 not in rmse.block_units(case, rows[0], "airborne", "inclination").ids
+    assert 25_000 in rmse.block_units(case, rows[0], "airborne", "inclination").ids
+    case.reference.unscored = [(40.0, 52.0)]
+    ids = rmse.block_units(case, rows[1], "airborne", "inclination").ids
+    assert not ((ids > 35_000) & (ids < 52_000)).any()
+
+
+@pytest.mark.parametrize(("kind", "ranked"), [("truth", True), ("smoother", True), ("onboard", False)])
+def test_heading_errors_are_ranked_only_against_truth_or_smoother(kind, ranked):
+    case, rows = drifting_rows([1.0, 3.0], kind=kind)
+    found = rmse.compute(case, rows[0], "airborne")
+    for angle in ("heading", "total"):
+        assert found[f"{angle}_rmse_deg"].ranked == ranked
+    assert found["inclination_rmse_deg"].ranked
+
+
+def with_sigma(case, tilt, heading):
+    """The case with a smoother that says how wrong it may be."""
+    reference = case.reference
+    reference.kind = "smoother"
+    reference.sigma_tilt_deg, reference.sigma_heading_deg = (np.full(len(reference.t), s) for s in (tilt, heading))
+    return case
+
+
+def test_differences_below_the_sigma_of_a_smoother_tell_nobody_apart():
+    """The same two rows, once against a smoother that is sure of itself and once against one that is not."""
+    table = {}
+    for sigma in (0.05, 0.5):
+        case, rows = drifting_rows([1.0, 1.5])
+        with_sigma(case, sigma, 2 * sigma)
+        found = [rmse.compute(case, row, "airborne") for row in rows]
+        floors = [found[0][f"{angle}_rmse_deg"].floor for angle in ("inclination", "heading", "total")]
+        assert floors == pytest.approx([sigma, 2 * sigma, np.sqrt(5) * sigma], rel=1e-6)
+        column = {row.name: a["inclination_rmse_deg"] for row, a in zip(rows, found, strict=True)}
+        table[sigma] = ranking.family(column, "low").told
+    assert table == {0.05: [("row0", "row1")], 0.5: []}
+
+
+def test_the_sigma_of_the_window_counts_and_not_that_of_the_whole_log():
+    case, rows = drifting_rows([1.0, 1.5])
+    with_sigma(case, 0.1, 0.1)
+    case.reference.sigma_tilt_deg[case.reference.t < 50.0] = 1.0
+    assert rmse.compute(case, rows[0], "60:80")["inclination_rmse_deg"].floor == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("heading_by", "code"), [("own", None), ("onboard", None), ("nobody", "no_reference")])
+def test_whose_heading_a_smoother_has_decides_what_heading_errors_mean(heading_by, code):
+    case, rows = drifting_rows([1.0, 3.0])
+    with_sigma(case, 0.1, 0.1)
+    case.reference.heading_by, case.reference.heading_why = heading_by, "the smoother's own heading sigma is 4.0 deg"
+    found = rmse.compute(case, rows[0], "airborne")
+    for angle in ("heading", "total"):
+        answer = found[f"{angle}_rmse_deg"]
+        assert answer.code == code
+        assert answer.ranked == (heading_by == "own")
+    assert found["inclination_rmse_deg"].ranked
+    rows[1].heading_shared = heading_by == "onboard"
+    shared = rmse.compute(case, rows[1], "airborne")["heading_rmse_deg"]
+    assert (shared.code == "not_applicable") == (heading_by == "onboard")
+
+
+def test_a_row_made_as_the_reference_is_not_ranked_against_it():
+    case, rows = drifting_rows([1.0, 3.0])
+    with_sigma(case, 0.1, 0.1)
+    rows[0].estimator = "smoother"
+    assert not rmse.compute(case, rows[0], "airborne")["inclination_rmse_deg"].ranked
+    assert rmse.compute(case, rows[1], "airborne")["inclination_rmse_deg"].ranked
+
+
+def test_a_record_of_few_blocks_has_a_value_and_no_rank():
+    case, rows = drifting_rows([1.0, 3.0], seconds=31.0)
+    found = rmse.compute(case, rows[0], "airborne")
+    for name in ("inclination_rmse_deg", "heading_rmse_deg"):
+        assert found[name].value > 0
+        assert (found[name].ranked, "too short to rank" in found[name].reason) == (False, True)
+
+
+def test_heading_wanders_for_longer_than_tilt_and_has_longer_groups():
+    found = answers(np.random.default_rng(2).standard_normal(len(T)), 3.0)
+    assert found["inclination_rmse_deg"].n == 16
+    assert found["heading_rmse_deg"].n == found["total_p95_deg"].n == 8
+
+
+def test_the_95th_percentile_is_not_known_better_than_the_size_of_the_errors():
+    rng = np.random.default_rng(4)
+    for level in np.exp(0.7 * rng.standard_normal((40, 6))):
+        x = np.abs(np.repeat(level, 250) * rng.standard_normal(1500))
+        groups = rmse.groups_of(len(x), 30.0)
+        value, (low, high) = rmse.statistic(x, "p95", groups)
+        size, (least, most) = rmse.statistic(x, "rmse", groups)
+        assert low / value <= least / size * (1 + 1e-9)
+        assert high / value >= most / size * (1 - 1e-9)
+        assert low < value < high
+
+
+def test_no_interval_of_an_error_ends_beyond_half_a_turn():
+    angle = np.concatenate([np.full(100, 170.0), np.full(300, 1.0)])
+    groups = rmse.groups_of(len(angle), 20.0)
+    for name in ("rmse", "p95"):
+        value, ci95 = rmse.statistic(angle, name, groups)
+        assert ci95[0] <= value <= ci95[1] == 180.0

@@ -1,0 +1,338 @@
+import numpy as np
+import pytest
+from scipy.signal import detrend, lfilter
+
+from attlog import estimators
+from attlog.base import rotation
+from attlog.flight.model import Imu, Stream
+from attlog.metrics import compute, rank
+from attlog.metrics.evidence import probe, quantisation
+from attlog.metrics.evidence.samples import detrended
+from attlog.metrics.noise import added as noise
+from attlog.metrics.statistics import moderated
+from attlog.segments.model import Segment
+from tests.metrics import flights
+
+REST = [Segment("continuous", 0, 60), Segment("rest.long", 0, 40), Segment("airborne", 46, 60)]
+
+
+def still(sigma_deg, seconds=60.0, hz=100.0, seed=0, tilt=0.1):
+    t = np.arange(0.0, seconds, 1.0 / hz)
+    wobble = np.radians(sigma_deg) * np.random.default_rng(seed).standard_normal((len(t), 3))
+    return t, rotation.multiply(rotation.from_euler(tilt, -tilt, 2.0), rotation.from_rotvec(wobble))
+
+
+def answers(row, window="rest", segments=REST, reference=None):
+    return noise.compute(flights.case([row], segments, reference), row, window)
+
+
+def process(rng, n, step, time_constant):
+    """Unit Gauss-Markov noise, white for a time constant of 0."""
+    white = rng.standard_normal(n)
+    if time_constant == 0:
+        return white
+    a = np.exp(-step / time_constant)
+    return lfilter([np.sqrt(1 - a * a)], [1, -a], white, zi=[a * rng.standard_normal()])[0]
+
+
+@pytest.mark.parametrize(("time_constant", "share"), [(0.0, 1.0), (0.2, 0.925), (1.0, 0.70), (3.0, 0.46)])
+def test_windows_of_5_s_leave_out_wander(time_constant, share):
+    """Root mean square of the statistic of a unit process, detrended by scipy: known beforehand."""
+    rng, step, n = np.random.default_rng(3), 0.02, 250
+    squares = [np.sum(detrend(process(rng, n, step, time_constant)) ** 2) / (n - 2) for _ in range(1500)]
+    assert np.sqrt(np.mean(squares)) == pytest.approx(share, abs=0.015)
+    t = np.arange(0.0, 400.0, step)
+    x = np.column_stack([process(rng, len(t), step, time_constant) for _ in range(3)])
+    row = flights.row(t, rotation.from_rotvec(np.radians(0.1) * x))
+    whole = [Segment("continuous", 0, 400), Segment("rest.long", 0, 400)]
+    typical = np.sqrt(np.exp(np.mean(np.log(squares))))
+    assert answers(row, segments=whole)["noise_tilt_deg"].value == pytest.approx(0.1 * typical, rel=0.08)
+
+
+@pytest.mark.parametrize("time_constant", [0.2, 1.0, 3.0])
+@pytest.mark.parametrize("seconds", [5.0, 10.0, 20.0, 40.0])
+def test_the_interval_covers_the_typical_window_in_88_to_100_percent_of_200_runs(seconds, time_constant):
+    rng, step = np.random.default_rng(11), 0.05
+    n = 100
+    many = [np.log(np.sum(detrend(process(rng, n, step, time_constant)) ** 2) / (n - 2)) for _ in range(3000)]
+    truth = np.exp(np.mean(many) / 2)
+    prior, hits = noise.PRIORS["rest"], 0
+    ids = np.arange(round(seconds / 5.0))
+    for _ in range(200):
+        x = process(rng, n * len(ids), step, time_constant).reshape(len(ids), n)
+        told = noise.typical(ids, np.log(np.sum(detrend(x) ** 2, axis=1) / (n - 2)), prior, 0.0, ids)
+        hits += told.ci95[0] <= truth <= told.ci95[1]
+    assert 0.88 <= hits / 200 <= 1.0
+
+
+@pytest.mark.parametrize("sigma", [0.002, 0.01, 0.1])
+def test_noise_is_told_in_degrees_per_axis(sigma):
+    found = answers(flights.row(*still(sigma)))
+    for axis in ("tilt", "roll", "pitch", "heading"):
+        answer = found[f"noise_{axis}_deg"]
+        assert answer.value == pytest.approx(sigma, rel=0.05)
+        assert answer.ci95[0] < answer.value < answer.ci95[1]
+        assert (answer.unit, answer.n, answer.seconds) == ("deg", 6, 30.0)
+
+
+def test_one_burst_does_not_carry_the_value():
+    t, q = still(0.01)
+    burst = (t > 22) & (t < 23)
+    q[burst] = rotation.multiply(q[burst], rotation.from_rotvec(np.radians(np.sin(40 * t[burst]))[:, None] * [1, 0, 0]))
+    found = answers(flights.row(t, q))["noise_roll_deg"]
+    assert found.value < 0.03  # pooled over the windows it would be 0.13
+    assert found.value < found.ci95[1] < 0.2
+
+
+def test_tilt_is_the_mean_variance_of_roll_and_pitch():
+    t, q = still(0.01)
+    shaken = np.radians(0.05) * np.random.default_rng(5).standard_normal(len(t))
+    found = answers(flights.row(t, rotation.multiply(q, rotation.from_rotvec(shaken[:, None] * [1.0, 0, 0]))))
+    expected = np.sqrt((0.05**2 + 2 * 0.01**2) / 2)
+    assert found["noise_tilt_deg"].value == pytest.approx(expected, rel=0.05)
+
+
+def test_noise_does_not_depend_on_where_north_is():
+    t, q = still(0.01)
+    one, two = (answers(flights.row(t, x), "all") for x in (q, rotation.turn_about_down(q, 1.3)))
+    assert {k: a.value for k, a in one.items()} == pytest.approx({k: a.value for k, a in two.items()}, rel=1e-9)
+
+
+def test_a_slow_drift_is_not_noise():
+    t, q = still(0.001)
+    row = flights.row(t, rotation.turn_about_down(q, np.radians(0.1) * t))
+    assert answers(row)["noise_heading_deg"].value < 0.0012
+
+
+def test_what_a_filter_does_while_it_settles_is_not_noise():
+    t, q = still(0.001)
+    early = rotation.from_rotvec(np.radians(5.0) * (np.exp(-t / 2.0) * np.sin(20 * t))[:, None] * [1.0, 0.0, 0.0])
+    found = answers(flights.row(t, rotation.multiply(q, early)))["noise_roll_deg"]
+    assert found.value < 0.002
+    assert found.detail["settled_after_s"] in (15.0, 20.0)
+    assert found.n == 6 - (found.detail["settled_after_s"] - 10.0) / 5.0
+    assert "settled_after_s" not in answers(flights.row(t, q))["noise_roll_deg"].detail
+
+
+def test_at_most_all_but_three_windows_settle():
+    falling = np.exp(-np.arange(8.0))[:, None] * np.ones(4)
+    assert noise.unsettled(falling**2) == 5
+    assert noise.unsettled(np.ones((8, 4))) == 0
+    assert noise.unsettled(np.array([[9.0] * 4, [1.0] * 4, [1.0] * 4])) == 0
+
+
+FLIGHT = [
+    Segment("continuous", 0, 60), Segment("rest.long", 0, 20), Segment("idle", 20, 26), Segment("airborne", 26, 60),
+    Segment("hover", 26, 41), Segment("cruise", 41, 60),
+]  # fmt: skip
+
+
+def flown(name="mahony", sigma_deg=0.2, seed=0):
+    """A swaying vehicle with a noisy accelerometer, its gyro, and the row of one filter."""
+    t = np.arange(0.0, 60.0, 0.01)
+    rng = np.random.default_rng(seed)
+    sway = 6.0 * np.sin(2 * np.pi * 0.5 * t)[:, None] * (t > 26)[:, None] * [1.0, -0.7, 0.5]
+    q = rotation.from_euler(*np.radians(sway).T)
+    rate = np.zeros((len(t), 3))
+    rate[1:] = rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[:-1]), q[1:])) / 0.01
+    acc = rotation.rotate_inverse(q, np.tile([0.0, 0.0, -9.81], (len(t), 1)))
+    shake = np.where(t > 20, 3.0, 0.05)[:, None]
+    acc = acc + shake * rng.standard_normal((len(t), 3))
+    gyro = rate + np.radians(0.1) * rng.standard_normal((len(t), 3))
+    found = estimators.estimate(name, t, gyro, acc)
+    row = flights.row(found.t, found.q, name, estimator=name)
+    case = flights.case([row], FLIGHT, (t, q))
+    case.log.imus, case.log.imu = [Imu(0, Stream(t, gyro, "rad/s", "FRD", ""), Stream(t, acc, "m/s^2", "FRD", ""))], 0
+    return case, row
+
+
+@pytest.mark.parametrize("phase", ["hover", "cruise", "idle"])
+def test_in_motion_noise_is_that_of_the_error_though_no_reference_is_looked_at(phase):
+    case, row = flown()
+    told = noise.compute(case, row, phase)["noise_tilt_deg"]
+    e, squares = row.errors, []
+    for start in ids_to_s(told):
+        i, j = np.searchsorted(e.t, [start, start + 5.0])
+        apart = rotation.to_rotvec(rotation.error(e.q_est[i:j], e.q_ref[i:j]))[:, :2]
+        squares.append(np.mean(np.sum(detrended(e.t[i:j], np.degrees(apart)) ** 2, axis=0)) / (j - i - 2))
+    # the error holds the gyro's own walk too: 0.1 deg/s at 100 Hz is 0.006 deg in 5 s
+    assert told.value == pytest.approx(np.exp(np.mean(np.log(squares)) / 2), rel=0.05)
+    case.reference.q[:] = rotation.from_euler(0.3, 0.2, 0.1)
+    case.forget()
+    assert noise.compute(case, row, phase)["noise_tilt_deg"].value == told.value
+
+
+def ids_to_s(answer):
+    return answer.units.ids / 1000.0
+
+
+def test_phases_stand_apart_and_flight_is_never_rest():
+    case, row = flown()
+    told = {w: noise.compute(case, row, w)["noise_tilt_deg"] for w in ("all", "rest", "idle", "hover", "cruise")}
+    assert told["all"].value == told["rest"].value
+    assert told["hover"].value > 5 * told["rest"].value
+    assert {w: a.seconds for w, a in told.items()} == {"all": 10, "rest": 10, "idle": 5, "hover": 15, "cruise": 15}
+    assert noise.compute(case, row, "airborne") == {}
+    own = noise.compute(case, row, "15:40")["noise_tilt_deg"]
+    assert (own.detail["phase"], own.seconds) == ("rest", 5.0)
+
+
+def test_the_noise_of_integrated_gyro_means_nothing_in_the_air_and_is_not_ranked_at_rest():
+    case, row = flown("gyro")
+    at_rest = noise.compute(case, row, "rest")["noise_tilt_deg"]
+    assert at_rest.value > 0
+    assert (at_rest.ranked, at_rest.reason) == (False, "it is not corrected by gravity")
+    for phase in ("idle", "hover", "cruise"):
+        assert noise.compute(case, row, phase)["noise_tilt_deg"].code == "not_applicable"
+
+
+def test_onboard_noise_in_the_air_has_one_digit_and_no_rank():
+    case, row = flown()
+    row.kind = "onboard"
+    told = noise.compute(case, row, "hover")["noise_tilt_deg"]
+    assert not told.ranked
+    for x in (told.value, *told.ci95):
+        assert x == float(f"{x:.1g}")
+
+
+def test_no_rest_is_a_code_and_a_sentence():
+    answer = answers(flights.row(*still(0.01)), segments=REST[:1])["noise_roll_deg"]
+    assert answer.code == "no_rest"
+    assert "20 s" in answer.reason
+
+
+def test_why_there_is_no_rest_is_said_without_names_of_windows():
+    row = flights.row(*still(0.01))
+    early = [Segment("continuous", 0, 60), Segment("rest.short", 0, 9)]
+    told = [answers(row, window, early)["noise_roll_deg"].reason for window in ("rest", "rest.long", "30:40")]
+    assert told == [
+        "the filter was still settling: no 2 s of rest later than 10 s after its start and 5 s after the motors "
+        "stopped",
+        "no rest of this log is long enough to count as long; record 20 s before arming",
+        "there is no rest in 30:40 s",
+    ]
+
+
+def test_the_step_of_logged_values_is_taken_out_and_noise_below_it_is_not_ranked():
+    t, q = still(0.02)
+    euler = np.radians(np.round(np.degrees(rotation.to_euler(q)) / 0.05) * 0.05)
+    coarse = flights.row(t, rotation.from_euler(*euler.T), step_deg=0.05)
+    answer = answers(coarse)["noise_roll_deg"]
+    assert not answer.ranked or answer.value == pytest.approx(0.02, rel=0.15)
+    quiet = flights.row(*still(0.001), step_deg=0.05)
+    answer = answers(quiet)["noise_roll_deg"]
+    assert not answer.ranked
+    assert "step" in answer.reason
+    constant = flights.row(t, np.tile(q[0], (len(t), 1)), step_deg=0.05)
+    assert np.isfinite(answers(constant)["noise_roll_deg"].value)
+
+
+def test_a_frozen_filter_does_not_win():
+    t = np.arange(0.0, 60.0, 0.01)
+    moving = np.where(t > 46, np.sin(2 * (t - 46)), 0.0)
+    truth = rotation.from_euler(0.3 * moving, 0.2 * moving, 0.5 * moving)
+    rng = np.random.default_rng(0)
+    honest = rotation.multiply(truth, rotation.from_rotvec(1e-4 * rng.standard_normal((len(t), 3))))
+    loud = rotation.multiply(truth, rotation.from_rotvec(1e-3 * rng.standard_normal((len(t), 3))))
+    frozen = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)) + 0 * honest
+    rows = [flights.row(t, q, name) for name, q in (("honest", honest), ("frozen", frozen), ("loud", loud))]
+    case = flights.case(rows, REST, (t[::4], truth[::4]))
+    table = {r.name: compute(case, r, ["rest"]) for r in rows}
+    marks = rank(table, rows)
+    for axis in ("roll", "pitch", "heading", "tilt"):
+        column = f"noise_{axis}_deg"
+        assert table["frozen"]["rest"][column].value < table["honest"]["rest"][column].value
+        assert not table["frozen"]["rest"][column].ranked
+        assert (marks.best["rest"][column], marks.worst["rest"][column]) == (["honest"], ["loud"])
+
+
+def test_a_filter_that_never_moved_is_ranked_by_a_probe_and_only_if_it_can_be_replayed():
+    t = np.arange(0.0, 20.0, 0.01)
+    rng = np.random.default_rng(1)
+    gyro = Stream(t, 1e-3 * rng.standard_normal((len(t), 3)), "rad/s", "FRD", "imu")
+    acc = Stream(t, np.array([0.0, 0.0, -9.81]) + 0.02 * rng.standard_normal((len(t), 3)), "m/s^2", "FRD", "imu")
+    rows = []
+    for name in ("gyro", "mahony"):
+        found = estimators.estimate(name, t, gyro.x, acc.x)
+        rows.append(flights.row(found.t, found.q, name, estimator=name))
+    case = flights.case(rows, [Segment("continuous", 0, 20), Segment("rest.long", 0, 20)])
+    case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
+    for row in rows:
+        np.testing.assert_allclose(probe.gains(case, row), 1.0, atol=0.03)
+        assert noise.compute(case, row, "rest")["noise_roll_deg"].ranked == (row.name == "mahony")
+    rows[1].estimator = "unknown-file"
+    case.forget()
+    assert not noise.compute(case, rows[1], "rest")["noise_roll_deg"].ranked
+
+
+def telemetry(sigma, step, seed=0, name="mahony"):
+    """A case at rest with a 10 Hz gyro of white noise (rad/s) logged in steps, and the row of a filter."""
+    t = np.arange(0.0, 60.0, 0.1)
+    gyro = step * np.round(np.random.default_rng(seed).normal(0.0, sigma, (len(t), 3)) / step)
+    acc = np.tile([0.0, 0.0, -9.81], (len(t), 1))
+    found = estimators.estimate(name, t, gyro, acc)
+    row = flights.row(found.t, found.q, name, estimator=name)
+    case = flights.case([row], [Segment("continuous", 0, 60), Segment("rest.long", 0, 59)])
+    case.log.imus = [Imu(0, Stream(t, gyro, "rad/s", "FRD", "RAW_IMU"), Stream(t, acc, "m/s^2", "FRD", "RAW_IMU"))]
+    case.log.imu = 0
+    return case, row
+
+
+@pytest.mark.parametrize("sigma", [2e-4, 3e-3])
+def test_noise_that_the_steps_of_the_logged_gyro_hide_is_not_ranked(sigma):
+    """Telemetry in mrad/s: a gyro that shows one value at rest makes the filter that follows it perfect."""
+    case, row = telemetry(sigma, 1e-3)
+    case.log.imus[0].gyro.x[-5:] = 0.02  # the vehicle moves at the end, in steps too
+    answer = noise.compute(case, row, "rest")["noise_roll_deg"]
+    assert answer.ranked == (sigma > 1e-3)
+    assert answer.ranked or "steps of the logged gyro" in answer.reason
+
+
+def test_the_noise_that_steps_hide_is_that_of_half_a_step_of_rate_noise():
+    case, row = telemetry(3e-3, 1e-3)
+    rate = np.degrees(0.5e-3) * np.random.default_rng(2).standard_normal((50, 1000))
+    residual = detrended(row.t[:50], 0.1 * np.cumsum(rate, axis=0))
+    assert quantisation.hidden_deg(case, 0)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
+
+
+def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
+    t, q = still(0.01)
+    row = flights.row(t, q)
+    case = flights.case([row], REST, reference=(t, q))
+    frozen, level = np.zeros((len(t), 3)), np.tile([0.0, 0.0, -9.81], (len(t), 1))
+    case.log.imus = [Imu(0, Stream(t, frozen, "rad/s", "FRD", "x"), Stream(t, level, "m/s^2", "FRD", "x"))]
+    case.log.imu = 0
+    for axis in ("roll", "tilt"):
+        answer = noise.compute(case, row, "rest")[f"noise_{axis}_deg"]
+        assert (answer.ranked, "never changes" in answer.reason) == (False, True)
+        assert np.isfinite(answer.floor)
+
+
+def test_a_users_file_is_probed_itself_also_where_it_bears_the_name_of_a_built_in_filter(tmp_path):
+    file = tmp_path / "mahony.py"
+    file.write_text(
+        '"""Believes in nothing."""\n'
+        "def start(params, acc, mag, q0):\n    return q0\n"
+        "def step(state, params, dt, gyr, acc, mag):\n    state[0] = 1.0\n"
+    )
+    case, row = telemetry(3e-3, 1e-3)
+    for name, gain in (("mahony", 1.0), (str(file), 0.0)):
+        row.estimator = name
+        case.forget()
+        np.testing.assert_allclose(probe.gains(case, row), gain, atol=0.1)  # half a sample of 10 Hz
+
+
+def test_what_the_step_of_logged_values_adds_is_taken_out_of_value_and_interval():
+    ids, v = np.arange(4), np.log(np.full(4, 0.02**2 + 0.05**2 / 12))
+    told = noise.typical(ids, v, noise.PRIORS["rest"], 0.05**2 / 12, ids)
+    assert told.value == pytest.approx(0.02)
+    whole = noise.typical(ids, v, noise.PRIORS["rest"], 0.0, ids)
+    assert told.ci95 == pytest.approx([np.sqrt(max(x**2 - 0.05**2 / 12, 0)) for x in whole.ci95])
+
+
+def test_a_single_axis_in_cruise_is_known_less_from_one_window_than_tilt():
+    t = np.arange(0.0, 10.0, 0.02)
+    row = flights.row(t, rotation.from_euler(0 * t, 0 * t, 0 * t))
+    widths = [np.diff(moderated.interval([0.0], noise.prior_of(row, "cruise", axis)))[0] for axis in noise.AXES]
+    assert widths[0] == widths[1] == widths[2] > 1.5 * widths[3]
+    assert noise.prior_of(row, "hover", "roll") == noise.prior_of(row, "hover", "tilt")

@@ -1,0 +1,183 @@
+import pickle
+
+import numpy as np
+import pytest
+
+from attlog.base import rotation
+from attlog.metrics.steps import lag, pure_delay
+from attlog.segments.model import Segment
+from tests.metrics import flights
+from tests.metrics.motions import motion, sampled
+
+DELAY = 0.0073
+
+
+def step_case(est, ref, kind="truth", **fields):
+    row = flights.row(est.t, est.q, **fields)
+    end = float(ref.t[-1])
+    return flights.case([row], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q), kind), row
+
+
+def test_a_filter_that_follows_half_is_no_pure_delay_and_its_gain_is_told():
+    t, q = motion("steps", 40.0)
+    half = rotation.from_rotvec(0.5 * rotation.to_rotvec(rotation.multiply(rotation.conjugate(q[0]), q)))
+    case, row = step_case(sampled(t, half, 200.0), sampled(t, q, 25.0))
+    answers = lag.compute(case, row, "all")
+    assert answers["lag_ms"].value is None
+    assert answers["lag_ms"].code == "not_a_pure_delay"
+    assert answers["step_gain"].value == pytest.approx(0.5, abs=0.01)
+    assert "50 %" in answers["lag_ms"].reason
+
+
+def test_a_frozen_filter_has_no_distortion_and_still_does_not_win_it():
+    t, q = motion("steps", 40.0)
+    frozen = sampled(t, q, 200.0)
+    frozen.q = np.tile(frozen.q[0], (len(frozen.t), 1))
+    answer = lag.compute(*step_case(frozen, sampled(t, q, 25.0)), "all")["distortion_pct"]
+    assert answer.value == pytest.approx(0.0, abs=1e-6)
+    assert not answer.ranked
+
+
+def test_a_causal_filter_that_comes_out_early_against_truth_is_not_judged_but_is_against_onboard():
+    t, q = motion("steps", 40.0)
+    early, ref = sampled(t, q, 200.0, delay=-0.02), sampled(t, q, 25.0)
+    assert lag.compute(*step_case(early, ref), "all")["lag_ms"].code == "not_a_pure_delay"
+    onboard = lag.compute(*step_case(early, ref, kind="onboard"), "all")["lag_ms"]
+    assert onboard.value == pytest.approx(-20.0, abs=0.5)
+
+
+def test_a_delay_beyond_the_range_is_no_answer():
+    t, q = motion("steps", 40.0)
+    case, row = step_case(sampled(t, q, 200.0, delay=0.4), sampled(t, q, 25.0))
+    assert lag.compute(case, row, "all")["lag_ms"].code == "lag_at_edge"
+
+
+def test_the_input_delay_is_subtracted_once_and_both_numbers_are_told():
+    t, q = motion("steps", 40.0)
+    case, row = step_case(sampled(t, q, 200.0, delay=0.0113), sampled(t, q, 25.0))
+    case.reference.input_delay_s = 0.0113
+    told = lag.compute(case, row, "all")["lag_ms"]
+    assert told.value == pytest.approx(0.0, abs=0.3)
+    assert told.detail["fitted_ms"] == pytest.approx(11.3, abs=0.3)
+    assert told.taken_out == pytest.approx(11.3)
+    case.reference.input_delay_shared = True
+    assert lag.compute(case, row, "all")["lag_ms"].value == pytest.approx(11.3, abs=0.3)
+
+
+def test_a_filter_that_corrects_the_input_delay_is_not_forgiven_it_again():
+    t, q = motion("steps", 40.0)
+    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
+    case.reference.input_delay_s = 0.0113
+    row.quality["imu_lag_corrected_ms"] = 11.3
+    assert lag.compute(case, row, "all")["lag_ms"].value == pytest.approx(0.0, abs=0.3)
+
+
+def test_a_reference_below_5_hz_answers_no_lag():
+    t, q = motion("yaw", 40.0)
+    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 4.0))
+    assert lag.compute(case, row, "all")["lag_ms"].code == "reference_too_slow"
+
+
+@pytest.mark.parametrize("kind", ["steps", "yaw", "flips"])
+def test_a_slow_row_is_compared_at_its_own_times(kind):
+    t, q = motion(kind, 60.0)
+    case, row = step_case(sampled(t, q, 10.0, delay=0.02), sampled(t, q, 200.0))
+    told = lag.compute(case, row, "all")
+    assert told["lag_ms"].value == pytest.approx(20.0, abs=2.0)
+    assert told["step_gain"].value == pytest.approx(1.0, abs=0.01)
+    assert told["distortion_pct"].value < 2.0
+
+
+def test_two_events_are_too_few_and_none_is_none():
+    t, q = motion("yaw", 10.5)
+    answers = lag.compute(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")
+    assert answers["lag_yaw_ms"].code == "too_few_events"
+    assert answers["lag_roll_ms"].code == "no_events"
+
+
+def test_lag_does_not_change_with_heading():
+    t, q = motion("steps", 30.0)
+    turned = rotation.turn_about_down(q, 2.0)
+    one = lag.compute(*step_case(sampled(t, q, 200.0, DELAY), sampled(t, q, 25.0)), "all")["lag_ms"]
+    two = lag.compute(*step_case(sampled(t, turned, 200.0, DELAY), sampled(t, turned, 25.0)), "all")["lag_ms"]
+    assert one.value == pytest.approx(two.value, abs=1e-6)
+
+
+def test_no_movement_is_said_in_a_pilots_words():
+    t = np.arange(0.0, 40.0, 0.02)
+    still = sampled(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), 25.0)
+    case, row = step_case(still, still)
+    told = lag.compute(case, row, "airborne")["lag_ms"].reason
+    assert told.startswith("no quick movement in flight from 0 s on; turns of 5 deg")
+    del case.segments.segments[1]
+    told = lag.compute(case, row, "airborne")["lag_ms"].reason
+    assert told == "the vehicle was never airborne (as far as the log tells)"
+    case.log.vehicle = "boat"
+    assert lag.compute(case, row, "airborne")["lag_ms"].reason == "a boat does not fly"
+
+
+def test_a_refused_reference_is_not_called_missing():
+    t, q = motion("steps", 20.0)
+    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
+    case.reference.kind, case.reference.fault = "none", "ATT never changes while the gyro turns"
+    assert lag.compute(case, row, "all")["lag_ms"].reason == case.reference.fault
+
+
+def found_with(**changes):
+    case, row = step_case(sampled(*motion("steps", 30.0), 200.0, DELAY), sampled(*motion("steps", 30.0), 25.0))
+    found = lag.evidence(case, row, "all").fits["all"]
+    for name, value in changes.items():
+        setattr(found.sums if name == "heavy" else found, name, value)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("changes", "sound", "word"),
+    [
+        ({}, True, None),
+        ({"gain": 0.94}, True, "94 %"),
+        ({"distortion": 0.16}, True, "shape error 16 %"),
+        ({"share": 0.71}, True, "71 %"),
+        ({"share": 0.69}, True, None),
+        ({"share": 0.3}, False, "diverged"),
+        ({"share": 0.2, "heavy": 0.03}, True, "2 g"),
+        ({"share": 0.2, "heavy": 0.01}, True, None),
+    ],
+)
+def test_a_lag_is_judged_only_where_the_row_keeps_the_movements_shape(changes, sound, word):
+    why = pure_delay.why_not(found_with(**changes), sound=sound, half_width=0.001, lag=0.0, earliest=-0.0025)
+    assert (why is None) if word is None else (word in why)
+
+
+def test_an_early_row_needs_both_its_interval_and_half_a_sample_to_be_refused():
+    found = found_with()
+    early = {"sound": True, "lag": -0.004}
+    assert "early" in pure_delay.why_not(found, half_width=0.003, earliest=-0.0025, **early)
+    assert pure_delay.why_not(found, half_width=0.005, earliest=-0.0025, **early) is None
+    assert pure_delay.why_not(found, half_width=0.003, earliest=-0.005, **early) is None
+
+
+def test_the_interval_adds_clock_shape_and_aiding_to_the_jackknife():
+    found = found_with(shape_s=0.010, moved_s=-0.020)
+    found.left_out = np.full((5, 4), DELAY)
+    assert lag.half_width(found) == pytest.approx(np.hypot(0.0005, np.hypot(0.003, 0.003)))
+    assert lag.half_width(found, common=0.0) == pytest.approx(np.hypot(0.003, 0.003))
+
+
+def test_units_of_a_lag_are_pseudo_values_and_answer_again_on_a_choice():
+    case, row = step_case(sampled(*motion("steps", 40.0), 200.0, DELAY), sampled(*motion("steps", 40.0), 25.0))
+    told = lag.compute(case, row, "all")["lag_ms"]
+    units = pickle.loads(pickle.dumps(told.units))
+    assert units.kind == "lag_event"
+    assert np.mean(units.values) == pytest.approx(told.value, abs=0.05)
+    whole, some = units.on(units.ids), units.on(units.ids[:5])
+    assert whole.value == pytest.approx(told.value)
+    assert whole.ci95 == pytest.approx(told.ci95)
+    assert some.value == pytest.approx(1000 * DELAY, abs=0.2)
+
+
+def test_scale_of_the_logged_gyro_stays_in_the_interval_of_a_gain():
+    t, q = motion("steps", 40.0)
+    gain = lag.compute(*step_case(sampled(t, q, 200.0), sampled(t, q, 25.0)), "all")["step_gain"]
+    assert gain.ci95[0] <= gain.value - lag.COMMON_GAIN
+    assert gain.ci95[1] == pytest.approx(gain.value + lag.COMMON_GAIN, rel=1e-3)

@@ -1,0 +1,168 @@
+"""A gyro in other units, axes or another clock is found by what turned with the vehicle, and judges nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from attlog import segments
+from attlog.base import rotation
+from attlog.flight.model import FlightLog, Mag, Stream
+from attlog.health.findings import contradiction, hopeless
+from attlog.health.onboard.attitude import CONTRADICTED, checks
+from attlog.reference import choose
+from attlog.reference.physics import turning
+from tests.reference.flights import Array, attitude_at, flight
+
+FIELD_T = np.array([2e-5, 0.0, 4e-5])
+DEGREES, RADIANS = 180.0 / np.pi, np.pi / 180.0
+
+Change = Callable[[Array], Array]
+WRONG: dict[str, Change] = {
+    "deg/s for rad/s": lambda x: x * DEGREES,
+    "rad/s twice": lambda x: x * RADIANS,
+    "a half": lambda x: 0.5 * x,
+    "clipped": lambda x: np.clip(x, -0.1, 0.1),
+    "one sign": lambda x: x * [-1.0, 1.0, 1.0],
+    "left-handed": lambda x: -x,
+    "swapped axes": lambda x: x[:, [1, 0, 2]],
+    "dead": lambda x: np.zeros_like(x),
+    "dead from half on": lambda x: np.where((np.arange(len(x)) < len(x) // 2)[:, None], x, x[len(x) // 2]),
+    "3 s late": lambda x: np.roll(x, 300, axis=0),
+    "backwards": lambda x: x[::-1],
+}
+
+
+def with_compass(log: FlightLog) -> FlightLog:
+    t = np.arange(0.0, 60.0, 0.05)
+    field = rotation.rotate_inverse(attitude_at(t), FIELD_T)
+    field = field + 2e-7 * np.random.default_rng(3).normal(size=field.shape) + [4e-6, 0.0, 0.0]  # noise, hard iron
+    log.mags, log.mag = [Mag(0, Stream(t, field, "T", "FRD", "MAG"))], 0
+    return log
+
+
+def turned(change: Change) -> FlightLog:
+    log = with_compass(flight(truth_hz=50.0))
+    log.imus[0].gyro.x = change(log.imus[0].gyro.x)
+    return log
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_the_field_finds_the_gyro_that_is_wrong(what: str) -> None:
+    log = turned(WRONG[what])
+    log.truth = None
+    found = choose(log, segments.build(log))
+    assert "turn differently" in found.gyro_fault
+    assert found.kind == "onboard"
+    assert "smoother" in found.refused
+    (against,) = [c for c in checks(log, segments.build(log), found.gyro_fault) if c.name == "gyro against attitude"]
+    assert (against.verdict, against.value) == ("bad", CONTRADICTED)
+    assert "turn differently" in hopeless([against])
+
+
+@pytest.mark.parametrize("what", ["one sign", "swapped axes", "3 s late"])
+def test_the_field_finds_the_attitude_that_is_wrong_and_acquits_the_gyro(what: str) -> None:
+    """The same contradiction from the other side: attitudes of a flight that the gyro did not see."""
+    log = turned(lambda x: x)
+    assert log.truth is not None
+    t = log.truth.t
+    log.truth.q = {
+        "one sign": attitude_at(t) * [1.0, -1.0, 1.0, 1.0],
+        "swapped axes": attitude_at(t)[:, [0, 2, 1, 3]],
+        "3 s late": attitude_at(t - 3.0),
+    }[what]
+    found = choose(log, segments.build(log))
+    assert found.gyro_fault == ""
+    assert found.kind == "onboard"
+    assert "turns as the gyro does" in found.refused["truth"]
+    (problem,) = contradiction(found)
+    assert (problem.code, problem.severity) == ("reference_contradicted", "error")
+
+
+def test_a_sound_flight_is_contradicted_by_nothing() -> None:
+    log = turned(lambda x: 1.04 * x + 0.02)
+    found = choose(log, segments.build(log))
+    assert (found.gyro_fault, found.kind, found.refused) == ("", "truth", {})
+
+
+def test_without_a_compass_what_moves_alike_in_another_scale_is_not_judged_and_what_does_not_stays_open() -> None:
+    log = flight()
+    log.imus[0].gyro.x *= 0.5
+    assert "nothing tells which is right" in choose(log, segments.build(log)).gyro_fault
+    log = flight()
+    log.imus[0].gyro.x = log.imus[0].gyro.x[::-1].copy()
+    assert choose(log, segments.build(log)).gyro_fault == ""
+
+
+def test_a_slow_attitude_alone_accuses_no_gyro() -> None:
+    log = flight(onboard_hz=5.0)
+    log.imus[0].gyro.x *= 0.5
+    assert choose(log, segments.build(log)).gyro_fault == ""
+    assert "turns as the attitude does" in choose(with_compass(log), segments.build(log)).gyro_fault
+
+
+def test_a_compass_that_moves_with_neither_decides_nothing() -> None:
+    log = turned(lambda x: -x)
+    log.mags[0].field.x = np.random.default_rng(5).permutation(log.mags[0].field.x)
+    attitude = log.attitudes["ATT"]
+    assert turning.field_follows(log.imus[0], attitude, np.zeros(0, np.int64), log.mags[0]) == ""
+
+
+def test_rates_are_compared_where_there_are_thirty() -> None:
+    rate = np.random.default_rng(5).normal(size=(30, 3))
+    assert "times as far" in turning.otherwise(rate, 2.0 * rate)
+    assert turning.otherwise(rate[:29], 2.0 * rate[:29]) == ""
+
+
+def test_vibration_of_the_gyro_is_no_scale() -> None:
+    log = flight(onboard_hz=100.0)
+    imu = log.imus[0]
+    imu.gyro.x = imu.gyro.x + np.radians(10.0) * np.sin(2 * np.pi * 37.0 * imu.gyro.t)[:, None]
+    (against,) = [c for c in checks(log, segments.build(log)) if c.name == "gyro against attitude"]
+    assert against.verdict == "good"
+    assert against.value == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("hz", [20.0, 100.0])
+def test_an_interval_with_a_reset_is_not_compared(hz: float) -> None:
+    log = flight(onboard_hz=hz)
+    attitude = log.attitudes["ATT"]
+    at = len(attitude.t) // 2 + 1
+    attitude.q[at:] = rotation.multiply(rotation.from_euler(0.0, 0.0, 0.8), attitude.q[at:])
+    gyro, turned_by = turning.rotations(log.imus[0], attitude, np.array([at]))
+    assert np.abs(gyro - turned_by).max() < np.radians(2.0)
+    jumped = np.subtract(*turning.rotations(log.imus[0], attitude, np.zeros(0, np.int64)))
+    assert np.abs(jumped).max() > 5.0
+
+
+def test_a_noisy_attitude_of_a_flight_that_turns_one_way_is_no_scale() -> None:
+    """The median of its rates lies elsewhere than that of the gyro's; the slope is that of a line with an offset."""
+    rng = np.random.default_rng(7)
+    rate = np.zeros((2000, 3))
+    rate[1100:, 2] = np.radians(8.0)  # still for longer than turning
+    noise = np.radians(2.0) * rng.normal(size=rate.shape)
+    assert turning.otherwise(rate, rate + noise, (0.97, 1.03)) == ""
+    assert "z 1.20" in turning.otherwise(rate, 1.2 * rate + 0.1 * noise, (0.97, 1.03))
+
+
+def test_a_gap_in_the_gyro_accuses_nobody() -> None:
+    """The sample behind a gap stands for no second before it."""
+    log = with_compass(flight(onboard_hz=50.0))
+    for stream in (log.imus[0].gyro, log.imus[0].acc):
+        kept = (stream.t % 6.0 < 3.0) | (stream.t < 20.0)
+        stream.t, stream.x = stream.t[kept], stream.x[kept]
+    log.imus[0].gyro.sampling = log.imus[0].acc.sampling = "interval"
+    assert choose(log, segments.build(log)).gyro_fault == ""
+    gyro, turned_by = turning.rotations(log.imus[0], log.attitudes["ATT"], np.zeros(0, np.int64))
+    assert len(gyro) > 100
+    assert np.abs(gyro - turned_by).max() < np.radians(2.0)
+
+
+def test_directions_of_the_field_are_told_apart_by_a_step_forwards_in_time() -> None:
+    start, end, before, after = turning.field_changes(with_compass(flight(truth_hz=50.0)).mags[0])
+    assert len(start) > 1000
+    assert (end - start).min() >= turning.STEP_S - 1e-9
+    assert (end - start).max() < 2.0 * turning.STEP_S
+    assert np.linalg.norm(np.concatenate([before, after]), axis=1) == pytest.approx(1.0)

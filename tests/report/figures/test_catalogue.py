@@ -1,0 +1,120 @@
+"""Figures: one colour per row, words for those who do not see them, close-ups that show what they are for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog.metrics.figures.trace import Trace
+from attlog.present.names import row_name
+from attlog.report import write_report
+from attlog.report.cards import card
+from attlog.report.figures.catalogue import sections
+from attlog.report.figures.figure import Rows, reach, told
+from attlog.report.figures.marks import time_marks
+from attlog.report.look import looks
+from attlog.report.pack import Store
+from attlog.result import Verdict
+from tests.report.browser import own_bytes
+from tests.report.conftest import make_result
+
+
+def figures(result):
+    """All figures of a result by id."""
+    return {f.id: f for part in sections(result, looks(result), Store()).values() for f in part}
+
+
+def test_a_row_has_one_colour_and_dash_in_every_figure(visit, report):
+    page = visit(report).page
+    found = page.evaluate(
+        """() => [...document.querySelectorAll('.plot')].flatMap((p) => p.data
+            .filter((t) => t.meta !== undefined && t.meta !== null && (t.mode === 'lines') && t.line)
+            .map((t) => [p.id, t.meta, t.line.color]))"""
+    )
+    colours = {row: {c for _, r, c in found if r == row} for _, row, _ in found}
+    assert len(colours) >= 6
+    assert all(len(c) == 1 for c in colours.values()), colours
+    assert len({c for cs in colours.values() for c in cs}) == len(colours)
+
+
+def test_figures_with_numbers_say_them_in_words(visit, report):
+    names = [row_name(row) for row in make_result().estimators if row.kind == "replay"]
+    for figure in ("attitude", "difference", "rest", "lag", "drifts", "bias"):
+        assert any(name in figures(make_result())[figure].words for name in names), figure
+    page = visit(report).page
+    for plot in page.query_selector_all(".plot[aria-describedby]"):
+        assert len(page.locator(f"#{plot.get_attribute('aria-describedby')}").inner_text()) > 10
+
+
+def test_the_figure_of_drifts_holds_every_drift_at_rest_and_in_the_air_once():
+    result = make_result()
+    rows = [row for row in result.estimators if row.kind == "replay"]
+    answers = [(m, a) for row in rows for found in row.metrics.values() for m, a in found.items() if "drift_" in m]
+    wanted = sorted({(m.partition(".")[2] or "rest", a.value) for m, a in answers if a.value is not None})
+    dots = figures(result)["drifts"].data["rows"]
+    found = [(d["where"].removeprefix("against ").removeprefix("at "), d["v"]) for d in dots]
+    assert {where for where, _ in wanted} == {"rest", "onboard"}
+    assert [one for one in wanted if one not in found] == []
+
+
+def test_lines_in_words_are_their_smallest_and_largest_value():
+    trace = Trace("attitude", "vqf", np.arange(3.0), {"roll": np.array([-2.0, np.nan, 31.04])})
+    assert reach([trace], Rows({"vqf": "VQF"})) == "VQF: roll −2.0° to 31.0°"
+
+
+def test_dots_in_words_are_value_and_interval():
+    dots = [{"r": 0, "v": 9.3, "ci": [7.0, 11.0], "ok": True}, {"r": 1, "v": None, "ci": None, "ok": False}]
+    assert told(dots, ["ekf", "fan"], "ms") == "ekf: +9 ms (+7 to +11); fan: not judged"
+
+
+def test_a_row_that_is_not_ranked_and_far_beyond_runs_out_of_its_card():
+    bars = [("vqf", 1.0, "deg/min"), ("gyro", -40.0, "deg/min"), ("mahony@xu-0.6", 2.0, "deg/min")]
+    verdict = Verdict(
+        "drifting", "?", "VQF drifts least.", "drift_rest_deg_per_min", "rest", bars, [("gyro", "diverged")]
+    )
+    drawn = {bar["id"]: bar for bar in card(verdict, looks(make_result()))["bars"]}
+    assert drawn["gyro"]["beyond"] == "◂ "
+    assert drawn["mahony@xu-0.6"]["beyond"] == ""
+    assert drawn["mahony@xu-0.6"]["width"] == pytest.approx(2 * drawn["vqf"]["width"])
+    assert drawn["mahony@xu-0.6"]["width"] == 100.0
+
+
+def test_the_lag_figure_shows_single_movements_of_ranked_rows_only():
+    result = make_result()
+    for row in result.estimators[1:]:
+        row.metrics["airborne"]["lag_ms"].each = [250.0, 3.0]
+    result.estimators[1].metrics["airborne"]["lag_ms"].ranked = False
+    drawn = {d["r"]: d for d in figures(result)["lag"].data["rows"]}
+    assert drawn[5]["single"] == []
+    assert drawn[5]["ok"] is False
+    assert 1 not in drawn
+    assert drawn[3]["single"] == [250.0, 3.0]
+
+
+def test_modes_armed_airborne_messages_and_failsafes_stand_on_the_time_axis():
+    result = make_result()
+    result.log["timeline"] = {
+        "modes": [[0.0, 60.0, "LOITER"]],
+        "armed": [[10.0, 60.0]],
+        "airborne": [[12.0, 55.0]],
+        "texts": [[20.0, 6, "GPS glitch cleared"], [30.0, 2, "Radio failsafe"]],
+    }
+    marks = time_marks(result)
+    assert marks["modes"] == [[0.0, 60.0, "LOITER"]]
+    assert marks["armed"] == [[10.0, 60.0]]
+    assert marks["airborne"] == [[12.0, 55.0]]
+    assert [level for _, level, _ in marks["texts"]] == [0, 2]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("log", ["px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog"])
+def test_reports_of_real_logs_open_without_complaint_and_draw_everything(visit, samples, tmp_path, log):
+    import attlog
+
+    path = tmp_path / "report.html"
+    write_report(attlog.analyze(samples / log), path)
+    assert own_bytes(path) < 2_400_000
+    page = visit(path)
+    assert page.complaints == []
+    assert page.requests == [path.as_uri()]
+    assert [name for name, drawn in page.figures().items() if not drawn] == []

@@ -1,0 +1,120 @@
+"""Fan run again: numbers by another way, turns where the scenario has them, verdicts that follow the numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog.base import rotation
+from attlog.reproduce.fan import claims as fan
+from attlog.reproduce.fan import runs as fan_runs
+from attlog.reproduce.fan.runs import EKF, FILTER, RAW, Seed
+from attlog.reproduce.paper import Options, Paper, Verdict
+
+SEEDS = 3
+
+
+@pytest.fixture(scope="module")
+def found() -> Paper:
+    return fan.paper(Options(seeds=SEEDS))
+
+
+@pytest.fixture(scope="module")
+def seeds() -> list[Seed]:
+    return [fan_runs.one_seed(seed) for seed in range(SEEDS)]
+
+
+def test_raw_angles_at_rest_scatter_as_the_sensors_noise_says(seeds: list[Seed]) -> None:
+    """150 ug/sqrt(Hz) at 200 Hz: 2.1 mg, which is 0.12 deg."""
+    noise = np.degrees(150e-6 * np.sqrt(200.0))
+    spread = np.mean([s.spread[RAW][:2] for s in seeds])
+    assert spread == pytest.approx(noise, rel=0.05)
+
+
+def test_the_spread_is_that_of_a_run_by_hand(found: Paper) -> None:
+    ratios = []
+    for seed in range(SEEDS):
+        s = fan_runs.at_rest(seed)
+        late = s.t >= 20.0
+        spreads = []
+        for name in ("ekf12@fan", "complementary@fan"):
+            q = attlog.estimate(name, s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
+            pitch = np.degrees(rotation.to_euler(q)[:, 1])[late]
+            left = pitch - np.polyval(np.polyfit(s.t[late], pitch, 1), s.t[late])
+            spreads.append(np.sqrt(np.sum(left**2) / (len(left) - 2)))
+        ratios.append(spreads[0] / spreads[1])
+    told = next(n for c in found.claims if c.id == "quieter" for n in c.numbers if "pitch" in n.what)
+    assert told.value == pytest.approx(np.exp(np.mean(np.log(ratios))), rel=1e-6)
+
+
+def test_the_turns_of_the_heading_are_where_the_truth_turns() -> None:
+    s = fan_runs.turned(0)
+    heading = np.degrees(np.unwrap(rotation.to_euler(s.q)[:, 2]))
+    moves = fan_runs.heading_moves()
+    assert len(moves) == 3
+    for begin, end, start, goal in moves:
+        assert np.interp([begin, end], s.t, heading) == pytest.approx([start, goal], abs=0.01)
+
+
+def test_a_heading_that_is_late_by_30_ms_is_found_late_by_30_ms() -> None:
+    s = fan_runs.turned(0)
+    late = rotation.slerp(s.t, s.q, np.clip(s.t - 0.030, s.t[0], s.t[-1]))
+    delay, rise = fan_runs._heading(fan_runs.Found(s.t, late, s.q))
+    assert delay == pytest.approx(30.0, abs=0.5)
+    assert rise == pytest.approx(0.0, abs=0.5)
+
+
+def test_raw_is_worst_and_its_verdict_turns_with_the_numbers(found: Paper, seeds: list[Seed]) -> None:
+    assert next(c for c in found.claims if c.id == "raw").verdict == "holds"
+    swapped = [replace(s, spread=s.spread | {RAW: s.spread[FILTER], FILTER: s.spread[RAW]}) for s in seeds]
+    assert fan._raw(swapped).verdict == "holds in part"
+
+
+def test_a_claim_that_hangs_on_the_noise_values_says_with_which_it_holds(seeds: list[Seed]) -> None:
+    claim, by_walk = fan._but_yaw(seeds)
+    assert by_walk == ["does not hold", "holds", "holds"]
+    assert claim.verdict == "holds in part"
+    assert "random walks 3 and 10 times ours" in claim.by
+    equal = [replace(s, spread={row: (0.1, 0.1, 0.1 + 0.01 * k) for row in s.spread}) for k, s in enumerate(seeds)]
+    claim, _ = fan._but_yaw(equal)
+    assert claim.verdict == "does not hold"
+    assert "with none" in claim.by
+
+
+def test_it_is_counted_how_many_claims_hold_at_once() -> None:
+    held, not_held = "holds", "does not hold"
+    some = fan._jointly([[held, held, not_held], [not_held, held, held]])
+    assert "1 with ours, 2 with walks x 3 and 1 with walks x 10; one gives all 2" in some
+    assert "no set gives all 2" in fan._jointly([[held, not_held, not_held], [not_held, held, held]])
+
+
+def test_spikes_are_seen_in_the_complementary_filter_and_not_in_the_kalman_filter(seeds: list[Seed]) -> None:
+    assert all(s.turned[FILTER].spikes > s.turned[EKF].spikes for s in seeds)
+    assert all(s.turned[FILTER].peak_deg > 2 * s.turned[EKF].peak_deg for s in seeds)
+
+
+def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
+    for figure in found.figures:
+        assert figure.lines
+        for line in figure.lines:
+            assert np.isfinite(np.asarray(line.y)).all()
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "said"),
+    [
+        (("holds",) * 3, "with every random walk"),
+        (("does not hold",) * 3, "with none of the random walks"),
+        (("cannot be judged",) * 3, "with none of the random walks for certain"),
+        (("cannot be judged", "does not hold", "does not hold"),
+         "with none of the random walks, and cannot be told with ours"),
+        (("holds", "cannot be judged", "cannot be judged"),
+         "with our random walks alone, and cannot be told with 3 and 10 times ours"),
+        (("does not hold", "holds", "holds"), "with random walks 3 and 10 times ours"),
+    ],
+)  # fmt: skip
+def test_where_a_claim_holds_and_where_that_is_open_is_said(verdicts: tuple[Verdict, ...], said: str) -> None:
+    assert fan._by_walk(verdicts) == said

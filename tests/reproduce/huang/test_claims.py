@@ -1,0 +1,186 @@
+"""Huang run again: numbers by other ways, verdicts that can go either way, times that are those of the table."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from attlog.base import rotation
+from attlog.reproduce.huang import claims as huang
+from attlog.reproduce.huang import figures as huang_figures
+from attlog.reproduce.huang import runs as huang_runs
+from attlog.reproduce.huang import tables as huang_tables
+from attlog.reproduce.huang.runs import (
+    DCM,
+    EKF,
+    FLOWN_ON,
+    LEVELS,
+    TRACKS,
+    Errors,
+    Flown,
+    Replayed,
+    Returned,
+    Seed,
+    Tracked,
+)
+from attlog.reproduce.page import render
+from attlog.reproduce.paper import Claim, Number, Options, Paper
+from attlog.simulate.autopilot.onboard import TRUTH
+from attlog.simulate.flight import Flight
+from attlog.simulate.fly import fly
+
+SEEDS = 20
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    """The flight on the true attitude in still air."""
+    return fly(huang_runs.scenario(TRUTH, wind=0.0), seed=0)
+
+
+def made(seed: int, error: float = 0.3, left: float = 0.2, most: float = 1.5, gain: float = 0.9) -> Seed:
+    """A seed as the flights would give it, with numbers by hand."""
+    rng = np.random.default_rng(seed)
+
+    def about(x: float) -> float:
+        return x * (1.0 + 0.05 * float(rng.standard_normal()))
+
+    def errors(x: float) -> Errors:
+        return Errors((about(x), about(x), about(x)), (about(x), about(x), about(x)))
+
+    returned = tuple(Returned(about(0.5), about(0.35), about(0.1), about(left)) for _ in LEVELS)
+    tracked = tuple(Tracked(about(217.0), about(gain), about(5.0)) for _ in TRACKS)
+    flown = Flown(errors(error), (about(most), about(most)), (0.4, 0.4), 0.5, False, returned, tracked)
+    replayed = Replayed({row: errors(error if row == DCM else 0.5) for row in huang_runs.ROWS}, errors(0.4))
+    windy = {wind: (about(3.0 * wind), about(3.0 * wind)) for wind in huang_runs.MORE_WIND_M_S}
+    return Seed(dict.fromkeys(FLOWN_ON, flown), replayed, returned, (about(error), about(error)), windy)
+
+
+def numbers(claim: Claim, what: str) -> list[Number]:
+    return [n for n in claim.numbers if what in n.what]
+
+
+def test_flown_on_the_truth_there_is_no_error_and_it_returns_to_level(flight: Flight) -> None:
+    found = huang_runs.measured(flight)
+    assert max(*found.errors.hover, *found.errors.moving) < 1e-9
+    assert max(found.most_deg) < 0.5
+    assert not found.crashed
+    assert found.drift_m < 0.05
+    for k, (angle, axis) in enumerate(LEVELS):
+        one = found.returned[k]
+        column = ("roll", "pitch").index(axis)
+        since = huang_runs.LEVEL_AT + k * huang_runs.LEVEL_EVERY_S + huang_runs.TILTED_S
+        y = np.degrees(rotation.to_euler(flight.truth.q))[:, column]
+        beyond = flight.truth.t[(np.abs(y) > 2.0) & (flight.truth.t < since + huang_runs.LEVEL_S)]
+        assert one.settling_s == pytest.approx(beyond[-1] - since, abs=0.01)
+        assert np.interp(since, flight.truth.t, y) == pytest.approx(angle, rel=0.05)
+        assert abs(one.left_deg) < 0.3
+
+
+def test_tracking_is_that_of_the_transfer_function(flight: Flight) -> None:
+    found = huang_runs.measured(flight)
+    for one, (_, period, axis) in zip(found.tracked, TRACKS, strict=True):
+        w = 2.0 * math.pi / period
+        linear = huang_runs.axis_of(("roll", "pitch").index(axis)).response(w)
+        assert one.delay_ms == pytest.approx(-1e3 * np.angle(linear) / w, abs=3.0)
+        assert one.gain == pytest.approx(abs(linear), abs=0.015)
+
+
+def test_a_sine_is_found_by_its_amplitude_and_phase() -> None:
+    t = np.arange(0.0, 6.0, 0.0025)
+    y = 3.0 * np.sin(np.pi * (t - 0.2)) + 0.5 * t - 2.0
+    found = huang_runs._fundamental(t, y, 2.0) / huang_runs._fundamental(t, np.sin(np.pi * t), 2.0)
+    assert abs(found) == pytest.approx(3.0)
+    assert -np.angle(found) / np.pi == pytest.approx(0.2)
+
+
+def test_on_the_stand_the_vehicle_hardly_moves_and_the_filter_stays_right() -> None:
+    flight = huang_runs.stand(0)
+    late = flight.truth.t > huang_runs.STAND_AT
+    assert np.abs(flight.truth.v[late, :2]).max() < 0.8
+    tilt = np.degrees(np.abs(rotation.to_euler(flight.truth.q)[late, :2])).max(axis=0)
+    assert tilt[0] > 40.0
+    assert tilt[1] > 25.0
+    error = rotation.inclination_angle(
+        rotation.error(
+            flight.onboard.q[-1],
+            rotation.slerp(flight.truth.t, flight.truth.q, flight.onboard.t[-1:])[0],
+        )
+    )
+    assert np.degrees(error) < 1.5
+
+
+def test_the_papers_means_are_those_it_prints() -> None:
+    assert np.mean(huang_tables.PRINTED_MAHONY_S) == pytest.approx(1.084, abs=5e-4)
+    assert np.mean(huang_tables.PRINTED_EKF_S) == pytest.approx(2.029, abs=5e-4)
+
+
+def test_the_ekf_costs_more_than_twice_as_much() -> None:
+    spent = huang_runs.cost(rounds=3, updates=4000, repeats=5)
+    assert np.median(np.array(spent[EKF]) / np.array(spent[DCM])) > 2.0
+    claim = huang._cost(spent, spent)
+    assert numbers(claim, "4,000 updates of Mahony")[0].value == pytest.approx(np.mean(spent[DCM]))
+    assert huang._cost({DCM: [2.0, 2.1, 2.0], EKF: [2.0, 2.0, 2.1]}, spent).verdict != "holds"
+
+
+@pytest.mark.parametrize(
+    ("claim", "good", "bad"),
+    [
+        (huang._follows, {"error": 0.3}, {"error": 20.0}),
+        (huang._like_an_ekf, {"error": 0.4}, {"error": 0.9}),
+        (huang._level, {"left": 0.3}, {"left": 4.0}),
+        (huang._hover, {"most": 2.0}, {"most": 7.0}),
+        (huang._tracks, {"gain": 0.9}, {"gain": 0.5}),
+    ],
+)
+def test_each_verdict_goes_with_the_numbers(claim: object, good: dict, bad: dict) -> None:
+    assert callable(claim)
+    assert claim([made(seed, **good) for seed in range(SEEDS)]).verdict == "holds"
+    assert claim([made(seed, **bad) for seed in range(SEEDS)]).verdict == "does not hold"
+    assert all(n.n == SEEDS for n in claim([made(seed) for seed in range(SEEDS)]).numbers)
+
+
+def test_flights_that_never_settle_are_said_and_not_averaged() -> None:
+    seeds = [made(seed) for seed in range(SEEDS)]
+    lost = dataclasses.replace(seeds[0].stand[0], settling_s=math.nan)
+    seeds[0] = dataclasses.replace(seeds[0], stand=(lost, *seeds[0].stand[1:]))
+    claim = huang._level(seeds)
+    assert numbers(claim, "settled as the filter sees it, from 20 deg of roll, stand")[0].value == 95.0
+    assert numbers(claim, "settling time as the filter sees it, from 20 deg of roll, stand")[0].n == 19
+
+
+@pytest.mark.slow
+def test_the_figures_show_the_flight() -> None:
+    spent = {DCM: [1.0, 1.1, 1.0], EKF: [4.0, 4.2, 4.1]}
+    found = huang_figures.figures(spent, huang_tables.PRINTED_MAHONY_S[:3], huang_tables.PRINTED_EKF_S[:3])
+    assert [f.where for f in found[:3]] == ["fig. 3", "fig. 4", "table 1"]
+    for figure in found:
+        assert figure.lines
+        assert {line.panel for line in figure.lines} == set(range(len(figure.panels)))
+        for line in figure.lines:
+            assert len(line.x) == len(line.y) > 0
+            assert np.isfinite(np.asarray(line.y)).all()
+    level = next(f for f in found if f.id == "level")
+    linear = next(line for line in level.lines if line.name == huang_figures.LINEAR)
+    assert np.max(linear.y) == pytest.approx(20.0, rel=0.06)
+    assert abs(linear.y[-1]) < 0.5
+    paper = Paper(
+        "huang", "t", "c", huang._settings(), (), found, (huang_tables.times({DCM: [1.0] * 9, EKF: [2.0] * 9}),)
+    )
+    page = render(paper)
+    assert "1.0837 s" in page
+    assert "2.0289 s" in page
+
+
+@pytest.mark.slow
+def test_the_whole_paper_runs_and_says_what_does_not_hold() -> None:
+    found = huang.paper(Options(seeds=2))
+    verdicts = {c.id: c.verdict for c in found.claims}
+    assert set(verdicts) == {"follows", "ekf", "cost", "level", "hover", "tracks"}
+    assert verdicts["cost"] == "holds"
+    assert verdicts["level"] != "holds"
+    assert len(found.figures) == 6
+    assert {row[0] for row in found.tables[1].rows} == set(huang_tables.NAMED.values())

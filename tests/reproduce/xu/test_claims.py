@@ -1,0 +1,128 @@
+"""Xu run again: numbers by another way, verdicts that follow the numbers, logs that cannot tell."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog.base import rotation
+from attlog.reproduce.paper import Options, Paper
+from attlog.reproduce.xu import claims as xu
+from attlog.reproduce.xu import figures as xu_figures
+from attlog.reproduce.xu import runs as xu_runs
+from attlog.reproduce.xu.best import best_gain
+from attlog.reproduce.xu.logs import on_log
+from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, ROWS, SWEPT, Seed, gain
+from tests.conftest import SAMPLES
+
+SEEDS = 2
+LOGS = (SAMPLES / "px4_hover.ulg", SAMPLES / "copter_steps_stabilize.bin")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def two_legs() -> Iterator[None]:
+    """Two waypoints in place of five, flown once per seed: the whole mission takes seconds each time."""
+    whole = xu_runs.mission()
+    legs = whole.command[:4]
+    land = replace(whole.command[-1], t=legs[-1].t + 13.0)
+    short = whole.changed(seconds=land.t + 2.0, command=(*legs, land))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(xu_runs, "mission", lambda: short)
+        once = functools.cache(xu_runs.flown)
+        patch.setattr(xu_runs, "flown", once)
+        patch.setattr(xu_figures, "flown", once)
+        yield
+
+
+@pytest.fixture(scope="module")
+def seeds(two_legs: None) -> list[Seed]:
+    return [xu_runs.one_seed(seed) for seed in range(SEEDS)]
+
+
+@pytest.fixture(scope="module")
+def found(seeds: list[Seed]) -> Paper:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(xu, "each_seed", lambda *_: seeds)
+        return xu.paper(Options(seeds=SEEDS, logs=LOGS))
+
+
+def test_the_error_of_tilt_is_that_of_a_run_by_hand(seeds: list[Seed]) -> None:
+    s = xu_runs.flown(0)
+    q = attlog.estimate("mahony@xu-1.1", s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
+    down = rotation.rotate_inverse(q, np.array([0.0, 0.0, 1.0]))
+    true = rotation.rotate_inverse(s.q, np.array([0.0, 0.0, 1.0]))
+    angle = np.degrees(np.arccos(np.clip(np.sum(down * true, axis=1), -1.0, 1.0)))[xu_runs.in_the_air(s.t)]
+    assert seeds[0].tilt[gain(1.1)] == pytest.approx(np.sqrt(np.mean(angle**2)), rel=1e-6)
+
+
+def test_the_papers_gains_are_its_presets() -> None:
+    assert [gain(kp) for kp in (0.6, 1.1, 2.0)] == ["mahony@xu-0.6", "mahony@xu-1.1", "mahony@xu-2"]
+    s = xu_runs.flown(0)
+    other = xu_runs.run("mahony@xu-0.6:kp=1.1", s)
+    assert np.array_equal(other.q, xu_runs.run(gain(1.1), s).q)
+
+
+def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[Seed]) -> None:
+    for s in seeds:
+        for axis in (0, 1):
+            rms = [s.rms[FIXED[kp]][axis] for kp in (0.6, 1.1, 2.0)]
+            assert rms == sorted(rms)
+
+
+def test_the_verdicts_follow_the_numbers(seeds: list[Seed]) -> None:
+    runs = [xu._of_seeds(seeds)]
+    assert xu._oscillates(runs).verdict == "holds"
+    swap = {gain(0.6): gain(2.0), gain(2.0): gain(0.6)}
+    turned = [replace(s, rms={row: s.rms[swap.get(row, row)] for row in ROWS}) for s in seeds]
+    assert xu._oscillates([xu._of_seeds(turned)]).verdict == "does not hold"
+    better = [replace(s, tilt=s.tilt | {ADAPTIVE: 0.5 * s.tilt[gain(0.6)]}) for s in seeds]
+    better = [replace(s, rms=s.rms | {ADAPTIVE: tuple(0.5 * v for v in s.rms[gain(0.6)])}) for s in better]
+    assert xu._adaptive([xu._of_seeds(better)]).verdict == "holds"
+
+
+def test_the_best_gain_is_the_lowest_of_a_curve_that_is_known(seeds: list[Seed]) -> None:
+    curve = {gain(kp): 1.0 + np.log(kp / 0.85) ** 2 for kp in SWEPT}
+    known = [
+        replace(s, tilt={**s.tilt, **{k: v * (1 + 0.01 * n) for k, v in curve.items()}}) for n, s in enumerate(seeds)
+    ]
+    runs = xu._of_seeds(known)
+    best = best_gain(runs, runs.tilt, "tilt")
+    assert (best.kp, best.alike, best.any_within(0.6, 1.1)) == (0.85, (0.85,), True)
+    assert best.over.value == pytest.approx(1.0 + np.log(0.6 / 0.85) ** 2)
+
+
+def test_logs_are_measured_and_named(found: Paper) -> None:
+    assert found.logs == tuple(path.name for path in LOGS)
+    names = [n.what for c in found.claims for n in c.numbers]
+    assert sum("logs" in name for name in names) >= 10
+    assert sum("simulated missions" in name for name in names) >= 10
+
+
+def test_what_a_log_shows_is_what_the_filter_pushes_in(tmp_path: Path) -> None:
+    """The gyro alone pushes nothing in, a larger gain pushes more."""
+    one = on_log(LOGS[0], ("gyro", "mahony@xu-0.6", "mahony@xu-2"))
+    assert not one.why_not
+    assert max(one.rms["gyro"]) < 1e-9
+    assert all(a < b for a, b in zip(one.rms["mahony@xu-0.6"], one.rms["mahony@xu-2"], strict=True))
+    assert one.reference == "truth"
+
+
+def test_a_log_that_cannot_tell_says_why(tmp_path: Path) -> None:
+    path = tmp_path / "bad.bin"
+    path.write_bytes(b"\0" * 5000)
+    assert on_log(path, ("mahony@xu-0.6",)).why_not
+    found = xu._notes([on_log(path, ("mahony@xu-0.6",))])
+    assert any("bad.bin" in note for note in found)
+
+
+def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
+    for figure in found.figures:
+        assert figure.lines
+        for line in figure.lines:
+            assert np.isfinite(np.asarray(line.y)).all()
