@@ -227,6 +227,7 @@ class FlightLog:
     the reason for each choice stands in ``choices`` (quantity -> sentence).
     ``attitudes`` maps source names to attitudes; ``onboard`` names the one that flew.
     ``setpoints`` is the attitude set-point, ``rate_setpoints`` a stream in rad/s.
+    ``rangefinder`` (n, 1) m is the distance to what lies below, readings out of range left out.
     ``motors`` (n, motors) are the outputs to them, 0 stopped to 1 full, where the log tells which outputs these are.
     ``utc_offset`` (s) turns ``t`` into Unix time where GNSS told it. ``vehicle`` is what
     people call the vehicle, ``kind`` what it can do. ``trim`` (3,) rad is the rotation
@@ -256,6 +257,7 @@ class FlightLog:
     mag: int | None = None
     gnss: list[Gnss] = field(default_factory=list)
     baro: list[Stream] = field(default_factory=list)
+    rangefinder: Stream | None = None
     airspeed: Stream | None = None
     attitudes: dict[str, Attitude] = field(default_factory=dict)
     onboard: str | None = None

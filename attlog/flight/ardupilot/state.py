@@ -10,7 +10,7 @@ import numpy as np
 from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.ardupilot import events, gyro_bias, phases, power, receivers, remedies, vehicle
-from attlog.flight.ardupilot.clock import Clock
+from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Array, FlightLog, Imu, Stream
@@ -47,6 +47,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
         log.gnss = builder.attempt("RGPJ", lambda: receivers.replay_receivers(builder), [])
     log.utc_offset = builder.attempt("The date", lambda: utc_offset(log.gnss), None)
     log.baro = builder.attempt("BARO", lambda: baro(builder, clock), [])
+    log.rangefinder = builder.attempt("The rangefinder", lambda: rangefinder(builder, clock), None)
     log.airspeed = builder.attempt("ARSP", lambda: airspeed(builder, clock), None)
     log.throttle = builder.attempt("Throttle", lambda: power.throttle(builder, clock, family), None)
     log.motors = builder.attempt("Motor outputs", lambda: power.motors(builder, clock, log.vehicle, values), None)
@@ -108,6 +109,30 @@ def baro(builder: LogBuilder, clock: Clock) -> list[Stream]:
         if "Alt" in t
     ]
     return [f for f in found if f is not None]
+
+
+DOWNWARD, RANGE_GOOD = 25, 4
+"""RFND.Orient of a rangefinder that looks at the ground, RFND.Stat of a reading within its range."""
+
+
+def rangefinder(builder: LogBuilder, clock: Clock) -> Stream | None:
+    """Distance (n, 1) in m of the downward rangefinder (RFND, else CTUN), readings out of range left out."""
+    for name, columns_of in (("RFND", ("Dist", "Dist1")), ("CTUN", ("SAlt", "SonAlt"))):
+        for table in units(builder.messages, name).values():
+            column = next((c for c in columns_of if c in table), None)
+            if column is None or own_time(table) is None:
+                continue
+            x = table.value(column).astype(np.float64)
+            good = np.isfinite(x) & (x > 0)
+            if "Stat" in table:
+                good &= table["Stat"] == RANGE_GOOD
+            orient = next((c for c in ("Orient", "Orient1") if c in table), None)
+            if orient is not None:
+                good &= table[orient] == DOWNWARD
+            if np.count_nonzero(good) > 1:
+                own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # nothing to report of what only tells flight
+                return own.stream(clock.of(table)[good], x[good], "m", f"{name}.{column}", within=physics.RANGE)
+    return None
 
 
 def airspeed(builder: LogBuilder, clock: Clock) -> Stream | None:

@@ -49,6 +49,7 @@ def fill(builder: LogBuilder, log: FlightLog) -> None:
     log.gnss = builder.attempt("GNSS", lambda: gnss(builder), [])
     log.utc_offset = builder.attempt("The date", lambda: utc_offset(log.gnss), None)
     log.baro = builder.attempt("The barometer", lambda: baro(builder), [])
+    log.rangefinder = builder.attempt("The rangefinder", lambda: rangefinder(builder), None)
     log.airspeed = builder.attempt("Airspeed", lambda: airspeed(builder), None)
     log.throttle = builder.attempt("Throttle", lambda: throttle(builder), None)
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder), None)
@@ -204,6 +205,32 @@ def baro(builder: LogBuilder) -> list[Stream]:
             found.append(builder.stream(t, x, "m", f"{name}:{table.instance}", within=physics.BARO))
         return [f for f in found if f is not None]
     return []
+
+
+DOWNWARD = 25
+"""MAV_SENSOR_ROTATION_PITCH_270: the rangefinder looks at the ground."""
+
+
+def rangefinder(builder: LogBuilder) -> Stream | None:
+    """Distance (n, 1) in m of the first downward rangefinder, readings out of its range left out."""
+    for instance in builder.messages.instances("distance_sensor"):
+        table = builder.messages["distance_sensor", instance]
+        if "current_distance" not in table or len(table) < 2:
+            continue
+        if "orientation" in table and not (table["orientation"] == DOWNWARD).all():
+            continue
+        x = table.value("current_distance").astype(np.float64)
+        good = np.isfinite(x) & (x > 0)
+        if "max_distance" in table and "min_distance" in table:
+            good &= (x >= table.value("min_distance")) & (x < table.value("max_distance"))
+        if "signal_quality" in table:
+            good &= table["signal_quality"] != 0
+        if np.count_nonzero(good) < 2:
+            continue
+        source = f"distance_sensor:{instance}"
+        own = LogBuilder(builder.messages, t0_us=builder.t0_us)  # nothing to report of what only tells flight
+        return own.stream(stamps(table)[good], x[good], "m", source, within=physics.RANGE)
+    return None
 
 
 def airspeed(builder: LogBuilder) -> Stream | None:

@@ -1,0 +1,273 @@
+"""When a vehicle was in the air, by physics: what drives it, how it moves, how high it is.
+
+Flags and throttle prove nothing: motors stand at 60 % of hover on the ground, run at 100 % on a bench, and land
+detectors come seconds late or never. A flight needs drive, and then either movement that no ground gives or a height
+that no drift of a barometer gives. Heights count from the line through what it stood on before and after.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.flight.model import FlightLog, Stream
+from attlog.flight.vehicle import VehicleKind
+from attlog.segments import spans
+from attlog.segments.grid import STALE_S, STEP_S, Grid, during, held, nearest_s, runs
+from attlog.segments.spans import Span
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CARRIED, STILL, FALLEN = 0.4, -0.6, -2.5
+"""Dynamics above which something carries itself, below which it surely stands, below which a flight is over."""
+HINTED, PROVEN, LASTING = 0.2, 0.55, -0.3
+LEAST_DRIVE, OF_FLIGHT, OF_OWN = 0.02, 0.25, 0.6
+OF_LIFT, OF_HOVER, IDLING = 0.5, 0.8, 0.1
+"""Parts of the power of flight: below the first nothing climbs, at the second it hovers. Motors idle to the third."""
+HINT_M = {"range": 0.3, "barometer": 0.7, "GNSS": 3.0}
+SURE_M = {"range": 0.5, "barometer": 2.0, "GNSS": 12.0}
+ENOUGH_S, LONG_S, BRIDGE_S = 0.5, 1.5, 2.0
+BY_AIR_M_S = 5.0
+HIGHEST_HAND_M_S = 2.0
+LEVEL_S = 1.0
+LEAVES_M_S2, SPREADS = 0.25, 5.0
+STANDS_S = 1.0
+CLEAR_M = 5.0
+"""Propellers near the ground raise a barometer by up to 4 m: only above this height contact is none."""
+MOVED_M = 0.5
+"""A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A height (n,) m above what the vehicle stood on, NaN where unknown, by a ``sensor`` named as in HINT_M."""
+
+    sensor: str
+    source: str
+    above: Array
+
+    @property
+    def hint(self) -> Mask:
+        """Where it is higher than what makes a flight likely."""
+        return np.nan_to_num(self.above, nan=-1.0) > HINT_M[self.sensor]
+
+    @property
+    def sure(self) -> Mask:
+        """Where it is higher than what proves a flight."""
+        return np.nan_to_num(self.above, nan=-1.0) > SURE_M[self.sensor]
+
+
+@dataclass(slots=True)
+class InAir:
+    """The flights of a log, and what tells them. ``spans`` (t0, t1) s; ``driven`` (n,) on the grid's times.
+
+    ``drive_source`` names what drives. ``why`` is a sentence; ``known`` is False where nothing in the log tells flight.
+    """
+
+    grid: Grid
+    spans: list[Span]
+    driven: Mask
+    power: Array
+    levels: list[Level]
+    why: str
+    known: bool = True
+
+    @property
+    def height(self) -> Level | None:
+        """The best height, None without one."""
+        return self.levels[0] if self.levels else None
+
+
+def find(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list[Span]) -> InAir:
+    """The flights in a grid. ``armed``: None where unknown; ``known_spans``: what was logged without pauses."""
+    t = grid.t
+    power, source = _power(log, t)
+    may = grid.known & during(t, known_spans)
+    may &= during(t, armed) if armed is not None else True
+    if power is None:
+        driven = may.copy() if armed is not None else np.zeros(len(t), bool)
+        power, source, usual, lifting = driven.astype(np.float64), "arming", 1.0, np.zeros(len(t), bool)
+    else:
+        moving = (np.nan_to_num(grid.dynamics, nan=-9.0) > CARRIED) & ~grid.contact
+        usual = _usual(power, may & moving & (power > LEAST_DRIVE))
+        driven, lifting = may & (power > max(LEAST_DRIVE, OF_FLIGHT * usual)), power > IDLING
+    levels = _levels(log, grid, driven)
+    flying = _signs(log.kind, grid, levels, driven, power / max(usual, LEAST_DRIVE), lifting)
+    found = _flights(log.kind, flying, grid, levels, driven, power)
+    edges = [(_liftoff(grid, a), _landing(grid, b)) for a, b in found]
+    heights = ", ".join(f"height by {level.source}" for level in levels[:2])
+    why = f"driven ({source}) and moving as only the air lets it" + (f", {heights}" if heights else "")
+    known = armed is not None or source != "arming"
+    return InAir(grid, spans.merge(s for s in edges if s[1] > s[0]), driven, power, levels, why, known)
+
+
+def _power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
+    """What drives the vehicle (n,), 0 to 1: throttle, else motor outputs, else rotor speed; None without any."""
+    if log.throttle is not None and len(log.throttle.t) > 1:
+        return np.abs(held(t, log.throttle)), log.throttle.source
+    for stream in (log.motors, log.rpm):
+        if stream is not None and len(stream.t) > 1:
+            mean = np.mean(np.nan_to_num(stream.x.reshape(len(stream.t), -1)), axis=1)[:, None]
+            mean = mean / max(float(mean.max()), 1e-9)
+            return held(t, replace(stream, x=mean)), stream.source
+    return None, ""
+
+
+def _usual(power: Array, carried: Mask) -> float:
+    """The power that flight takes: its median where something carries itself, else the largest that is held."""
+    return float(np.median(power[carried]) if carried.any() else np.quantile(power, 0.95))
+
+
+def _levels(log: FlightLog, grid: Grid, driven: Mask) -> list[Level]:
+    """Heights over the ground, the surest first."""
+    stands = ~driven & grid.known & ~(grid.speed > HIGHEST_HAND_M_S)
+    found = []
+    if log.rangefinder is not None and len(log.rangefinder.t) > 3:
+        raw = held(grid.t, log.rangefinder, np.nan) * np.clip(np.nan_to_num(grid.down[:, 2], nan=1.0), 0.0, 1.0)
+        ranged = (
+            raw - np.nanmedian(raw[stands]) if np.isfinite(raw[stands]).any() else raw - np.nanmin(raw, initial=1e9)
+        )
+        if np.nanmax(ranged, initial=0.0) > MOVED_M:
+            found.append(Level("range", log.rangefinder.source, ranged))
+    for sensor, stream in _heights(log):
+        level = _averaged(grid.t, stream)
+        climb = np.gradient(level, STEP_S)
+        ground = _eroded(stands & (np.abs(np.nan_to_num(climb, nan=9.0)) < 0.5), round(STANDS_S / STEP_S))
+        ground &= np.isfinite(level)
+        if ground.any():
+            found.append(Level(sensor, stream.source, level - np.interp(grid.t, grid.t[ground], level[ground])))
+            break
+    return found
+
+
+def _heights(log: FlightLog) -> list[tuple[str, Stream]]:
+    """Streams of height in m (m, 1) without bad values: the barometer, then GNSS with a fix."""
+    found = []
+    for stream in log.baro:
+        x = stream.x.reshape(len(stream.t), -1)[:, 0] if len(stream.t) else np.zeros(0)
+        good = np.isfinite(x)
+        if stream.unit == "m" and np.count_nonzero(good) > 10:
+            found.append(("barometer", Stream(stream.t[good], x[good, None], "m", "", stream.source)))
+            break
+    for gnss in log.gnss:
+        good = (gnss.fix >= 3) & np.isfinite(gnss.alt) & np.isfinite(gnss.t)
+        if np.count_nonzero(good) > 10:
+            found.append(("GNSS", Stream(gnss.t[good], gnss.alt[good, None], "m", "", gnss.source)))
+            break
+    return found
+
+
+def _averaged(t: Array, stream: Stream) -> Array:
+    """A height (n,) averaged over 1 s, NaN where none is near."""
+    raw = np.interp(t, stream.t, stream.x[:, 0])
+    half = round(0.5 * LEVEL_S / STEP_S)
+    mean = np.convolve(np.pad(raw, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
+    near: Array = np.where(nearest_s(t, stream.t) <= STALE_S, mean, np.nan)
+    return near
+
+
+def _signs(kind: VehicleKind, grid: Grid, levels: list[Level], driven: Mask, power: Array, lifting: Mask) -> Mask:
+    """Where a driven vehicle is in the air. ``power`` counts in that of flight; ``lifting``: more than idling."""
+    none = np.zeros(len(grid.t), bool)
+    hint, sure, clear = none, none, none
+    for level in levels:
+        hint, sure = hint | level.hint, sure | level.sure
+        clear = clear | (np.nan_to_num(level.above) > CLEAR_M)
+    fast = np.nan_to_num(grid.speed) > BY_AIR_M_S
+    if kind.winged and not levels:
+        hint = sure = clear = fast
+    if grid.slow:
+        return driven & (hint | sure)
+    dynamics = np.nan_to_num(grid.dynamics, nan=-9.0)
+    by_air = none
+    if kind.winged:
+        by_air = driven & sure & (fast | (dynamics > CARRIED)) | fast & hint & (dynamics > CARRIED)
+        if kind is not VehicleKind.VTOL:
+            return by_air
+    contact = grid.contact & ~clear
+    free = ~contact & (grid.force[:, 2] < 0.0)
+    carried = (dynamics > CARRIED) & free & (hint | lifting & (power > OF_LIFT))
+    likely = hint & (dynamics > LASTING) & free & (power > OF_OWN)
+    flying: Mask = by_air | driven & (carried | likely | sure & (~contact | (power > OF_HOVER)))
+    return flying
+
+
+def _flights(
+    kind: VehicleKind, flying: Mask, grid: Grid, levels: list[Level], driven: Mask, power: Array
+) -> list[tuple[int, int]]:
+    """Index ranges of the flights: proven ones, as long as they last."""
+    found = []
+    for a, b in _bridged(list(runs(flying)), grid.known & driven):
+        if not _proven(a, b, grid, levels):
+            continue
+        if grid.slow or kind.fixed_wing:
+            found.append((a, b))
+            continue
+        own = float(np.median(power[a:b]))
+        dynamics = np.nan_to_num(grid.dynamics, nan=-9.0)
+        lasting = driven & (power > OF_OWN * own) & ~grid.contact & (dynamics > FALLEN)
+        while b < len(flying) and lasting[b]:
+            b += 1
+        before = driven & (power > OF_HOVER * own) & ~grid.contact & (dynamics > STILL)
+        if before[:a].all():  # a log that begins in the air
+            a = 0
+        found.append((a, b))
+    return _bridged(found, grid.known)
+
+
+def _bridged(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, int]]:
+    """Ranges with their holes of up to 2 s closed in which ``whole`` holds."""
+    joined: list[tuple[int, int]] = []
+    for a, b in found:
+        if joined and (a - joined[-1][1]) * STEP_S <= BRIDGE_S and bool(whole[joined[-1][1] : a].all()):
+            joined[-1] = joined[-1][0], max(b, joined[-1][1])
+        else:
+            joined.append((a, b))
+    return joined
+
+
+def _proven(a: int, b: int, grid: Grid, levels: list[Level]) -> bool:
+    """Whether a span is a flight: a height that proves it, or movement, with a hint of height or for long."""
+
+    def seconds(masks: list[Mask]) -> float:
+        return max((np.count_nonzero(mask[a:b]) for mask in masks), default=0) * STEP_S
+
+    if seconds([level.sure for level in levels]) >= ENOUGH_S:
+        return True
+    hinted = seconds([level.hint for level in levels]) >= ENOUGH_S
+    if grid.slow:
+        return hinted
+    dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
+    return (hinted and dynamics > HINTED) or (dynamics > PROVEN and (b - a) * STEP_S >= LONG_S)
+
+
+def _liftoff(grid: Grid, first: int) -> float:
+    """When the force first left its level on the ground, around the first sign of flight."""
+    a, b = max(first - round(0.5 / STEP_S), 0), min(first + round(2.5 / STEP_S), len(grid.t))
+    before = grid.size[max(a - round(2.0 / STEP_S), 0) : a]
+    if grid.slow or len(before) < 5:
+        return float(grid.t[first])
+    level = float(np.median(before))
+    spread = 1.4826 * float(np.median(np.abs(before - level)))
+    left = np.flatnonzero(np.abs(grid.size[a:b] - level) > max(LEAVES_M_S2, SPREADS * spread))
+    return float(grid.t[a + left[0]] if len(left) else grid.t[first])
+
+
+def _landing(grid: Grid, end: int) -> float:
+    """When the ground took it: the largest bump of the force around the end of the signs of flight."""
+    a, b = max(end - round(2.0 / STEP_S), 0), min(end + round(1.0 / STEP_S) + 1, len(grid.t))
+    if grid.slow or end >= len(grid.t):
+        return float(grid.t[min(end, len(grid.t) - 1)])
+    bump = np.abs(grid.size[a:b] - np.median(grid.size[a:b]))
+    return float(grid.t[a + int(np.argmax(bump))])
+
+
+def _eroded(mask: Mask, count: int) -> Mask:
+    """The samples of a mask that lie in runs of at least ``count`` samples."""
+    kept = np.zeros(len(mask), bool)
+    for a, b in runs(mask):
+        kept[a:b] = b - a >= count
+    return kept

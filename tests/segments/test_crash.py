@@ -1,0 +1,152 @@
+"""How flights ended: crashes that were found by hand in real logs, and flights, benches and hands without one."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog import rotation
+from attlog.flight.model import FlightLog
+from attlog.segments import crash, flags
+from attlog.segments.crash import Ending
+from attlog.segments.spans import Span
+
+from .flights import DISARMED, LANDED, TAKE_OFF, flight
+from .test_in_air import found_in
+
+CRASHES = {
+    "cases/copter_3.3dev_118.BIN": [165.7, 300.7],
+    "cases/copter_3.3dev_31.BIN": [250.2, 362.3],
+    "cases/copter_3.3dev_37.BIN": [39.8],
+    "cases/copter_flip_at_takeoff.bin": [5.6],
+    "cases/plane_px4_1.13_crash.ulg": [28.5],
+    "cases/px4_1.14_clipping_crash.ulg": [46.1],
+    "bin_copter_3.3dev_solo_tumble_cut.bin": [21.5],
+    "bin_copter_3.4.4_mechfail_cut.bin": [26.8],
+    "bin_copter_4.7dev_crash_isb_cut.bin": [7.9],
+    "ulg_px4_1.15_tropic_quad_ekffail_cut.ulg": [18.0],
+}
+"""Seconds at which each begins: read by hand from raw samples, attitudes and texts."""
+HARD = {
+    "cases/copter_falsely_accused.bin": (179.8, 4.1),
+    "cases/px4_1.14_hard_landing.ulg": (75.1, 10.3),
+}
+CONTROLS = ["bin_copter_3.2.1rc1_aerobatic_cut.BIN", "bin_copter_3.3dev_27hz_zeromag_upsidedown.BIN",
+            "bin_copter_4.7dev_hand_isb_cut.bin", "log_copter_3.1.1_nan.log", "cases/copter_3.6.8_compass.bin",
+            "cases/copter_heading_28deg_off.BIN", "cases/copter_never_lifted.BIN", "cases/px4_1.8_hexa.ulg",
+            "cases/copter_two_compasses.bin", "cases/px4_1.6.5_hand_rotation.ulg", "cases/copter_3.2.1_bench.log",
+            "cases/px4_1.14_clipping_field.ulg", "ulg_px4_1.6.5_fmuv2_handrotated_cut.ulg"]  # fmt: skip
+SIMULATED = ["px4/px4_aggressive.ulg", "px4/px4_plane.ulg", "px4/px4_wind.ulg", "px4/px4_yaw.ulg",
+             "ardupilot/copter_aggressive.bin", "ardupilot/copter_wind_guided.bin",
+             "ardupilot/plane_dcm.bin"]  # fmt: skip
+
+
+def ended(log: FlightLog) -> tuple[list[Span], list[Ending]]:
+    """Flights and endings of a log."""
+    clock = sys.modules["attlog.segments.build"]._clock(log)
+    armed = flags.armed(log, float(clock.min()), float(clock.max()))
+    return crash.find(log, found_in(log), armed.spans if armed.known else None, float(clock.max()))
+
+
+def crashes(path: Path) -> list[float]:
+    """When each crash of a log begins: an impact within 5 s of an overturn is the same crash."""
+    begins: list[float] = []
+    for ending in ended(attlog.read(path))[1]:
+        if ending.is_crash and not (begins and ending.t - begins[-1] < 5.0):
+            begins.append(ending.t)
+    return begins
+
+
+@pytest.mark.parametrize("name", CRASHES)
+def test_every_known_crash_of_real_logs_is_found_at_its_time(corpus, name):
+    assert crashes(corpus / "logs" / name) == [pytest.approx(t, abs=0.3) for t in CRASHES[name]]
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_no_crash_is_found_in_benches_hands_aerobatics_and_landings(corpus, name):
+    assert crashes(corpus / "logs" / name) == []
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_no_crash_or_hard_landing_is_found_in_simulated_flights(corpus, name):
+    """The simulators' ground is hard: touch-downs of 3.7 to 9.6 g."""
+    assert ended(attlog.read(corpus / "sitl" / name))[1] == []
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_a_blow_at_touch_down_that_leaves_it_upright_is_a_hard_landing(corpus, name):
+    t, g = HARD[name]
+    (found,) = ended(attlog.read(corpus / "logs" / name))[1]
+    assert (found.kind, found.t, found.size) == ("hard_landing", pytest.approx(t, abs=0.2), pytest.approx(g, abs=0.1))
+    assert found.lies_deg is not None
+    assert found.lies_deg < 10.0
+
+
+def test_a_wreck_that_is_carried_home_does_not_fly(corpus):
+    """It lies at 44 deg from 46.1 s, and is carried from 61 s."""
+    flown, (impact,) = ended(attlog.read(corpus / "logs" / "cases" / "px4_1.14_clipping_crash.ulg"))
+    assert flown[-1][1] == pytest.approx(46.1, abs=0.1)
+    assert impact.size == pytest.approx(13.4, abs=0.1)
+    assert impact.lies_deg == pytest.approx(44.0, abs=2.0)
+
+
+def test_flights_after_a_crash_count_once_the_vehicle_has_stood_upright(corpus):
+    flown, _ = ended(attlog.read(corpus / "logs" / "cases" / "copter_3.3dev_118.BIN"))
+    assert [round(a) for a, _ in flown] == [8, 119, 225]
+
+
+def made(g: float, at: float, lies_deg: float = 0.0) -> FlightLog:
+    """A flight of 40 s with two samples of force, and what lies tilted by some degrees from then on."""
+    log = flight()
+    imu = log.imus[0]
+    i = int(np.searchsorted(imu.acc.t, at))
+    after, attitude = imu.acc.t >= at + 0.2, log.attitudes["ATT"]
+    if lies_deg:
+        turn = rotation.from_euler(np.radians(lies_deg), 0.0, 0.0)
+        still = rotation.rotate_inverse(turn, np.array([0.0, 0.0, -9.81]))
+        imu.acc.x[after] = still + 0.02 * imu.gyro.x[after]
+        imu.gyro.x[after] *= 0.05
+        attitude.q[attitude.t >= at + 0.2] = turn
+    imu.acc.x[i : i + 2] = [0.0, 0.0, -g * 9.81]
+    return log
+
+
+def endings(log: FlightLog) -> list[Ending]:
+    """The endings of a made flight in the air from TAKE_OFF to LANDED, whatever its sensors say of that."""
+    air = found_in(log)
+    air.spans = [(TAKE_OFF, LANDED)]
+    air.driven = (air.grid.t > TAKE_OFF) & (air.grid.t < DISARMED)
+    return crash.find(log, air, [(TAKE_OFF - 5.0, DISARMED)], float(log.imus[0].acc.t[-1]))[1]
+
+
+def test_a_blow_after_which_it_lies_tilted_is_an_impact_to_the_sample():
+    (found,) = endings(made(8.0, LANDED - 0.3, lies_deg=60.0))
+    assert (found.kind, found.t) == ("impact", pytest.approx(LANDED - 0.3, abs=0.006))
+    assert found.size == pytest.approx(8.0, abs=0.05)
+    assert found.lies_deg == pytest.approx(60.0, abs=1.0)
+
+
+def test_the_same_blow_upright_is_a_hard_landing():
+    (found,) = endings(made(8.0, LANDED - 0.3))
+    assert found.kind == "hard_landing"
+
+
+def test_a_blow_below_three_g_is_a_landing():
+    assert endings(made(2.8, LANDED - 0.3)) == []
+
+
+def test_a_blow_in_the_air_that_is_flown_on_is_none_of_these():
+    assert endings(made(8.0, TAKE_OFF + 10.0)) == []
+
+
+def test_vibration_is_no_blow():
+    """7 g for seconds before, as seen in four real logs: 8 g do not stand out of it."""
+    log = made(8.0, LANDED - 0.3, lies_deg=60.0)
+    imu = log.imus[0]
+    shaking = (imu.acc.t > LANDED - 6.0) & (imu.acc.t < LANDED - 0.35)
+    imu.acc.x[shaking, 2] *= np.where(np.arange(shaking.sum()) % 3 == 0, 7.0, 0.1)
+    assert [e.kind for e in endings(log) if e.kind == "impact"] == []

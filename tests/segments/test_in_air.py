@@ -1,0 +1,131 @@
+"""In the air or not, by physics: against the true height of simulated flights, and on logs whose flags lie."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import attlog
+import attlog.segments.build
+from attlog import formats, rotation
+from attlog.flight.model import Attitude, FlightLog, Stream, TimeLine
+from attlog.segments import flags, gaps, grid, in_air
+from attlog.segments.spans import Span
+
+from .flights import imu_log
+
+HEIGHTS = (("vehicle_local_position_groundtruth", "timestamp", "z", -1.0), ("SIM2", "TimeUS", "PD", -1.0))
+QUADS = ["px4_hover.ulg", "px4_steps.ulg", "px4_yaw.ulg", "px4_aggressive.ulg", "px4_static.ulg", "px4_magfault.ulg",
+         "px4_gnssloss.ulg", "copter_hover_rest.bin", "copter_steps_stabilize.bin", "copter_yaw_turns.bin",
+         "copter_aggressive.bin", "copter_static_hop.bin", "copter_vibration.bin",
+         "copter_stock_logging.bin"]  # fmt: skip
+IN_WIND = ["px4_wind.ulg", "copter_wind_guided.bin"]
+PLANES = ["px4_plane.ulg", "plane_fbwa_cruise.bin", "plane_dcm.bin"]
+
+
+def found_in(log: FlightLog) -> in_air.InAir:
+    """What the sensors of a log say of flight."""
+    builder = sys.modules["attlog.segments.build"]
+    clock = builder._clock(log)
+    t0, t1 = float(clock.min()), float(clock.max())
+    armed = flags.armed(log, t0, t1)
+    whole = builder._between_pauses(gaps.find(clock), t0, t1)
+    signs = grid.build(log, t0, t1)
+    assert signs is not None
+    return in_air.find(log, signs, armed.spans if armed.known else None, whole)
+
+
+def true_flight(path: Path, log: FlightLog) -> Span:
+    """From when to when the simulator's own height was above 5 cm."""
+    messages = formats.open(path)
+    name, stamp, column, sign = next(x for x in HEIGHTS if messages.instances(x[0]))
+    table = messages[name, messages.instances(name)[0]]
+    t = (table[stamp].astype(np.int64) - log.t0_us) * 1e-6
+    height = sign * table.value(column)
+    up = t[height - np.median(height[:5]) > 0.05]
+    return float(up[0]), float(up[-1])
+
+
+def sitl(corpus: Path, name: str) -> Path:
+    """A simulated flight of the corpus."""
+    return corpus / "sitl" / ("px4" if name.endswith(".ulg") else "ardupilot") / name
+
+
+@pytest.mark.parametrize(
+    ("name", "late_s"), [(n, 1.0) for n in QUADS] + [(n, 1.5) for n in IN_WIND] + [(n, 0.5) for n in PLANES]
+)
+def test_lift_off_and_landing_lie_where_the_simulator_left_and_met_the_ground(corpus, name, late_s):
+    """True heights come 1 to 4 times a second."""
+    path = sitl(corpus, name)
+    log = attlog.read(path)
+    flown = found_in(log).spans
+    a, b = true_flight(path, log)
+    assert len(flown) == 1
+    assert flown[0][0] == pytest.approx(a, abs=late_s)
+    assert flown[0][1] == pytest.approx(b, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["copter_never_lifted.BIN", "copter_4.6_standing_accused.BIN", "copter_flip_at_takeoff.bin",
+     "copter_3.2.1_bench.log", "px4_1.6.5_hand_rotation.ulg", "copter_4.7dev_33.bin", "copter_4.8dev_barodrift.BIN"],
+)  # fmt: skip
+def test_vehicles_that_never_left_the_ground_have_no_flight(corpus, name):
+    """Throttle up, motors at full throttle on a bench, rolled about by hand, flipped over at take-off."""
+    assert found_in(attlog.read(corpus / "logs" / "cases" / name)).spans == []
+
+
+@pytest.mark.parametrize(
+    ("name", "flights", "within_s"),
+    [
+        ("px4_1.14_clipping_crash.ulg", [(33.0, 46.1)], 1.5),
+        ("px4_1.14_clipping_field.ulg", [(12.0, 39.0)], 2.0),
+        ("px4_1.14_hard_landing.ulg", [(4.0, 75.0)], 1.0),
+        ("plane_px4_1.13_crash.ulg", [(6.0, 29.1)], 1.0),
+        ("copter_heading_28deg_off.BIN", [(11.0, 103.0)], 1.0),
+        ("copter_falsely_accused.bin", [(3.0, 180.0), (221.0, 335.0)], 1.0),
+        ("copter_two_compasses.bin", [(4.0, 237.0)], 1.0),
+        ("copter_4.2_radio_4hz.tlog", [(42.0, 303.0)], 1.0),
+    ],
+)
+def test_real_flights_that_were_read_by_hand(corpus, name, flights, within_s):
+    found = found_in(attlog.read(corpus / "logs" / "cases" / name)).spans
+    assert len(found) == len(flights)
+    for (a, b), (begin, end) in zip(found, flights, strict=True):
+        assert (a, b) == (pytest.approx(begin, abs=within_s), pytest.approx(end, abs=within_s))
+
+
+def carried(slope: float, throttle: float = 0.5, z: float = -9.81) -> FlightLog:
+    """40 s in which a quadrotor sways by 5 deg; ``slope`` of its sideways force on gravity's: 1 on the ground."""
+    t = np.arange(0.0, 40.0, 0.01)
+    roll, pitch = 0.09 * np.sin(2 * np.pi * 0.4 * t), 0.09 * np.sin(2 * np.pi * 0.31 * t)
+    q = rotation.from_euler(roll, pitch, np.zeros_like(t))
+    gravity = rotation.rotate_inverse(q, np.array([0.0, 0.0, -9.81]))
+    acc = np.column_stack([slope * gravity[:, 0], slope * gravity[:, 1], z + 0.8 * np.sin(2 * np.pi * 0.5 * t)])
+    gyro = np.column_stack([np.gradient(roll, t), np.gradient(pitch, t), np.zeros_like(t)])
+    return imu_log(
+        t, gyro, acc, attitudes={"ATT": Attitude(t[::5], q[::5], "ATT")}, onboard="ATT",
+        armed=TimeLine(np.array([0.0, 5.0, 35.0]), [False, True, False], "ARM"),
+        throttle=Stream(t, np.where((t > 5) & (t < 35), throttle, 0.0)[:, None], "1", "", "CTUN.ThO"),
+    )  # fmt: skip
+
+
+def test_sideways_force_that_feels_no_tilt_is_flight_while_driven():
+    (flight,) = found_in(carried(0.05)).spans
+    assert flight == (pytest.approx(5.0, abs=2.5), pytest.approx(35.0, abs=2.5))
+
+
+@pytest.mark.parametrize("slope", [0.9, 1.0, 1.2])
+def test_sideways_force_that_follows_the_tilt_is_the_ground_or_a_hand(slope):
+    assert found_in(carried(slope)).spans == []
+
+
+def test_what_is_not_driven_does_not_fly_whatever_it_feels():
+    assert found_in(carried(0.05, throttle=0.01)).spans == []
+
+
+def test_a_multirotor_on_its_back_is_not_carried_by_its_rotors():
+    assert found_in(carried(0.05, z=9.81)).spans == []
