@@ -81,10 +81,11 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
     with clock("reference"):
         options = reference_options(config)
         ref = part_of(
-            log, "The reference",
+            log,
+            "The reference",
             lambda: reference.choose(log, phases, options, smooth=_smoothing(log, phases, options, clock)),
             lambda: reference.choose(log, phases, replace(options, reference="none")),
-        )  # fmt: skip
+        )
         headings = part_of(log, "Other headings", lambda: reference.heading_references(log, phases, ref), _no_headings)
     imus = _imus(log, config)
     give_back(len(log.imus[log.imu].gyro.t))
@@ -184,9 +185,11 @@ def evaluate(
         case.log, "What would answer open questions", partial(_unanswered, case, result), list[Open]
     )
     result.problems = part_of(
-        case.log, "The order of the problems", lambda: findings(case.log, checks, own, open_questions),
+        case.log,
+        "The order of the problems",
+        lambda: findings(case.log, checks, own, open_questions),
         lambda: [*case.log.problems, *own],
-    )  # fmt: skip
+    )
     return result
 
 
@@ -198,9 +201,15 @@ class Passing:
     """
 
     def __init__(
-        self, case: Case, chosen: Mapping[str, replay.Chosen], onboard: list[Row], hopeless: str, *, traces: bool,
+        self,
+        case: Case,
+        chosen: Mapping[str, replay.Chosen],
+        onboard: list[Row],
+        hopeless: str,
+        *,
+        traces: bool,
         only: Collection[str],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """``hopeless``: why no filter can be judged, empty where they can."""
         self.seen = case.looked_at_with([])
         self._hopeless, self._traces, self._only = hopeless, traces, only
@@ -318,9 +327,16 @@ def _without_that_reference(case: Case, fault: str, step: AlignmentStep) -> Case
     ref.steps.append(step)
     headings = reference.heading_references(case.log, case.segments, ref)
     return Case(
-        case.log, case.segments, ref, heading_references=headings, imus=case.imus, gyro_bias=case.gyro_bias,
-        windows=case.windows, settings=case.settings, timing=case.timing,
-    )  # fmt: skip
+        case.log,
+        case.segments,
+        ref,
+        heading_references=headings,
+        imus=case.imus,
+        gyro_bias=case.gyro_bias,
+        windows=case.windows,
+        settings=case.settings,
+        timing=case.timing,
+    )
 
 
 def _withhold(why: str, *told: Row | EstimatorRow) -> None:
@@ -468,9 +484,19 @@ def summarize(ref: Reference) -> ReferenceSummary:
     end = ref.end if math.isfinite(ref.end) else None
     tilt, heading = (_sigma(ref, angle) for angle in ("inclination", "heading"))
     return ReferenceSummary(
-        ref.kind, ref.source, ref.rate, ref.floor_deg, texts[ref.kind], ref.steps, ref.scoring_start, end,
-        tilt, heading, ref.heading_by, ref.refused,
-    )  # fmt: skip
+        ref.kind,
+        ref.source,
+        ref.rate,
+        ref.floor_deg,
+        texts[ref.kind],
+        ref.steps,
+        ref.scoring_start,
+        end,
+        tilt,
+        heading,
+        ref.heading_by,
+        ref.refused,
+    )
 
 
 def _sigma(ref: Reference, angle: str) -> float | None:

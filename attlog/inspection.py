@@ -58,9 +58,11 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     give_back(samples)
     with once():
         phases = segments.build(log) if log.imu is not None else None
-        chosen, case = (None, None) if phases is None else part_of(
-            log, "The reference", partial(_compared, log, phases), partial(_alone, log, phases)
-        )  # fmt: skip
+        chosen, case = (
+            (None, None)
+            if phases is None
+            else part_of(log, "The reference", partial(_compared, log, phases), partial(_alone, log, phases))
+        )
         checks = audit(log, phases, chosen)
     give_back(samples)
     answers = part_of(log, "What can be answered", lambda: answerable(log, case), list)
@@ -103,11 +105,7 @@ def _listed(messages: Messages, system: int | None) -> list[dict[str, Any]]:
 
 def _damage(messages: Messages) -> dict[str, Any]:
     """How much of the file is not usable, and where."""
-    return {
-        "bytes": messages.damage_bytes,
-        "count": messages.damage_places,
-        "places": plain(messages.damage),
-    }
+    return {"bytes": messages.damage_bytes, "count": messages.damage_places, "places": plain(messages.damage)}
 
 
 def _compared(log: FlightLog, phases: Segments) -> tuple[Reference | None, Case | None]:

@@ -251,9 +251,14 @@ def _at(make: Build, value: Any, place: str) -> Any:
 
 
 WORDS: dict[type, str] = {
-    type(None): "null", bool: "true or false", int: "a whole number", float: "a number", str: "a text",
-    list: "a list", dict: "an object",
-}  # fmt: skip
+    type(None): "null",
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    list: "a list",
+    dict: "an object",
+}
 
 
 def _kind(value: Any) -> str:

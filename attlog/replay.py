@@ -186,9 +186,15 @@ def recorded_row(case: Case, imu: Imu, spec: estimators.Row, name: str) -> tuple
 
     estimate = recorded.read(Path(spec.estimator.origin), case.log, imu, asked)
     row = reference.replayed(
-        case.log, case.segments, case.reference, estimate, name=name, estimator=spec.estimator.origin,
-        parameters=asked, uses_mag=asked["north"] == "yes",
-    )  # fmt: skip
+        case.log,
+        case.segments,
+        case.reference,
+        estimate,
+        name=name,
+        estimator=spec.estimator.origin,
+        parameters=asked,
+        uses_mag=asked["north"] == "yes",
+    )
     row.imu, row.ns_per_update, row.quality = imu, None, dict(estimate.quality)
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in values.items()}

@@ -107,18 +107,7 @@ def test_knowledge_of_firmwares_ends_at_flight(module: str) -> None:
 
 @pytest.mark.parametrize("command", [["--help"], ["--version"], ["analyze", "--help"], ["estimators", "--help"]])
 def test_help_imports_nothing_heavy(command: list[str]) -> None:
-    heavy = {
-        "numpy",
-        "scipy",
-        "numba",
-        "pandas",
-        "plotly",
-        "pymavlink",
-        "pyulog",
-        "pyarrow",
-        "vqf",
-        "jinja2",
-    }
+    heavy = {"numpy", "scipy", "numba", "pandas", "plotly", "pymavlink", "pyulog", "pyarrow", "vqf", "jinja2"}
     code = (
         f"import sys\nsys.argv = ['attlog', *{command!r}]\n"
         "from attlog.cli import main\n"

@@ -31,16 +31,7 @@ from typing import TYPE_CHECKING
 
 from attlog.base.errors import AttlogError, PluginError, UsageError, suggestion
 from attlog.estimators import apart, recorded
-from attlog.estimators.base import (
-    AIDS,
-    COMMON,
-    DECLINATION,
-    INIT,
-    SENSORS,
-    Estimator,
-    Parameter,
-    VectorsAt,
-)
+from attlog.estimators.base import AIDS, COMMON, DECLINATION, INIT, SENSORS, Estimator, Parameter, VectorsAt
 from attlog.estimators.plugin_errors import broken
 
 if TYPE_CHECKING:

@@ -85,12 +85,14 @@ def flight_in(
         log.problems.insert(
             0,
             Problem(
-                "several_boots", "note",
+                "several_boots",
+                "note",
                 f"The file holds {boots} power-ups; this is number {chosen}"
                 + (" (the one with most sensor records)." if boot is None else ".")
-                + " --boot chooses another.", count=boots,
+                + " --boot chooses another.",
+                count=boots,
             ),
-        )  # fmt: skip
+        )
     log.problems[:0] = [*damage(messages), *remarks(messages)]
     return log
 
@@ -183,9 +185,10 @@ def dropouts(messages: Messages) -> list[Problem]:
     if messages.dropouts_ms:
         found.append(
             Problem(
-                "logger_dropouts", "warning" if sum(messages.dropouts_ms) > 100 else "note",
+                "logger_dropouts",
+                "warning" if sum(messages.dropouts_ms) > 100 else "note",
                 f"Dropouts of the logger: {len(messages.dropouts_ms)}, {sum(messages.dropouts_ms)} ms in all.",
                 count=len(messages.dropouts_ms),
             )
-        )  # fmt: skip
+        )
     return found

@@ -256,11 +256,12 @@ def _tell_what_others_saw(builder: LogBuilder, units: list[Candidate], wanted: i
         missed = 1e-6 * (max(first - begin, 0) + max(end - last, 0))
         if missed > max(MISSED_S, MISSED_SHARE * 1e-6 * (max(end, last) - min(begin, first))):
             builder.problem(
-                "imu_covers_a_part", "warning",
+                "imu_covers_a_part",
+                "warning",
                 f"{mine.source} is replayed, which was logged for {1e-6 * (last - first):.1f} s; {other.source} was "
                 f"logged from {1e-6 * (begin - first):.1f} s to {1e-6 * (end - first):.1f} s on the same clock. What "
                 f"happened in {missed:.1f} s of it is not in this result: --imu {other.index} replays the other.",
-            )  # fmt: skip
+            )
             return
 
 

@@ -20,8 +20,9 @@ INERTIAL = ("sensor_combined", "IMU", "RAW_IMU", "SCALED_IMU", "HIGHRES_IMU")
 
 def check(messages: Messages) -> None:
     """TooLittleMemory if the machine cannot hold what a flight keeps of a log's inertial samples."""
-    _check(messages.path, max((len(table) for (name, _), table in messages.items() if name in INERTIAL), default=0),
-           FLIGHT)  # fmt: skip
+    _check(
+        messages.path, max((len(table) for (name, _), table in messages.items() if name in INERTIAL), default=0), FLIGHT
+    )
 
 
 def check_rest(log: FlightLog, each: int) -> None:

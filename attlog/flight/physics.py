@@ -83,10 +83,13 @@ CLOCK_US = Quantity(
     "boot clock", 0, 4_102_444_800_000_000, "us", "autopilots without a real clock count from 0, others end in 2100"
 )
 UTC_US = Quantity(
-    "GNSS date", 1_262_304_000_000_000, 4_102_444_800_000_000, "us",
+    "GNSS date",
+    1_262_304_000_000_000,
+    4_102_444_800_000_000,
+    "us",
     "before 2010 no autopilot wrote such logs, and 2100 is not yet; a receiver whose week counter has turned over is "
     "1,024 weeks behind",
-)  # fmt: skip
+)
 
 RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 500.0
 """Fastest records: a gyro's own samples (32 kHz), what a loop makes of them (8 kHz), GNSS and battery (100 Hz).

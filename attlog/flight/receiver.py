@@ -62,9 +62,20 @@ def build(
     if utc_us is not None:
         utc_us = _dates(builder, utc_us[index], fix, source)
     return Gnss(
-        unit, builder.seconds(t_us[index]), source, place[:, 0], place[:, 1], place[:, 2], velocity, h_acc, v_acc,
-        s_acc, fix, yaw, utc_us,
-    )  # fmt: skip
+        unit,
+        builder.seconds(t_us[index]),
+        source,
+        place[:, 0],
+        place[:, 1],
+        place[:, 2],
+        velocity,
+        h_acc,
+        v_acc,
+        s_acc,
+        fix,
+        yaw,
+        utc_us,
+    )
 
 
 def _where_fixed(builder: LogBuilder, x: Array, fixed: NDArray[np.bool_], quantity: Quantity, source: str) -> Array:

@@ -6,9 +6,20 @@ from collections.abc import Mapping
 from typing import Literal
 
 Fault = Literal[
-    "gyro_bias", "accelerometer", "mounting", "compass", "compass_mounting", "interference", "vibration", "declination",
-    "trim", "gaps", "estimator", "crash", "bus",
-]  # fmt: skip
+    "gyro_bias",
+    "accelerometer",
+    "mounting",
+    "compass",
+    "compass_mounting",
+    "interference",
+    "vibration",
+    "declination",
+    "trim",
+    "gaps",
+    "estimator",
+    "crash",
+    "bus",
+]
 """What a remedy is asked for."""
 
 GENERAL: Mapping[Fault, str] = {

@@ -74,7 +74,7 @@ VEHICLES: tuple[tuple[str, VehicleKind, str, tuple[int, ...]], ...] = (
     ("single rotor", VehicleKind.HELICOPTER, "copter", ()),
     ("blimp", VehicleKind.AIRSHIP, "blimp", ()),
     ("tracker", VehicleKind.TRACKER, "tracker", ()),
-)  # fmt: skip
+)
 """Name, kind, ArduPilot's firmware family (it decides what a mode number means) and MAV_TYPE numbers."""
 
 KIND_OF = {name: kind for name, kind, _, _ in VEHICLES}

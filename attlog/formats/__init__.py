@@ -14,8 +14,24 @@ from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Tabl
 from attlog.formats.recording import Layout, Recording
 from attlog.formats.registry import Format
 
-__all__ = ["FORMATS", "Boot", "Damage", "Field", "Layout", "Messages", "ParamChange", "Recording", "Table", "Text",
-           "format_for", "format_named", "open", "recognise", "recognise_bytes", "write"]  # fmt: skip
+__all__ = [
+    "FORMATS",
+    "Boot",
+    "Damage",
+    "Field",
+    "Layout",
+    "Messages",
+    "ParamChange",
+    "Recording",
+    "Table",
+    "Text",
+    "format_for",
+    "format_named",
+    "open",
+    "recognise",
+    "recognise_bytes",
+    "write",
+]
 
 HEAD = 1 << 16
 """Bytes that are enough to recognise every format, also behind a damaged start."""
@@ -23,18 +39,49 @@ HEAD = 1 << 16
 # The first that recognises a file reads it: sdlog2 is framed like DataFlash and tells more of itself.
 # name, title, suffix, recogniser, reader, writer, oracle
 FORMATS = (
-    Format("ulog", "ULog", ".ulg", "ulog.detect:is_ulog", "ulog.reader:read", "ulog.writer:write",
-           "ulog.oracle:ORACLE"),
+    Format(
+        "ulog", "ULog", ".ulg", "ulog.detect:is_ulog", "ulog.reader:read", "ulog.writer:write", "ulog.oracle:ORACLE"
+    ),
     Format("px4log", "sdlog2", ".px4log", "sdlog2:is_sdlog2", "sdlog2:read", None, "dataflash.oracle:BINARY"),
-    Format("dataflash", "DataFlash", ".bin", "dataflash.detect:is_binary", "dataflash.reader:read",
-           "dataflash.writer:write", "dataflash.oracle:BINARY"),
-    Format("dataflash_text", "DataFlash text", ".log", "dataflash.detect:is_text", "dataflash.text:read", None,
-           "dataflash.oracle:TEXT"),
-    Format("tlog", "MAVLink", ".tlog", "mavlink.detect:is_tlog", "mavlink.reader:read", "mavlink.writer:write",
-           "mavlink.oracle:TLOG", several_vehicles=True),
-    Format("mavlink", "raw MAVLink", ".mavlink", "mavlink.detect:is_capture", "mavlink.reader:read", None,
-           "mavlink.oracle:CAPTURE", several_vehicles=True),
-)  # fmt: skip
+    Format(
+        "dataflash",
+        "DataFlash",
+        ".bin",
+        "dataflash.detect:is_binary",
+        "dataflash.reader:read",
+        "dataflash.writer:write",
+        "dataflash.oracle:BINARY",
+    ),
+    Format(
+        "dataflash_text",
+        "DataFlash text",
+        ".log",
+        "dataflash.detect:is_text",
+        "dataflash.text:read",
+        None,
+        "dataflash.oracle:TEXT",
+    ),
+    Format(
+        "tlog",
+        "MAVLink",
+        ".tlog",
+        "mavlink.detect:is_tlog",
+        "mavlink.reader:read",
+        "mavlink.writer:write",
+        "mavlink.oracle:TLOG",
+        several_vehicles=True,
+    ),
+    Format(
+        "mavlink",
+        "raw MAVLink",
+        ".mavlink",
+        "mavlink.detect:is_capture",
+        "mavlink.reader:read",
+        None,
+        "mavlink.oracle:CAPTURE",
+        several_vehicles=True,
+    ),
+)
 
 
 def open(path: Path | str, system: int | None = None) -> Messages:

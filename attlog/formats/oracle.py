@@ -77,9 +77,14 @@ def read(path: Path, log_format: str) -> Columns:
         with printed.open("wb") as sink:
             try:
                 done = subprocess.run(
-                    command, stdin=subprocess.DEVNULL, stdout=sink, stderr=sink, env=environment, check=False,
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=sink,
+                    stderr=sink,
+                    env=environment,
+                    check=False,
                     timeout=patience,
-                )  # fmt: skip
+                )
             except subprocess.TimeoutExpired:
                 raise OracleFailed(f"it is not done after {patience:.0f} s") from None
         if done.returncode != 0 or not answer.exists():

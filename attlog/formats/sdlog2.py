@@ -63,9 +63,15 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     tell_unreadable(index)
     at, time = clock.offsets, _possible(clock, index.losses)
     messages = Messages(
-        path, "px4log", len(data), {key: _timed(table, at, time) for key, table in tables.items()},
-        remarks=remarks, damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
-    )  # fmt: skip
+        path,
+        "px4log",
+        len(data),
+        {key: _timed(table, at, time) for key, table in tables.items()},
+        remarks=remarks,
+        damage=index.losses.listed,
+        damage_bytes=index.losses.bytes,
+        damage_places=index.losses.places,
+    )
     known = time >= 0
     timeline = at[known], time[known]
     with around("PARM", "parameters", None):

@@ -49,84 +49,114 @@ _STOPPED = "The sensor, its driver or its bus stopped."
 ABOUT: dict[str, About] = {
     "gyro": About(bad="error", cause=_STOPPED, means="No filter can follow."),
     "gravity": About(
-        cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.", fault="accelerometer",
+        cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.",
+        fault="accelerometer",
         means="Filters that check the size of the force trust it less; a wrong direction tilts all of them.",
     ),
     "frozen gyro": About(bad="error", cause=_STOPPED, means="No filter can follow."),
     "gyro spikes": About(
-        bad="error", cause="Errors on the sensor's bus, or samples that leave its range.", fault="bus",
+        bad="error",
+        cause="Errors on the sensor's bus, or samples that leave its range.",
+        fault="bus",
         means="Every filter turns by them as if the vehicle had turned.",
     ),
     "compass axes": About(
-        bad="error", cause="The compass is mounted otherwise than set, or its axes are mixed up.",
-        fault="compass_mounting", means=_HEADING,
+        bad="error",
+        cause="The compass is mounted otherwise than set, or its axes are mixed up.",
+        fault="compass_mounting",
+        means=_HEADING,
     ),
     "accelerometer axes": About(
-        bad="error", cause="The accelerometer is mounted otherwise than set, or its axes are mixed up.",
-        fault="mounting", means="Filters take its down for down. The attitude that flew is right.",
+        bad="error",
+        cause="The accelerometer is mounted otherwise than set, or its axes are mixed up.",
+        fault="mounting",
+        means="Filters take its down for down. The attitude that flew is right.",
     ),
     "accelerometer delay": About(
-        bad="error", cause="Its samples wait in a queue, or are stamped by another clock.", fault="bus",
+        bad="error",
+        cause="Its samples wait in a queue, or are stamped by another clock.",
+        fault="bus",
         means="Filters take the force of one moment for gravity of another.",
     ),
     "frozen sensors": About(
-        bad="error", cause=_STOPPED,
-        means="Filters that use it go on with its last value as if it were measured.",
+        bad="error", cause=_STOPPED, means="Filters that use it go on with its last value as if it were measured."
     ),
     "gyro bias": About(
-        bad="error", cause="The gyro was not calibrated, was moved while it started, or warms up.", fault="gyro_bias",
+        bad="error",
+        cause="The gyro was not calibrated, was moved while it started, or warms up.",
+        fault="gyro_bias",
         means="Filters that do not estimate the gyro's bias lean and turn away by it.",
     ),
     "crash": About(
-        bad="error", cause="Lost thrust, lost attitude or contact with something.", fault="crash",
-        means="Errors in a tumble say little about flight.", codes=("crash",),
+        bad="error",
+        cause="Lost thrust, lost attitude or contact with something.",
+        fault="crash",
+        means="Errors in a tumble say little about flight.",
+        codes=("crash",),
     ),
     "onboard against smoother": About(
-        bad="error", cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
-        fault="estimator", means="Filters are compared with the smoother and not with it; what it flew on was wrong.",
+        bad="error",
+        cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
+        fault="estimator",
+        means="Filters are compared with the smoother and not with it; what it flew on was wrong.",
         codes=("reference_contradicted",),
     ),
     against_smoother.TRUTH: About(
-        bad="error", cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
-        fault="estimator", means="What it flew on was wrong; filters are compared with the truth and not with it.",
+        bad="error",
+        cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
+        fault="estimator",
+        means="What it flew on was wrong; filters are compared with the truth and not with it.",
     ),
     "gravity direction": About(
-        bad="error", cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
-        fault="mounting", means=_TILT, codes=("reference_contradicted",),
+        bad="error",
+        cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
+        fault="mounting",
+        means=_TILT,
+        codes=("reference_contradicted",),
         beside=("ekf_failsafe", "ekf_check", "ekf_fault"),
     ),
     "gyro against attitude": About(
-        warn="note", bad="error",
+        warn="note",
+        bad="error",
         cause="A wrong scale, unit, orientation or clock of the logged gyro, or a slow or filtered attitude.",
-        fault="mounting", means="Errors grow with every turn.",
+        fault="mounting",
+        means="Errors grow with every turn.",
     ),
     "attitude jumps": About(
-        cause="The estimator found its heading or attitude wrong and set it anew.", fault="compass",
+        cause="The estimator found its heading or attitude wrong and set it anew.",
+        fault="compass",
         means="Before a jump the onboard attitude was wrong by about its size; jumps are cut out of comparisons.",
         codes=("lane_switch", "estimator_instance_changed"),
     ),
     "second source": About(
-        cause="One of these estimators has failed, or was never aligned.", fault="estimator",
+        cause="One of these estimators has failed, or was never aligned.",
+        fault="estimator",
         means="At least one of them is wrong; where the wrong one is the reference, the comparison is wrong too.",
     ),
     "field against motors": About(
-        cause="Currents of motors and battery bend the field at the compass.", fault="interference", means=_HEADING,
+        cause="Currents of motors and battery bend the field at the compass.", fault="interference", means=_HEADING
     ),
     "field against attitude": About(
-        cause="A disturbed or badly calibrated compass, or an attitude that turns away.", fault="compass",
+        cause="A disturbed or badly calibrated compass, or an attitude that turns away.",
+        fault="compass",
         means=_HEADING,
     ),
     "field": About(
-        cause="The compass is not calibrated, or iron is near.", fault="compass", means=_HEADING,
+        cause="The compass is not calibrated, or iron is near.",
+        fault="compass",
+        means=_HEADING,
         codes=("mag_uncalibrated", "mag_raw", "mag_disabled"),
     ),
     "vibration": About(
-        cause="Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.", fault="vibration",
+        cause="Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.",
+        fault="vibration",
         means="Filters that trust the accelerometer are pushed about; noise in flight contains it.",
     ),
     "vertical force": About(
-        bad="error", cause="Vibration that clips or is rectified in the sensor becomes a constant force.",
-        fault="vibration", means="Filters that trust the accelerometer tilt; gravity in flight is not to be trusted.",
+        bad="error",
+        cause="Vibration that clips or is rectified in the sensor becomes a constant force.",
+        fault="vibration",
+        means="Filters that trust the accelerometer tilt; gravity in flight is not to be trusted.",
         codes=("vibration_failsafe",),
     ),
     "accelerometer bias": About(
@@ -135,45 +165,53 @@ ABOUT: dict[str, About] = {
         means="Filters that are run again see the accelerometer as logged and lean by this tilt against it.",
     ),
     "gravity in flight": About(
-        cause="Wrong scale, vibration that the sensor rectifies or clips, or a wrong attitude.", fault="accelerometer",
+        cause="Wrong scale, vibration that the sensor rectifies or clips, or a wrong attitude.",
+        fault="accelerometer",
         means=_TILT,
     ),
     "declination": About(
-        warn="note", fault="declination",
+        warn="note",
+        fault="declination",
         cause="A compass that does not point forward, or a heading that was not aligned with true north.",
         means="Headings of filters and of the onboard attitude differ by a constant.",
     ),
     "declination told": About(
-        fault="declination", cause="A value set by hand, or kept from another place.",
+        fault="declination",
+        cause="A value set by hand, or kept from another place.",
         means="Headings that use the parameter, onboard or of filters, are off by the difference.",
     ),
     "GNSS": About(
-        warn="note", cause="Bad view of the sky, interference, or a receiver that failed.",
+        warn="note",
+        cause="Bad view of the sky, interference, or a receiver that failed.",
         means="Filters and references that use GNSS run on without it there.",
     ),
     "gaps": About(
-        warn="note", cause="The logger lost records, or stops while the vehicle is disarmed.",
-        means="Filters start anew after each gap longer than half a second.", codes=("logger_dropouts",),
+        warn="note",
+        cause="The logger lost records, or stops while the vehicle is disarmed.",
+        means="Filters start anew after each gap longer than half a second.",
+        codes=("logger_dropouts",),
     ),
     "gyro range": About(
-        cause="A blow or vibration beyond the sensor's range.", fault="vibration", means="Rotation is lost there.",
+        cause="A blow or vibration beyond the sensor's range.", fault="vibration", means="Rotation is lost there."
     ),
     "jitter": About(warn="note", cause="The logger was busy, or samples were lost.", fault="gaps"),
     "rate": About(
-        warn="note", bad="error",
-        codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short"),
+        warn="note", bad="error", codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short")
     ),
     "delay": About(
-        warn="note", cause="Low-pass filters ahead of the logger, or a clock that differs.",
+        warn="note",
+        cause="Low-pass filters ahead of the logger, or a clock that differs.",
         means="All filters are late by it; lags are given without what the log tells of it.",
     ),
     "coverage": About(
-        warn="note", cause="The attitude was logged for a part of the time only.",
+        warn="note",
+        cause="The attitude was logged for a part of the time only.",
         means="Filters are compared with it for that part only.",
     ),
-    "trim": About(warn="note", cause="The level was calibrated on a slope, or the autopilot is mounted tilted.",
-                  fault="trim"),
-}  # fmt: skip
+    "trim": About(
+        warn="note", cause="The level was calibrated on a slope, or the autopilot is mounted tilted.", fault="trim"
+    ),
+}
 """By the name of the check, in the order of entries that are equally bad."""
 BY_ATTITUDE = ("gravity direction", "gravity in flight", "vertical force", "field against attitude", "declination")
 """What is judged by the onboard attitude: nothing of its own where that is refused, or the wrong one."""
@@ -263,10 +301,17 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
     elif check.name == "gyro bias" and severity == "error":
         severity = "warning"
     own = Problem(
-        _code(check.name), severity, check.text, t=check.t, count=check.count, value=value,
-        unit=check.unit if value is not None else "", cause=about.cause,
-        remedy=log.remedies.get(about.fault, "") if about.fault else _logging(check, log), means=means,
-    )  # fmt: skip
+        _code(check.name),
+        severity,
+        check.text,
+        t=check.t,
+        count=check.count,
+        value=value,
+        unit=check.unit if value is not None else "",
+        cause=about.cause,
+        remedy=log.remedies.get(about.fault, "") if about.fault else _logging(check, log),
+        means=means,
+    )
     if check.name in BY_ATTITUDE and any(p.code == "reference_contradicted" or _wrong_one(p) for p in told):
         return told
     if check.name in BY_FORCE and any(p.code == _code(FRAME) for p in told):
@@ -301,9 +346,16 @@ def _merged(reported: Problem, own: Problem, name: str) -> Problem:
     told = own.text if reported.text in own.text else f"{reported.text} {own.text}"
     first = min((t for t in (reported.t, own.t) if t is not None), default=None)
     return replace(
-        own, code=reported.code, severity=severity, text=told, t=first, count=max(reported.count, own.count),
-        cause=reported.cause or own.cause, remedy=reported.remedy or own.remedy, means=reported.means or own.means,
-    )  # fmt: skip
+        own,
+        code=reported.code,
+        severity=severity,
+        text=told,
+        t=first,
+        count=max(reported.count, own.count),
+        cause=reported.cause or own.cause,
+        remedy=reported.remedy or own.remedy,
+        means=reported.means or own.means,
+    )
 
 
 def _open(unanswered: list[Open]) -> list[Problem]:

@@ -14,12 +14,7 @@ Scratch = tuple[tuple[str, tuple[int, ...]], ...]
 
 
 def kernel_of(
-    function: Callable[..., Any],
-    signature: str,
-    room: str,
-    what: str,
-    sources: tuple[str, ...],
-    scratch: Scratch = (),
+    function: Callable[..., Any], signature: str, room: str, what: str, sources: tuple[str, ...], scratch: Scratch = ()
 ) -> Kernel:
     """``function`` (arrays and numbers only, the last ``scratch`` of them its own) for a compiler.
 

@@ -30,10 +30,14 @@ _MEASURED = f"""Processor time of the filter's own loop per IMU sample, on the m
 METRICS: tuple[Metric, ...] = (
     Metric("cost_ns", "Cost per update", "ns", "low", (), paragraph(_MEASURED)),
     Metric(
-        "cost_ratio", "Cost relative to mahony", "1", "low", (),
+        "cost_ratio",
+        "Cost relative to mahony",
+        "1",
+        "low",
+        (),
         paragraph(_MEASURED + " Divided by that of mahony in the same process, so that results of machines compare."),
     ),
-)  # fmt: skip
+)
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -56,10 +60,16 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
 def _answer(times: Array, unit: str, window: str, ci95: tuple[float, float]) -> Answer:
     seconds = 1e-9 * SAMPLES * len(times)
     return Answer(
-        float(median(times)), unit, window, len(times), seconds, ci95 if len(times) > 1 else None,
+        float(median(times)),
+        unit,
+        window,
+        len(times),
+        seconds,
+        ci95 if len(times) > 1 else None,
         f"median of {len(times)} runs" if len(times) > 1 else "one replay",
-        reason="depends on the machine and what else it does", ranked=False,
-    )  # fmt: skip
+        reason="depends on the machine and what else it does",
+        ranked=False,
+    )
 
 
 def measured(row: Row) -> Array | None:

@@ -64,9 +64,11 @@ def nothing_wrong(said: list[Said], hidden: int = 0) -> str:
     """What stands where no problem is listed; ``hidden`` notes are not."""
     if said:
         return ""
-    return f"No problem was found; {hidden} notes with -v." if hidden > 1 else (
-        "No problem was found; 1 note with -v." if hidden else "No problem was found."
-    )  # fmt: skip
+    return (
+        f"No problem was found; {hidden} notes with -v."
+        if hidden > 1
+        else ("No problem was found; 1 note with -v." if hidden else "No problem was found.")
+    )
 
 
 def shown_time(problem: Problem) -> float | None:

@@ -21,11 +21,16 @@ Array = NDArray[np.float64]
 UNITS_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 TIMES = ("t", "time", "timestamp", "stamp", "timeus", "timestampsample", "timesec", "elapsed", "seconds")
 QUATERNIONS = (
-    ("qw", "qx", "qy", "qz"), ("q0", "q1", "q2", "q3"), ("q1", "q2", "q3", "q4"), ("w", "x", "y", "z"),
-    ("quatw", "quatx", "quaty", "quatz"), ("quaternionw", "quaternionx", "quaterniony", "quaternionz"),
-    ("orientationw", "orientationx", "orientationy", "orientationz"), ("qs", "qx", "qy", "qz"),
+    ("qw", "qx", "qy", "qz"),
+    ("q0", "q1", "q2", "q3"),
+    ("q1", "q2", "q3", "q4"),
+    ("w", "x", "y", "z"),
+    ("quatw", "quatx", "quaty", "quatz"),
+    ("quaternionw", "quaternionx", "quaterniony", "quaternionz"),
+    ("orientationw", "orientationx", "orientationy", "orientationz"),
+    ("qs", "qx", "qy", "qz"),
     ("quat0", "quat1", "quat2", "quat3"),
-)  # fmt: skip
+)
 EULER = (("roll", "phi"), ("pitch", "theta"), ("yaw", "heading", "psi", "hdg"))
 ANGLE_UNITS = {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}
 STEP_S = (2e-4, 1.0)

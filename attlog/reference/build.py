@@ -25,9 +25,15 @@ FROZEN_DPS = 5.0
 
 
 def build(
-    log: FlightLog, segments: Segments, options: Options,
-    kind: Kind, name: str, attitude: Attitude, why: str, restarts: NDArray[np.int64] | None = None,
-) -> Reference:  # fmt: skip
+    log: FlightLog,
+    segments: Segments,
+    options: Options,
+    kind: Kind,
+    name: str,
+    attitude: Attitude,
+    why: str,
+    restarts: NDArray[np.int64] | None = None,
+) -> Reference:
     """The reference that an attitude makes; ``restarts`` (n,) are its segments if it has its own and no resets."""
     imu, which = log.replay_imu, _clock(options)
     t, q, kept = clock.usable(attitude, which)
@@ -107,9 +113,11 @@ def _gap_segments(t: Array, segments: Segments) -> NDArray[np.int64]:
 def _score(reference: Reference, t: Array, segments: Segments, options: Options) -> list[AlignmentStep]:
     """Set start, end and unscored segments of a reference; returns the steps that tell them."""
     reference.scoring_start, reference.unscored = scoring.start_and_unscored(t, options.score_from)
-    why = "given by the user" if options.score_from is not None else (
-        "15 s after the first IMU sample, a third of a log shorter than 30 s"
-    )  # fmt: skip
+    why = (
+        "given by the user"
+        if options.score_from is not None
+        else ("15 s after the first IMU sample, a third of a log shorter than 30 s")
+    )
     if reference.unscored:
         why += f"; {len(reference.unscored)} restarts after gaps, each followed by unscored seconds"
     steps = [AlignmentStep("scoring_start", why, reference.scoring_start, "s", "the IMU", option="--score-from")]

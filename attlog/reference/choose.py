@@ -24,9 +24,14 @@ NOTHING = "the log holds neither truth nor an onboard attitude"
 
 
 def choose(
-    log: FlightLog, segments: Segments, options: Options | None = None, *,
-    smooth: Smooth | None = None, refused: Mapping[str, str] | None = None, second: Reference | None = None,
-) -> Reference:  # fmt: skip
+    log: FlightLog,
+    segments: Segments,
+    options: Options | None = None,
+    *,
+    smooth: Smooth | None = None,
+    refused: Mapping[str, str] | None = None,
+    second: Reference | None = None,
+) -> Reference:
     """The reference of a log: truth, else the smoother, else the onboard attitude that flew, else none; with its steps.
 
     ``smooth`` runs the smoother and is called only where it is wanted (None: there is none);
@@ -70,9 +75,14 @@ def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.Fau
 
 
 def _best(
-    log: FlightLog, segments: Segments, options: Options, smooth: Smooth | None, out: dict[str, str],
-    second: Reference | None, broken: Mapping[str, SensorFault],
-) -> Reference:  # fmt: skip
+    log: FlightLog,
+    segments: Segments,
+    options: Options,
+    smooth: Smooth | None,
+    out: dict[str, str],
+    second: Reference | None,
+    broken: Mapping[str, SensorFault],
+) -> Reference:
     """The first of truth, smoother and onboard attitude that nothing speaks against; ``out``: those already refused.
 
     ``broken``: what is wrong with the sensors. An accelerometer whose down the field contradicts accuses no attitude.

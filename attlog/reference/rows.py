@@ -20,9 +20,16 @@ Array = NDArray[np.float64]
 
 
 def replayed(
-    log: FlightLog, segments: Segments, reference: Reference, estimate: Estimate, *,
-    name: str, estimator: str = "", parameters: dict[str, Any] | None = None, uses_mag: bool = False,
-) -> Row:  # fmt: skip
+    log: FlightLog,
+    segments: Segments,
+    reference: Reference,
+    estimate: Estimate,
+    *,
+    name: str,
+    estimator: str = "",
+    parameters: dict[str, Any] | None = None,
+    uses_mag: bool = False,
+) -> Row:
     """An estimate as a row: trim once, heading offset where its heading means nothing, errors and status."""
     t = np.asarray(estimate.t, np.float64)
     segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
@@ -31,11 +38,19 @@ def replayed(
     if late:
         segment = segment + np.searchsorted([t1 for _, t1 in late], t, side="right")
     row = Row(
-        name, "replay", t, rotation.normalize(estimate.q), segment, uses_mag,
-        causal=estimate.causal, bias=estimate.bias, skipped=dict(estimate.skipped),
-        ns_per_update=estimate.ns_per_update, estimator=estimator or name.partition("@")[0],
+        name,
+        "replay",
+        t,
+        rotation.normalize(estimate.q),
+        segment,
+        uses_mag,
+        causal=estimate.causal,
+        bias=estimate.bias,
+        skipped=dict(estimate.skipped),
+        ns_per_update=estimate.ns_per_update,
+        estimator=estimator or name.partition("@")[0],
         parameters=dict(parameters or {}),
-    )  # fmt: skip
+    )
     del estimate  # of a long log as much as all that follows
     if reference.trim is not None:
         row.q = trim.apply(row.q, reference.trim)

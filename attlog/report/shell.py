@@ -16,9 +16,16 @@ from attlog.report.pack import Store, packed
 from attlog.report.page import SCRIPTS, WEB, policy
 
 NO_MARKS: dict[str, Any] = {
-    "range": [0, 1], "modes": [], "armed": [], "airborne": [], "texts": [], "rest": [], "impact": [], "gaps": [],
+    "range": [0, 1],
+    "modes": [],
+    "armed": [],
+    "airborne": [],
+    "texts": [],
+    "rest": [],
+    "impact": [],
+    "gaps": [],
     "resets": [],
-}  # fmt: skip
+}
 """What figures over flight time would show; pages of several flights have none."""
 FILTERS: dict[str, Callable[..., Any]] = {"typeset": typeset, "duration": duration, "counted": counted}
 

@@ -55,11 +55,16 @@ def looks(names: Iterable[str]) -> list[dict[str, Any]]:
     """How each line name is drawn: the truth in black, the others in the colours of the palette."""
     others = [name for name in names if name != TRUTH]
     return [
-        {"name": name, "slot": 0 if name == TRUTH else 1 + others.index(name) % COLOURS,
-         "dash": ("solid", "dash", "dot")[0 if name == TRUTH else others.index(name) // COLOURS % 3],
-         "shown": True, "onboard": name == TRUTH, "lost": False}
+        {
+            "name": name,
+            "slot": 0 if name == TRUTH else 1 + others.index(name) % COLOURS,
+            "dash": ("solid", "dash", "dot")[0 if name == TRUTH else others.index(name) // COLOURS % 3],
+            "shown": True,
+            "onboard": name == TRUTH,
+            "lost": False,
+        }
         for name in names
-    ]  # fmt: skip
+    ]
 
 
 def measured(number: Number) -> str:
@@ -82,22 +87,36 @@ def _place(figure: Figure, names: list[str], store: Store) -> Place:
     x = np.concatenate([np.asarray(line.x, np.float64) for line in figure.lines])
     low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     data: dict[str, Any] = {
-        "panels": panels, "units": [_sign(p) for p in figure.panels], "x": _titled(figure.x_title),
-        "at": _sign(figure.x_title), "range": [low, high], "ticks": list(figure.ticks), "log": figure.x_log,
-    }  # fmt: skip
+        "panels": panels,
+        "units": [_sign(p) for p in figure.panels],
+        "x": _titled(figure.x_title),
+        "at": _sign(figure.x_title),
+        "range": [low, high],
+        "ticks": list(figure.ticks),
+        "log": figure.x_log,
+    }
     if figure.kind == "curves":
         data["series"] = [
-            {"r": names.index(line.name), "t": store.times(np.asarray(line.x, np.float64)),
-             "y": {str(line.panel): store.values(np.asarray(line.y, np.float64), STEP)}}
+            {
+                "r": names.index(line.name),
+                "t": store.times(np.asarray(line.x, np.float64)),
+                "y": {str(line.panel): store.values(np.asarray(line.y, np.float64), STEP)},
+            }
             for line in figure.lines
-        ]  # fmt: skip
+        ]
     else:
         data["dots"] = [_dots(line, names) for line in figure.lines]
     words = "; ".join(_reach(line, figure) for line in figure.lines)
     return Place(
-        figure.id, figure.kind, f"{typeset(figure.title)} ({figure.where})" if figure.where else typeset(figure.title),
-        typeset(figure.caption), figure.height, data, True, words,
-    )  # fmt: skip
+        figure.id,
+        figure.kind,
+        f"{typeset(figure.title)} ({figure.where})" if figure.where else typeset(figure.title),
+        typeset(figure.caption),
+        figure.height,
+        data,
+        True,
+        words,
+    )
 
 
 def _dots(line: Line, names: list[str]) -> dict[str, Any]:

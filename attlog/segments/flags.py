@@ -49,9 +49,14 @@ def armed(log: FlightLog, t0: float, t1: float) -> Phase:
 
 
 def airborne(
-    log: FlightLog, armed: Phase, seen: flying.Evidence | None, windows: Windows | None, lying: list[Span], t0: float,
+    log: FlightLog,
+    armed: Phase,
+    seen: flying.Evidence | None,
+    windows: Windows | None,
+    lying: list[Span],
+    t0: float,
     t1: float,
-) -> Phase:  # fmt: skip
+) -> Phase:
     """When the vehicle flew: the land detector checked by arming, height and drive; else those alone.
 
     ``seen`` is the evidence of height and drive over [t0, t1] s, ``lying`` the spans as still as a surface.

@@ -14,9 +14,20 @@ from attlog.segments import spans
 Array = NDArray[np.float64]
 
 KINDS = (
-    "continuous", "rest.long", "rest.short", "idle", "armed", "airborne", "hover", "cruise",
-    "loss_of_control", "impact", "wreck", "reset", "gap",
-)  # fmt: skip
+    "continuous",
+    "rest.long",
+    "rest.short",
+    "idle",
+    "armed",
+    "airborne",
+    "hover",
+    "cruise",
+    "loss_of_control",
+    "impact",
+    "wreck",
+    "reset",
+    "gap",
+)
 WINDOWS = ("all", "rest", "rest.long", "idle", "armed", "airborne", "hover", "cruise")
 
 

@@ -58,13 +58,20 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
     check_truth(truth)
     check_samples([(f"imu[{k}]", s.stream()) for k, s in enumerate(sensors.imus)])
     return Flight(
-        scenario=scenario, seed=seed, gravity=home.gravity, declination_deg=math.degrees(home.declination), truth=truth,
-        imus=[s.stream() for s in sensors.imus], mags=[s.stream() for s in sensors.mags],
-        gnss=[s.stream() for s in sensors.gnss], baro=[s.stream() for s in sensors.baro],
+        scenario=scenario,
+        seed=seed,
+        gravity=home.gravity,
+        declination_deg=math.degrees(home.declination),
+        truth=truth,
+        imus=[s.stream() for s in sensors.imus],
+        mags=[s.stream() for s in sensors.mags],
+        gnss=[s.stream() for s in sensors.gnss],
+        baro=[s.stream() for s in sensors.baro],
         onboard=pilot.onboard(),
-        battery=battery(scenario, seed, truth), rpm=rpm(scenario, seed, truth),
+        battery=battery(scenario, seed, truth),
+        rpm=rpm(scenario, seed, truth),
         events=events(scenario, truth),
-    )  # fmt: skip
+    )
 
 
 class _Sensors:

@@ -61,12 +61,7 @@ def test_the_field_is_that_of_an_independent_implementation(year, lat, lon, heig
 
 @pytest.mark.parametrize(
     ("day", "model"),
-    [
-        ((2013, 6, 1), "WMM-2010"),
-        ((2017, 6, 1), "WMM-2015v2"),
-        ((2024, 12, 1), "WMM-2020"),
-        ((2026, 8, 1), "WMM-2025"),
-    ],
+    [((2013, 6, 1), "WMM-2010"), ((2017, 6, 1), "WMM-2015v2"), ((2024, 12, 1), "WMM-2020"), ((2026, 8, 1), "WMM-2025")],
 )
 def test_each_date_gets_the_model_of_its_own_epoch(day, model):
     field = earth.field(47.4, 8.5, 400.0, unix(*day))

@@ -135,10 +135,7 @@ def test_a_service_that_is_ended_in_the_middle_leaves_nothing_half_done(
 
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
-    [
-        (["https://host/logs/"], 2, "folders and patterns of this machine"),
-        (["none"], 66, "no such folder"),
-    ],
+    [(["https://host/logs/"], 2, "folders and patterns of this machine"), (["none"], 66, "no such folder")],
 )
 def test_what_cannot_be_watched_is_refused(attlog, tmp_path: Path, arguments: list[str], code: int, words: str) -> None:
     done = attlog("batch", "--watch", *arguments, "-o", str(tmp_path / "out"))

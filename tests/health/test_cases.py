@@ -148,8 +148,7 @@ def test_simulated_flights_without_a_fault_have_no_serious_one(name: str) -> Non
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["copter_3.2.1_bench.log", "copter_3.3dev_37.BIN", "copter_3.6.8_compass.bin", "rover_2.46_61.BIN", *QUIET],
+    "name", ["copter_3.2.1_bench.log", "copter_3.3dev_37.BIN", "copter_3.6.8_compass.bin", "rover_2.46_61.BIN", *QUIET]
 )
 def test_the_list_is_sorted_complete_and_free_of_doubles(name: str) -> None:
     problems = result(name).problems

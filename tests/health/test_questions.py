@@ -30,8 +30,7 @@ def test_a_rest_is_long_enough_for_drift_in_info_exactly_where_it_is_in_an_analy
 
 
 @pytest.mark.parametrize(
-    ("attitude", "reference", "told"),
-    [(False, "none", "log the attitude"), (True, "none", ""), (True, "onboard", "")],
+    ("attitude", "reference", "told"), [(False, "none", "log the attitude"), (True, "none", ""), (True, "onboard", "")]
 )
 def test_what_would_log_an_attitude_is_told_where_nothing_is_there_to_compare_with(
     monkeypatch, attitude, reference, told

@@ -111,8 +111,7 @@ def test_a_worst_row_that_the_table_marks_best_is_found(question):
 
 
 @pytest.mark.parametrize(
-    ("was", "now"),
-    [("1.0°", "1.3°"), ("less than", "less than 0."), ("VQF", "mahony@xu"), ("9.0°", "9.0 deg")],
+    ("was", "now"), [("1.0°", "1.3°"), ("less than", "less than 0."), ("VQF", "mahony@xu"), ("9.0°", "9.0 deg")]
 )
 def test_a_changed_word_or_number_is_found(was, now):
     made = told()

@@ -25,8 +25,5 @@ def test_the_first_that_is_there_is_quoted_whatever_it_ranks(there, said):
 
 
 def test_a_value_of_an_onboard_row_makes_no_heading_reference_quoted():
-    rows = [
-        row("onboard:AHR2", drift(1.0, against="truth")),
-        row("a", drift(2.0, against="mag")),
-    ]
+    rows = [row("onboard:AHR2", drift(1.0, against="truth")), row("a", drift(2.0, against="mag"))]
     assert quoted_heading_reference(result(rows)) == "mag"

@@ -31,10 +31,7 @@ CRASHES = {
     "ulg_px4_1.15_tropic_quad_ekffail_cut.ulg": [18.0],
 }
 """Seconds at which each begins: read by hand from raw samples, attitudes and texts."""
-HARD = {
-    "cases/copter_falsely_accused.bin": (179.8, 4.1),
-    "cases/px4_1.14_hard_landing.ulg": (75.1, 10.3),
-}
+HARD = {"cases/copter_falsely_accused.bin": (179.8, 4.1), "cases/px4_1.14_hard_landing.ulg": (75.1, 10.3)}
 CONTROLS = ["bin_copter_3.2.1rc1_aerobatic_cut.BIN", "bin_copter_3.3dev_27hz_zeromag_upsidedown.BIN",
             "bin_copter_4.7dev_hand_isb_cut.bin", "log_copter_3.1.1_nan.log", "cases/copter_3.6.8_compass.bin",
             "cases/copter_heading_28deg_off.BIN", "cases/copter_never_lifted.BIN", "cases/px4_1.8_hexa.ulg",

@@ -105,8 +105,7 @@ def test_neither_north_nor_the_clock_changes_what_is_found(yaw, shift):
 
 
 @pytest.mark.parametrize(
-    ("rate_dps", "size", "told"),
-    [(0.0, 0.9, False), (0.0, 1.1, True), (200.0, 1.8, False), (200.0, 2.2, True)],
+    ("rate_dps", "size", "told"), [(0.0, 0.9, False), (0.0, 1.1, True), (200.0, 1.8, False), (200.0, 2.2, True)]
 )
 def test_a_jump_is_more_than_a_degree_and_a_tenth_of_what_was_turned(rate_dps, size, told):
     """200 deg/s turn 10 deg between two attitudes at 20 Hz: 1 deg more may be the gyro's scale."""

@@ -88,10 +88,22 @@ def command(
         for file in table:
             check_suffix(file)
     settings = options.settings(
-        config, estimators=estimators, imu=imu, mag=mag, reference=reference, window=window, score_from=score_from,
-        clock=clock, declination=declination, trim=trim, input_delay=input_delay, gyro_bias=gyro_bias, params=params,
-        boot=boot, system=system,
-    )  # fmt: skip
+        config,
+        estimators=estimators,
+        imu=imu,
+        mag=mag,
+        reference=reference,
+        window=window,
+        score_from=score_from,
+        clock=clock,
+        declination=declination,
+        trim=trim,
+        input_delay=input_delay,
+        gyro_bias=gyro_bias,
+        params=params,
+        boot=boot,
+        system=system,
+    )
     held = gated.Gated(gates, strict, junit, summary, output)
     from attlog.fleet.processes.files import report_names
     from attlog.fleet.sources.find import sources
@@ -153,9 +165,14 @@ def _one(source: Source, task: _Task) -> int:
     try:
         with progress(task.quiet, task.verbose > 0), source.local() as log:
             written = analyze_to_files(
-                log.path, task.config, task.folder, report_names([source.file_name])[0],
-                command=command_line(), plotly=task.plotly, deterministic=task.deterministic,
-            )  # fmt: skip
+                log.path,
+                task.config,
+                task.folder,
+                report_names([source.file_name])[0],
+                command=command_line(),
+                plotly=task.plotly,
+                deterministic=task.deterministic,
+            )
         task.show(source.name, written.result, written.report)
     except KeyboardInterrupt:
         to_stderr(_kept([], 1, task.folder))
@@ -189,11 +206,9 @@ def _several(logs: Sequence[Source], commands: Sequence[str], task: _Task, jobs:
     key = settings_key(task.config, task.plotly, task.deterministic)
     names = report_names([source.file_name for source in logs])
     works = [
-        Work(
-            source, name, task.folder, task.config, key, command, task.plotly, task.deterministic, keep=False
-        )
+        Work(source, name, task.folder, task.config, key, command, task.plotly, task.deterministic, keep=False)
         for source, name, command in zip(logs, names, commands, strict=True)
-    ]  # fmt: skip
+    ]
     found: dict[str, Entry] = {}
     codes: set[int] = set()
     started = time.monotonic()
@@ -212,9 +227,10 @@ def _several(logs: Sequence[Source], commands: Sequence[str], task: _Task, jobs:
                         continue
                     try:
                         task.show(
-                            record.log, Result.load(task.folder / f"{record.name}.json"),
+                            record.log,
+                            Result.load(task.folder / f"{record.name}.json"),
                             task.folder / f"{record.name}.html",
-                        )  # fmt: skip
+                        )
                     except Exception as error:
                         codes |= {_failed(error, record.log, task.verbose)}
         except KeyboardInterrupt:

@@ -118,10 +118,22 @@ def command(
         raise UsageError("--watch does not end by itself: --junit and --summary need a batch that does")
     held = gated.Gated(gates, strict, junit, summary, output)
     settings = options.settings(
-        config, estimators=estimators, imu=imu, mag=mag, reference=reference, window=window, score_from=score_from,
-        clock=clock, declination=declination, trim=trim, input_delay=input_delay, gyro_bias=gyro_bias, params=params,
-        boot=boot, system=system,
-    )  # fmt: skip
+        config,
+        estimators=estimators,
+        imu=imu,
+        mag=mag,
+        reference=reference,
+        window=window,
+        score_from=score_from,
+        clock=clock,
+        declination=declination,
+        trim=trim,
+        input_delay=input_delay,
+        gyro_bias=gyro_bias,
+        params=params,
+        boot=boot,
+        system=system,
+    )
     from attlog.fleet.records.plan import Job
     from attlog.fleet.schedulers.batch import run_batch
     from attlog.fleet.sources.find import sources
@@ -143,9 +155,17 @@ def command(
     codes, names = {exit_code(error) for error in wrong}, list[str]()
     if found:
         job = Job(
-            found, output, settings, options.commands(context, [source.name for source in found]),
-            options.bundle(plotly), deterministic, timeout or None, memory, resume, fresh,
-        )  # fmt: skip
+            found,
+            output,
+            settings,
+            options.commands(context, [source.name for source in found]),
+            options.bundle(plotly),
+            deterministic,
+            timeout or None,
+            memory,
+            resume,
+            fresh,
+        )
         with ended_by_signals(), Bar(quiet, verbose > 0) as bar:
             told = _Told(bar, quiet, verbose)
             outcome = run_batch(job, runner(scheduler, workers, told.say, bar.heard), told, judge)

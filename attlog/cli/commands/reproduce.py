@@ -34,7 +34,9 @@ def command(
     logs: Annotated[
         list[Path] | None,
         typer.Option(
-            "--logs", metavar="LOG|DIR|GLOB", readable=False,
+            "--logs",
+            metavar="LOG|DIR|GLOB",
+            readable=False,
             help="Real flights for the paper that has some (xu); may be repeated. [default: sample_logs of the source]",
         ),
     ] = None,
@@ -45,7 +47,7 @@ def command(
     no_color: NoColor = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
-) -> None:  # fmt: skip
+) -> None:
     """Run a PAPER's experiments again: each of its claims with a verdict, by how much, over how many flights."""
     from attlog.base.output import write_together
     from attlog.fleet.schedulers.local import cores

@@ -98,9 +98,7 @@ def command(
     with progress(quiet, verbose > 0):
         logs = Prepared(given.logs, settings)
         found = sweep(
-            given.filter,
-            grid(given.axes, base.row.estimator),
-            _asked(logs, base, many.wanted(metric or METRICS)),
+            given.filter, grid(given.axes, base.row.estimator), _asked(logs, base, many.wanted(metric or METRICS))
         )
         told = logs.about()
         tables = {} if table is None else {table: text(table, *sweep_words.rows(found))}
@@ -179,9 +177,13 @@ def _about_log(case: Case) -> dict[str, Any]:
 
     log = case.log
     return {
-        "name": log.path.name, "sha256": sha256(log.path), "vehicle": log.vehicle, "firmware": log.firmware.version,
-        "reference": case.reference.kind, "reference_text": summarize(case.reference).text,
-    }  # fmt: skip
+        "name": log.path.name,
+        "sha256": sha256(log.path),
+        "vehicle": log.vehicle,
+        "firmware": log.firmware.version,
+        "reference": case.reference.kind,
+        "reference_text": summarize(case.reference).text,
+    }
 
 
 def end(errors: Sequence[AttlogError]) -> None:

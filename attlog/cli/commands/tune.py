@@ -22,9 +22,14 @@ if TYPE_CHECKING:
 
 EXAMPLE = "attlog tune *.bin mahony kp=0.05..5log ki=0.001..0.1log"
 ELSEWHERE = (
-    "inclination_rmse_deg", "heading_rmse_deg", "noise_tilt_deg", "noise_tilt_deg@hover", "noise_tilt_deg@cruise",
-    "step_error_deg.0.5s", "lag_ms",
-)  # fmt: skip
+    "inclination_rmse_deg",
+    "heading_rmse_deg",
+    "noise_tilt_deg",
+    "noise_tilt_deg@hover",
+    "noise_tilt_deg@cruise",
+    "step_error_deg.0.5s",
+    "lag_ms",
+)
 """What gains may cost beside what they were found for."""
 
 TuneWords = Annotated[

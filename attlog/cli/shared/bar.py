@@ -55,11 +55,15 @@ class Bar:
         from rich.progress import BarColumn, Progress, TextColumn
 
         self._progress = Progress(
-            BarColumn(30), TextColumn("{task.completed}/{task.total} logs{task.fields[more]}", markup=False),
+            BarColumn(30),
+            TextColumn("{task.completed}/{task.total} logs{task.fields[more]}", markup=False),
             TextColumn("{task.fields[now]}", markup=False),
-            console=terminal(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False,
+            console=terminal(stderr=True),
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
             refresh_per_second=4,
-        )  # fmt: skip
+        )
         self._task = self._progress.add_task("", total=len(works), more="", now="")
         self._progress.start()
 

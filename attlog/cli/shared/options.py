@@ -60,8 +60,7 @@ Clock = Annotated[
     str | None, typer.Option(metavar="sample|publication", help="Which time stamps count. [default: sample]")
 ]
 Declination = Annotated[
-    str | None,
-    typer.Option(metavar="DEG|model|param", help="Magnetic declination. [default: model, else parameter]"),
+    str | None, typer.Option(metavar="DEG|model|param", help="Magnetic declination. [default: model, else parameter]")
 ]
 Trim = Annotated[
     str | None, typer.Option(metavar="on|off", help="Apply the autopilot's trim to the replay. [default: on]")
@@ -87,27 +86,47 @@ Params = Annotated[
 ConfigFile = Annotated[
     Path | None,
     typer.Option(
-        metavar="F.toml|F.json",
-        help="Options from a file or from an earlier result; options here win. [default: none]",
+        metavar="F.toml|F.json", help="Options from a file or from an earlier result; options here win. [default: none]"
     ),
 ]
 FilterTimeout = Annotated[
     float | None,
     typer.Option(
-        "--filter-timeout", metavar="S", min=0, callback=_filter_timeout, show_default=False,
+        "--filter-timeout",
+        metavar="S",
+        min=0,
+        callback=_filter_timeout,
+        show_default=False,
         help="Seconds that one run of a filter that is not attlog's may take; 0: any time. [default: 60]",
     ),
-]  # fmt: skip
+]
 Plotly = Annotated[str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")]
 Deterministic = Annotated[
     bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")
 ]
 BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared": "shared"}
 """Where reports have plotly from."""
-OF_A_LOG = frozenset((
-    "estimators", "imu", "mag", "reference", "window", "score_from", "clock", "declination", "trim", "input_delay",
-    "gyro_bias", "params", "config", "boot", "system", "plotly", "deterministic",
-))  # fmt: skip
+OF_A_LOG = frozenset(
+    (
+        "estimators",
+        "imu",
+        "mag",
+        "reference",
+        "window",
+        "score_from",
+        "clock",
+        "declination",
+        "trim",
+        "input_delay",
+        "gyro_bias",
+        "params",
+        "config",
+        "boot",
+        "system",
+        "plotly",
+        "deterministic",
+    )
+)
 """Options that decide what is written of a log; others decide where, how many at a time and what is printed."""
 
 

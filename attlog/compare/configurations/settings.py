@@ -94,26 +94,43 @@ SETTINGS: dict[str, Setting] = {
         Setting("gyro_lowpass", "Hz", "the same on the gyro alone", low=0.01),
         Setting("acc_lowpass", "Hz", "the same on the accelerometer alone", low=0.01),
         Setting("notch", "Hz", "notch on gyro and accelerometer: centre / width", (2,), low=0.01),
-        Setting("rpm_notch", "Hz", "notches that follow the logged rotor speeds: width / harmonics (1 if not given)",
-                (1, 2), low=0.01),
+        Setting(
+            "rpm_notch",
+            "Hz",
+            "notches that follow the logged rotor speeds: width / harmonics (1 if not given)",
+            (1, 2),
+            low=0.01,
+        ),
         Setting("rate", "Hz", "means of so many IMU samples that this rate comes out", low=0.01),
         Setting("pick", "Hz", "one of so many IMU samples that this rate comes out, the others dropped", low=0.01),
         Setting("mag", "", "off: the filter runs without magnetometer", (), words=("on", "off")),
         Setting("mag_rate", "Hz", "one of so many magnetometer samples that this rate comes out", low=0.001),
         Setting("latency", "ms", "all samples come so much later", low=0.0, high=10_000.0),
-        Setting("gyro_offset", "deg/s", "taken off the gyro, body axes; a bias that rest shows is taken off after it",
-                THREE, -2000.0, 2000.0),
+        Setting(
+            "gyro_offset",
+            "deg/s",
+            "taken off the gyro, body axes; a bias that rest shows is taken off after it",
+            THREE,
+            -2000.0,
+            2000.0,
+        ),
         Setting("acc_offset", "m/s^2", "taken off the accelerometer, body axes", THREE, -200.0, 200.0),
         Setting("mag_offset", "uT", "taken off the magnetometer, body axes", THREE, -1000.0, 1000.0),
         Setting("gyro_scale", "", "the gyro without its offset times this", (1, 3), 0.01, 100.0),
         Setting("acc_scale", "", "the accelerometer without its offset times this", (1, 3), 0.01, 100.0),
         Setting("mag_scale", "", "the magnetometer without its offset times this", (1, 3), 0.01, 100.0),
-        Setting("imu_rotation", "deg", "gyro and accelerometer turned by roll / pitch / yaw, after offset and scale",
-                THREE, -360.0, 360.0),
+        Setting(
+            "imu_rotation",
+            "deg",
+            "gyro and accelerometer turned by roll / pitch / yaw, after offset and scale",
+            THREE,
+            -360.0,
+            360.0,
+        ),
         Setting("mag_rotation", "deg", "the magnetometer turned by roll / pitch / yaw", THREE, -360.0, 360.0),
         Setting("params", "", "firmware parameters of this file in place of the log's, for filters that take them", ()),
     )
-}  # fmt: skip
+}
 """What may stand before a filter, by name."""
 
 

@@ -126,9 +126,13 @@ def difference(name: str, old: Result, new: Result, tolerances: Tolerances, wind
 
 
 def _moved(
-    old: EstimatorRow, new: EstimatorRow, tolerances: Tolerances, same_log: bool, better: Mapping[str, str],
+    old: EstimatorRow,
+    new: EstimatorRow,
+    tolerances: Tolerances,
+    same_log: bool,
+    better: Mapping[str, str],
     only: str | None,
-) -> Iterator[Moved | None]:  # fmt: skip
+) -> Iterator[Moved | None]:
     """The numbers of a row that differ, None for each that does not."""
     for window in dict.fromkeys([*old.metrics, *new.metrics]):
         if only is not None and window != only:
@@ -147,9 +151,15 @@ def _moved(
 
 
 def _compared(
-    row: str, window: str, metric: str, old: Answer | None, new: Answer | None, tolerances: Tolerances, same_log: bool,
+    row: str,
+    window: str,
+    metric: str,
+    old: Answer | None,
+    new: Answer | None,
+    tolerances: Tolerances,
+    same_log: bool,
     better: str,
-) -> Moved:  # fmt: skip
+) -> Moved:
     a, b = _value(old), _value(new)
     unit = next((x.unit for x in (new, old) if x is not None), "")
     ends = (None if old is None else old.ci95, None if new is None else new.ci95)

@@ -84,9 +84,14 @@ def summary(d: Difference) -> str:
 def _settings(d: Difference) -> Iterator[tuple[str, list[Changed | str]]]:
     """What differs beside the numbers, each list under its title."""
     lists: tuple[tuple[str, Sequence[Changed | str]], ...] = (
-        ("log", d.log), ("options", d.config), ("parameters of the log", d.parameters or []), ("filter gains", d.gains),
-        ("rows that appeared", d.rows_appeared), ("rows that vanished", d.rows_vanished), ("state of rows", d.status),
-    )  # fmt: skip
+        ("log", d.log),
+        ("options", d.config),
+        ("parameters of the log", d.parameters or []),
+        ("filter gains", d.gains),
+        ("rows that appeared", d.rows_appeared),
+        ("rows that vanished", d.rows_vanished),
+        ("state of rows", d.status),
+    )
     yield from ((f"{title} ({len(found)})", list(found)) for title, found in lists if found)
     if d.parameters is None and not d.same_log:
         yield "parameters of the log", ["not compared: a result was written before results told them; analyse it again"]

@@ -12,9 +12,18 @@ from attlog.base.errors import UsageError, suggestion
 from attlog.result import MEASURED_TIMES
 
 SMALLEST = {
-    "deg": 0.01, "ms": 0.5, "deg/min": 0.1, "deg/s": 0.01, "1/s": 0.02, "%": 0.5, "s": 0.1, "1": 0.005,
-    "deg/h": 0.5, "deg/sqrt(h)": 0.005, "deg/sqrt_h": 0.005,
-}  # fmt: skip
+    "deg": 0.01,
+    "ms": 0.5,
+    "deg/min": 0.1,
+    "deg/s": 0.01,
+    "1/s": 0.02,
+    "%": 0.5,
+    "s": 0.1,
+    "1": 0.005,
+    "deg/h": 0.5,
+    "deg/sqrt(h)": 0.005,
+    "deg/sqrt_h": 0.005,
+}
 """Differences up to this, by unit, mean nothing to anybody who flies."""
 SHARE = 0.02
 """Nor does this share of the older value."""

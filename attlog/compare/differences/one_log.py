@@ -66,10 +66,14 @@ def _measured(log: Path, name: str, plan: Plan) -> Measured:
     result = evaluate(prepare(log, plan.options), runs, only={question.metric for question in plan.questions})
     told = result.log
     line = LogLine(
-        name, str(log), str(told.get("sha256") or ""), str(told.get("vehicle") or ""),
+        name,
+        str(log),
+        str(told.get("sha256") or ""),
+        str(told.get("vehicle") or ""),
         " ".join(str(told.get("firmware", {}).get(k) or "") for k in ("name", "version")).strip(),
-        told.get("duration_s"), f"{result.reference.choice} ({result.reference.source})" if result.reference else "",
-    )  # fmt: skip
+        told.get("duration_s"),
+        f"{result.reference.choice} ({result.reference.source})" if result.reference else "",
+    )
     rows = {row.name: row for row in result.estimators}
     late = tuple(problem.text for problem in result.problems if problem.code == TIMED_OUT)
     return read_off(

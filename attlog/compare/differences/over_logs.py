@@ -68,10 +68,19 @@ def over(each: Sequence[Beside], scale: Scale) -> Over | None:
     floor = median(b.floor for b in usable)
     ci95 = None if pooled.ci95 is None else (back(pooled.ci95[0]), back(pooled.ci95[1]))
     return Over(
-        back(pooled.value), ci95, pooled.p, pooled.logs, pooled.better, pooled.worse, pooled.same,
-        pooled.tau, pooled.i2_pct, pooled.method, floor,
+        back(pooled.value),
+        ci95,
+        pooled.p,
+        pooled.logs,
+        pooled.better,
+        pooled.worse,
+        pooled.same,
+        pooled.tau,
+        pooled.i2_pct,
+        pooled.method,
+        floor,
         alone.direction if len(usable) == 1 else direction(pooled.value, pooled.p, pooled.same == pooled.logs, floor),
-    )  # fmt: skip
+    )
 
 
 def direction(value: float, p: float | None, same: bool, floor: float) -> Direction:

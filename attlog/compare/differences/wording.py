@@ -37,9 +37,16 @@ class Seen:
         """The same as the other one sees it."""
         ci95 = None if self.ci95 is None else (self._back(self.ci95[1]), self._back(self.ci95[0]))
         return Seen(
-            self.question, self._back(self.value), ci95, TURNED[self.direction],
-            self.logs, self.worse, self.better, self.floor, not self.flipped,
-        )  # fmt: skip
+            self.question,
+            self._back(self.value),
+            ci95,
+            TURNED[self.direction],
+            self.logs,
+            self.worse,
+            self.better,
+            self.floor,
+            not self.flipped,
+        )
 
     def _back(self, x: float) -> float:
         if self.question.scale == "ratio":

@@ -129,9 +129,13 @@ def _gate(metric: str, table: Any, path: Path, baseline: str | None) -> Gate:
     if wrong:
         raise _Wrong(*wrong)
     return Gate(
-        metric, tuple(limits), window, None if filters is None else tuple(filters), optional,
+        metric,
+        tuple(limits),
+        window,
+        None if filters is None else tuple(filters),
+        optional,
         path.parent / beside if beside is not None else None,
-    )  # fmt: skip
+    )
 
 
 def _number(kind: str, value: Any, metric: str) -> float:

@@ -132,14 +132,21 @@ def _of_limit(
         theirs, _ = _other(limit, gate, known.decided_by, row, rows, beside, window)
         decided = None if mine is None or theirs is None else (theirs, mine)
     alike = limit.against != "baseline" or (isinstance(beside, Beside) and beside.same_log)
-    told = gate_limits.judged(
-        limit, gate.metric, known.better, answer, other, same_log=alike, decided=decided
-    )  # fmt: skip
+    told = gate_limits.judged(limit, gate.metric, known.better, answer, other, same_log=alike, decided=decided)
     return GateOutcome(
-        name, _check(gate, limit), gate.metric, window, "passed" if told.passed else "failed",
-        None if told.passed else "limit", answer.value, answer.unit, told.allowed, told.excess,
-        gate_words.measured(name, gate.metric, window, answer, limit, other, told), told.excused,
-    )  # fmt: skip
+        name,
+        _check(gate, limit),
+        gate.metric,
+        window,
+        "passed" if told.passed else "failed",
+        None if told.passed else "limit",
+        answer.value,
+        answer.unit,
+        told.allowed,
+        told.excess,
+        gate_words.measured(name, gate.metric, window, answer, limit, other, told),
+        told.excused,
+    )
 
 
 def _other(
@@ -165,9 +172,18 @@ def _without_value(gate: Gate, limit: Limit, row: str, cause: Cause, why: str, w
     """No number that could pass: failed, or skipped where nothing was answered and the gate is optional."""
     skipped = gate.optional and cause == "unanswered"
     return GateOutcome(
-        row, _check(gate, limit), gate.metric, window or gate.window or "", "skipped" if skipped else "failed",
-        cause, None, "", None, math.inf, why,
-    )  # fmt: skip
+        row,
+        _check(gate, limit),
+        gate.metric,
+        window or gate.window or "",
+        "skipped" if skipped else "failed",
+        cause,
+        None,
+        "",
+        None,
+        math.inf,
+        why,
+    )
 
 
 def _of_row(row: Mapping[str, Any]) -> GateOutcome:
@@ -176,9 +192,7 @@ def _of_row(row: Mapping[str, Any]) -> GateOutcome:
     sentence = gate_words.lost(row) if lost else f"{name}: {row.get('status')}"
     status: Status = "failed" if lost else "passed"
     excess = math.inf if lost else 0.0
-    return GateOutcome(
-        name, STATUS, STATUS, "", status, "row" if lost else None, None, "", None, excess, sentence
-    )  # fmt: skip
+    return GateOutcome(name, STATUS, STATUS, "", status, "row" if lost else None, None, "", None, excess, sentence)
 
 
 def _check(gate: Gate, limit: Limit) -> str:

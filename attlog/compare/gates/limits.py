@@ -31,8 +31,14 @@ Kind = Literal[
     "min", "max", "max_ratio_to_onboard", "max_above_onboard", "max_ratio_to_baseline", "max_above_baseline", "baseline"
 ]
 KINDS: tuple[Kind, ...] = (
-    "min", "max", "max_ratio_to_onboard", "max_above_onboard", "max_ratio_to_baseline", "max_above_baseline", "baseline"
-)  # fmt: skip
+    "min",
+    "max",
+    "max_ratio_to_onboard",
+    "max_above_onboard",
+    "max_ratio_to_baseline",
+    "max_above_baseline",
+    "baseline",
+)
 """As they are called in a file; ``baseline`` alone means not worse than it."""
 ROUNDING = 1e-9
 """A value that differs from its limit by this share is equal to it."""
@@ -72,9 +78,15 @@ class Told:
 
 
 def judged(
-    limit: Limit, metric: str, better: str, answer: Answer, other: Answer | None = None, *, same_log: bool = True,
+    limit: Limit,
+    metric: str,
+    better: str,
+    answer: Answer,
+    other: Answer | None = None,
+    *,
+    same_log: bool = True,
     decided: tuple[Answer, Answer] | None = None,
-) -> Told:  # fmt: skip
+) -> Told:
     """An answer with a value against one limit.
 
     ``other``: the onboard attitude's or the baseline's answer, with a value. ``decided``: (other, own) answers of the

@@ -43,9 +43,7 @@ def unanswered(row: Mapping[str, Any], metric: str, window: str | None, answer: 
     return f"{name}: {metric} means nothing there{place}"
 
 
-def measured(
-    row: str, metric: str, window: str, answer: Answer, limit: Limit, other: Answer | None, told: Told
-) -> str:  # fmt: skip
+def measured(row: str, metric: str, window: str, answer: Answer, limit: Limit, other: Answer | None, told: Told) -> str:
     """A value beside its limit."""
     unit, sign, shown = answer.unit, _with(answer.unit), quantity(answer.value, answer.unit)
     if limit.kind in ("min", "max"):

@@ -52,15 +52,26 @@ def _heat_map(s: Sweep, c: Column, free: list[Axis], name: str) -> Figure:
                 continue
             value = float(c.score[k])
             far = math.log(max(value, 1e-300) / max(lowest, 1e-300)) / math.log(DARKEST) if value > 0 else 0.0
-            cells.append({
-                "i": i, "j": j, "share": min(far, 1.0), "text": number(value, c.metric.unit, False),
-                "say": _words(s, c, k), "near": k in near, "best": k == c.single,
-            })  # fmt: skip
+            cells.append(
+                {
+                    "i": i,
+                    "j": j,
+                    "share": min(far, 1.0),
+                    "text": number(value, c.metric.unit, False),
+                    "say": _words(s, c, k),
+                    "near": k in near,
+                    "best": k == c.single,
+                }
+            )
     others = ", ".join(a.name for a in free[2:])
     data = {
-        "cells": cells, "across": [_label(v) for v in across.values], "down": [_label(v) for v in down.values],
-        "x": _titled(across), "y": _titled(down), "table": _table(s, c, near),
-    }  # fmt: skip
+        "cells": cells,
+        "across": [_label(v) for v in across.values],
+        "down": [_label(v) for v in down.values],
+        "x": _titled(across),
+        "y": _titled(down),
+        "table": _table(s, c, near),
+    }
     mean = "The mean over the logs. " if len(s.logs) > 1 else ""
     caption = (
         f"{mean}Pale: near the best; full colour: three times as far from perfect, or more. Framed: the best; with a "
@@ -82,17 +93,29 @@ def _curve(s: Sweep, c: Column, axis: Axis, name: str, *, alone: bool) -> Figure
     places, spacing = _places(axis)
     unit = unit_sign(c.metric.unit)
     data: dict[str, Any] = {
-        "x": places, "log": spacing == "log", "ticks": [_label(v) for v in axis.values],
-        "axis": _titled(axis), "title": f"{c.metric.title}, {unit}" if unit else c.metric.title,
-        "y": listed(mean), "logs": [{"name": s.logs[j], "y": listed(y)} for j, y in zip(c.used, each, strict=False)],
-        "near": [k in near for k in best], "best": best.index(c.single) if c.single in best else None,
-        "say": ["" if k is None else _words(s, c, k) for k in best], "table": _table(s, c, near),
-    }  # fmt: skip
+        "x": places,
+        "log": spacing == "log",
+        "ticks": [_label(v) for v in axis.values],
+        "axis": _titled(axis),
+        "title": f"{c.metric.title}, {unit}" if unit else c.metric.title,
+        "y": listed(mean),
+        "logs": [{"name": s.logs[j], "y": listed(y)} for j, y in zip(c.used, each, strict=False)],
+        "near": [k in near for k in best],
+        "best": best.index(c.single) if c.single in best else None,
+        "say": ["" if k is None else _words(s, c, k) for k in best],
+        "table": _table(s, c, near),
+    }
     lines = " Thin lines: each log." if each else ""
     return Figure(
-        name, "along", f"{c.metric.title} along {axis.name}{'' if alone else _at_best('all others')}",
-        f"Red: the best. Filled: cannot be told from it.{lines}", 300, data, False, _described(s, c),
-    )  # fmt: skip
+        name,
+        "along",
+        f"{c.metric.title} along {axis.name}{'' if alone else _at_best('all others')}",
+        f"Red: the best. Filled: cannot be told from it.{lines}",
+        300,
+        data,
+        False,
+        _described(s, c),
+    )
 
 
 def _at_best(others: str) -> str:

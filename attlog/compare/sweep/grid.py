@@ -121,8 +121,9 @@ def axis(text: str, estimator: Estimator) -> Axis:
         raise UsageError(f"{where}: {count} values; a range has 2 to {MAX_VALUES}")
     if found["log"] and low <= 0.0:
         raise UsageError(f"{where}: a log range begins above 0; list 0 by itself or take a linear range")
-    return _checked(name, parameter, spaced(low, high, count, bool(found["log"])), "log" if found["log"] else "linear",
-                    estimator)  # fmt: skip
+    return _checked(
+        name, parameter, spaced(low, high, count, bool(found["log"])), "log" if found["log"] else "linear", estimator
+    )
 
 
 def spaced(low: float, high: float, count: int, log: bool) -> list[float]:

@@ -165,15 +165,7 @@ def log_rows(s: Sweep, c: Column) -> tuple[list[str], list[list[str]]]:
             if c.single != best
             else "the same"
         )
-        found.append(
-            [
-                clean(name),
-                named(s.settings[best]),
-                digits(own),
-                digits(one),
-                near,
-            ]
-        )
+        found.append([clean(name), named(s.settings[best]), digits(own), digits(one), near])
     unit = f" [{c.metric.unit}]"
     return ["log", "its own optimum", c.metric.title + unit, "with the single best" + unit, ""], found
 
@@ -197,11 +189,7 @@ def document(s: Sweep, about: dict[str, Any]) -> dict[str, Any]:
         "axes": [plain.plain(axis) for axis in s.grid.axes],
         "metrics": [_metric(s, c) for c in s.columns],
         "settings": [
-            {
-                "number": k,
-                "values": setting,
-                "logs": [_cell(cell, s.columns) for cell in s.cells[k]],
-            }
+            {"number": k, "values": setting, "logs": [_cell(cell, s.columns) for cell in s.cells[k]]}
             for k, setting in enumerate(s.settings)
         ],
     }
@@ -209,14 +197,20 @@ def document(s: Sweep, about: dict[str, Any]) -> dict[str, Any]:
 
 def _metric(s: Sweep, c: Column) -> dict[str, Any]:
     return {
-        "name": c.metric.name, "metric": c.metric.metric, "window": c.metric.window, "unit": c.metric.unit,
-        "better": c.metric.better, "single_best": c.single, "not_told_from_it": c.near,
-        "score": plain.plain(c.score), "beside_the_best": plain.plain(c.beside),
+        "name": c.metric.name,
+        "metric": c.metric.metric,
+        "window": c.metric.window,
+        "unit": c.metric.unit,
+        "better": c.metric.better,
+        "single_best": c.single,
+        "not_told_from_it": c.near,
+        "score": plain.plain(c.score),
+        "beside_the_best": plain.plain(c.beside),
         "own_optimum": [
             {"log": name, "setting": best, "not_told_from_it": near, "left_out": c.left_out.get(j)}
             for j, (name, best, near) in enumerate(zip(s.logs, c.own, c.own_near, strict=True))
         ],
-    }  # fmt: skip
+    }
 
 
 def _cell(cell: Settled, columns: list[Column]) -> dict[str, Any]:

@@ -32,10 +32,16 @@ def render(found: Comparison, *, shared: bool = False) -> str:
     """The page as text: nothing in it is loaded from anywhere but, if ``shared``, the bundle beside it."""
     figures = {q.id: _forest(found, q, number) for number, q in enumerate(found.questions) if q.main and _drawn(q)}
     rows = [
-        {"name": c.label, "slot": 0 if not k else 1 + (k - 1) % COLOURS, "dash": "solid", "shown": True,
-         "onboard": False, "lost": False}
+        {
+            "name": c.label,
+            "slot": 0 if not k else 1 + (k - 1) % COLOURS,
+            "dash": "solid",
+            "shown": True,
+            "onboard": False,
+            "lost": False,
+        }
         for k, c in enumerate(found.configurations)
-    ]  # fmt: skip
+    ]
     return shell.render(
         "compare.html",
         OWN,
@@ -68,9 +74,11 @@ def _forest(found: Comparison, question: Question, number: int) -> Figure:
     """The forest plot of a question: logs with a value, and all of them below."""
     order = [c.name for c in found.configurations]
     called = {c.name: c.label for c in found.configurations}
-    logs = [line.name for line in found.logs if any(
-        b.log == line.name and b.value is not None for c in question.contrasts for b in c.logs
-    )]  # fmt: skip
+    logs = [
+        line.name
+        for line in found.logs
+        if any(b.log == line.name and b.value is not None for c in question.contrasts for b in c.logs)
+    ]
     pooled = any(c.over is not None and c.over.logs > 1 for c in question.contrasts)
     lines = [*logs, "all logs"] if pooled else logs
     items: list[dict[str, Any]] = []
@@ -88,19 +96,30 @@ def _forest(found: Comparison, question: Question, number: int) -> Figure:
             say = f"{name}, {called[c.configuration]}: {signed(view.value, question)}" + (
                 f" ({span(view)})" if ends else ""
             )
-            items.append({
-                "r": order.index(c.configuration), "line": line, "v": one.value, "ci": ends, "all": line == len(logs),
-                "told": one.direction in ("better", "worse"), "say": say,
-            })  # fmt: skip
+            items.append(
+                {
+                    "r": order.index(c.configuration),
+                    "line": line,
+                    "v": one.value,
+                    "ci": ends,
+                    "all": line == len(logs),
+                    "told": one.direction in ("better", "worse"),
+                    "say": say,
+                }
+            )
             rows.append(
                 [name, c.configuration, order[0], question.scale, one.value, *(ends or [None, None]), one.direction]
             )
     words = "; ".join(item["say"] for item in items)
     height = 92 + 26 * len(lines) * max(1, (len(question.contrasts) + 1) // 2)
     data = {
-        "items": items, "lines": lines, "all": pooled, "log": question.scale == "ratio", "table": rows,
+        "items": items,
+        "lines": lines,
+        "all": pooled,
+        "log": question.scale == "ratio",
+        "table": rows,
         "axis": scale_title(question, called[order[0]]),
-    }  # fmt: skip
+    }
     caption = (
         "Line: 95 % interval. Filled: told apart. Diamond: all logs together. Lines that leave the figure are cut."
     )

@@ -22,9 +22,28 @@ def text(found: Comparison, path: Path) -> str:
 def numbers(found: Comparison) -> str:
     """CSV: one line for each question, log and configuration, in full precision; the last of each are all logs."""
     lines: list[list[object]] = [
-        ["metric", "window", "unit", "scale", "log", "configuration", "value", "low95", "high95", "n", "first",
-         "first_value", "change", "change_low95", "change_high95", "p", "common_units", "direction", "reason"]
-    ]  # fmt: skip
+        [
+            "metric",
+            "window",
+            "unit",
+            "scale",
+            "log",
+            "configuration",
+            "value",
+            "low95",
+            "high95",
+            "n",
+            "first",
+            "first_value",
+            "change",
+            "change_low95",
+            "change_high95",
+            "p",
+            "common_units",
+            "direction",
+            "reason",
+        ]
+    ]
     first = found.configurations[0].name
     for q in found.questions:
         for log, cells in q.cells.items():

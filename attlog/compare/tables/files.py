@@ -12,11 +12,28 @@ from attlog.present.text import CONTROL
 
 SUFFIXES = (".csv", ".md", ".tex")
 LATEX = {
-    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "°": r"$^\circ$", "±": r"$\pm$", "−": r"$-$",
-    "×": r"$\times$", "√": r"$\sqrt{}$", "µ": r"$\mu$", "²": r"$^2$", "<": r"$<$", ">": r"$>$",
-    "–": "--", "∞": r"$\infty$",
-}  # fmt: skip
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "°": r"$^\circ$",
+    "±": r"$\pm$",
+    "−": r"$-$",
+    "×": r"$\times$",
+    "√": r"$\sqrt{}$",
+    "µ": r"$\mu$",
+    "²": r"$^2$",
+    "<": r"$<$",
+    ">": r"$>$",
+    "–": "--",
+    "∞": r"$\infty$",
+}
 
 
 def check_suffix(path: Path) -> None:

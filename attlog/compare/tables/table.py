@@ -42,11 +42,7 @@ def _table(found: Comparison, question: Question, name: str) -> Table:
         if beside.value is None:
             values = tuple(cells[n].value if n in cells else None for n in (first, name))  # type: ignore[assignment]
         rows.append(
-            (
-                beside.log,
-                *(value(v, question) for v in values),
-                *_told(question, beside, called[first], called[name]),
-            )
+            (beside.log, *(value(v, question) for v in values), *_told(question, beside, called[first], called[name]))
         )
         reasons.append(beside.reason)
     if contrast.over is not None and contrast.over.logs > 1:

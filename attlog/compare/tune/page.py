@@ -42,13 +42,17 @@ def _tried(t: Tuned, f: Free, number: int) -> Figure:
     gains = [float(setting[f.name]) for setting, _ in t.found.tried]
     unit = unit_sign(f.unit)
     data = {
-        "x": listed(gains), "y": listed(changes), "log": f.log, "range": [f.low, f.high],
+        "x": listed(gains),
+        "y": listed(changes),
+        "log": f.log,
+        "range": [f.low, f.high],
         "top": max(middle + WORST_SHOWN * (middle - low), low + 1.0),
         "best": [setting == t.found.setting for setting, _ in t.found.tried],
         "say": [f"{named(tried[0])}: {c:+.0f} %" for tried, c in zip(t.found.tried, changes, strict=True)],
-        "axis": f"{f.name}, {unit}" if unit else f.name, "title": "objective, % of the filter as it is",
+        "axis": f"{f.name}, {unit}" if unit else f.name,
+        "title": "objective, % of the filter as it is",
         "table": [[f.name, "objective [%]"], *([g, c] for g, c in zip(listed(gains), listed(changes), strict=True))],
-    }  # fmt: skip
+    }
     caption = "Red: the gains found. Triangles: worse than the figure reaches."
     words = f"{named(t.found.setting)}: {min(changes):+.0f} %"
     return Figure(

@@ -149,8 +149,15 @@ def search(free: Sequence[Free], costs: Costs, start: Setting, generations: int,
     first = qmc.LatinHypercube(len(free), rng=np.random.default_rng(seed)).random(GENERATION)
     first[0] = [f.share(float(start[f.name])) for f in free]
     differential_evolution(
-        cost, [(0.0, 1.0)] * len(free), init=first, maxiter=generations, rng=np.random.default_rng(seed), tol=1e-3,
-        polish=False, vectorized=True, updating="deferred",
-    )  # fmt: skip
+        cost,
+        [(0.0, 1.0)] * len(free),
+        init=first,
+        maxiter=generations,
+        rng=np.random.default_rng(seed),
+        tol=1e-3,
+        polish=False,
+        vectorized=True,
+        updating="deferred",
+    )
     best = min(tried.values(), key=lambda one: one[1])
     return Found(best[0], best[1], list(tried.values()))

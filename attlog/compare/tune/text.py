@@ -164,24 +164,39 @@ def judged_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
 def document(t: Tuned, about: dict[str, Any], firmware: Mapping[str, str]) -> dict[str, Any]:
     """The JSON of a tuning."""
     return {
-        "schema": SCHEMA, **about, "filter": t.filter, "seed": t.seed,
+        "schema": SCHEMA,
+        **about,
+        "filter": t.filter,
+        "seed": t.seed,
         "searched": [plain.plain(f) for f in t.free],
         "objective": [
             {"name": x.name, "metric": x.metric.metric, "window": x.metric.window, "weight": x.weight} for x in t.terms
         ],
-        "as_it_is": t.start, "gains": t.found.setting, "cost": t.found.cost, "cost_left_out": mean_left_out(t),
-        "paste": paste(t, firmware), "firmware": {firmware[k]: v for k, v in t.found.setting.items() if k in firmware},
+        "as_it_is": t.start,
+        "gains": t.found.setting,
+        "cost": t.found.cost,
+        "cost_left_out": mean_left_out(t),
+        "paste": paste(t, firmware),
+        "firmware": {firmware[k]: v for k, v in t.found.setting.items() if k in firmware},
         "folds": [
             {
-                "left_out": [p.name for p in f.left_out], "gains": f.found.setting, "cost": f.found.cost,
-                "cost_left_out": f.cost_left_out, "settings_tried": len(f.found.tried),
+                "left_out": [p.name for p in f.left_out],
+                "gains": f.found.setting,
+                "cost": f.found.cost,
+                "cost_left_out": f.cost_left_out,
+                "settings_tried": len(f.found.tried),
             }
             for f in t.folds
         ],
         "judged_on_left_out": [
             {
-                "metric": j.metric.metric, "window": j.metric.window, "unit": j.metric.unit, "weight": j.weight,
-                "beside": plain.plain(j.beside), "better_on": j.better, "worse_on": j.worse,
+                "metric": j.metric.metric,
+                "window": j.metric.window,
+                "unit": j.metric.unit,
+                "weight": j.weight,
+                "beside": plain.plain(j.beside),
+                "better_on": j.better,
+                "worse_on": j.worse,
                 "parts": [
                     {"name": p.name, "as_it_is": known(a), "tuned": known(b), "why": j.missing.get(k)}
                     for k, (p, a, b) in enumerate(zip(t.parts, j.before, j.after, strict=True))
@@ -190,7 +205,7 @@ def document(t: Tuned, about: dict[str, Any], firmware: Mapping[str, str]) -> di
             for j in t.judged
         ],
         "tried": [{"gains": s, "cost": c} for s, c in t.found.tried],
-    }  # fmt: skip
+    }
 
 
 def known(value: float) -> float | None:

@@ -68,9 +68,15 @@ class Tuned:
 
 
 def tune(
-    filter_name: str, free: Sequence[Free], terms: Sequence[Term], logs: Sequence[OnLog], elsewhere: Sequence[OnLog],
-    start: Setting, generations: int, seed: int,
-) -> Tuned:  # fmt: skip
+    filter_name: str,
+    free: Sequence[Free],
+    terms: Sequence[Term],
+    logs: Sequence[OnLog],
+    elsewhere: Sequence[OnLog],
+    start: Setting,
+    generations: int,
+    seed: int,
+) -> Tuned:
     """Search and judge. ``logs`` are asked for the terms' metrics, ``elsewhere`` the same logs for others.
 
     UsageError where a metric cannot be split over the blocks of a single log; LogUnusable where the filter as it is

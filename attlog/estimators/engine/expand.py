@@ -120,11 +120,7 @@ class _Rewrite(ast.NodeTransformer):
     """Array elements to elements of ``BATCH_`` or to numbers, calls with the leading arguments."""
 
     def __init__(
-        self,
-        own: Mapping[str, str],
-        kinds: Kinds,
-        functions: Mapping[str, ast.FunctionDef],
-        fixed: Mapping[int, float],
+        self, own: Mapping[str, str], kinds: Kinds, functions: Mapping[str, ast.FunctionDef], fixed: Mapping[int, float]
     ) -> None:
         self.own = own
         self.kinds = kinds

@@ -81,10 +81,7 @@ AT_END = """
 """
 """Vectors are the sample's own; in the earlier parts of a step, whose time is not theirs, there are none."""
 PLAIN = {"events": "", "aid": ""}
-AIDED = {
-    "events": ", row_of, quiet, table",
-    "aid": ", table[row_of[k] if i == substeps[k] - 1 else quiet[k]]",
-}
+AIDED = {"events": ", row_of, quiet, table", "aid": ", table[row_of[k] if i == substeps[k] - 1 else quiet[k]]"}
 """What a loop with aids has more: an arrival is handed on once, in the last part of its sample's step."""
 
 SIGMAS = ("sigma_tilt", "sigma_heading")

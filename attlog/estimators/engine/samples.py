@@ -282,11 +282,7 @@ def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing:
         empty = _whole(x == 0.0)
     nan = _whole(np.isnan(x))
     absent = nan if absent_is_missing or nan.all() else np.zeros(len(x), bool)
-    for name, mask in (
-        ("nan", ~finite & ~absent),
-        ("saturated", finite & ~possible),
-        ("zero_vector", finite & empty),
-    ):
+    for name, mask in (("nan", ~finite & ~absent), ("saturated", finite & ~possible), ("zero_vector", finite & empty)):
         if mask.any():
             skipped[name] = skipped.get(name, 0) + int(mask.sum())
     return np.where((finite & possible)[:, None], x, 0.0)

@@ -169,7 +169,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
         "misalignment_sigma": 0.0018,
         "mag_noise": 8.0,
         "field_sigma": 4.5,
-    },
+    }
 }
 EXPECT_EVERY = 5.0
 """How often the size of accelerometer bias is asked for [s]."""

@@ -34,11 +34,7 @@ NEEDS = {"gyro", "acc"}
 USES = {"mag", "gnss", "baro", "at_rest"}
 STATE = {"q": 4, "bias": 3}
 CAUSAL = False
-PARAMETERS = (
-    *PRIORS,
-    SOFT,
-    Parameter("passes", 5, "", 1, 12, "passes over the log; one calibrates nothing", "attlog"),
-)
+PARAMETERS = (*PRIORS, SOFT, Parameter("passes", 5, "", 1, 12, "passes over the log; one calibrates nothing", "attlog"))
 PRESETS: dict[str, dict[str, float | str]] = {}
 
 

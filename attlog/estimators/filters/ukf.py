@@ -493,8 +493,4 @@ def rotated(q0: float, q1: float, q2: float, q3: float, vx: float, vy: float, vz
     tx = 2.0 * (q2 * vz - q3 * vy)
     ty = 2.0 * (q3 * vx - q1 * vz)
     tz = 2.0 * (q1 * vy - q2 * vx)
-    return (
-        vx + q0 * tx + q2 * tz - q3 * ty,
-        vy + q0 * ty + q3 * tx - q1 * tz,
-        vz + q0 * tz + q1 * ty - q2 * tx,
-    )
+    return (vx + q0 * tx + q2 * tz - q3 * ty, vy + q0 * ty + q3 * tx - q1 * tz, vz + q0 * tz + q1 * ty - q2 * tx)

@@ -82,9 +82,7 @@ PARAMETERS = (
         ("output", "input"),
     ),
 )
-PRESETS = {
-    "lyu": {"kp": 0.5, "ki": 0.001, "err1": 0.3, "err2": 0.8, "mag_gain": 0.0, **AS_PRINTED},
-}
+PRESETS = {"lyu": {"kp": 0.5, "ki": 0.001, "err1": 0.3, "err2": 0.8, "mag_gain": 0.0, **AS_PRINTED}}
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:

@@ -102,9 +102,14 @@ def _overlap(one: Path, other: Path) -> bool:
 
 
 def tell(
-    logs: list[Judged], junit_file: Path | None = None, summary: Path | bool = False, *,
-    environment: Mapping[str, str] = os.environ, out: TextIO | None = None, err: TextIO | None = None,
-) -> None:  # fmt: skip
+    logs: list[Judged],
+    junit_file: Path | None = None,
+    summary: Path | bool = False,
+    *,
+    environment: Mapping[str, str] = os.environ,
+    out: TextIO | None = None,
+    err: TextIO | None = None,
+) -> None:
     """What CI systems read: a JUnit file, a Markdown summary, and on GitHub annotations (on standard error).
 
     ``summary``: a file, or True for ``$GITHUB_STEP_SUMMARY`` where it is set, else standard output. OutputError for a

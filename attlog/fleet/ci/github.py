@@ -27,10 +27,15 @@ def commands(logs: Sequence[Judged], root: Path | None = None) -> Iterator[str]:
     errors = [_command("error", j.log, "not analysed", j.message, root) for j in found if j.broken]
     rank = sorted((k, -o.excess, n) for n, j in enumerate(found) for k, o in enumerate(j.worst))
     errors += [
-        _command("error", found[n].log, f"{found[n].worst[k].row}: {found[n].worst[k].check}",
-                 found[n].worst[k].sentence, root)
+        _command(
+            "error",
+            found[n].log,
+            f"{found[n].worst[k].row}: {found[n].worst[k].check}",
+            found[n].worst[k].sentence,
+            root,
+        )
         for k, _, n in rank
-    ]  # fmt: skip
+    ]
     yield from errors[:SHOWN]
     total = sum(j.failed + j.broken for j in found)
     if total > SHOWN:

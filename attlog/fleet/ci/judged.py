@@ -44,16 +44,29 @@ class Judged:
 
 
 def judged(
-    log: str, name: str, outcomes: Sequence[GateOutcome] = (), *, code: int = 0, message: str = "",
-    known: bool = False, seconds: float = 0.0,
-) -> Judged:  # fmt: skip
+    log: str,
+    name: str,
+    outcomes: Sequence[GateOutcome] = (),
+    *,
+    code: int = 0,
+    message: str = "",
+    known: bool = False,
+    seconds: float = 0.0,
+) -> Judged:
     """A log with what gates said of it; ``name`` is that of its report, ``seconds`` what its analysis took."""
     count = {status: sum(o.status == status for o in outcomes) for status in ("passed", "failed", "skipped")}
     failures = [o for o in worst_first(outcomes) if o.status == "failed"]
     return Judged(
-        log, name, code, message, known, **count, excused=sum(o.excused for o in outcomes),
-        worst=tuple(failures[:MOST_KEPT]), suite=junit.suite(log, name, outcomes, code, message, seconds, known),
-    )  # fmt: skip
+        log,
+        name,
+        code,
+        message,
+        known,
+        **count,
+        excused=sum(o.excused for o in outcomes),
+        worst=tuple(failures[:MOST_KEPT]),
+        suite=junit.suite(log, name, outcomes, code, message, seconds, known),
+    )
 
 
 def failing(logs: Iterable[Judged]) -> list[Judged]:

@@ -20,9 +20,7 @@ from attlog.result import MEASURED_TIMES
 
 ALL = ("all", "airborne", "rest")
 WINDOWS = {c.metric: c.windows for c in (*ERRORS, *STEPS, DRIFT_REST, *AXIS_COLUMNS)}
-AGAINST_REFERENCE = (
-    "inclination_", "heading_", "total_", "lag_", "step_", "distortion_", "overshoot_", "settling_",
-)  # fmt: skip
+AGAINST_REFERENCE = ("inclination_", "heading_", "total_", "lag_", "step_", "distortion_", "overshoot_", "settling_")
 FAMILIES = (
     ("noise_", PHASES),
     ("drift_rest", REST),

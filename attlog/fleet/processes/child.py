@@ -56,24 +56,33 @@ def analyse(work: Work, room: Path, tell: Tell) -> None:
         with unchanged(Path(work.source.place)), work.source.local(room) as log:
             content = log.sha256
             done = analyze_to_files(
-                log.path, work.config, room / "out", work.name,
-                command=work.command, plotly=work.plotly, deterministic=work.deterministic,
-            )  # fmt: skip
-        tell({
-            "key": key(content, work.settings),
-            "stamp": sign,
-            "row": index_row(done.result),
-            "files": {path.name: written(path) for path in (done.report, done.json)},
-        })  # fmt: skip
+                log.path,
+                work.config,
+                room / "out",
+                work.name,
+                command=work.command,
+                plotly=work.plotly,
+                deterministic=work.deterministic,
+            )
+        tell(
+            {
+                "key": key(content, work.settings),
+                "stamp": sign,
+                "row": index_row(done.result),
+                "files": {path.name: written(path) for path in (done.report, done.json)},
+            }
+        )
     except Exception as error:
         code = exit_code(error)
-        tell({
-            "key": key(content, work.settings) if content and not isinstance(error, LogUnreadable) else "",
-            "code": code,
-            "message": message(error, __version__, work.source.name).replace(str(room / "out"), str(work.folder)),
-            "trace": "".join(traceback.format_exception(error)) if code == BUG else "",
-            "folder_full": isinstance(error, OutputError) and is_full(error.__cause__),
-        })  # fmt: skip
+        tell(
+            {
+                "key": key(content, work.settings) if content and not isinstance(error, LogUnreadable) else "",
+                "code": code,
+                "message": message(error, __version__, work.source.name).replace(str(room / "out"), str(work.folder)),
+                "trace": "".join(traceback.format_exception(error)) if code == BUG else "",
+                "folder_full": isinstance(error, OutputError) and is_full(error.__cause__),
+            }
+        )
 
 
 def _stamp(work: Work) -> str:

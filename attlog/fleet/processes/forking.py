@@ -32,10 +32,21 @@ from typing import Any
 
 HEADER = struct.Struct("!Q")
 PRELOADED = (
-    "attlog.analysis", "attlog.fleet.processes.child", "attlog.flight.ardupilot.reader", "attlog.flight.px4.reader",
-    "attlog.formats.dataflash.reader", "attlog.formats.ulog.reader", "attlog.report.page", "attlog.report.templates",
-    "llvmlite.binding", "numpy.fft", "numpy.ma", "pygeomag", "tomli_w", "vqf",
-)  # fmt: skip
+    "attlog.analysis",
+    "attlog.fleet.processes.child",
+    "attlog.flight.ardupilot.reader",
+    "attlog.flight.px4.reader",
+    "attlog.formats.dataflash.reader",
+    "attlog.formats.ulog.reader",
+    "attlog.report.page",
+    "attlog.report.templates",
+    "llvmlite.binding",
+    "numpy.fft",
+    "numpy.ma",
+    "pygeomag",
+    "tomli_w",
+    "vqf",
+)
 """What nearly every log needs; what is left out is imported by the child that needs it."""
 
 
@@ -84,11 +95,14 @@ def _serve(control: socket.socket, wake: socket.socket, waker: socket.socket) ->
                     if done:
                         job = jobs.pop(pid)
                         events.unregister(job) if job in _registered(events) else None
-                        _tell(job, {
-                            "exit": os.waitstatus_to_exitcode(status),
-                            "cpu_s": used.ru_utime + used.ru_stime,
-                            "peak_mb": used.ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6,
-                        })  # fmt: skip
+                        _tell(
+                            job,
+                            {
+                                "exit": os.waitstatus_to_exitcode(status),
+                                "cpu_s": used.ru_utime + used.ru_stime,
+                                "peak_mb": used.ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6,
+                            },
+                        )
                         job.close()
             else:
                 events.unregister(ready)

@@ -31,9 +31,13 @@ class Fresh:
 
     def __init__(self, work: Work, room: Path, environment: Mapping[str, str]) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", START.format(path=sys.path)], env=environment, start_new_session=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            [sys.executable, "-P", "-c", START.format(path=sys.path)],
+            env=environment,
+            start_new_session=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
         self._told: SimpleQueue[dict[str, Any]] = SimpleQueue()
         threading.Thread(target=self._listen, args=(pickle.dumps((work, str(room))),), daemon=True).start()
 

@@ -96,10 +96,13 @@ class Nursery:
             start = START.format(path=sys.path, fd=theirs.fileno())
             # a session of its own: Ctrl-C goes to the caller alone
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", start], pass_fds=[theirs.fileno()], start_new_session=True,
-                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                [sys.executable, "-P", "-c", start],
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
                 env=_environment(),
-            )  # fmt: skip
+            )
         self._control = ours
         return ours
 

@@ -56,9 +56,12 @@ def run_one(work: Work, nursery: Nursery | None = None, tell: Callable[[dict[str
         if isinstance(error, OSError) and not no_more_processes(error):
             told = OutputError(f"{work.folder}: cannot be written ({error.strerror})")
         record = Record(
-            log, work.name, code=exit_code(told), message=message(told, __version__, log),
+            log,
+            work.name,
+            code=exit_code(told),
+            message=message(told, __version__, log),
             folder_full=is_full(error if isinstance(error, OSError) else error.__cause__),
-        )  # fmt: skip
+        )
     finally:
         shutil.rmtree(room, ignore_errors=True)
     return record
@@ -109,8 +112,11 @@ def _analysed(work: Work, room: Path, nursery: Nursery, tell: Callable[[dict[str
                     child.kill()
     if nursery.closed:
         raise Closed
-    measured = {"wall_s": round(time.monotonic() - started, 3), "cpu_s": round(ended.get("cpu_s", 0.0), 3),
-                "peak_mb": round(ended.get("peak_mb", 0.0), 1)}  # fmt: skip
+    measured = {
+        "wall_s": round(time.monotonic() - started, 3),
+        "cpu_s": round(ended.get("cpu_s", 0.0), 3),
+        "peak_mb": round(ended.get("peak_mb", 0.0), 1),
+    }
     if limit:
         return Record(log, work.name, content_key(work), LIMIT_REACHED, f"attlog: {log}: {limit}", **measured)
     if told:

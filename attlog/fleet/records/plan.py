@@ -51,19 +51,28 @@ def planned(job: Job) -> list[Work]:
     logs = [source.name for source in job.sources]
     earlier |= _moved(job, earlier)
     new = [source for source in job.sources if source.name not in earlier]
-    names = earlier | dict(zip(
-        (source.name for source in new), report_names((s.file_name for s in new), earlier.values()), strict=True,
-    ))  # fmt: skip
+    names = earlier | dict(
+        zip((source.name for source in new), report_names((s.file_name for s in new), earlier.values()), strict=True)
+    )
     plan = {"schema": SCHEMA, "version": __version__, "settings": settings, "names": names}
     write_atomic(_plan(job.folder), json.dumps(plan, indent=1) + "\n")
     commands = job.commands or [""] * len(logs)
     return [
         Work(
-            source, names[log], job.folder, job.config, settings, command, job.plotly, job.deterministic,
-            job.timeout, job.memory, job.resume,
+            source,
+            names[log],
+            job.folder,
+            job.config,
+            settings,
+            command,
+            job.plotly,
+            job.deterministic,
+            job.timeout,
+            job.memory,
+            job.resume,
         )
         for source, log, command in zip(job.sources, logs, commands, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _plan(folder: Path) -> Path:

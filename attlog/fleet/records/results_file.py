@@ -105,9 +105,7 @@ def columns(entry: Entry) -> list[list[Any]]:
     value, low, high, n, seconds, code, reason = (
         map(list, zip(*cells, strict=True)) if cells else ([] for _ in range(7))
     )
-    return [[t] * len(found) for t in about] + [
-        row_, window_, metric, value, low, high, n, seconds, unit, code, reason,
-    ]  # fmt: skip
+    return [[t] * len(found) for t in about] + [row_, window_, metric, value, low, high, n, seconds, unit, code, reason]
 
 
 def _batches(entries: Iterable[Entry]) -> Iterator[list[list[Any]]]:

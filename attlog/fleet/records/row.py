@@ -28,16 +28,18 @@ def index_row(result: Result) -> dict[str, Any]:
     comparison with their values by row; ``thumbnail``: the flight at a glance, None where the result holds no traces;
     ``answers``: every metric, see :func:`attlog.fleet.records.answers.packed`.
     """
-    row: dict[str, Any] = plain({
-        "form": FORM,
-        "flight": _flight(result),
-        "rows": _rows(result),
-        "verdicts": [_verdict(v) for v in result.verdicts],
-        "trouble": trouble(reasons(result)),
-        "columns": _columns(result),
-        "thumbnail": thumbnail(result),
-        HEAVY: answers.packed(result),
-    })  # fmt: skip
+    row: dict[str, Any] = plain(
+        {
+            "form": FORM,
+            "flight": _flight(result),
+            "rows": _rows(result),
+            "verdicts": [_verdict(v) for v in result.verdicts],
+            "trouble": trouble(reasons(result)),
+            "columns": _columns(result),
+            "thumbnail": thumbnail(result),
+            HEAVY: answers.packed(result),
+        }
+    )
     return row
 
 
@@ -105,9 +107,9 @@ def _columns(result: Result) -> list[dict[str, Any]]:
         cells = {r.name: r.metrics.get(heading.window, {}).get(heading.metric) for r in result.estimators}
         values = {name: _short(answer) for name, answer in cells.items() if answer is not None}
         unit = next(a.unit for a in cells.values() if a is not None and a.value is not None)
-        found.append({
-            "title": heading.title, "metric": heading.metric, "window": heading.window, "unit": unit, "values": values,
-        })  # fmt: skip
+        found.append(
+            {"title": heading.title, "metric": heading.metric, "window": heading.window, "unit": unit, "values": values}
+        )
     return found
 
 

@@ -11,17 +11,42 @@ from attlog.present.names import row_names
 from attlog.present.numbers import listed
 from attlog.result import EstimatorRow, Problem, Result
 
-ATTITUDE = frozenset({
-    "reference_contradicted", "onboard_against_smoother", "onboard_against_truth", "gravity_direction",
-    "gyro_against_attitude", "second_source", "ekf_check", "ekf_fault", "ekf_failsafe",
-})  # fmt: skip
+ATTITUDE = frozenset(
+    {
+        "reference_contradicted",
+        "onboard_against_smoother",
+        "onboard_against_truth",
+        "gravity_direction",
+        "gyro_against_attitude",
+        "second_source",
+        "ekf_check",
+        "ekf_fault",
+        "ekf_failsafe",
+    }
+)
 """Codes of problems that say the attitude that flew was wrong, or that its estimator failed."""
 RESETS = frozenset({"attitude_jumps", "lane_switch", "estimator_instance_changed"})
-SENSORS = frozenset({
-    "gyro", "gyro_bias", "gyro_range", "gravity", "gravity_in_flight", "accelerometer_bias", "vibration",
-    "vibration_failsafe", "vertical_force", "field", "field_against_motors", "field_against_attitude", "mag_dead",
-    "mag_spikes", "imu_all_zero", "imu_mostly_refused", "gnss_glitch",
-})  # fmt: skip
+SENSORS = frozenset(
+    {
+        "gyro",
+        "gyro_bias",
+        "gyro_range",
+        "gravity",
+        "gravity_in_flight",
+        "accelerometer_bias",
+        "vibration",
+        "vibration_failsafe",
+        "vertical_force",
+        "field",
+        "field_against_motors",
+        "field_against_attitude",
+        "mag_dead",
+        "mag_spikes",
+        "imu_all_zero",
+        "imu_mostly_refused",
+        "gnss_glitch",
+    }
+)
 """Codes of problems that a sensor has; ``rejected_...`` as well. Others tell what the log lacks."""
 
 POINTS = {

@@ -233,9 +233,12 @@ def _kept(work: Work, record: Record, files: dict[str, bytes]) -> Record:
             return keep(work, record)
     except OutputError as error:
         return Record(
-            work.source.name, work.name, code=error.exit_code, message=message(error, __version__, work.source.name),
+            work.source.name,
+            work.name,
+            code=error.exit_code,
+            message=message(error, __version__, work.source.name),
             folder_full=is_full(error.__cause__),
-        )  # fmt: skip
+        )
     return record
 
 

@@ -46,10 +46,15 @@ class _Arrived:
 
 
 def watch(
-    job: Job, arrivals: Arrivals, run: Runner, listener: Listener, at_a_time: int, judge: Judge | None = None,
+    job: Job,
+    arrivals: Arrivals,
+    run: Runner,
+    listener: Listener,
+    at_a_time: int,
+    judge: Judge | None = None,
     commands: Callable[[Sequence[Source]], Sequence[str]] | None = None,
     pause: Callable[[float], None] = time.sleep,
-) -> Outcome:  # fmt: skip
+) -> Outcome:
     """Analyse what arrives until an interrupt (KeyboardInterrupt) comes; ``job.sources`` is not looked at.
 
     What a folder's records know is not done again, whatever it is called by now; a changed file is. A log that

@@ -95,10 +95,11 @@ def resets(builder: LogBuilder, clock: Clock, lane_t: Stamps, lanes: list[int]) 
     if changes:
         often = "once" if len(changes) == 1 else f"{len(changes)} times"
         builder.problem(
-            "lane_switch", "warning",
+            "lane_switch",
+            "warning",
             f"The EKF changed its primary core {often}, first from {lanes[0]}; the attitude steps there.",
             count=len(changes),
-        )  # fmt: skip
+        )
     times += changes
     events = messages.first("EV")
     if events is not None and "Id" in events:

@@ -37,9 +37,11 @@ class Meaning:
 
 
 _NO_GNSS = Meaning(
-    "GNSS was lost for more than 5 s while it was needed", cause="Bad view of the sky or a disturbed receiver.",
-    remedy="Raise the antenna above power wires and transmitters.", means=AIDED,
-)  # fmt: skip
+    "GNSS was lost for more than 5 s while it was needed",
+    cause="Bad view of the sky or a disturbed receiver.",
+    remedy="Raise the antenna above power wires and transmitters.",
+    means=AIDED,
+)
 _BAD_COMPASS = "The compass does not answer: wiring, bus or the compass itself."
 _CHECK_COMPASS = "Check wiring and supply of the compass."
 
@@ -49,30 +51,44 @@ ERRORS: dict[tuple[int, int], Meaning] = {
     (3, 1): Meaning("The compass failed to start", cause=_BAD_COMPASS, remedy=_CHECK_COMPASS),
     (3, 4): Meaning("The compass was not healthy", cause=_BAD_COMPASS, remedy=_CHECK_COMPASS),
     (5, 1): Meaning(
-        "Radio failsafe: no signal from the transmitter", cause="Out of range, transmitter off or antenna shadowed.",
-        remedy="Check antennas and range.", means=NO_MATTER,
+        "Radio failsafe: no signal from the transmitter",
+        cause="Out of range, transmitter off or antenna shadowed.",
+        remedy="Check antennas and range.",
+        means=NO_MATTER,
     ),
     (6, 1): Meaning(
-        "Battery failsafe: voltage or capacity below its limit", cause="The battery was empty or weak.",
-        remedy="Land earlier or change the battery.", means=NO_MATTER,
+        "Battery failsafe: voltage or capacity below its limit",
+        cause="The battery was empty or weak.",
+        remedy="Land earlier or change the battery.",
+        means=NO_MATTER,
     ),
     (7, 1): replace(_NO_GNSS, text="GNSS failsafe: no position while the flight mode needed one"),
-    (8, 1): Meaning("Ground station failsafe: no heartbeat from it", cause="The radio link was lost.",
-                    remedy="Check the telemetry link.", means=NO_MATTER),
+    (8, 1): Meaning(
+        "Ground station failsafe: no heartbeat from it",
+        cause="The radio link was lost.",
+        remedy="Check the telemetry link.",
+        means=NO_MATTER,
+    ),
     (11, 2): Meaning(
         "GNSS glitch: its position jumped away from the predicted one",
         cause="Bad reception, or an attitude and acceleration that predict a wrong position.",
         remedy="Check the view of the sky; with good reception look for vibration or a wrong heading.",
-        means="An attitude that uses GNSS may be pulled off.", code="gnss_glitch",
+        means="An attitude that uses GNSS may be pulled off.",
+        code="gnss_glitch",
     ),
     (12, 1): Meaning(
-        "Crash check: the vehicle was tilted and out of control, motors were stopped", "error",
-        cause="Lost thrust, lost control or contact.", remedy="Look at what was reported in the seconds before.",
+        "Crash check: the vehicle was tilted and out of control, motors were stopped",
+        "error",
+        cause="Lost thrust, lost control or contact.",
+        remedy="Look at what was reported in the seconds before.",
         code="crash",
     ),
     (12, 2): Meaning(
-        "Loss of control was detected, as for the parachute", "error", cause="Lost thrust or lost attitude.",
-        remedy="Look at what was reported in the seconds before.", code="crash",
+        "Loss of control was detected, as for the parachute",
+        "error",
+        cause="Lost thrust or lost attitude.",
+        remedy="Look at what was reported in the seconds before.",
+        code="crash",
     ),
     (13, 2): Meaning("A flip was abandoned", "note"),
     (14, 2): Meaning("Autotune was refused or its gains were bad", "note"),
@@ -81,18 +97,27 @@ ERRORS: dict[tuple[int, int], Meaning] = {
     (16, 2): Meaning(
         "EKF check: two or more of the EKF's test ratios (compass, position, velocity) stayed above the limit for 1 s",
         cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
-        remedy="Look for vibration, the field and GNSS among these findings.", means=DOUBT, code="ekf_check",
+        remedy="Look for vibration, the field and GNSS among these findings.",
+        means=DOUBT,
+        code="ekf_check",
     ),
     (17, 1): Meaning(
-        "EKF failsafe: the EKF was given up in flight", "error",
+        "EKF failsafe: the EKF was given up in flight",
+        "error",
         cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
-        remedy="Look for vibration, the field and GNSS among these findings.", means=DOUBT, code="ekf_failsafe",
+        remedy="Look for vibration, the field and GNSS among these findings.",
+        means=DOUBT,
+        code="ekf_failsafe",
     ),
     (18, 1): Meaning("The barometer failed to start"),
     (18, 2): Meaning("The barometer jumped", "note"),
     (18, 4): Meaning("The barometer was not healthy", means=AIDED),
-    (19, 1): Meaning("The main loop stood still for 2 s and more", "error", cause="The processor was overloaded.",
-                     means="Samples may be missing there."),
+    (19, 1): Meaning(
+        "The main loop stood still for 2 s and more",
+        "error",
+        cause="The processor was overloaded.",
+        means="Samples may be missing there.",
+    ),
     (20, 1): Meaning("Another aircraft came near", "note"),
     (21, 2): Meaning("Terrain data were missing", "note"),
     (22, 2): Meaning("A destination could not be set", "note"),
@@ -102,8 +127,11 @@ ERRORS: dict[tuple[int, int], Meaning] = {
     (22, 6): Meaning("Return to launch lacked its range finder", "note"),
     (23, 1): Meaning("Terrain failsafe: no terrain data for 5 s", means=NO_MATTER),
     (25, 1): Meaning(
-        "Thrust loss: full throttle and still falling", "error", cause="A motor, propeller or the battery gave way.",
-        remedy="Check motors, propellers and battery; compare the motor outputs.", means=NO_MATTER,
+        "Thrust loss: full throttle and still falling",
+        "error",
+        cause="A motor, propeller or the battery gave way.",
+        remedy="Check motors, propellers and battery; compare the motor outputs.",
+        means=NO_MATTER,
     ),
     (26, 1): Meaning("Sensor failsafe"),
     (27, 1): Meaning("Leak failsafe: water inside", "error"),
@@ -112,20 +140,20 @@ ERRORS: dict[tuple[int, int], Meaning] = {
         "Vibration failsafe: height is held without the vertical accelerometer",
         cause="Vibration that the accelerometer turns into a constant offset.",
         remedy="Balance propellers, check bearings and arms, and mount the autopilot softer.",
-        means="Filters that trust the accelerometer are pulled off there.", code="vibration_failsafe",
+        means="Filters that trust the accelerometer are pulled off there.",
+        code="vibration_failsafe",
     ),
     (30, 1): Meaning("An internal error of the firmware", "warning", remedy="Report it with this log."),
     (31, 1): Meaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost.", means=AIDED),
-}  # fmt: skip
+}
 """By subsystem and code."""
 FENCE = {1: "height", 2: "circle", 4: "polygon", 8: "lowest height"}
 EVENTS: dict[int, Meaning] = {
     19: _NO_GNSS,
-    51: Meaning("The parachute was released", "error", cause="By the pilot or by the crash check.",
-                code="crash"),
+    51: Meaning("The parachute was released", "error", cause="By the pilot or by the crash check.", code="crash"),
     54: Meaning("The pilot stopped the motors (emergency stop)", "error"),
     60: Meaning("The EKF set its height anew", "note", cause="Its height source changed or drifted.", means=NO_MATTER),
-}  # fmt: skip
+}
 """By the id of EV records; yaw resets stand among the jumps of the attitude."""
 
 
@@ -156,11 +184,16 @@ def report(builder: LogBuilder, clock: Clock) -> None:
             what = f"{record} {'/'.join(map(str, key))}"
             builder.problems.append(
                 Problem(
-                    meaning.code or what.lower().replace(" ", "_").replace("/", "_"), meaning.severity,
-                    f"{meaning.text} ({what}).", t=float(t[first[k]]), count=int(counts[k]), cause=meaning.cause,
-                    remedy=meaning.remedy, means=meaning.means,
+                    meaning.code or what.lower().replace(" ", "_").replace("/", "_"),
+                    meaning.severity,
+                    f"{meaning.text} ({what}).",
+                    t=float(t[first[k]]),
+                    count=int(counts[k]),
+                    cause=meaning.cause,
+                    remedy=meaning.remedy,
+                    means=meaning.means,
                 )
-            )  # fmt: skip
+            )
 
 
 def of_error(subsystem: int, code: int) -> Meaning | None:

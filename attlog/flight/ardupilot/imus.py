@@ -68,19 +68,28 @@ def imu(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Ca
         timed = own_time(table) is not None
         if not timed:
             builder.problem(
-                "imu_without_time", "error",
+                "imu_without_time",
+                "error",
                 f"The records of IMU {unit} carry no time stamp (ArduPilot 3.0 and older): they cannot be replayed.",
-            )  # fmt: skip
+            )
             continue
         gyro_cut, acc_cut = cutoffs(params, int(t[0]) if len(t) else 0)
         temperature = next((table.value(c) for c in ("T", "Temp") if c in table), None)
         found.append(
             Candidate(
-                unit, 3, t, columns(table, *GYRO), columns(table, *ACC), name_of(table, unit), "instant",
+                unit,
+                3,
+                t,
+                columns(table, *GYRO),
+                columns(table, *ACC),
+                name_of(table, unit),
+                "instant",
                 filtered=f"low-pass {gyro_cut:.0f} Hz" if gyro_cut else "unknown",
-                gyro_delay=low_pass_delay(gyro_cut), acc_delay=low_pass_delay(acc_cut), temperature=temperature,
+                gyro_delay=low_pass_delay(gyro_cut),
+                acc_delay=low_pass_delay(acc_cut),
+                temperature=temperature,
             )
-        )  # fmt: skip
+        )
     return found
 
 
@@ -121,10 +130,18 @@ def raw(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Ca
         rising = np.concatenate([[True], np.diff(t_acc) > 0])
         acc = columns(partner, *ACC)[rising]
         one = Candidate(
-            unit, 2, t, columns(table, *GYRO), onto(t, t_acc[rising], acc), f"{table.name}:{unit}", "instant",
+            unit,
+            2,
+            t,
+            columns(table, *GYRO),
+            onto(t, t_acc[rising], acc),
+            f"{table.name}:{unit}",
+            "instant",
             filtered=f"low-pass {gyro_cut:.0f} Hz" if after else "none",
-            gyro_delay=low_pass_delay(gyro_cut), acc_delay=low_pass_delay(acc_cut), acc_source=f"{partner.name}:{unit}",
-        )  # fmt: skip
+            gyro_delay=low_pass_delay(gyro_cut),
+            acc_delay=low_pass_delay(acc_cut),
+            acc_source=f"{partner.name}:{unit}",
+        )
         one = complete(one)
         one.usable = one.rate >= RAW_HZ
         found.append(one)
@@ -147,9 +164,15 @@ def increments(builder: LogBuilder, clock: Clock) -> list[Candidate]:
         needed = ("DelvT", "DelaT", "DelAX", "DelAY", "DelAZ", "DelVX", "DelVY", "DelVZ")
         if all(c in table for c in needed):
             one = from_increments(
-                unit, 1, clock.of(table), table.value("DelaT"), columns(table, "DelAX", "DelAY", "DelAZ"),
-                table.value("DelvT"), columns(table, "DelVX", "DelVY", "DelVZ"), name_of(table, unit),
-            )  # fmt: skip
+                unit,
+                1,
+                clock.of(table),
+                table.value("DelaT"),
+                columns(table, "DelAX", "DelAY", "DelAZ"),
+                table.value("DelvT"),
+                columns(table, "DelVX", "DelVY", "DelVZ"),
+                name_of(table, unit),
+            )
             one.usable = one.rate >= INCREMENTS_HZ
             found.append(one)
     return found
@@ -162,11 +185,17 @@ def replay(builder: LogBuilder) -> list[Candidate]:
         return []
     return [
         from_increments(
-            unit, 0, frame_times(frames, table), table.value("DADT"), columns(table, "DAX", "DAY", "DAZ"),
-            table.value("DVDT"), columns(table, "DVX", "DVY", "DVZ"), f"RISI:{unit}",
+            unit,
+            0,
+            frame_times(frames, table),
+            table.value("DADT"),
+            columns(table, "DAX", "DAY", "DAZ"),
+            table.value("DVDT"),
+            columns(table, "DVX", "DVY", "DVZ"),
+            f"RISI:{unit}",
         )
         for unit, table in units(builder.messages, "RISI").items()
-    ]  # fmt: skip
+    ]
 
 
 def frame_times(frames: Table, table: Table) -> Stamps:
@@ -182,9 +211,16 @@ def from_increments(
     """Rates from increments by their own integration times; records without a time are left out."""
     good = (dt > 1e-5) & (dt < 1.0) & (dt_v > 1e-5) & (dt_v < 1.0)
     return Candidate(
-        unit, rank, t[good], angle[good] / dt[good, None], velocity[good] / dt_v[good, None], source, "interval",
-        filtered="none", dt=dt[good],
-    )  # fmt: skip
+        unit,
+        rank,
+        t[good],
+        angle[good] / dt[good, None],
+        velocity[good] / dt_v[good, None],
+        source,
+        "interval",
+        filtered="none",
+        dt=dt[good],
+    )
 
 
 def primary_core(messages: Messages, clock: Clock, ekf_type: float | None) -> tuple[str, Stamps, list[int]]:

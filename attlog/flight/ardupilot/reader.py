@@ -31,9 +31,10 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     values = parameters.values(messages.params)
     if not clock.known:
         builder.problem(
-            "no_clock", "error",
+            "no_clock",
+            "error",
             "No record of this log carries a time stamp, as in ArduPilot 3.0 and older: nothing in it can be replayed.",
-        )  # fmt: skip
+        )
     found = imus.candidates(builder, clock, messages.params)
     chosen = inertial.best_per_unit(builder, found)
     ekf = values.get("AHRS_EKF_TYPE")
@@ -113,10 +114,11 @@ def magnetometers(builder: LogBuilder, clock: Clock, values: dict[str, float]) -
         source = imus.name_of(table, unit)
         if "OfsX" in table and only_offsets(field, columns(table, "OfsX", "OfsY", "OfsZ")):
             builder.problem(
-                "mag_only_offsets", "warning",
+                "mag_only_offsets",
+                "warning",
                 f"{source}: every value equals the compass offsets, so the compass itself measures nothing; "
                 "it is not used.",
-            )  # fmt: skip
+            )
             field = np.zeros_like(field)
         sampled = t - (t - table["S"].astype(np.int64)) % 2**32 if "S" in table else None  # S: us, 32 bits
         use = values.get("COMPASS_USE" + ("" if unit == 0 else str(unit + 1)), 1.0)

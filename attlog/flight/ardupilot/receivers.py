@@ -30,9 +30,17 @@ def one_receiver(builder: LogBuilder, clock: Clock, unit: int, table: Table) -> 
     if yaw is not None:
         yaw = np.where(yaw == 0.0, np.nan, (yaw + np.pi) % (2 * np.pi) - np.pi)  # 0: the receiver has no heading
     return receiver.build(
-        builder, unit, t_us, source, place=place, velocity=velocity, fix=table["Status"].astype(np.int64),
-        accuracy=(h_acc, v_acc, s_acc), yaw=yaw, utc_us=utc_us(table),
-    )  # fmt: skip
+        builder,
+        unit,
+        t_us,
+        source,
+        place=place,
+        velocity=velocity,
+        fix=table["Status"].astype(np.int64),
+        accuracy=(h_acc, v_acc, s_acc),
+        yaw=yaw,
+        utc_us=utc_us(table),
+    )
 
 
 def replay_receivers(builder: LogBuilder) -> list[Gnss]:
@@ -44,10 +52,15 @@ def replay_receivers(builder: LogBuilder) -> list[Gnss]:
         new = np.concatenate([[True], np.diff(t_us) != 0]) if len(t_us) else np.zeros(0, bool)
         told = new & (place[:, :2] != 0).any(axis=1)
         one = receiver.build(
-            builder, unit, t_us[told], f"RGPJ:{unit}", place=place[told],
-            velocity=columns(table, "VX", "VY", "VZ")[told], fix=np.full(int(told.sum()), 3),
+            builder,
+            unit,
+            t_us[told],
+            f"RGPJ:{unit}",
+            place=place[told],
+            velocity=columns(table, "VX", "VY", "VZ")[told],
+            fix=np.full(int(told.sum()), 3),
             accuracy=(table.value("HA")[told], table.value("VA")[told], table.value("SA")[told]),
-        )  # fmt: skip
+        )
         found += [] if one is None else [one]
     return found
 

@@ -27,9 +27,10 @@ def of(values: Mapping[str, float]) -> dict[Fault, str]:
     if "COMPASS_MOTCT" in values:
         mode = values["COMPASS_MOTCT"]
         found["interference"] += (
-            " Then measure what is left with compassmot (COMPASS_MOTCT is 0: no compensation)." if mode == 0
+            " Then measure what is left with compassmot (COMPASS_MOTCT is 0: no compensation)."
+            if mode == 0
             else f" Then repeat compassmot (COMPASS_MOTCT is {mode:g} already)."
-        )  # fmt: skip
+        )
     if values.get("INS_HNTCH_ENABLE") == 0:
         found["vibration"] += " INS_HNTCH_ENABLE is 0: the harmonic notch filter is off."
     if values.get("COMPASS_AUTODEC") == 0:

@@ -72,8 +72,10 @@ def rate_setpoints(builder: LogBuilder, clock: Clock, imu: Imu | None) -> Stream
     table = builder.messages.first("RATE")
     if table is None:
         return None
-    for wanted, measured in ((("RDes", "PDes", "YDes"), ("R", "P", "Y")),
-                             (("RllDes", "PitDes", "YawDes"), ("Rll", "Pit", "Yaw"))):  # fmt: skip
+    for wanted, measured in (
+        (("RDes", "PDes", "YDes"), ("R", "P", "Y")),
+        (("RllDes", "PitDes", "YawDes"), ("Rll", "Pit", "Yaw")),
+    ):
         if not all(c in table for c in (*wanted, *measured)):
             continue
         t = clock.of(table)

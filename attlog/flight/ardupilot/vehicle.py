@@ -13,9 +13,19 @@ BANNER = re.compile(
 )
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
 FRAMES = {
-    1: "quadrotor", 2: "hexarotor", 3: "octorotor", 4: "octorotor", 5: "hexarotor", 6: "helicopter", 7: "tricopter",
-    8: "single rotor", 9: "coaxial helicopter", 11: "helicopter", 12: "dodecarotor", 13: "helicopter",
-}  # fmt: skip
+    1: "quadrotor",
+    2: "hexarotor",
+    3: "octorotor",
+    4: "octorotor",
+    5: "hexarotor",
+    6: "helicopter",
+    7: "tricopter",
+    8: "single rotor",
+    9: "coaxial helicopter",
+    11: "helicopter",
+    12: "dodecarotor",
+    13: "helicopter",
+}
 """FRAME_CLASS of Copter."""
 SOFTWARE = {0: "plane", 10: "copter", 20: "rover", 40: "sub"}
 """SYSID_SW_TYPE."""
@@ -76,8 +86,14 @@ def vehicle(messages: Messages, values: dict[str, float], family: str) -> str:
             return FRAMES[int(values["FRAME_CLASS"])]
         for text in messages.texts:
             match = re.search(r"[Ff]rame: (\w+)", text.text)
-            for word, name in (("QUAD", "quadrotor"), ("HEXA", "hexarotor"), ("OCTA", "octorotor"), ("Y6", "hexarotor"),
-                               ("TRI", "tricopter"), ("HELI", "helicopter")):  # fmt: skip
+            for word, name in (
+                ("QUAD", "quadrotor"),
+                ("HEXA", "hexarotor"),
+                ("OCTA", "octorotor"),
+                ("Y6", "hexarotor"),
+                ("TRI", "tricopter"),
+                ("HELI", "helicopter"),
+            ):
                 if match and match[1].upper().startswith(word):
                     return name
         return "helicopter" if any(n.startswith("H_SV") for n in values) else "multirotor"

@@ -7,9 +7,7 @@ from numpy.typing import NDArray
 
 GPS_EPOCH_S = 315_964_800
 """1980-01-06 00:00 UTC as Unix time."""
-LEAP_SECONDS = (
-    (1_230_768_000, 15), (1_341_100_800, 16), (1_435_708_800, 17), (1_483_228_800, 18),
-)  # fmt: skip
+LEAP_SECONDS = ((1_230_768_000, 15), (1_341_100_800, 16), (1_435_708_800, 17), (1_483_228_800, 18))
 """(Unix time of the start, GPS minus UTC in s), IERS Bulletin C; none was added since 2017."""
 
 

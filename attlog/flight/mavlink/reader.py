@@ -62,10 +62,12 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
     ]
     if others:
         builder.problem(
-            "several_systems", "note",
+            "several_systems",
+            "note",
             f"The file holds {len(others) + 1} vehicles; this is system {instance >> 8}. --system chooses another "
-            f"({', '.join(map(str, others))}).", count=len(others) + 1,
-        )  # fmt: skip
+            f"({', '.join(map(str, others))}).",
+            count=len(others) + 1,
+        )
     found = builder.attempt("The inertial messages", lambda: candidates(builder, clock, instance, autopilot), [])
     chosen = inertial.best_per_unit(builder, found)
     nobody = Firmware("unknown autopilot")
@@ -121,8 +123,13 @@ def candidates(
     """Every inertial message, cleaned: HIGHRES_IMU (SI), RAW_IMU of ArduPilot, SCALED_IMU, _IMU2, _IMU3."""
     gyro_cut, acc_cut = cutoffs(builder.messages.params, 0) if autopilot == ARDUPILOT else (0.0, 0.0)
     found = []
-    for unit, rank, name in ((0, 0, "HIGHRES_IMU"), (0, 1, "RAW_IMU"), (0, 2, "SCALED_IMU"), (1, 2, "SCALED_IMU2"),
-                             (2, 2, "SCALED_IMU3")):  # fmt: skip
+    for unit, rank, name in (
+        (0, 0, "HIGHRES_IMU"),
+        (0, 1, "RAW_IMU"),
+        (0, 2, "SCALED_IMU"),
+        (1, 2, "SCALED_IMU2"),
+        (2, 2, "SCALED_IMU3"),
+    ):
         table = builder.messages.tables.get((name, instance))
         if table is None or (name == "RAW_IMU" and autopilot == PX4):
             continue  # PX4's RAW_IMU is in units of the sensor
@@ -131,19 +138,27 @@ def candidates(
             gyro, acc = gyro * 1e-3, acc * 1e-3 * STANDARD_GRAVITY
         if np.mean((gyro != 0).any(axis=1) | (acc != 0).any(axis=1)) < 0.01:
             builder.problem(
-                "imu_all_zero", "warning" if unit else "error",
+                "imu_all_zero",
+                "warning" if unit else "error",
                 f"{name}: its gyro and accelerometer values are zero; this unit is not used.",
-            )  # fmt: skip
+            )
             continue
         one = inertial.validate(
             builder,
             inertial.Candidate(
-                unit, rank, clock.of(table), gyro, acc, name, "instant",
+                unit,
+                rank,
+                clock.of(table),
+                gyro,
+                acc,
+                name,
+                "instant",
                 filtered=f"low-pass {gyro_cut:.0f} Hz" if gyro_cut else "unknown",
-                gyro_delay=low_pass_delay(gyro_cut), acc_delay=low_pass_delay(acc_cut),
+                gyro_delay=low_pass_delay(gyro_cut),
+                acc_delay=low_pass_delay(acc_cut),
                 note="" if name == "HIGHRES_IMU" else "steps of 0.057 deg/s and 0.0098 m/s^2",
             ),
-        )  # fmt: skip
+        )
         found += [one] if one is not None else []
     return found
 
@@ -173,9 +188,9 @@ def attitudes(builder: LogBuilder, clock: PacketClock, instance: int, trimmed: b
     found = {}
     for name in ("ATTITUDE_QUATERNION", "ATTITUDE", "AHRS2", "AHRS3"):
         table = builder.messages.tables.get((name, instance))
-        attitude = None if table is None else builder.attitude(
-            clock.of(table), quaternions(table), name, has_trim=trimmed
-        )  # fmt: skip
+        attitude = (
+            None if table is None else builder.attitude(clock.of(table), quaternions(table), name, has_trim=trimmed)
+        )
         if attitude is not None:
             found[name] = attitude
     return found
@@ -202,10 +217,14 @@ def truth(builder: LogBuilder, clock: PacketClock, instance: int) -> Attitude | 
         q = quaternions(table)
         attitude = builder.attitude(clock.by_packet(table), q, name)
         if attitude is not None:
-            how = "packet stamps mapped to the boot clock are good to a few ms." if clock.is_steady else (
-                "the packet stamps do not advance as the boot clock does, so its place between messages with a clock "
-                "is taken."
-            )  # fmt: skip
+            how = (
+                "packet stamps mapped to the boot clock are good to a few ms."
+                if clock.is_steady
+                else (
+                    "the packet stamps do not advance as the boot clock does, so its place between messages with "
+                    "a clock is taken."
+                )
+            )
             builder.problem("truth_packet_times", "note", f"{name} carries no time of its own; {how}")
             return attitude
     return None

@@ -137,17 +137,28 @@ def one_receiver(builder: LogBuilder, clock: PacketClock, instance: int, unit: i
     speed = np.where(table["vel"] == 0xFFFF, np.nan, table["vel"] * 0.01)
     course = np.where(table["cog"] == 0xFFFF, np.nan, np.radians(table["cog"] * 0.01))
     velocity = np.column_stack([speed * np.cos(course), speed * np.sin(course), np.full(len(speed), np.nan)])
-    h_acc, v_acc, s_acc = (np.where(table[c] > 0, table[c] * 1e-3, np.nan) if c in table else np.full(len(fix), np.nan)
-                           for c in ("h_acc", "v_acc", "vel_acc"))  # fmt: skip
+    h_acc, v_acc, s_acc = (
+        np.where(table[c] > 0, table[c] * 1e-3, np.nan) if c in table else np.full(len(fix), np.nan)
+        for c in ("h_acc", "v_acc", "vel_acc")
+    )
     yaw = None
     if "yaw" in table and ((table["yaw"] > 0) & (table["yaw"] != 0xFFFF)).any():
         known = (table["yaw"] > 0) & (table["yaw"] != 0xFFFF)
         yaw = np.where(known, (np.radians(table["yaw"] * 0.01) + np.pi) % (2 * np.pi) - np.pi, np.nan)
     unix = table["time_usec"].astype(np.int64)
     return receiver.build(
-        builder, unit, t_us, name, place=place, velocity=velocity, fix=fix, accuracy=(h_acc, v_acc, s_acc), yaw=yaw,
-        utc_us=unix if (unix > UNIX_US).any() else None, repeats=True,
-    )  # fmt: skip
+        builder,
+        unit,
+        t_us,
+        name,
+        place=place,
+        velocity=velocity,
+        fix=fix,
+        accuracy=(h_acc, v_acc, s_acc),
+        yaw=yaw,
+        utc_us=unix if (unix > UNIX_US).any() else None,
+        repeats=True,
+    )
 
 
 def baro(builder: LogBuilder, clock: PacketClock, instance: int, suffix: str) -> Stream | None:
@@ -158,8 +169,9 @@ def baro(builder: LogBuilder, clock: PacketClock, instance: int, suffix: str) ->
         return None
     pressure = table.value("press_abs")
     with np.errstate(invalid="ignore"):
-        altitude = np.where(pressure > 1.0, 44330.77 * (1.0 - np.maximum(pressure / SEA_LEVEL_HPA, 0.0) ** 0.190263),
-                            np.nan)  # fmt: skip
+        altitude = np.where(
+            pressure > 1.0, 44330.77 * (1.0 - np.maximum(pressure / SEA_LEVEL_HPA, 0.0) ** 0.190263), np.nan
+        )
     return builder.stream(clock.of(table), altitude, "m", name, within=physics.BARO, allow_nan=True)
 
 

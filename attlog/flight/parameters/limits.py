@@ -33,10 +33,12 @@ LIMITS: tuple[tuple[str, Quantity], ...] = (
     (r"CAL_MAG\d_(ROLL|PITCH|YAW)|SENS_BOARD_[XYZ]_OFF", _TURN),
     (r"(MOT_PWM|RC\d+)_(MIN|MAX)", Quantity("pulse", 0.0, 10_000.0, "us", "servos take 800 to 2,200")),
     (r"ATT_W_(ACC|MAG|GYRO_BIAS)|ATT_BIAS_MAX|AHRS_(RP|YAW)_P|AHRS_GPS_GAIN", _GAIN),
-    (r"FRAME_CLASS|SYSID_SW_TYPE|RCMAP_THROTTLE|INS_RAW_LOG_OPT",
-     Quantity("choice", -1.0, 65_535.0, "", "16 bits hold every choice of the firmware")),
+    (
+        r"FRAME_CLASS|SYSID_SW_TYPE|RCMAP_THROTTLE|INS_RAW_LOG_OPT",
+        Quantity("choice", -1.0, 65_535.0, "", "16 bits hold every choice of the firmware"),
+    ),
     (r"SCHED_LOOP_RATE", Quantity("loop rate", 0.0, 32_000.0, "Hz", "no autopilot loops faster than a gyro samples")),
-)  # fmt: skip
+)
 """By the whole name. Parameters that are not here are shown and compared, not computed with."""
 NAMED = 4
 """Of many parameters with impossible values, so many are named."""

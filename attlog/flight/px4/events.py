@@ -21,9 +21,24 @@ RATIOS = {
     "pos_test_ratio": ("horizontal position", "Bad GNSS, vibration, or a wrong attitude."),
     "hgt_test_ratio": ("height", "A drifting barometer or vibration."),
 }
-FAULTS = ("compass x", "compass y", "compass z", "compass heading", "declination", "airspeed", "sideslip",
-          "optical flow x", "optical flow y", "velocity north", "velocity east", "velocity down", "position north",
-          "position east", "position down", "accelerometer bias")  # fmt: skip
+FAULTS = (
+    "compass x",
+    "compass y",
+    "compass z",
+    "compass heading",
+    "declination",
+    "airspeed",
+    "sideslip",
+    "optical flow x",
+    "optical flow y",
+    "velocity north",
+    "velocity east",
+    "velocity down",
+    "position north",
+    "position east",
+    "position down",
+    "accelerometer bias",
+)
 """Fusions that failed numerically, by bit; later versions add bits that are no failures of fusion."""
 DOUBT = "While it lasts the onboard attitude is in doubt, and agreement with it proves little."
 
@@ -51,9 +66,19 @@ def _estimator(builder: LogBuilder) -> None:
             text = f"The EKF rejected its {what} for {seconds:.0f} s in all, by up to {worst:.1f} times its limit"
             remedy = "Look for the field, vibration and GNSS among these findings."
             builder.problems.append(
-                Problem(f"rejected_{column.partition('_')[0]}", "warning", f"{text} ({column}).", t=spans[0][0],
-                        count=len(spans), value=round(worst, 2), unit="", cause=cause, remedy=remedy, means=DOUBT)
-            )  # fmt: skip
+                Problem(
+                    f"rejected_{column.partition('_')[0]}",
+                    "warning",
+                    f"{text} ({column}).",
+                    t=spans[0][0],
+                    count=len(spans),
+                    value=round(worst, 2),
+                    unit="",
+                    cause=cause,
+                    remedy=remedy,
+                    means=DOUBT,
+                )
+            )
     if "filter_fault_flags" in table:
         flags = table["filter_fault_flags"].astype(np.int64)
         if flags.any():
@@ -61,10 +86,16 @@ def _estimator(builder: LogBuilder) -> None:
             names = [n for k, n in enumerate(FAULTS) if bits >> k & 1]
             if names:
                 builder.problems.append(
-                    Problem("ekf_fault", "warning", f"The EKF failed numerically: {', '.join(names)}.",
-                            t=float(t[np.argmax(flags != 0)]), cause="Sensors contradict each other or are stuck.",
-                            remedy="Look for the other findings at this time.", means=DOUBT)
-                )  # fmt: skip
+                    Problem(
+                        "ekf_fault",
+                        "warning",
+                        f"The EKF failed numerically: {', '.join(names)}.",
+                        t=float(t[np.argmax(flags != 0)]),
+                        cause="Sensors contradict each other or are stuck.",
+                        remedy="Look for the other findings at this time.",
+                        means=DOUBT,
+                    )
+                )
 
 
 def _failsafe(builder: LogBuilder) -> None:
@@ -77,11 +108,17 @@ def _failsafe(builder: LogBuilder) -> None:
     if len(starts):
         first = float(builder.seconds(stamps(table))[starts[0]])
         builder.problems.append(
-            Problem("failsafe", "warning", "The autopilot was in failsafe.", t=first,
-                    count=len(starts), cause="Its messages say which link or sensor was lost.",
-                    remedy="Read what the autopilot said at this time.",
-                    means="Filters that are run again do not need what was lost.")
-        )  # fmt: skip
+            Problem(
+                "failsafe",
+                "warning",
+                "The autopilot was in failsafe.",
+                t=first,
+                count=len(starts),
+                cause="Its messages say which link or sensor was lost.",
+                remedy="Read what the autopilot said at this time.",
+                means="Filters that are run again do not need what was lost.",
+            )
+        )
 
 
 def _longer(t: np.ndarray, bad: np.ndarray, least: float) -> list[tuple[float, float]]:

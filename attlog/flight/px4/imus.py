@@ -63,9 +63,18 @@ def fifo(builder: LogBuilder, values: dict[str, float]) -> list[Candidate]:
         gyro, known = calibrate("GYRO", values, own, gyro)
         unit = unit_of_device(builder, own)
         one = Candidate(
-            i if unit is None else unit, 0, t, gyro, onto(t, t_acc, acc), f"sensor_gyro_fifo:{i}", "interval",
-            calibrated=known and known_acc, filtered="none", device=str(own), acc_source=source,
-        )  # fmt: skip
+            i if unit is None else unit,
+            0,
+            t,
+            gyro,
+            onto(t, t_acc, acc),
+            f"sensor_gyro_fifo:{i}",
+            "interval",
+            calibrated=known and known_acc,
+            filtered="none",
+            device=str(own),
+            acc_source=source,
+        )
         damaged = too_many(table)
         one.problems += damaged
         one.usable = all(p.count <= REFUSED_SHARE * len(table) for p in damaged)
@@ -155,12 +164,19 @@ def vehicle_imu(builder: LogBuilder) -> list[Candidate]:
         t = stamps(table, "timestamp_sample" if "timestamp_sample" in table else "timestamp")[good]
         found.append(
             Candidate(
-                i, 1, t, columns(table, "delta_angle")[good] / dt[good, None],
-                columns(table, "delta_velocity")[good] / dt_v[good, None], f"vehicle_imu:{i}", "interval",
-                filtered="none", device=str(int(table["gyro_device_id"][0])), dt=dt[good],
+                i,
+                1,
+                t,
+                columns(table, "delta_angle")[good] / dt[good, None],
+                columns(table, "delta_velocity")[good] / dt_v[good, None],
+                f"vehicle_imu:{i}",
+                "interval",
+                filtered="none",
+                device=str(int(table["gyro_device_id"][0])),
+                dt=dt[good],
                 usable=not decimated(t, dt[good]),
             )
-        )  # fmt: skip
+        )
         found[-1].problems += clipped(f"vehicle_imu:{i}", table.rows(good), "delta_angle_clipping")
         if not found[-1].usable:
             found[-1].problems.append(thinned(f"vehicle_imu:{i}", t, dt[good]))
@@ -189,10 +205,18 @@ def sensor_combined(builder: LogBuilder, selected: int) -> list[Candidate]:
         acc[table["accelerometer_timestamp_relative"] == 0x7FFFFFFF] = np.nan
     lossy = decimated(t, dt)
     found = Candidate(
-        selected, 2, t, columns(table, "gyro_rad"), acc, "sensor_combined", "interval", filtered="none",
-        usable=not lossy, temperature=status_temperature(builder, selected, t),
+        selected,
+        2,
+        t,
+        columns(table, "gyro_rad"),
+        acc,
+        "sensor_combined",
+        "interval",
+        filtered="none",
+        usable=not lossy,
+        temperature=status_temperature(builder, selected, t),
         note="holds the unit that the autopilot's voter chose",
-    )  # fmt: skip
+    )
     found.problems += clipped("sensor_combined", table, "gyro_clipping")
     if lossy:
         found.problems.append(thinned("sensor_combined", t, dt))
@@ -244,12 +268,19 @@ def filtered(builder: LogBuilder, values: dict[str, float], selected: int) -> li
     t, t_acc = (stamps(x, "timestamp_sample") for x in (gyro_table, acc_table))
     gyro_cut, acc_cut = values.get("IMU_GYRO_CUTOFF", 0.0), values.get("IMU_ACCEL_CUTOFF", 0.0)
     found = Candidate(
-        selected, 3, t, columns(gyro_table, "xyz"), onto(t, t_acc, columns(acc_table, "xyz")),
-        "vehicle_angular_velocity", "instant",
+        selected,
+        3,
+        t,
+        columns(gyro_table, "xyz"),
+        onto(t, t_acc, columns(acc_table, "xyz")),
+        "vehicle_angular_velocity",
+        "instant",
         filtered=f"low-pass {gyro_cut:.0f} Hz and notches" if gyro_cut > 0 else "for control, cutoff unknown",
-        gyro_delay=low_pass_delay(gyro_cut), acc_delay=low_pass_delay(acc_cut), acc_source="vehicle_acceleration",
+        gyro_delay=low_pass_delay(gyro_cut),
+        acc_delay=low_pass_delay(acc_cut),
+        acc_source="vehicle_acceleration",
         note="filtered for control: later and smoother than the sensor",
-    )  # fmt: skip
+    )
     found = complete(found)
     return [found] if found.rate >= FAST_HZ / 2 else []
 
@@ -266,9 +297,18 @@ def raw(builder: LogBuilder, values: dict[str, float]) -> list[Candidate]:
         gyro, known = calibrate("GYRO", values, device(gyro_table), columns(gyro_table, "x", "y", "z"))
         acc, known_acc = calibrate("ACC", values, device(acc_table), columns(acc_table, "x", "y", "z"))
         one = Candidate(
-            i, 4, t, gyro, onto(t, t_acc, acc), f"sensor_gyro:{i}", "instant", calibrated=known and known_acc,
-            filtered="driver", device=str(device(gyro_table)), acc_source=f"sensor_accel:{i}",
-        )  # fmt: skip
+            i,
+            4,
+            t,
+            gyro,
+            onto(t, t_acc, acc),
+            f"sensor_gyro:{i}",
+            "instant",
+            calibrated=known and known_acc,
+            filtered="driver",
+            device=str(device(gyro_table)),
+            acc_source=f"sensor_accel:{i}",
+        )
         one = complete(one)
         if one.rate >= FAST_HZ:
             found.append(one)

@@ -28,9 +28,14 @@ def published(builder: LogBuilder) -> list[Mag]:
         table = builder.messages["vehicle_magnetometer", i]
         own = device(table)
         mag = magnetic.build(
-            builder, i, stamps(table), columns(table, "magnetometer_ga") * magnetic.GAUSS, f"vehicle_magnetometer:{i}",
-            t_sample_us=sample_stamps(table), device=str(own) if own else None,
-        )  # fmt: skip
+            builder,
+            i,
+            stamps(table),
+            columns(table, "magnetometer_ga") * magnetic.GAUSS,
+            f"vehicle_magnetometer:{i}",
+            t_sample_us=sample_stamps(table),
+            device=str(own) if own else None,
+        )
         found += [mag] if mag is not None else []
     return found
 
@@ -61,9 +66,16 @@ def raw(builder: LogBuilder, values: dict[str, float], known: set[str | None], t
         enabled = priority(values, own) != 0 and values.get("SYS_HAS_MAG", 1.0) != 0
         index = i if i not in taken else max(taken) + 1
         mag = magnetic.build(
-            builder, index, stamps(table), field * magnetic.GAUSS, f"sensor_mag:{i}", t_sample_us=sample_stamps(table),
-            calibrated=calibrated, device=str(own), enabled=enabled,
-        )  # fmt: skip
+            builder,
+            index,
+            stamps(table),
+            field * magnetic.GAUSS,
+            f"sensor_mag:{i}",
+            t_sample_us=sample_stamps(table),
+            calibrated=calibrated,
+            device=str(own),
+            enabled=enabled,
+        )
         if mag is None:
             continue
         taken = taken | {index}

@@ -114,11 +114,13 @@ def attitude_of(builder: LogBuilder, name: str, instance: int, switches_us: tupl
         return None
     source = name if instance == 0 and name != "estimator_attitude" else f"{name}:{instance}"
     return builder.attitude(
-        stamps(table), columns(table, "q"), source,
+        stamps(table),
+        columns(table, "q"),
+        source,
         t_sample_us=sample_stamps(table),
         counter=table["quat_reset_counter"] if "quat_reset_counter" in table else None,
         reset_times_us=switches_us,
-    )  # fmt: skip
+    )
 
 
 def instance_changes(builder: LogBuilder) -> tuple[int, ...]:

@@ -87,10 +87,16 @@ def candidates(builder: LogBuilder) -> list[inertial.Candidate]:
         one = inertial.validate(
             builder,
             inertial.Candidate(
-                unit, 0, stamps(table), gyro, acc, name, "instant",
+                unit,
+                0,
+                stamps(table),
+                gyro,
+                acc,
+                name,
+                "instant",
                 temperature=table.value("tG") if "tG" in table else None,
             ),
-        )  # fmt: skip
+        )
         found += [one] if one is not None else []
     return found
 
@@ -183,8 +189,13 @@ def one_receiver(builder: LogBuilder) -> Gnss | None:
     t_us = stamps(table)
     place: Array = columns(table, "Lat", "Lon", "Alt")
     return receiver.build(
-        builder, 0, t_us, "GPS", place=place, velocity=columns(table, "VelN", "VelE", "VelD"),
+        builder,
+        0,
+        t_us,
+        "GPS",
+        place=place,
+        velocity=columns(table, "VelN", "VelE", "VelD"),
         fix=table["Fix"].astype(np.int64),
         accuracy=(table.value("EPH"), table.value("EPV"), np.full(len(table), np.nan)),
         utc_us=table["GPSTime"].astype(np.int64),
-    )  # fmt: skip
+    )

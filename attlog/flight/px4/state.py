@@ -133,16 +133,23 @@ def rate_setpoints(builder: LogBuilder) -> Stream | None:
         return None
     rates = columns(table, "roll", "pitch", "yaw")
     return builder.stream(
-        stamps(table), rates, "rad/s", "vehicle_rates_setpoint", frame="FRD", within=physics.RATE_SETPOINT,
+        stamps(table),
+        rates,
+        "rad/s",
+        "vehicle_rates_setpoint",
+        frame="FRD",
+        within=physics.RATE_SETPOINT,
         allow_nan=True,
-    )  # fmt: skip
+    )
 
 
 def gnss(builder: LogBuilder) -> list[Gnss]:
     """Receivers: ``vehicle_gps_position`` or ``sensor_gps``, whichever was logged faster."""
     messages = builder.messages
-    counts = {n: max((len(messages[n, i]) for i in messages.instances(n)), default=0)
-              for n in ("vehicle_gps_position", "sensor_gps")}  # fmt: skip
+    counts = {
+        n: max((len(messages[n, i]) for i in messages.instances(n)), default=0)
+        for n in ("vehicle_gps_position", "sensor_gps")
+    }
     name = max(counts, key=lambda n: counts[n])
     if counts[name] == 0:
         return []
@@ -165,11 +172,17 @@ def one_receiver(builder: LogBuilder, name: str, instance: int) -> Gnss | None:
     if "vel_ned_valid" in table:
         velocity[table["vel_ned_valid"] == 0] = np.nan
     return receiver.build(
-        builder, instance, t_us, source, place=place, velocity=velocity, fix=fix,
+        builder,
+        instance,
+        t_us,
+        source,
+        place=place,
+        velocity=velocity,
+        fix=fix,
         accuracy=(accuracy(table, "eph"), accuracy(table, "epv"), accuracy(table, "s_variance_m_s")),
         yaw=columns(table, "heading")[:, 0] if "heading" in table else None,
         utc_us=table["time_utc_usec"].astype(np.int64) if "time_utc_usec" in table else None,
-    )  # fmt: skip
+    )
 
 
 def accuracy(table: Table, column: str) -> Array:
@@ -249,10 +262,12 @@ def airspeed(builder: LogBuilder) -> Stream | None:
 def throttle(builder: LogBuilder) -> Stream | None:
     """Demanded thrust 0 to 1: norm of the thrust set-point, in old versions the throttle control."""
     for name, column in (
-        ("vehicle_thrust_setpoint", "xyz"), ("vehicle_rates_setpoint", "thrust_body"),
-        ("vehicle_attitude_setpoint", "thrust_body"), ("vehicle_rates_setpoint", "thrust"),
+        ("vehicle_thrust_setpoint", "xyz"),
+        ("vehicle_rates_setpoint", "thrust_body"),
+        ("vehicle_attitude_setpoint", "thrust_body"),
+        ("vehicle_rates_setpoint", "thrust"),
         ("vehicle_attitude_setpoint", "thrust"),
-    ):  # fmt: skip
+    ):
         table = builder.messages.tables.get((name, 0))
         if table is not None and column in table:
             x = columns(table, column)

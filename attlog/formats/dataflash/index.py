@@ -35,11 +35,29 @@ _CHUNK = 1 << 17  # bytes scanned at once, keeps the temporaries in cache
 LETTER_DTYPES: dict[str, np.dtype[Any]] = {
     letter: np.dtype(name)
     for letter, name in {
-        "a": "(32,)<i2", "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
-        "f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "M": "u1",
-        "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
+        "a": "(32,)<i2",
+        "b": "i1",
+        "B": "u1",
+        "h": "<i2",
+        "H": "<u2",
+        "i": "<i4",
+        "I": "<u4",
+        "q": "<i8",
+        "Q": "<u8",
+        "f": "<f4",
+        "d": "<f8",
+        "g": "<f2",
+        "n": "S4",
+        "N": "S16",
+        "Z": "S64",
+        "M": "u1",
+        "c": "<i2",
+        "C": "<u2",
+        "e": "<i4",
+        "E": "<u4",
+        "L": "<i4",
     }.items()
-}  # fmt: skip
+}
 _LETTER_SIZES = {letter: dtype.itemsize for letter, dtype in LETTER_DTYPES.items()}
 LETTER_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 
@@ -69,8 +87,11 @@ class Format(NamedTuple):
     def same_layout(self, other: Format) -> bool:
         """True when both describe the same bytes by the same names."""
         return (self.length, self.name, self.letters, self.columns) == (
-            other.length, other.name, other.letters, other.columns,
-        )  # fmt: skip
+            other.length,
+            other.name,
+            other.letters,
+            other.columns,
+        )
 
 
 @lru_cache(1 << 12)

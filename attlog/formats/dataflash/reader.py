@@ -63,9 +63,16 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     tables = build_tables(data, index, units, guard=around)
     tell_unreadable(index)
     messages = Messages(
-        path, "dataflash", len(data), tables, remarks=remarks, boots=boots,
-        damage=index.losses.listed, damage_bytes=index.losses.bytes, damage_places=index.losses.places,
-    )  # fmt: skip
+        path,
+        "dataflash",
+        len(data),
+        tables,
+        remarks=remarks,
+        boots=boots,
+        damage=index.losses.listed,
+        damage_bytes=index.losses.bytes,
+        damage_places=index.losses.places,
+    )
 
     def told(message: str, what: str, of: Callable[[Messages, Timeline], list[T]], log: Messages) -> list[T]:
         with around(message, what, None):
@@ -88,8 +95,11 @@ def _plain(value: Any) -> Any:
 
 def _tell_their_time(layouts: list[Format]) -> bool:
     """Whether parameters and texts carry their time, so that no other record's is needed for them."""
-    return all(time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters for fmt in layouts
-               if fmt.name in ("PARM", "MSG") and fmt.readable)  # fmt: skip
+    return all(
+        time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters
+        for fmt in layouts
+        if fmt.name in ("PARM", "MSG") and fmt.readable
+    )
 
 
 def _boots(data: NDArray[np.uint8], index: Index, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:

@@ -166,8 +166,9 @@ class MixedTable(Table):
                 if known.dtype.kind == field.dtype.kind == "S" and field.dtype.itemsize > known.dtype.itemsize:
                     fields[name] = field
         for name, field in fields.items():
-            same = all(name in p and (p.fields[name].dtype, p.fields[name].scale) == (field.dtype, field.scale)
-                       for p in parts)  # fmt: skip
+            same = all(
+                name in p and (p.fields[name].dtype, p.fields[name].scale) == (field.dtype, field.scale) for p in parts
+            )
             if not same and field.dtype.kind in "iuf" and field.dtype.shape == ():
                 fields[name] = Field(name, np.dtype(np.float64), field.unit)
         every = np.concatenate([p.offsets for p in parts])
@@ -216,5 +217,6 @@ def tell_unreadable(index: Index) -> None:
         if count and not fmt.readable:
             why = f"the format {fmt.letters!r} does not have {fmt.length} bytes" if fmt.letters else "no format is read"
             lost = f"{count} {fmt.name} records: {why}"
-            index.losses.add_kind(fmt.offset, count * fmt.length, lost, "framing goes on by the declared length",
-                                  counted=True)  # fmt: skip
+            index.losses.add_kind(
+                fmt.offset, count * fmt.length, lost, "framing goes on by the declared length", counted=True
+            )

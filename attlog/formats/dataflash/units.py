@@ -47,8 +47,13 @@ def units_of(data: NDArray[np.uint8], index: Index) -> Units:
         )
 
     result: Units = {}
-    rows = zip(described["FmtType"].tolist(), decoded(described["UnitIds"]), decoded(described["MultIds"]),
-               described.offsets.tolist(), strict=True)  # fmt: skip
+    rows = zip(
+        described["FmtType"].tolist(),
+        decoded(described["UnitIds"]),
+        decoded(described["MultIds"]),
+        described.offsets.tolist(),
+        strict=True,
+    )
     for kind, ids, mults, offset in rows:
         mine = by_type.get(kind)
         if mine:

@@ -18,9 +18,17 @@ It has no checksum: right behind damage it may be damaged itself.
 
 # numpy type by struct letter of the dialect's ``native_format``
 _TYPES = {
-    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
-    "f": "<f4", "d": "<f8",
-}  # fmt: skip
+    "b": "i1",
+    "B": "u1",
+    "h": "<i2",
+    "H": "<u2",
+    "i": "<i4",
+    "I": "<u4",
+    "q": "<i8",
+    "Q": "<u8",
+    "f": "<f4",
+    "d": "<f8",
+}
 
 
 @cache

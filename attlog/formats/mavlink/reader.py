@@ -58,9 +58,15 @@ def read(path: str | Path, system: int | None = None, *, data: NDArray[np.uint8]
     remarks: list[Remark] = []
     around = Barrier(remarks).around
     messages = Messages(
-        path, "tlog" if packets.stamped else "mavlink", len(data), _tables(data, packets, around), remarks=remarks,
-        damage=packets.losses.listed, damage_bytes=packets.losses.bytes, damage_places=packets.losses.places,
-    )  # fmt: skip
+        path,
+        "tlog" if packets.stamped else "mavlink",
+        len(data),
+        _tables(data, packets, around),
+        remarks=remarks,
+        damage=packets.losses.listed,
+        damage_bytes=packets.losses.bytes,
+        damage_places=packets.losses.places,
+    )
     messages.info["systems"] = systems_of(messages)
     messages.info["unknown"] = dict(sorted(packets.unknown.items()))
     chosen = vehicle_of(messages) if system is None else system
@@ -225,9 +231,15 @@ def _texts(messages: Messages, system: int, clock: Timeline) -> list[Text]:
     result: list[Text] = []
     for table in of_system(messages, "STATUSTEXT", system):
         open_id, open_sequence = 0, -1
-        rows = zip(table["severity"].tolist(), table["text"].tolist(), table["id"].tolist(),
-                   table["chunk_seq"].tolist(), table.offsets.tolist(), times_before(table.offsets, clock),
-                   strict=True)  # fmt: skip
+        rows = zip(
+            table["severity"].tolist(),
+            table["text"].tolist(),
+            table["id"].tolist(),
+            table["chunk_seq"].tolist(),
+            table.offsets.tolist(),
+            times_before(table.offsets, clock),
+            strict=True,
+        )
         for severity, raw, number, sequence, offset, t_us in rows:
             text = text_of(raw)
             if number != 0 and number == open_id and sequence == open_sequence + 1 and result:

@@ -23,9 +23,18 @@ from attlog.base.limits import MAX_FIELDS, MAX_NESTING
 from attlog.formats.base import Field
 
 BASIC = {
-    "int8_t": "<i1", "uint8_t": "<u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",
-    "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "<i1",
-}  # fmt: skip
+    "int8_t": "<i1",
+    "uint8_t": "<u1",
+    "int16_t": "<i2",
+    "uint16_t": "<u2",
+    "int32_t": "<i4",
+    "uint32_t": "<u4",
+    "int64_t": "<i8",
+    "uint64_t": "<u8",
+    "float": "<f4",
+    "double": "<f8",
+    "bool": "<i1",
+}
 """Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte."""
 LARGEST = 0xFFFF - 2
 """Bytes of a data record's payload behind the id: the record's size is a u16."""

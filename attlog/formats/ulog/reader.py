@@ -101,10 +101,20 @@ class _Reader:
         content = self.content
         del self.content, self.framing, self.chain  # they know the reader: all would wait for the collector of cycles
         return Messages(
-            self.path, "ulog", self.size, tables, content.params, content.texts, content.info,
-            sorted(self.damage, key=lambda d: d.offset), self.damage_bytes, content.dropouts_ms,
-            [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)], self.damage_places, self.remarks,
-        )  # fmt: skip
+            self.path,
+            "ulog",
+            self.size,
+            tables,
+            content.params,
+            content.texts,
+            content.info,
+            sorted(self.damage, key=lambda d: d.offset),
+            self.damage_bytes,
+            content.dropouts_ms,
+            [Boot(a, b) for a, b in zip(self.boots, ends, strict=True)],
+            self.damage_places,
+            self.remarks,
+        )
 
     def _tables(self) -> dict[tuple[str, int], Table]:
         """The topics with records, by name; what goes beyond the limits is said."""
@@ -115,8 +125,11 @@ class _Reader:
             offset = int(topic.parts[0][1][0])
             more = sum(layout.columns for layout in topic.layouts if id(layout) not in columns)
             if sum(columns.values()) + more > MAX_COLUMNS:
-                self._limit(f"{name} has {more} fields, with which the log has more than the {MAX_COLUMNS} that are "
-                            "read; it and what follows it is left out.", offset)  # fmt: skip
+                self._limit(
+                    f"{name} has {more} fields, with which the log has more than the {MAX_COLUMNS} that are "
+                    "read; it and what follows it is left out.",
+                    offset,
+                )
                 break
             columns |= {id(layout): layout.columns for layout in topic.layouts}
             with self.barrier.around(name, "its table", offset):
@@ -127,8 +140,12 @@ class _Reader:
                 if len(table):
                     tables[name, multi] = table
             if topic.left_out:
-                self._limit(f"{name} has more than {MAX_LAYOUTS} layouts; {topic.left_out} records of further ones are "
-                            "left out.", offset, topic.left_out)  # fmt: skip
+                self._limit(
+                    f"{name} has more than {MAX_LAYOUTS} layouts; {topic.left_out} records of further ones are "
+                    "left out.",
+                    offset,
+                    topic.left_out,
+                )
         self.remarks += self.content.remarks()
         if self.headers > MAX_BOOTS:
             self._limit(f"The file holds {self.headers} headers; from the {MAX_BOOTS}th on all is one power-up.", None)
@@ -287,8 +304,11 @@ class _Reader:
                 self._damaged(first, first, lost, f"read as {name}")
                 continue
             name, why = self.definitions.why_not.get(identifier, ("", ""))
-            what = f"{name}, which cannot be used: {why}" if name else (
-                f"id {identifier}, which no readable definition describes")  # fmt: skip
+            what = (
+                f"{name}, which cannot be used: {why}"
+                if name
+                else (f"id {identifier}, which no readable definition describes")
+            )
             lost = f"{len(starts)} records ({lengths.sum()} bytes) of {what}"
             self._damaged(first, first, lost, "skipped one by one")
             self.damage_bytes += int(lengths.sum())
@@ -371,8 +391,10 @@ class _Reader:
             return  # flags stand behind the header only, anything else is damage that looks like them
         incompatible = payload[8:16]
         if incompatible[0] & ~1 or any(incompatible[1:]):
-            raise LogUnusable(f"{self.path}: the log says that it needs a newer reader (incompatible flags "
-                              f"{incompatible.hex()}); update attlog")  # fmt: skip
+            raise LogUnusable(
+                f"{self.path}: the log says that it needs a newer reader (incompatible flags "
+                f"{incompatible.hex()}); update attlog"
+            )
         if incompatible[0] & 1:
             offsets = struct.unpack_from("<3Q", payload, 16)
             self.appended = [a for a in offsets if position < a < self.size]

@@ -35,9 +35,18 @@ _NAME_AT = {ord("F"): 0, ord("A"): 3, ord("I"): 0, ord("P"): 0, ord("M"): 1, ord
 _TOPIC = re.compile(rb"[\w/-]+")
 _NUMBERS = {"int32_t": struct.Struct("<i"), "float": struct.Struct("<f")}
 _SCALARS = {
-    "int8_t": "<b", "uint8_t": "<B", "int16_t": "<h", "uint16_t": "<H", "int32_t": "<i", "uint32_t": "<I",
-    "int64_t": "<q", "uint64_t": "<Q", "float": "<f", "double": "<d", "bool": "<?",
-}  # fmt: skip
+    "int8_t": "<b",
+    "uint8_t": "<B",
+    "int16_t": "<h",
+    "uint16_t": "<H",
+    "int32_t": "<i",
+    "uint32_t": "<I",
+    "int64_t": "<q",
+    "uint64_t": "<Q",
+    "float": "<f",
+    "double": "<d",
+    "bool": "<?",
+}
 
 
 def is_record(kind: int, head: bytes, size: int) -> bool:

@@ -24,10 +24,12 @@ def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
     if not known and seen is None:
         return [not_judged("delay", f"{imu.gyro.source}: the log does not tell how it was filtered.", limit)]
     text = (
-        f"{imu.gyro.source}: the log does not tell how it was filtered" if not known
-        else f"{imu.gyro.source} is logged without a low-pass filter" if told == 0
+        f"{imu.gyro.source}: the log does not tell how it was filtered"
+        if not known
+        else f"{imu.gyro.source} is logged without a low-pass filter"
+        if told == 0
         else f"{imu.gyro.source} is late by {told:.1f} ms ({imu.filtered})"
-    )  # fmt: skip
+    )
     verdict = graded(told, SHORT_MS, float("inf"))
     if seen is not None and reference is not None:
         however = ", yet" if told == 0 and known and 1e3 * seen > AGREES_MS else ";"

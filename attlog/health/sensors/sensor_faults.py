@@ -20,9 +20,15 @@ def checks(reference: Reference | None) -> list[Check]:
     faults = {} if reference is None else reference.sensor_faults
     return [
         Check(
-            name, "bad" if fault.misleads else "warn", as_sentence(fault.why), fault.value, fault.unit, LIMITS[name],
-            t=fault.t, count=fault.count,
+            name,
+            "bad" if fault.misleads else "warn",
+            as_sentence(fault.why),
+            fault.value,
+            fault.unit,
+            LIMITS[name],
+            t=fault.t,
+            count=fault.count,
         )
         for name, fault in faults.items()
         if name in LIMITS
-    ]  # fmt: skip
+    ]

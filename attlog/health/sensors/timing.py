@@ -25,22 +25,21 @@ def checks(log: FlightLog) -> list[Check]:
     dt = np.diff(t)
     breaks = gaps(t) - 1
     steady = np.delete(dt, breaks)
-    return [
-        rate_check(imu.gyro.source, imu.gyro.rate),
-        gap_check(t, dt[breaks]),
-        jitter_check(steady),
-    ]
+    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, dt[breaks]), jitter_check(steady)]
 
 
 def rate_check(source: str, rate: float) -> Check:
     """Is the IMU logged fast enough?"""
     verdict = "good" if rate >= FULL_HZ else "warn" if rate >= REPLAY_MIN_HZ else "bad"
     what = (
-        "fast enough for every figure" if verdict == "good"
-        else "usable, but vibration is aliased" if rate < LOW_RATE_HZ and verdict == "warn"
-        else "usable; lags are coarser than at 100 Hz and more" if verdict == "warn"
+        "fast enough for every figure"
+        if verdict == "good"
+        else "usable, but vibration is aliased"
+        if rate < LOW_RATE_HZ and verdict == "warn"
+        else "usable; lags are coarser than at 100 Hz and more"
+        if verdict == "warn"
         else f"too slow for a replay, which needs {REPLAY_MIN_HZ:.0f} Hz"
-    )  # fmt: skip
+    )
     return Check(
         "rate", verdict, f"{source}: {rate:.1f} Hz, {what}.", round(rate, 2), "Hz", "good from 95, replay from 10"
     )

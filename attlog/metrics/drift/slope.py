@@ -189,10 +189,15 @@ def together(records: list[Drift]) -> Drift:
     else:
         ci95 = (min(r.ci95[0] for r in usable if r.ci95), max(r.ci95[1] for r in usable if r.ci95))
     return Drift(
-        mean, ci95, np.concatenate([r.slopes for r in usable]), [s for r in usable for s in r.spans],
-        sum(r.seconds for r in usable), float(np.sqrt(weight @ np.array([r.wander**2 for r in usable]))),
-        range=(float(values.min()), float(values.max())), agree=bool(agree),
-    )  # fmt: skip
+        mean,
+        ci95,
+        np.concatenate([r.slopes for r in usable]),
+        [s for r in usable for s in r.spans],
+        sum(r.seconds for r in usable),
+        float(np.sqrt(weight @ np.array([r.wander**2 for r in usable]))),
+        range=(float(values.min()), float(values.max())),
+        agree=bool(agree),
+    )
 
 
 def _line(t: Array, e: Array) -> float:
@@ -214,8 +219,15 @@ def answer(found: Drift, window: str, against: str) -> Answer:
         reason = f"the rests of this log disagree: {found.range[0]:+.2f} to {found.range[1]:+.2f} deg/min"
     method = f"mean slope of {len(found.slopes)} groups of block means against {against}, t interval over the groups"
     return Answer(
-        found.value, "deg/min", window, len(found.slopes), found.seconds, found.ci95, method,
-        reason=reason, ranked=reason is None,
+        found.value,
+        "deg/min",
+        window,
+        len(found.slopes),
+        found.seconds,
+        found.ci95,
+        method,
+        reason=reason,
+        ranked=reason is None,
         detail={
             "slopes": [float(s) for s in found.slopes],
             "told": found.told,
@@ -223,9 +235,11 @@ def answer(found: Drift, window: str, against: str) -> Answer:
             "wander_deg": found.wander,
             **({} if found.range is None else {"range": list(found.range)}),
         },
-        records=found.records, disagree=None if found.agree else found.range, changes=found.changes,
+        records=found.records,
+        disagree=None if found.agree else found.range,
+        changes=found.changes,
         units=_units(found),
-    )  # fmt: skip
+    )
 
 
 def _units(found: Drift) -> UnitValues | None:

@@ -22,14 +22,18 @@ Array = NDArray[np.float64]
 
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "wander_deg", "Heading wander", "deg", "low", ("rest",),
+        "wander_deg",
+        "Heading wander",
+        "deg",
+        "low",
+        ("rest",),
         paragraph(
             """RMS of the block means of the heading (1 s, 0.5 s in records under 20 s) after the mean drift and each
             segment's offset are removed: of the heading itself at rest, of the heading error against the reference in
             the window airborne. Interval: t over the mean squares of the drift's groups."""
         ),
     ),
-)  # fmt: skip
+)
 
 
 LARGEST_DEG = 180.0
@@ -81,7 +85,13 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         ci95 = None
     floor = case.reference.floor_deg if window == "airborne" else row.step_deg / 2.0
     answer = Answer(
-        value, "deg", window, groups, sum(r.seconds for r in records), ci95,
-        f"RMS about the mean drift, {groups} groups", floor=floor,
-    )  # fmt: skip
+        value,
+        "deg",
+        window,
+        groups,
+        sum(r.seconds for r in records),
+        ci95,
+        f"RMS about the mean drift, {groups} groups",
+        floor=floor,
+    )
     return {"wander_deg": follow.unrank_frozen(case, row, "heading", answer)}

@@ -19,7 +19,11 @@ Array = NDArray[np.float64]
 
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "gyro_bias_error_dps", "Gyro bias error", "deg/s", "low", ("rest",),
+        "gyro_bias_error_dps",
+        "Gyro bias error",
+        "deg/s",
+        "low",
+        ("rest",),
         paragraph(
             """Length of the difference between the gyro bias that the filter takes off (its own estimate, and what is
             taken off for every filter alike: `--gyro-bias`) and the mean rate that the logged gyro
@@ -27,7 +31,7 @@ METRICS: tuple[Metric, ...] = (
             settled. Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
         ),
     ),
-)  # fmt: skip
+)
 
 
 def window_errors(t: Array, gyro: Array, row: Row, windows: list[slice]) -> Array:
@@ -64,8 +68,15 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     few = None if len(errors) > 1 else "one window of rest gives no interval"
     return {
         name: Answer(
-            float(np.mean(lengths)), unit, window, len(errors), seconds(gyro.t, windows), interval.of_mean(lengths),
-            f"mean over {len(errors)} windows", reason=few, ranked=few is None,
+            float(np.mean(lengths)),
+            unit,
+            window,
+            len(errors),
+            seconds(gyro.t, windows),
+            interval.of_mean(lengths),
+            f"mean over {len(errors)} windows",
+            reason=few,
+            ranked=few is None,
             detail={"mean_error_dps": [float(x) for x in np.mean(errors, axis=0)]},
         )
-    }  # fmt: skip
+    }

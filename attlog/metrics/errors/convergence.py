@@ -9,7 +9,11 @@ from attlog.reference.model import Row
 
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "convergence_s", "Convergence time", "s", "low", ("reference",),
+        "convergence_s",
+        "Convergence time",
+        "s",
+        "low",
+        ("reference",),
         paragraph(
             """From the row's start to the first time from which, for 5 s, the tilt error is at most 2 deg above its
             later median (filters with a magnetometer: and the heading error 5 deg above its later median).
@@ -18,14 +22,22 @@ METRICS: tuple[Metric, ...] = (
         ),
     ),
     Metric(
-        "coverage_pct", "Coverage", "%", "high", ("reference",),
+        "coverage_pct",
+        "Coverage",
+        "%",
+        "high",
+        ("reference",),
         "Share of the time in the air and at rest, after the scoring start, in which this row was compared.",
     ),
     Metric(
-        "replay_floor_deg", "Replay floor", "deg", "low", ("reference",),
+        "replay_floor_deg",
+        "Replay floor",
+        "deg",
+        "low",
+        ("reference",),
         "The smallest difference that this log can resolve, by the step of the logged attitude; no rank below it.",
     ),
-)  # fmt: skip
+)
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -40,24 +52,45 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     length = float(e.t[-1] - e.t[0])
     answers = {
         "replay_floor_deg": Answer(
-            case.reference.floor_deg, "deg", window, len(e.t), length, None, "smallest step of the logged attitude",
-            reason="a property of the log", ranked=False,
+            case.reference.floor_deg,
+            "deg",
+            window,
+            len(e.t),
+            length,
+            None,
+            "smallest step of the logged attitude",
+            reason="a property of the log",
+            ranked=False,
         )
-    }  # fmt: skip
+    }
     if row.coverage_pct is None:
         reason = "neither flight nor rest after the scoring start"
         answers["coverage_pct"] = missing("not_covered", reason, "%", window)
     else:
         answers["coverage_pct"] = Answer(
-            row.coverage_pct, "%", window, len(e.t), length, None, "scored over all time in air and at rest",
-            reason="a property of the comparison", ranked=False,
-        )  # fmt: skip
+            row.coverage_pct,
+            "%",
+            window,
+            len(e.t),
+            length,
+            None,
+            "scored over all time in air and at rest",
+            reason="a property of the comparison",
+            ranked=False,
+        )
     if row.convergence_s is None:
         reason = row.reason or "the error did not stay near its later median for 5 s within 60 s of the start"
         answers["convergence_s"] = missing("not_converged", reason, "s", window)
     else:
         answers["convergence_s"] = Answer(
-            row.convergence_s, "s", window, 1, length, None, "first time from which the error stays small",
-            reason="one event of this record", ranked=False,
-        )  # fmt: skip
+            row.convergence_s,
+            "s",
+            window,
+            1,
+            length,
+            None,
+            "first time from which the error stays small",
+            reason="one event of this record",
+            ranked=False,
+        )
     return {m.name: answers[m.name] for m in METRICS}

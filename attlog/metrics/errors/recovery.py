@@ -27,7 +27,11 @@ SMOOTH_S = 0.1
 
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "recovery_s", "Recovery time", "s", "low", ("reference", "disturbance"),
+        "recovery_s",
+        "Recovery time",
+        "s",
+        "low",
+        ("reference", "disturbance"),
         paragraph(
             """After the largest disturbance (a manoeuvre in which the specific force is off 1 g by more than 30 % for
             more than 0.5 s, or a magnetic field off its median by as much): time until the row's error (tilt;
@@ -35,7 +39,7 @@ METRICS: tuple[Metric, ...] = (
             never left. One event of this record: no interval."""
         ),
     ),
-)  # fmt: skip
+)
 
 
 def largest(t: Array, vectors: Array, usual: float) -> Span | None:
@@ -118,7 +122,15 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {"recovery_s": missing("not_converged", reason, "s", window, **detail)}
     return {
         "recovery_s": Answer(
-            seconds, "s", window, 1, span[1] - span[0], None, f"after {span[0]:.1f} to {span[1]:.1f} s",
-            reason="one event of this record", ranked=False, detail=detail,
+            seconds,
+            "s",
+            window,
+            1,
+            span[1] - span[0],
+            None,
+            f"after {span[0]:.1f} to {span[1]:.1f} s",
+            reason="one event of this record",
+            ranked=False,
+            detail=detail,
         )
-    }  # fmt: skip
+    }

@@ -69,9 +69,17 @@ def add_turned(out: Array, track: Turning, stack: Stack, seen: Vectors, axes: Ar
     """
     half = -0.5 * seen.north
     function_of(SUMMED, summed_aiding)(
-        out, np.ascontiguousarray(axes), *places(stack),
-        track.t, track.q, seen.f, seen.m, math.cos(half), math.sin(half), int(seen.trapezoid),
-    )  # fmt: skip
+        out,
+        np.ascontiguousarray(axes),
+        *places(stack),
+        track.t,
+        track.q,
+        seen.f,
+        seen.m,
+        math.cos(half),
+        math.sin(half),
+        int(seen.trapezoid),
+    )
 
 
 @dataclass(slots=True)
@@ -170,9 +178,18 @@ class Sensors:
         field = self.seen.m if self.uses_mag else none
         bias = none if self.bias is None or not self.uses_mag else self.bias[stack.index]
         function_of(SEEN, seen_at)(
-            f, m, *places(stack), self.track.t, self.seen.t, self.seen.f, field, self.seen.age, bias, self.back,
+            f,
+            m,
+            *places(stack),
+            self.track.t,
+            self.seen.t,
+            self.seen.f,
+            field,
+            self.seen.age,
+            bias,
+            self.back,
             int(self.slow),
-        )  # fmt: skip
+        )
         return Vectors(f, m, self.slow, self.north)
 
     def _mean_force(self, stack: Stack, impulse: Array) -> Array:

@@ -59,9 +59,19 @@ def held_field(m: Array, age: Array, t: Array, rate: Array, new: Index, limit: f
 
 
 def seen_at(
-    f: Array, m: Array, begin: Index, first: Index, t: Array, seen_t: Array, seen_f: Array, seen_m: Array, age: Array,
-    bias: Array, trim: Array, slow: int,
-) -> None:  # fmt: skip
+    f: Array,
+    m: Array,
+    begin: Index,
+    first: Index,
+    t: Array,
+    seen_t: Array,
+    seen_f: Array,
+    seen_m: Array,
+    age: Array,
+    bias: Array,
+    trim: Array,
+    slow: int,
+) -> None:
     """Fill force and field ``f``, ``m`` (n, 3) of the intervals that end at the samples of each event.
 
     Event e has the samples ``first[e]`` to ``first[e + 1]``, which are those from ``begin[e]`` on of ``t``. The nearest
@@ -103,9 +113,20 @@ def seen_at(
 
 
 def rates(
-    w: float, x: float, y: float, z: float, fx: float, fy: float, fz: float,
-    mx: float, my: float, mz: float, ux: float, uy: float, uz: float,
-) -> tuple[float, float, float, float, float]:  # fmt: skip
+    w: float,
+    x: float,
+    y: float,
+    z: float,
+    fx: float,
+    fy: float,
+    fz: float,
+    mx: float,
+    my: float,
+    mz: float,
+    ux: float,
+    uy: float,
+    uz: float,
+) -> tuple[float, float, float, float, float]:
     """The rates of E, D, N, M, V in deg/s about an axis of the body, for one attitude, force and field.
 
     The axis is turned into the earth, not each correction into the body: one number instead of three.
@@ -130,9 +151,18 @@ def rates(
 
 
 def summed_aiding(
-    out: Array, axes: Array, begin: Index, first: Index, t: Array, q: Array, f: Array, m: Array,
-    cosine: float, sine: float, trapezoid: int,
-) -> None:  # fmt: skip
+    out: Array,
+    axes: Array,
+    begin: Index,
+    first: Index,
+    t: Array,
+    q: Array,
+    f: Array,
+    m: Array,
+    cosine: float,
+    sine: float,
+    trapezoid: int,
+) -> None:
     """Fill ``out[:, 1:]`` (n, 7) with the turning in deg of E, D, N, EE, M, V since each event's first, about its axis.
 
     Event e has ``axes[e]`` and the samples ``first[e]`` to ``first[e + 1]`` of ``out``, ``f`` and ``m`` (n, 3), which

@@ -193,7 +193,5 @@ def refused(answer: Answer) -> Possible:
     return Possible((), ((answer.reason or "") + told,), (answer.code or "",))
 
 
-ASKED: dict[str, Callable[[Case], Possible]] = {
-    "closest": closest, "quiet": quiet, "late": late, "drifting": drifting,
-}  # fmt: skip
+ASKED: dict[str, Callable[[Case], Possible]] = {"closest": closest, "quiet": quiet, "late": late, "drifting": drifting}
 """The questions in the order of the report."""

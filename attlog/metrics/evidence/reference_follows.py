@@ -42,10 +42,7 @@ def plainly(case: Case, row: Row, window: str) -> int | None:
     at: list[Array] = []
     fast_t: list[Array] = []
     for event, a, b in zip(
-        (events := events_in(case, row, window)),
-        around(track, events, MARGIN_S),
-        around(ref, events, 0.0),
-        strict=True,
+        (events := events_in(case, row, window)), around(track, events, MARGIN_S), around(ref, events, 0.0), strict=True
     ):
         axis = None if a is None or b is None else axis_of(ref, event)
         if axis is None or a is None or b is None or b.stop - b.start <= span:

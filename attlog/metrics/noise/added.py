@@ -206,10 +206,17 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         return {m.name: missing(*absent, "deg", window) for m in METRICS}
     answers = {f"noise_{axis}_deg": _answer(case, row, window, phase, axis, found) for axis in AXES}
     answers["noise_p2p_deg"] = Answer(
-        float(np.max(found.p2p[:2])), "deg", window, len(found.t0), found.seconds, None,
-        "middle 99.8 % of the residuals", reason="set by the few largest samples of this record", ranked=False,
+        float(np.max(found.p2p[:2])),
+        "deg",
+        window,
+        len(found.t0),
+        found.seconds,
+        None,
+        "middle 99.8 % of the residuals",
+        reason="set by the few largest samples of this record",
+        ranked=False,
         detail={"heading_deg": float(found.p2p[2]), "windows": len(found.t0), "phase": phase},
-    )  # fmt: skip
+    )
     return {m.name: answers[m.name] for m in METRICS}
 
 
@@ -245,16 +252,23 @@ def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Mea
     if row.kind == "onboard" and phase != "rest":
         told = one_digit(told)
         reason = "of another IMU path with its own delay: known to one digit"
-    detail = {
-        "windows": len(ids), "phase": phase, "step_deg": row.step_deg,
-    }  # fmt: skip
+    detail = {"windows": len(ids), "phase": phase, "step_deg": row.step_deg}
     if found.settled_s is not None:
         detail["settled_after_s"] = found.settled_s
     answer = Answer(
-        told.value, "deg", window, len(ids), found.seconds, told.ci95,
-        f"typical of {len(ids)} windows of 5 s, moderated t", reason=reason, ranked=reason is None, detail=detail,
-        floor=max(0.5 * step, hidden if shown else 0.0), units=UnitValues("log_variance", ids, values, on),
-    )  # fmt: skip
+        told.value,
+        "deg",
+        window,
+        len(ids),
+        found.seconds,
+        told.ci95,
+        f"typical of {len(ids)} windows of 5 s, moderated t",
+        reason=reason,
+        ranked=reason is None,
+        detail=detail,
+        floor=max(0.5 * step, hidden if shown else 0.0),
+        units=UnitValues("log_variance", ids, values, on),
+    )
     return _guarded(case, row, axis, answer)
 
 

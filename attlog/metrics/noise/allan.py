@@ -38,14 +38,15 @@ _FLOOR = """Floor of the curve over 0.664: the drift rate that no averaging remo
     longer than the averaging time of the floor."""
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "allan_arw_deg_per_sqrt_h", "Angle random walk, heading", "deg/sqrt(h)", "low", ("rest",),
+        "allan_arw_deg_per_sqrt_h",
+        "Angle random walk, heading",
+        "deg/sqrt(h)",
+        "low",
+        ("rest",),
         paragraph(_SHARED + _WALK),
     ),
-    Metric(
-        "allan_bias_deg_per_h", "Bias instability, heading", "deg/h", "low", ("rest",),
-        paragraph(_SHARED + _FLOOR),
-    ),
-)  # fmt: skip
+    Metric("allan_bias_deg_per_h", "Bias instability, heading", "deg/h", "low", ("rest",), paragraph(_SHARED + _FLOOR)),
+)
 
 
 @dataclass(slots=True)
@@ -150,9 +151,15 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
     at = int(np.argmin(np.abs(d.tau - 1.0)))
     low, high = interval.of_sigma_chi_square(60.0 * value, round(float(d.dof[at]), 3))
     return Answer(
-        60.0 * value, unit, window, round(float(d.dof[at])), length, (low, high), "overlapping Allan deviation at 1 s",
+        60.0 * value,
+        unit,
+        window,
+        round(float(d.dof[at])),
+        length,
+        (low, high),
+        "overlapping Allan deviation at 1 s",
         detail={"slope": slope},
-    )  # fmt: skip
+    )
 
 
 def floor_answer(d: Deviation, length: float, window: str) -> Answer:
@@ -165,7 +172,12 @@ def floor_answer(d: Deviation, length: float, window: str) -> Answer:
         return missing("rest_too_short", reason, unit, window, tau_s=tau)
     factor = 3600.0 / FLICKER
     return Answer(
-        factor * float(d.sigma[lowest]), unit, window, max(1, round(float(d.dof[lowest]))), length,
-        (factor * float(d.low[lowest]), factor * float(d.high[lowest])), f"floor of the Allan deviation at {tau:.1f} s",
+        factor * float(d.sigma[lowest]),
+        unit,
+        window,
+        max(1, round(float(d.dof[lowest]))),
+        length,
+        (factor * float(d.low[lowest]), factor * float(d.high[lowest])),
+        f"floor of the Allan deviation at {tau:.1f} s",
         detail={"tau_s": tau},
-    )  # fmt: skip
+    )

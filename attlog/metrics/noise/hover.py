@@ -31,7 +31,11 @@ LARGEST_DEG = 180.0
 
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "hover_jitter_deg", "Jitter in hover", "deg", "low", ("hover",),
+        "hover_jitter_deg",
+        "Jitter in hover",
+        "deg",
+        "low",
+        ("hover",),
         paragraph(
             """Standard deviation of roll and pitch together between 0.5 and 5 Hz in hover: power in that band of
             windows of 4 s (Hann, half overlapping), summed over both angles. The vehicle's own motion is part of
@@ -39,7 +43,7 @@ METRICS: tuple[Metric, ...] = (
             hover within +-5 deg of the mean (Huang's check)."""
         ),
     ),
-)  # fmt: skip
+)
 
 
 def band_power(x: Array, step: float) -> Array:
@@ -104,7 +108,15 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     if ci95 is not None and ci95[1] > LARGEST_DEG:
         ci95, few = None, f"{len(powers[::2])} windows of hover differ too much to give an interval"
     answer = Answer(
-        sigma, "deg", window, len(powers[::2]), found.seconds, ci95, f"{len(powers)} windows of 4 s",
-        reason=few, ranked=few is None, detail={"within_5_deg_pct": found.near_pct},
-    )  # fmt: skip
+        sigma,
+        "deg",
+        window,
+        len(powers[::2]),
+        found.seconds,
+        ci95,
+        f"{len(powers)} windows of 4 s",
+        reason=few,
+        ranked=few is None,
+        detail={"within_5_deg_pct": found.near_pct},
+    )
     return {name: follow.unrank_frozen(case, row, "roll", answer)}

@@ -125,9 +125,19 @@ def fitted(x: Array, turned: Array, a: int, b: int, g: Array, h: Array) -> None:
 
 
 def left_of_pushed(
-    out: Array, t: Array, q: Array, pushed: Array, centre: Array, yaw: Array, edges: Index, turned: Array,
-    now: Array, before: Array, g: Array, h: Array,
-) -> None:  # fmt: skip
+    out: Array,
+    t: Array,
+    q: Array,
+    pushed: Array,
+    centre: Array,
+    yaw: Array,
+    edges: Index,
+    turned: Array,
+    now: Array,
+    before: Array,
+    g: Array,
+    h: Array,
+) -> None:
     """Fill ``out`` (n, 3) with what is pushed into attitudes ``q`` (n, 4) at ``t`` (n,), in deg, without the fit.
 
     ``pushed`` (n, 4) is the rotation beside the gyro alone. Window k has the samples ``edges[k]`` to ``edges[k + 1]``,
@@ -153,6 +163,10 @@ def left_of_pushed(
 
 AT_REST = kernel_of(left_at_rest, AT_REST_SIGNATURE, "metrics", "the noise at rest", SOURCES)
 PUSHED = kernel_of(
-    left_of_pushed, PUSHED_SIGNATURE, "metrics", "the noise in flight", SOURCES,
+    left_of_pushed,
+    PUSHED_SIGNATURE,
+    "metrics",
+    "the noise in flight",
+    SOURCES,
     (("f8", (9,)), ("f8", (9,)), ("f8", (9,)), ("f8", (3,))),
-)  # fmt: skip
+)

@@ -35,26 +35,46 @@ _RESPONSE = """Response of roll and pitch together to a unit step of the set-poi
     over groups of seconds. """
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "tracking_rms_deg", "Tracking error", "deg", "low", ("setpoint",),
+        "tracking_rms_deg",
+        "Tracking error",
+        "deg",
+        "low",
+        ("setpoint",),
         "RMS of the angle between the down directions of set-point and onboard attitude, in flight.",
     ),
     Metric(
-        "setpoint_delay_ms", "Set-point delay", "ms", "zero", ("setpoint",),
+        "setpoint_delay_ms",
+        "Set-point delay",
+        "ms",
+        "zero",
+        ("setpoint",),
         paragraph(_RESPONSE + "Time to half of the step."),
     ),
     Metric(
-        "setpoint_rise_ms", "Set-point rise time", "ms", "low", ("setpoint",),
+        "setpoint_rise_ms",
+        "Set-point rise time",
+        "ms",
+        "low",
+        ("setpoint",),
         paragraph(_RESPONSE + "Time from 10 to 90 % of the step."),
     ),
     Metric(
-        "setpoint_peak_pct", "Set-point peak", "%", "low", ("setpoint",),
+        "setpoint_peak_pct",
+        "Set-point peak",
+        "%",
+        "low",
+        ("setpoint",),
         paragraph(_RESPONSE + "Highest value in percent of the step."),
     ),
     Metric(
-        "setpoint_settling_s", "Set-point settling time", "s", "low", ("setpoint",),
+        "setpoint_settling_s",
+        "Set-point settling time",
+        "s",
+        "low",
+        ("setpoint",),
         paragraph(_RESPONSE + "Time after which it stays within 5 % of the step."),
     ),
-)  # fmt: skip
+)
 
 
 def common(setpoint: Attitude, attitude: Attitude, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
@@ -144,10 +164,16 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
             continue
         ci95 = interval.of_jackknife(float(value), without)
         answers[metric.name] = Answer(
-            factor * float(value), metric.unit, window, count, float(count),
+            factor * float(value),
+            metric.unit,
+            window,
+            count,
+            float(count),
             None if ci95 is None else (factor * max(ci95[0], 0.0), factor * ci95[1]),
-            f"causal response, {count} seconds", reason="a property of vehicle and controller", ranked=False,
-        )  # fmt: skip
+            f"causal response, {count} seconds",
+            reason="a property of vehicle and controller",
+            ranked=False,
+        )
     return answers
 
 
@@ -167,6 +193,13 @@ def _tracking(pieces: list[tuple[Array, Array, Array]], window: str) -> Answer:
     groups = rmse.groups_of(len(tilt), seconds)
     value, ci95 = rmse.root_mean_square(tilt, groups)
     return Answer(
-        value, "deg", window, len(groups) or 1, seconds, ci95, "RMS of the tilt between set-point and attitude",
-        reason="a property of vehicle and controller", ranked=False,
-    )  # fmt: skip
+        value,
+        "deg",
+        window,
+        len(groups) or 1,
+        seconds,
+        ci95,
+        "RMS of the tilt between set-point and attitude",
+        reason="a property of vehicle and controller",
+        ranked=False,
+    )

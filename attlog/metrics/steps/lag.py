@@ -69,12 +69,16 @@ _KINDS: tuple[tuple[str, str, str, Literal["zero", "one", "low"], str], ...] = (
 )
 METRICS: tuple[Metric, ...] = tuple(
     Metric(
-        metric_id(kind, axis), title + ("" if axis == "all" else f", {axis}"), unit, better, ("reference", "events"),
+        metric_id(kind, axis),
+        title + ("" if axis == "all" else f", {axis}"),
+        unit,
+        better,
+        ("reference", "events"),
         text.format(axis=", all axes together" if axis == "all" else f" in {axis}"),
     )
     for kind, title, unit, better, text in _KINDS
     for axis in AXES
-)  # fmt: skip
+)
 UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
 
 
@@ -135,19 +139,28 @@ def _of_axis(case: Case, row: Row, window: str, axis: str, seen: Evidence | None
         code = "too_few_events" if count else "no_events"
         return {name: missing(code, reason, UNITS[kind], window) for kind, name in names.items()}
     detail: dict[str, Any] = {
-        "gain": found.gain, "distortion_pct": 100 * found.distortion, "aiding_share": found.share,
-        "leak_per_s": found.leak if math.isfinite(found.leak) else None, "shape_ms": 1000 * found.shape_s,
+        "gain": found.gain,
+        "distortion_pct": 100 * found.distortion,
+        "aiding_share": found.share,
+        "leak_per_s": found.leak if math.isfinite(found.leak) else None,
+        "shape_ms": 1000 * found.shape_s,
         "misalignment_deg": [float(v) for v in np.degrees(found.x[2:5])],
-    }  # fmt: skip
+    }
 
     def answer(value: float, kind: str, half: float) -> Answer:
         factor = 100.0 if kind == "distortion" else 1.0
         least = 0.0 if kind == "distortion" else -math.inf
         ci95 = (max(factor * (value - half), least), factor * (value + half)) if math.isfinite(half) else None
         return Answer(
-            factor * value, UNITS[kind], window, len(found.events), found.seconds, ci95,
-            f"rate fit, {len(found.events)} events, jackknife", detail=dict(detail),
-        )  # fmt: skip
+            factor * value,
+            UNITS[kind],
+            window,
+            len(found.events),
+            found.seconds,
+            ci95,
+            f"rate fit, {len(found.events)} events, jackknife",
+            detail=dict(detail),
+        )
 
     distortion = answer(found.distortion, "distortion", found.half_width(2))
     if not pure_delay.GAIN[0] <= found.gain <= pure_delay.GAIN[1]:
@@ -164,10 +177,7 @@ def _lag_answer(
 ) -> Answer:
     delay = input_delay(case, row)
     lag, half, half_sample = found.delay - delay, half_width(found), 0.5 * sample_step(case, row)
-    detail = shared | {
-        "fitted_ms": 1000 * found.delay,
-        "without_aiding_ms": 1000 * (lag - found.moved_s),
-    }
+    detail = shared | {"fitted_ms": 1000 * found.delay, "without_aiding_ms": 1000 * (lag - found.moved_s)}
     told = functools.partial(
         Answer, detail=detail, each=[float(v) for v in 1000 * (found.each - delay)], taken_out=1000 * delay
     )
@@ -183,11 +193,18 @@ def _lag_answer(
     ids, n = ids_of([events[k].onset for k in found.events]), len(found.events)
     pseudo = 1000 * (n * lag - (n - 1) * (found.left_out[:, 0] - delay))
     return told(
-        1000 * lag, "ms", window, n, found.seconds, (1000 * (lag - half), 1000 * (lag + half)),
-        f"rate fit, {n} events, jackknife", reason=unranked, ranked=unranked is None,
+        1000 * lag,
+        "ms",
+        window,
+        n,
+        found.seconds,
+        (1000 * (lag - half), 1000 * (lag + half)),
+        f"rate fit, {n} events, jackknife",
+        reason=unranked,
+        ranked=unranked is None,
         counts_as_zero_below=1000 * half_sample,
         units=UnitValues("lag_event", ids, pseudo, OnEvents(found.sums, ids, found.events, delay)),
-    )  # fmt: skip
+    )
 
 
 def sample_step(case: Case, row: Row) -> float:

@@ -20,7 +20,11 @@ COMMON_PER_S, COMMON = 0.004, 0.02
 
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "leak_per_s", "Leak", "1/s", "low", ("reference", "events"),
+        "leak_per_s",
+        "Leak",
+        "1/s",
+        "low",
+        ("reference", "events"),
         paragraph(
             """How fast the row turns its tilt towards the direction that the accelerometer takes for down: rate over
             angle between the two, 1/s; its reciprocal is a time constant. In a quick movement the accelerometer shows
@@ -30,7 +34,7 @@ METRICS: tuple[Metric, ...] = (
             pitch moved. A filter that corrects in steps of fixed size has a leak that depends on the movement."""
         ),
     ),
-)  # fmt: skip
+)
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -59,8 +63,14 @@ def _answer(case: Case, row: Row, window: str) -> Answer:
         reason = f"{width}: the movements do not tell it"
         return missing("too_few_events", reason, "1/s", window, fitted=found.leak)
     return Answer(
-        found.leak, "1/s", window, len(found.events), found.seconds, (found.leak - half, found.leak + half),
-        f"aiding in {len(found.events)} events, jackknife", ranked=False,
+        found.leak,
+        "1/s",
+        window,
+        len(found.events),
+        found.seconds,
+        (found.leak - half, found.leak + half),
+        f"aiding in {len(found.events)} events, jackknife",
+        ranked=False,
         reason="slow is right in a movement, fast against gyro drift",
         detail={"time_constant_s": 1.0 / found.leak if abs(found.leak) > half else None},
-    )  # fmt: skip
+    )

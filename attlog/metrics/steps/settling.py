@@ -22,21 +22,29 @@ BAND = 0.05
 
 METRICS: tuple[Metric, ...] = (
     Metric(
-        "overshoot_pct", "Overshoot", "%", "zero", ("reference", "events"),
+        "overshoot_pct",
+        "Overshoot",
+        "%",
+        "zero",
+        ("reference", "events"),
         paragraph(
             """How far the row's peak in a step lies beyond the reference's own peak, in percent of the step; mean over
             events, t interval. Negative where the row falls short."""
         ),
     ),
     Metric(
-        "settling_s", "Settling time", "s", "low", ("reference", "events"),
+        "settling_s",
+        "Settling time",
+        "s",
+        "low",
+        ("reference", "events"),
         paragraph(
             """Time from the onset of a step until the error about its axis (0 before the onset) stays below 5 % of
             the step for the rest of the event's window; 0 where it never exceeds that. Mean over events, t interval.
             Events that do not settle within their window count with the window's end."""
         ),
     ),
-)  # fmt: skip
+)
 
 
 def of_events(found: list[Curve]) -> tuple[Array, Array, int]:
@@ -76,12 +84,18 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     detail = {"unsettled": unsettled}
     return {
         name: Answer(
-            float(np.mean(values)), unit, window, len(values), seconds,
-            _from_zero(name, interval.of_mean(values)), method,
-            detail=detail if name == "settling_s" else {}, each=[float(x) for x in values],
+            float(np.mean(values)),
+            unit,
+            window,
+            len(values),
+            seconds,
+            _from_zero(name, interval.of_mean(values)),
+            method,
+            detail=detail if name == "settling_s" else {},
+            each=[float(x) for x in values],
         )
         for name, unit, values in (("overshoot_pct", "%", overshoot), ("settling_s", "s", settling))
-    }  # fmt: skip
+    }
 
 
 def _from_zero(name: str, ci95: interval.Interval | None) -> interval.Interval | None:

@@ -45,12 +45,16 @@ _KINDS: tuple[tuple[str, str, Literal["low", "zero"], str], ...] = (
 
 METRICS: tuple[Metric, ...] = tuple(
     Metric(
-        f"step_error_{unit}.{after:.1f}s", f"Step error after {after:.1f} s", sign, better, ("reference", "events"),
+        f"step_error_{unit}.{after:.1f}s",
+        f"Step error after {after:.1f} s",
+        sign,
+        better,
+        ("reference", "events"),
         paragraph(text.format(after=after) + _INTERVAL),
     )
     for unit, sign, better, text in _KINDS
     for after in AFTER_S
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +70,10 @@ def errors_after(found: list[Curve], after: float) -> Errors:
     """The error of each event that is covered ``after`` s past 90 % of its stroke."""
     kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
     return Errors(
-        ids_of([c.event.onset for c, _ in kept]), np.array([e for _, e in kept]),
+        ids_of([c.event.onset for c, _ in kept]),
+        np.array([e for _, e in kept]),
         np.array([abs(c.event.delta_deg) for c, _ in kept]),
-    )  # fmt: skip
+    )
 
 
 @per_row
@@ -141,8 +146,15 @@ def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: lis
     summary, values = here(errors.ids), percent(errors) if unit == "pct" else magnitude(errors)
     seconds = math.fsum(c.event.end - c.event.begin for c in found)
     return Answer(
-        summary.value, sign, window, count, seconds, summary.ci95, f"median of {count} events, order statistics",
-        detail={"p90": quantile(np.abs(values), 0.9)}, each=[float(v) for v in values],
+        summary.value,
+        sign,
+        window,
+        count,
+        seconds,
+        summary.ci95,
+        f"median of {count} events, order statistics",
+        detail={"p90": quantile(np.abs(values), 0.9)},
+        each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, magnitude(errors), here),
         floor=own_deg * (100.0 / float(median(errors.stroke)) if unit == "pct" else 1.0),
-    )  # fmt: skip
+    )

@@ -6,18 +6,7 @@ from attlog.present.contest import Contest, Judged, contest
 from attlog.present.names import AGREEMENT, against_whom
 from attlog.present.numbers import duration, listed
 from attlog.present.sentences.reasons import cannot
-from attlog.present.sentences.words import (
-    NAMED,
-    Words,
-    bars,
-    last,
-    leading,
-    left_out,
-    lost,
-    lost_part,
-    single,
-    values,
-)
+from attlog.present.sentences.words import NAMED, Words, bars, last, leading, left_out, lost, lost_part, single, values
 from attlog.present.table.rows import AIR
 from attlog.present.text import typeset
 from attlog.result import Result, Verdict

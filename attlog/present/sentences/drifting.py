@@ -35,9 +35,15 @@ def drifting(result: Result) -> Verdict:
         if found is shown or not has_value(found, name)
     ]
     return Verdict(
-        "drifting", "How fast does the heading drift?", says(result, rest, air, reference), shown.metric, shown.window,
-        bars(shown), reasons, notes(result, rest),
-    )  # fmt: skip
+        "drifting",
+        "How fast does the heading drift?",
+        says(result, rest, air, reference),
+        shown.metric,
+        shown.window,
+        bars(shown),
+        reasons,
+        notes(result, rest),
+    )
 
 
 def has_value(found: Contest, name: str) -> bool:

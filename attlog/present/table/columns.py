@@ -32,10 +32,7 @@ ERRORS = (
     Column("Tilt error RMS", "inclination_rmse_deg", AIR),
     Column("Heading error RMS", "heading_rmse_deg", AIR, spare=2),
 )
-STEPS = (
-    Column("Lag", "lag_ms", AIR),
-    Column("Step error", "step_error_deg.0.5s", AIR, spare=1),
-)
+STEPS = (Column("Lag", "lag_ms", AIR), Column("Step error", "step_error_deg.0.5s", AIR, spare=1))
 DRIFT_REST = Column("Drift at rest", "drift_rest_deg_per_min", REST)
 COST = Column("Cost", "cost_ns", ALL, contest=False, spare=4)
 

@@ -44,21 +44,32 @@ def paper(options: Options) -> Paper:
             "noise reaches roll and pitch that way.",
         ),
         seeds=options.seeds,
-    )  # fmt: skip
+    )
 
 
 def _settings() -> tuple[Setting, ...]:
     return (
         Setting("complementary filter", "kp 3, ki 0.01 (per second), first-order step", "paper"),
         Setting("Kalman filter", "12 states: rate, its derivative, gravity, field", "paper"),
-        Setting("its noise", "per sqrt(Hz): gyro 2e-4 rad/s, accelerometer 0.5 m/s^2, field 5 %; "
-                "walks per sqrt(s): gravity 0.07 m/s^2, field 0.75 %", "ours"),
+        Setting(
+            "its noise",
+            "per sqrt(Hz): gyro 2e-4 rad/s, accelerometer 0.5 m/s^2, field 5 %; "
+            "walks per sqrt(s): gravity 0.07 m/s^2, field 0.75 %",
+            "ours",
+        ),
         Setting("at rest", f"{REST_S:g} s; standard deviation from {SETTLED_S:g} s on, straight line removed", "ours"),
-        Setting("rotation", "45 deg both ways about each axis in 1.5 s, by hand about a point "
-                f"{100 * ARM_M[0]:g} cm away", "ours"),
-        Setting("sensors", "IMU 200 Hz: 0.006 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), gyro bias 0.1 deg/s (1 sigma); "
-                "magnetometer 50 Hz: 0.05 uT/sqrt(Hz)", "ours"),
-    )  # fmt: skip
+        Setting(
+            "rotation",
+            f"45 deg both ways about each axis in 1.5 s, by hand about a point {100 * ARM_M[0]:g} cm away",
+            "ours",
+        ),
+        Setting(
+            "sensors",
+            "IMU 200 Hz: 0.006 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), gyro bias 0.1 deg/s (1 sigma); "
+            "magnetometer 50 Hz: 0.05 uT/sqrt(Hz)",
+            "ours",
+        ),
+    )
 
 
 Judged = tuple[Claim, list[Verdict]]
@@ -233,6 +244,8 @@ def _table(found: list[Seed]) -> Table:
         rows.append((CALLED[row], *spread, *errors))
     head = ("filter", *(f"{a}, at rest" for a in AXES), *(f"{a}, error in rotation" for a in AXES))
     return Table(
-        "Spread at rest and error in rotation", head, tuple(rows),
+        "Spread at rest and error in rotation",
+        head,
+        tuple(rows),
         "Means over seeds: standard deviation at rest about a straight line, RMS error in rotation.",
-    )  # fmt: skip
+    )

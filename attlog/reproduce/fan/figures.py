@@ -19,19 +19,37 @@ def figures(found: Sequence[Seed], called: Mapping[str, str], seed: int = 0) -> 
     still, moved = at_rest(seed), turned(seed)
     return (
         Figure(
-            "rest", "fig. 4", "At rest", "The first seed. Hide the raw angles to see the others.", "time, s", PANELS,
-            (*_truth(still), *_lines(still, called, errors=False)), height=460,
+            "rest",
+            "fig. 4",
+            "At rest",
+            "The first seed. Hide the raw angles to see the others.",
+            "time, s",
+            PANELS,
+            (*_truth(still), *_lines(still, called, errors=False)),
+            height=460,
         ),
         Figure(
-            "turned", "fig. 5", "By hand to 45 deg both ways about each axis", "The first seed.", "time, s", PANELS,
-            (*_truth(moved), *_lines(moved, called, errors=False)), height=460,
+            "turned",
+            "fig. 5",
+            "By hand to 45 deg both ways about each axis",
+            "The first seed.",
+            "time, s",
+            PANELS,
+            (*_truth(moved), *_lines(moved, called, errors=False)),
+            height=460,
         ),
         Figure(
-            "errors", "fig. 5", "How far off in rotation", "What was found minus the truth.", "time, s",
-            tuple(f"{axis} error, deg" for axis in AXES), _lines(moved, called, errors=True), height=460,
+            "errors",
+            "fig. 5",
+            "How far off in rotation",
+            "What was found minus the truth.",
+            "time, s",
+            tuple(f"{axis} error, deg" for axis in AXES),
+            _lines(moved, called, errors=True),
+            height=460,
         ),
         _spread(found, called),
-    )  # fmt: skip
+    )
 
 
 def _truth(s: Samples) -> tuple[Line, ...]:
@@ -55,7 +73,14 @@ def _spread(found: Sequence[Seed], called: Mapping[str, str]) -> Figure:
         ends = np.array([n.ci95 or (v, v) for n, v in zip(numbers, y, strict=True)])
         lines.append(Line(called[row], [0.0, 1.0, 2.0], y, 0, ends[:, 0], ends[:, 1]))
     return Figure(
-        "spread", "fig. 4", "Spread at rest by axis and by the Kalman filter's random walks",
+        "spread",
+        "fig. 4",
+        "Spread at rest by axis and by the Kalman filter's random walks",
         "Means over seeds with their intervals; raw angles (several times as much) are in the table.",
-        "", ("standard deviation, deg",), tuple(lines), "points", AXES, 300,
-    )  # fmt: skip
+        "",
+        ("standard deviation, deg",),
+        tuple(lines),
+        "points",
+        AXES,
+        300,
+    )

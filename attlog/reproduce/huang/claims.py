@@ -70,11 +70,14 @@ def _settings() -> tuple[Setting, ...]:
 def _follows(found: list[Seed]) -> Claim:
     own = [s.flown[DCM].errors for s in found]
     numbers = [
-        mean(f"RMS error of {axis}, {'hover' if phase == 'hover' else 'returns and sines'}",
-             [getattr(e, phase)[k] for e in own], "deg")
+        mean(
+            f"RMS error of {axis}, {'hover' if phase == 'hover' else 'returns and sines'}",
+            [getattr(e, phase)[k] for e in own],
+            "deg",
+        )
         for phase in PHASES
         for k, axis in enumerate(AXES)
-    ]  # fmt: skip
+    ]
     stand = [
         mean(f"RMS error of {axis}, same returns on the stand", [s.stand_errors[k] for s in found], "deg")
         for k, axis in enumerate(AXES[:2])

@@ -45,10 +45,16 @@ def _against_truth(flight: Flight) -> Figure:
             Line(OWN, *thinned(t[part], angles(q[part])[:, axis]), axis),
         ]
     return Figure(
-        "truth", "fig. 3", "The filter in the loop against the truth",
+        "truth",
+        "fig. 3",
+        "The filter in the loop against the truth",
         "Hover, then three returns to level and two sines. Where the filter leaves the truth the vehicle has been "
-        "tilted and gathers speed.", "time, s", AXES, tuple(lines), height=480,
-    )  # fmt: skip
+        "tilted and gathers speed.",
+        "time, s",
+        AXES,
+        tuple(lines),
+        height=480,
+    )
 
 
 def _against_ekf(flight: Flight) -> Figure:
@@ -59,10 +65,15 @@ def _against_ekf(flight: Flight) -> Figure:
         part = found.t >= HOVER[0]
         lines += [Line(name, *thinned(found.t[part], found.errors[part, axis]), axis) for axis in range(3)]
     return Figure(
-        "ekf", "fig. 4", "The filter and EKFs over the same samples, errors",
+        "ekf",
+        "fig. 4",
+        "The filter and EKFs over the same samples, errors",
         "Errors against the truth, because the angles themselves could hardly be told from each other.",
-        "time, s", tuple(f"error of {name}" for name in AXES), tuple(lines), height=480,
-    )  # fmt: skip
+        "time, s",
+        tuple(f"error of {name}" for name in AXES),
+        tuple(lines),
+        height=480,
+    )
 
 
 def _cost(spent: dict[str, list[float]], mahony: Sequence[float], ekf: Sequence[float]) -> Figure:
@@ -72,9 +83,16 @@ def _cost(spent: dict[str, list[float]], mahony: Sequence[float], ekf: Sequence[
         Line("here", run_of, np.array(spent[EKF]) / np.array(spent[DCM])),
     )
     return Figure(
-        "cost", "table 1", "Time of the EKF over time of Mahony's filter", "4,000 updates, nine runs.",
-        "run", ("ratio",), lines, kind="points", height=260,
-    )  # fmt: skip
+        "cost",
+        "table 1",
+        "Time of the EKF over time of Mahony's filter",
+        "4,000 updates, nine runs.",
+        "run",
+        ("ratio",),
+        lines,
+        kind="points",
+        height=260,
+    )
 
 
 def _level(flight: Flight, seed: int) -> Figure:
@@ -96,10 +114,15 @@ def _level(flight: Flight, seed: int) -> Figure:
         ]
     panels = tuple(f"{axis} from {angle:g} deg, deg" for angle, axis in LEVELS)
     return Figure(
-        "level", "fig. 5, 6, 8, 9", "From an angle back to level",
+        "level",
+        "fig. 5, 6, 8, 9",
+        "From an angle back to level",
         "At 0 s the set-point becomes level. In free flight the filter believes it is level while the vehicle is not.",
-        "time, s", panels, tuple(lines), height=480,
-    )  # fmt: skip
+        "time, s",
+        panels,
+        tuple(lines),
+        height=480,
+    )
 
 
 def _hover(flight: Flight) -> Figure:
@@ -113,9 +136,14 @@ def _hover(flight: Flight) -> Figure:
         )
     ]
     return Figure(
-        "hover", "fig. 5, 6, 8, 9", "Hover", "Roll and pitch with the position held; the paper's bound is +-5 deg.",
-        "time, s", AXES[:2], tuple(lines),
-    )  # fmt: skip
+        "hover",
+        "fig. 5, 6, 8, 9",
+        "Hover",
+        "Roll and pitch with the position held; the paper's bound is +-5 deg.",
+        "time, s",
+        AXES[:2],
+        tuple(lines),
+    )
 
 
 def _tracking(flight: Flight) -> Figure:
@@ -132,9 +160,14 @@ def _tracking(flight: Flight) -> Figure:
             lines.append(Line(name, *thinned(t[part] - begin, y[part, column]), k))
     panels = tuple(f"{axis}, sine of {period:g} s, deg" for _, period, axis in TRACKS)
     return Figure(
-        "tracking", "fig. 5, 6, 8, 9", "Angles that follow a set-point", "The angle comes a fifth of a second later.",
-        "time since the begin, s", panels, tuple(lines),
-    )  # fmt: skip
+        "tracking",
+        "fig. 5, 6, 8, 9",
+        "Angles that follow a set-point",
+        "The angle comes a fifth of a second later.",
+        "time since the begin, s",
+        panels,
+        tuple(lines),
+    )
 
 
 def _known(flight: Flight) -> Array:

@@ -123,10 +123,13 @@ def commands() -> tuple[Command, ...]:
 def scenario(estimator: str, wind: float = WIND_M_S, seconds: float = SECONDS) -> Scenario:
     """Huang's flight on a filter, or on ``truth``, in turbulence of ``wind`` m/s (1 sigma)."""
     return Scenario(
-        name="huang", seconds=seconds, command=commands(), estimator=Estimator(name=estimator),
+        name="huang",
+        seconds=seconds,
+        command=commands(),
+        estimator=Estimator(name=estimator),
         wind=Wind(turbulence_m_s=wind),
         sensors=Sensors(imu=(Imu(rate_hz=RATE_HZ),), mag=(Mag(rate_hz=50.0),), gnss=(Gnss(rate_hz=5.0),)),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,10 +156,12 @@ def seed_of(seed: int) -> Seed:
     found = _found(held)
     late = found.t >= STAND_AT
     return Seed(
-        flown, again, tuple(_returned(held, STAND_AT + k * STAND_EVERY_S, *level) for k, level in enumerate(LEVELS)),
+        flown,
+        again,
+        tuple(_returned(held, STAND_AT + k * STAND_EVERY_S, *level) for k, level in enumerate(LEVELS)),
         (rms(found.errors[late, 0]), rms(found.errors[late, 1])),
         {wind: hovered(seed, wind) for wind in MORE_WIND_M_S},
-    )  # fmt: skip
+    )
 
 
 def stand(seed: int, estimator: str = DCM) -> Flight:

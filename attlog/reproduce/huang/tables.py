@@ -42,19 +42,31 @@ def by_filter(found: list[Seed]) -> Table:
     rows = []
     for row in runs.FLOWN_ON:
         one = [s.flown[row] for s in found]
-        rows.append((
-            NAMED[row],
-            f"{sum(f.crashed for f in one)} of {len(one)}",
-            *(quantity(mean("", v, u).value, u) for v, u in (
-                ([max(f.most_deg) for f in one], "deg"),
-                ([math.hypot(*f.errors.hover[:2]) for f in one], "deg"),
-                ([math.hypot(*f.errors.moving[:2]) for f in one], "deg"),
-                ([abs(f.returned[-1].left_deg) for f in one], "deg"),
-                ([f.tracked[0].delay_ms for f in one], "ms"),
-            )),
-        ))  # fmt: skip
-    head = ("flown on", "crashed", "largest angle in hover", "tilt error, hover", "moves",
-            f"left of {LEVELS[-1][0]:g} deg", "delay")  # fmt: skip
+        rows.append(
+            (
+                NAMED[row],
+                f"{sum(f.crashed for f in one)} of {len(one)}",
+                *(
+                    quantity(mean("", v, u).value, u)
+                    for v, u in (
+                        ([max(f.most_deg) for f in one], "deg"),
+                        ([math.hypot(*f.errors.hover[:2]) for f in one], "deg"),
+                        ([math.hypot(*f.errors.moving[:2]) for f in one], "deg"),
+                        ([abs(f.returned[-1].left_deg) for f in one], "deg"),
+                        ([f.tracked[0].delay_ms for f in one], "ms"),
+                    )
+                ),
+            )
+        )
+    head = (
+        "flown on",
+        "crashed",
+        "largest angle in hover",
+        "tilt error, hover",
+        "moves",
+        f"left of {LEVELS[-1][0]:g} deg",
+        "delay",
+    )
     return Table("The same flight on other filters", head, tuple(rows), "Means over seeds.")
 
 
@@ -81,9 +93,11 @@ def linear(found: list[Seed]) -> Table:
         rows.append((f"delay, {sine}", quantity(late, "ms"), _mean([f.tracked[k].delay_ms for f in truth], "ms")))
         rows.append((f"gain, {sine}", f"{abs(told):.2f}", _mean([f.tracked[k].gain for f in truth], "1")))
     return Table(
-        "The loop: transfer function and flight on the true attitude", ("", "linear", "flown"), tuple(rows),
+        "The loop: transfer function and flight on the true attitude",
+        ("", "linear", "flown"),
+        tuple(rows),
         "Rotor lag, inertia, gains and the time that sampling and holding take; means over seeds.",
-    )  # fmt: skip
+    )
 
 
 def _mean(values: list[float], unit: str) -> str:

@@ -54,9 +54,13 @@ def _settings() -> tuple[Setting, ...]:
         Setting("sampling", "200 Hz; gyro range 500 deg/s, once 250; gyro bias left 0.1 deg/s (1 sigma)", "ours"),
         Setting("at rest", "60 s on a table tilted by 1 to 3 deg; spread from 20 s on, straight line removed", "ours"),
         Setting("drop", "up about an edge 15 cm away in 1 s, held 4 s, dropped in 0.3 s, a blow of 2 g", "ours"),
-        Setting("flight", f"take-off, hover, roll on a sine of {lyu_flight.AMPLITUDE_DEG:g} deg and "
-                f"{lyu_flight.PERIOD_S:g} s, on the filter's attitude, by Huang's controller", "ours"),
-    )  # fmt: skip
+        Setting(
+            "flight",
+            f"take-off, hover, roll on a sine of {lyu_flight.AMPLITUDE_DEG:g} deg and "
+            f"{lyu_flight.PERIOD_S:g} s, on the filter's attitude, by Huang's controller",
+            "ours",
+        ),
+    )
 
 
 def _at_rest(found: list[Bench]) -> Claim:
@@ -246,6 +250,8 @@ def _table(found: list[Bench]) -> Table:
             rows.append((f"{name}, ki per {reading}", *cells))
     head = ("integral", *(f"{a:g} deg: {w}" for a in WRONG_DEG for w in ("settles", "overshoots")))
     return Table(
-        "From a start with a wrong angle", head, tuple(rows),
+        "From a start with a wrong angle",
+        head,
+        tuple(rows),
         f"Means over seeds; settled: the error of roll stays within {runs.WRONG_WITHIN_DEG:g} deg.",
-    )  # fmt: skip
+    )

@@ -30,11 +30,15 @@ def _at_rest(seed: int) -> Figure:
         found = run(row, s)
         lines += [Line(NAMES[row], found.t, found.angles[:, axis], axis) for axis in (0, 1)]
     return Figure(
-        "rest", "fig. 4", "At rest on a tilted table",
+        "rest",
+        "fig. 4",
+        "At rest on a tilted table",
         "Lines of the variable integral lie exactly on those of the fixed one. How far they are from the truth is the "
         "gyro's bias over kp and the accelerometer's own.",
-        "time, s", ("roll, deg", "pitch, deg"), tuple(lines),
-    )  # fmt: skip
+        "time, s",
+        ("roll, deg", "pitch, deg"),
+        tuple(lines),
+    )
 
 
 def _dropped(seed: int) -> Figure:
@@ -49,9 +53,14 @@ def _dropped(seed: int) -> Figure:
             Line(NAMES[row], found.t[part], found.errors[part, 0], 1),
         ]
     return Figure(
-        "drop", "fig. 5", "Lifted to 60 deg and dropped", "The gyro sees the whole movement; the blow disturbs.",
-        "time, s", ("roll, deg", "error of roll, deg"), tuple(lines),
-    )  # fmt: skip
+        "drop",
+        "fig. 5",
+        "Lifted to 60 deg and dropped",
+        "The gyro sees the whole movement; the blow disturbs.",
+        "time, s",
+        ("roll, deg", "error of roll, deg"),
+        tuple(lines),
+    )
 
 
 def _wrong_start(seed: int) -> Figure:
@@ -63,10 +72,15 @@ def _wrong_start(seed: int) -> Figure:
         part = found.t <= shown
         lines.append(Line(NAMES[row], found.t[part], np.asarray(found.errors[part, 0]), 0))
     return Figure(
-        "start", "fig. 5", "An error of 60 deg",
+        "start",
+        "fig. 5",
+        "An error of 60 deg",
         "The board rests, the filter starts 60 deg off in roll: nowhere else do the filters differ so much.",
-        "time, s", ("error of roll, deg",), tuple(lines), height=300,
-    )  # fmt: skip
+        "time, s",
+        ("error of roll, deg",),
+        tuple(lines),
+        height=300,
+    )
 
 
 def _flown(seed: int) -> Figure:
@@ -81,7 +95,11 @@ def _flown(seed: int) -> Figure:
             lines += [Line(TRUTH, t, true), Line("set-point", t, angles(on.q_setpoint)[shown, 0])]
         lines += [Line(NAMES[row], t, found), Line(NAMES[row], t, found - true, 1)]
     return Figure(
-        "flight", "fig. 3", "In flight, roll on a sine",
+        "flight",
+        "fig. 3",
+        "In flight, roll on a sine",
         "Each filter flies its own flight; the truth is that of the first.",
-        "time, s", ("roll, deg", "error of roll, deg"), tuple(lines),
-    )  # fmt: skip
+        "time, s",
+        ("roll, deg", "error of roll, deg"),
+        tuple(lines),
+    )

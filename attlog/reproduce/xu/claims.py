@@ -53,16 +53,29 @@ def _settings(logs: int) -> tuple[Setting, ...]:
     return (
         Setting("kp", "0.6, 1.1, 2", "paper"),
         Setting("ki", "0: none is printed", "ours"),
-        Setting("adaptive gain", "kp 0.6, faded where the specific force (low-passed over 0.1 s in earth axes) is "
-                "10 to 20 % off g (after Valenti 2015)", "ours"),
-        Setting("mission", "the library's waypoints: a square of 30 m at up to 6 m/s, nose ahead, wind of 3 m/s; flown "
-                "on the true attitude, so that no filter changes the flight", "ours"),
-        Setting("sensors", "IMU 200 Hz with rotor vibration, gyro bias 0.1 deg/s (1 sigma); magnetometer 50 Hz",
-                "ours"),
+        Setting(
+            "adaptive gain",
+            "kp 0.6, faded where the specific force (low-passed over 0.1 s in earth axes) is "
+            "10 to 20 % off g (after Valenti 2015)",
+            "ours",
+        ),
+        Setting(
+            "mission",
+            "the library's waypoints: a square of 30 m at up to 6 m/s, nose ahead, wind of 3 m/s; flown "
+            "on the true attitude, so that no filter changes the flight",
+            "ours",
+        ),
+        Setting(
+            "sensors", "IMU 200 Hz with rotor vibration, gyro bias 0.1 deg/s (1 sigma); magnetometer 50 Hz", "ours"
+        ),
         Setting("flights", f"the paper has Pixhawk logs; here simulated missions and {counted(logs, 'log')}", "ours"),
-        Setting("oscillation", f"RMS from {BAND}: in simulation of the error; on logs of what the filter pushes in "
-                "beyond the gyro alone, in windows of 10 s within 20 deg of their mean attitude", "ours"),
-    )  # fmt: skip
+        Setting(
+            "oscillation",
+            f"RMS from {BAND}: in simulation of the error; on logs of what the filter pushes in "
+            "beyond the gyro alone, in windows of 10 s within 20 deg of their mean attitude",
+            "ours",
+        ),
+    )
 
 
 def _notes(logs: Sequence[OnLog]) -> tuple[str, ...]:

@@ -22,16 +22,28 @@ def figures(seeds: Sequence[Seed], logs: Sequence[OnLog], seed: int = 0) -> tupl
     s = flown(seed)
     return (
         Figure(
-            "mission", "fig. 1 to 3", "A waypoint mission", "The first seed, between take-off and landing.", "time, s",
-            tuple(f"{a}, deg" for a in AXES), (*_truth(s), *_lines(s, errors=False)), height=480,
+            "mission",
+            "fig. 1 to 3",
+            "A waypoint mission",
+            "The first seed, between take-off and landing.",
+            "time, s",
+            tuple(f"{a}, deg" for a in AXES),
+            (*_truth(s), *_lines(s, errors=False)),
+            height=480,
         ),
         Figure(
-            "errors", "fig. 1 to 3", "How far off", "The same mission: what was found minus the truth.", "time, s",
-            tuple(f"{a} error, deg" for a in AXES), _lines(s, errors=True), height=480,
+            "errors",
+            "fig. 1 to 3",
+            "How far off",
+            "The same mission: what was found minus the truth.",
+            "time, s",
+            tuple(f"{a} error, deg" for a in AXES),
+            _lines(s, errors=True),
+            height=480,
         ),
         _by_gain("oscillation", "fig. 1 to 3", "How much it oscillates, by gain", seeds, logs),
         _errors_by_gain(seeds, logs),
-    )  # fmt: skip
+    )
 
 
 def _truth(s: Samples) -> list[Line]:
@@ -61,11 +73,18 @@ def _by_gain(id: str, where: str, title: str, seeds: Sequence[Seed], logs: Seque
             for axis in range(3)
         ]
     return Figure(
-        id, where, title,
+        id,
+        where,
+        title,
         "Geometric means over flights with their intervals, 0.2 to 5 Hz: of the error in simulation, on logs of what "
         "the filter pushes in beyond the gyro alone.",
-        "kp, 1/s", tuple(f"{a}, deg" for a in AXES), tuple(lines), "points", height=480, x_log=True,
-    )  # fmt: skip
+        "kp, 1/s",
+        tuple(f"{a}, deg" for a in AXES),
+        tuple(lines),
+        "points",
+        height=480,
+        x_log=True,
+    )
 
 
 def _errors_by_gain(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Figure:
@@ -79,10 +98,17 @@ def _errors_by_gain(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Figure:
             _line("logs", [_typical([log.errors[gain(kp)][k] for log in told]) for kp in SWEPT], k) for k in (0, 1)
         ]
     return Figure(
-        "best", "section 3", "How far off, by gain",
+        "best",
+        "section 3",
+        "How far off, by gain",
         "Geometric means of RMS errors over flights with their intervals; logs against their reference.",
-        "kp, 1/s", ("tilt, deg", "heading, deg"), tuple(lines), "points", height=400, x_log=True,
-    )  # fmt: skip
+        "kp, 1/s",
+        ("tilt, deg", "heading, deg"),
+        tuple(lines),
+        "points",
+        height=400,
+        x_log=True,
+    )
 
 
 def _typical(values: Sequence[float]) -> Number:

@@ -64,10 +64,13 @@ class Gains:
         """The gains of a scenario."""
         most, turn = math.radians(c.rate_max_dps), math.radians(c.yaw_rate_max_dps)
         return cls(
-            (c.angle_kp, c.angle_kp, c.yaw_angle_kp), (c.angle_ki, c.angle_ki, 0.0),
-            (c.rate_kp, c.rate_kp, c.yaw_rate_kp), (c.rate_ki, c.rate_ki, c.yaw_rate_ki), (c.rate_kd, c.rate_kd, 0.0),
+            (c.angle_kp, c.angle_kp, c.yaw_angle_kp),
+            (c.angle_ki, c.angle_ki, 0.0),
+            (c.rate_kp, c.rate_kp, c.yaw_rate_kp),
+            (c.rate_ki, c.rate_ki, c.yaw_rate_ki),
+            (c.rate_kd, c.rate_kd, 0.0),
             (most, most, turn),
-        )  # fmt: skip
+        )
 
     def pack(self) -> Array:
         """The array that :func:`control` takes."""

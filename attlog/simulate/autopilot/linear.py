@@ -121,9 +121,8 @@ def margins(axis: Axis) -> Margins:
     unity = int(np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))[-1])
     turned = int(np.flatnonzero((phase[:-1] >= -np.pi) & (phase[1:] < -np.pi) & (omega[1:] > omega[unity]))[0])
     return Margins(
-        float(1.0 / size[turned]), float(omega[turned]),
-        float(np.degrees(np.pi + phase[unity])), float(omega[unity]),
-    )  # fmt: skip
+        float(1.0 / size[turned]), float(omega[turned]), float(np.degrees(np.pi + phase[unity])), float(omega[unity])
+    )
 
 
 def rise_and_overshoot(t: Array, y: Array) -> tuple[float, float]:

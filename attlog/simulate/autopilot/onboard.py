@@ -118,9 +118,12 @@ class Live:
         self._turn = (math.cos(0.5 * self._north), math.sin(0.5 * self._north))
         self.aids = Inbox(self._north, "at_rest" in filter_.uses)
         self._cleaner = Cleaner(
-            imu_rate, mag_rate, hold_mag=filter_.hold_mag, instant=sampling == "instant",
+            imu_rate,
+            mag_rate,
+            hold_mag=filter_.hold_mag,
+            instant=sampling == "instant",
             aids=self.aids if filter_.aided else None,
-        )  # fmt: skip
+        )
         self.skipped = self._cleaner.skipped
         self._field_expected = mag_rate is not None
         self._q0 = None if q0 is None else np.asarray(q0, np.float64)

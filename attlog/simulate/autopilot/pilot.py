@@ -46,9 +46,12 @@ class Pilot:
         self._live: Live | None = None
         if name != TRUTH:
             self._live = Live(
-                row or spec(name, params), sensors.imu[0].rate_hz, sensors.mag[0].rate_hz if sensors.mag else None,
-                sampling=sensors.imu[0].sampling, declination=math.degrees(declination),
-            )  # fmt: skip
+                row or spec(name, params),
+                sensors.imu[0].rate_hz,
+                sensors.mag[0].rate_hz if sensors.mag else None,
+                sampling=sensors.imu[0].sampling,
+                declination=math.degrees(declination),
+            )
         elif params:
             raise UsageError(f"{TRUTH} has no parameters, not {', '.join(params)}")
         self._q, self._bias = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
@@ -57,8 +60,10 @@ class Pilot:
         self._mag: Array | None = None
         self._kept: list[Array] = []
         self._lines: dict[str, list[tuple[float, bool | str]]] = {
-            "armed": [(0.0, False)], "landed": [(0.0, True)], "mode": [(0.0, "STABILIZE")]
-        }  # fmt: skip
+            "armed": [(0.0, False)],
+            "landed": [(0.0, True)],
+            "mode": [(0.0, "STABILIZE")],
+        }
 
     def step(self, t: float, measured: Measured) -> Array:
         """Motor commands (4,), 0 to 1, at ``t``."""
@@ -74,9 +79,7 @@ class Pilot:
             placed = self._navigator.placed(t)
         if self._ready:
             guidance.step(t, self._dt, self._q, p, v, placed)
-        self._control(
-            self._state, self._packed, self._q, rate, guidance.command, self._shares, self._dt, self._out
-        )  # fmt: skip
+        self._control(self._state, self._packed, self._q, rate, guidance.command, self._shares, self._dt, self._out)
         motors = self._out[:ROTORS].copy()
         if guidance.armed and guidance.landed:
             motors[:] = self._gains.idle
@@ -88,12 +91,19 @@ class Pilot:
         x = np.array(self._kept).reshape(-1, 19 + ROTORS)
         name = self._scenario.estimator.name if self._live is None else self._live.row.name
         return Onboard(
-            t=x[:, 0], q=x[:, 1:5], bias=x[:, 5:8], q_setpoint=x[:, 8:12], rate_setpoint=x[:, 12:15],
-            torque_setpoint=x[:, 15:18], thrust_setpoint=x[:, 18], motors=x[:, 19:],
+            t=x[:, 0],
+            q=x[:, 1:5],
+            bias=x[:, 5:8],
+            q_setpoint=x[:, 8:12],
+            rate_setpoint=x[:, 12:15],
+            torque_setpoint=x[:, 15:18],
+            thrust_setpoint=x[:, 18],
+            motors=x[:, 19:],
             armed=[(t, bool(v)) for t, v in self._lines["armed"]],
             landed=[(t, bool(v)) for t, v in self._lines["landed"]],
-            mode=[(t, str(v)) for t, v in self._lines["mode"]], estimator=name,
-        )  # fmt: skip
+            mode=[(t, str(v)) for t, v in self._lines["mode"]],
+            estimator=name,
+        )
 
     def _feed(self, t: float, measured: Measured, live: Live, standing: bool) -> None:
         """What has arrived, to estimator and navigation."""

@@ -75,17 +75,44 @@ def _numbers(v: Vehicle, gravity: float, density: float) -> tuple[Array, Array]:
     feet = np.column_stack([0.7 * side * signs, np.full(4, v.foot_m)])
     tips = np.column_stack([1.3 * side * signs, np.full(4, -0.03)])
     numbers = [
-        v.mass_kg, gravity, density, v.thrust_factor, v.torque_m, v.motor_lag_s, v.rotor_inertia_kg_m2,
-        v.speed_max_rad_s, *v.inertia_kg_m2, *v.drag_n_s_m, *v.drag_area_m2, *v.damping_n_m_s,
-        spring, damper, v.friction, side, *ROTOR_TURNS, *signs.ravel(),
-    ]  # fmt: skip
+        v.mass_kg,
+        gravity,
+        density,
+        v.thrust_factor,
+        v.torque_m,
+        v.motor_lag_s,
+        v.rotor_inertia_kg_m2,
+        v.speed_max_rad_s,
+        *v.inertia_kg_m2,
+        *v.drag_n_s_m,
+        *v.drag_area_m2,
+        *v.damping_n_m_s,
+        spring,
+        damper,
+        v.friction,
+        side,
+        *ROTOR_TURNS,
+        *signs.ravel(),
+    ]
     return np.array(numbers), np.ascontiguousarray(np.vstack([feet, tips]))
 
 
 def sub_steps(
-    s: Any, command: Any, health: Any, wind: Any, c: Any, points: Any, h: float, n: int, raw: Any, now: Any, k: Any,
-    y: Any, rotor: Any, force: Any,
-) -> None:  # fmt: skip
+    s: Any,
+    command: Any,
+    health: Any,
+    wind: Any,
+    c: Any,
+    points: Any,
+    h: float,
+    n: int,
+    raw: Any,
+    now: Any,
+    k: Any,
+    y: Any,
+    rotor: Any,
+    force: Any,
+) -> None:
     """``n`` steps of ``h``: the state ``s`` moves on, a raw row is written at the end of each. The last are scratch."""
     half = math.exp(-0.5 * h / c[5]) if c[5] > 0.0 else 0.0
     for i in range(13):

@@ -35,9 +35,18 @@ class SlowSensor(ABC):
     """Instance ``number`` of a ``kind``: when it measures, when that arrives, what has been told."""
 
     def __init__(
-        self, kind: str, number: int, scenario: Scenario, seed: int, rate_hz: float, jitter_s: float, delay_s: float,
-        loss_pct: float = 0.0, gaps: tuple[Span, ...] = (), hidden_delay_s: float = 0.0,
-    ) -> None:  # fmt: skip
+        self,
+        kind: str,
+        number: int,
+        scenario: Scenario,
+        seed: int,
+        rate_hz: float,
+        jitter_s: float,
+        delay_s: float,
+        loss_pct: float = 0.0,
+        gaps: tuple[Span, ...] = (),
+        hidden_delay_s: float = 0.0,
+    ) -> None:
         timing = generator(seed, kind, number, "timing")
         phase = float(timing.uniform(0.1, 1.0))
         self.instants = instants(rate_hz, scenario.seconds, jitter_s, timing, phase)

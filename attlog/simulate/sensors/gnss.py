@@ -70,10 +70,19 @@ class GnssSensor(SlowSensor):
         h = math.hypot(math.sqrt(2.0) * s.noise_h_m, math.sqrt(2.0) * s.wander_m)
         v = math.hypot(s.noise_v_m, 2.0 * s.wander_m)
         return GnssStream(
-            instance=self.number, rate_hz=s.rate_hz, t=self.t[keep], t_sample=self.t_sample[keep],
-            lat=lat, lon=lon, alt=alt, ned=ned, vel=np.where(has[:, None], self.pv[keep, 3:], np.nan),
-            h_acc=np.where(has, h, STILL_UNKNOWN), v_acc=np.where(has, v, STILL_UNKNOWN),
+            instance=self.number,
+            rate_hz=s.rate_hz,
+            t=self.t[keep],
+            t_sample=self.t_sample[keep],
+            lat=lat,
+            lon=lon,
+            alt=alt,
+            ned=ned,
+            vel=np.where(has[:, None], self.pv[keep, 3:], np.nan),
+            h_acc=np.where(has, h, STILL_UNKNOWN),
+            v_acc=np.where(has, v, STILL_UNKNOWN),
             s_acc=np.where(has, max(math.sqrt(3.0) * s.noise_speed_m_s, 0.01), STILL_UNKNOWN),
-            fix=np.where(has, 3, 0), satellites=np.where(has, 14, 0),
+            fix=np.where(has, 3, 0),
+            satellites=np.where(has, 14, 0),
             utc=self.scenario.place.unix_time + self.t_sample[keep],
-        )  # fmt: skip
+        )

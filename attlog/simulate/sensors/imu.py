@@ -56,15 +56,20 @@ class ImuSensor:
         self.numbers = np.array(
             [
                 *s.position_m,
-                math.radians(s.gyro.range_dps), s.acc.range_g * G,
-                math.radians(s.gyro.step_dps), s.acc.step_mg * 1e-3 * G,
+                math.radians(s.gyro.range_dps),
+                s.acc.range_g * G,
+                math.radians(s.gyro.step_dps),
+                s.acc.step_mg * 1e-3 * G,
                 math.radians(s.gyro.noise_dps_rthz) * math.sqrt(bandwidth[0]),
                 s.acc.noise_ug_rthz * 1e-6 * G * math.sqrt(bandwidth[1]),
-                float(s.gyro.lowpass_hz > 0), float(s.acc.lowpass_hz > 0),
-                *butterworth(s.gyro.lowpass_hz, raw_hz), *butterworth(s.acc.lowpass_hz, raw_hz),
-                float(s.sampling == "interval"), hover,
+                float(s.gyro.lowpass_hz > 0),
+                float(s.acc.lowpass_hz > 0),
+                *butterworth(s.gyro.lowpass_hz, raw_hz),
+                *butterworth(s.acc.lowpass_hz, raw_hz),
+                float(s.sampling == "interval"),
+                hover,
             ]
-        )  # fmt: skip
+        )
         self.harmonics, self.shake, self.phase = _vibration(s, seed, number)
         self.state = np.zeros(STATE)
         self.run = function_of(KERNEL, imu_samples)
@@ -77,9 +82,22 @@ class ImuSensor:
         noise = self._drawn(len(raw))
         before = self.next
         self.next = self.run(
-            step * self.substeps, self.h, raw, noise, self.bias[step : step + periods], self.substeps, self.matrices,
-            self.numbers, self.harmonics, self.shake, self.phase, self.state, self.instants, before, self.out,
-        )  # fmt: skip
+            step * self.substeps,
+            self.h,
+            raw,
+            noise,
+            self.bias[step : step + periods],
+            self.substeps,
+            self.matrices,
+            self.numbers,
+            self.harmonics,
+            self.shake,
+            self.phase,
+            self.state,
+            self.instants,
+            before,
+            self.out,
+        )
         if self.faults and self.next > before:
             t = self.instants[before : self.next]
             for part, columns in (("gyro", slice(1, 4)), ("acc", slice(4, 7))):
@@ -115,12 +133,20 @@ class ImuSensor:
         told = t + s.hidden_delay_s
         row = np.clip(np.ceil(t / self.period - 1e-6).astype(int) - 1, 0, len(self.bias) - 1)
         return ImuStream(
-            instance=self.number, sampling=s.sampling, rate_hz=s.rate_hz,
+            instance=self.number,
+            sampling=s.sampling,
+            rate_hz=s.rate_hz,
             lowpass_hz=(s.gyro.lowpass_hz, s.acc.lowpass_hz),
-            t=told + s.delay_s, t_sample=told, dt=out[:, 0].copy(), gyro=out[:, 1:4].copy(), acc=out[:, 4:7].copy(),
-            temperature=s.temperature_c + warming(s, t), clipped=out[:, 7:9].astype(np.int64),
-            gyro_bias=self.bias[row, :3], acc_bias=self.bias[row, 3:],
-        )  # fmt: skip
+            t=told + s.delay_s,
+            t_sample=told,
+            dt=out[:, 0].copy(),
+            gyro=out[:, 1:4].copy(),
+            acc=out[:, 4:7].copy(),
+            temperature=s.temperature_c + warming(s, t),
+            clipped=out[:, 7:9].astype(np.int64),
+            gyro_bias=self.bias[row, :3],
+            acc_bias=self.bias[row, 3:],
+        )
 
     def _drawn(self, rows: int) -> Array:
         """The next rows (rows, 6) of standard normal noise; how many are asked for at a time changes no number."""
@@ -145,13 +171,17 @@ def _biases(s: Imu, seed: int, number: int, periods: int, period: float) -> Arra
     warm = warming(s, np.arange(periods, dtype=np.float64) * period)[:, None]
     walked = np.cumsum(steps, axis=0)
     gyro = np.radians(
-        np.array(s.gyro.bias_dps) + s.gyro.bias_spread_dps * first[:3] + s.gyro.walk_dps_rts * walked[:, :3]
+        np.array(s.gyro.bias_dps)
+        + s.gyro.bias_spread_dps * first[:3]
+        + s.gyro.walk_dps_rts * walked[:, :3]
         + warm * np.array(s.gyro.drift_dps_per_k)
-    )  # fmt: skip
+    )
     acc = (
-        np.array(s.acc.bias_m_s2) + s.acc.bias_spread_m_s2 * first[3:] + s.acc.walk_m_s2_rts * walked[:, 3:]
+        np.array(s.acc.bias_m_s2)
+        + s.acc.bias_spread_m_s2 * first[3:]
+        + s.acc.walk_m_s2_rts * walked[:, 3:]
         + warm * np.array(s.acc.drift_m_s2_per_k)
-    )  # fmt: skip
+    )
     return np.ascontiguousarray(np.hstack([gyro, acc]))
 
 

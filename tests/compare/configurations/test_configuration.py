@@ -29,8 +29,7 @@ def test_gains_and_settings_are_told_apart_by_name() -> None:
 
 def test_a_value_may_bear_its_own_unit() -> None:
     assert parse("mahony:kp=0.3 1/s,lowpass=20Hz,latency=5 ms,acc_offset=0/0/0.1 m/s^2") == parse(
-        "mahony:kp=0.3,lowpass=20,latency=5,acc_offset=0/0/0.1",
-        "mahony:kp=0.3,lowpass=20,latency=5,acc_offset=0/0/0.1",
+        "mahony:kp=0.3,lowpass=20,latency=5,acc_offset=0/0/0.1", "mahony:kp=0.3,lowpass=20,latency=5,acc_offset=0/0/0.1"
     )
 
 
@@ -69,10 +68,7 @@ def test_what_cannot_be_is_refused(text: str, why: str) -> None:
 
 @pytest.mark.parametrize(
     ("text", "told"),
-    [
-        ("mahoni", "there is no estimator mahoni; did you mean mahony?"),
-        ("vqf:mag=of", "mag=of: give on or off"),
-    ],
+    [("mahoni", "there is no estimator mahoni; did you mean mahony?"), ("vqf:mag=of", "mag=of: give on or off")],
 )
 def test_what_is_meant_is_suggested(text: str, told: str) -> None:
     with pytest.raises(UsageError, match=re.escape(told)):

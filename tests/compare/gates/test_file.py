@@ -56,12 +56,7 @@ def test_a_file_of_every_kind_of_gate(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        '"step_error_deg.0.5s" = { max = 3 }',
-        "step_error_deg.0.5s = { max = 3 }",
-        "step_error_deg.0.5s.max = 3",
-    ],
+    "text", ['"step_error_deg.0.5s" = { max = 3 }', "step_error_deg.0.5s = { max = 3 }", "step_error_deg.0.5s.max = 3"]
 )
 def test_dots_of_a_metric_need_no_quotes(tmp_path: Path, text: str) -> None:
     (gate,) = gates(tmp_path, f"[gates]\n{text}").gates

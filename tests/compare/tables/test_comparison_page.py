@@ -25,10 +25,7 @@ WHY = "This log holds no gyro."
 
 def made() -> Comparison:
     return comparison(
-        {
-            "inclination_rmse_deg": [(0.3, 0.1), (0.25, 0.2), (-0.1, 0.15)],
-            "lag_ms": [(0.1, 0.3), (0.05, 0.2)],
-        },
+        {"inclination_rmse_deg": [(0.3, 0.1), (0.25, 0.2), (-0.1, 0.15)], "lag_ms": [(0.1, 0.3), (0.05, 0.2)]},
         broken=[LogLine("dead.bin", "dead.bin", code=65, reason=WHY)],
     )
 

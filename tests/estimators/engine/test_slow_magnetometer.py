@@ -28,13 +28,7 @@ def test_heading_at_2_hz_is_within_ten_percent_of_the_full_rate_s(corpus: Path, 
     def heading_rmse_deg(keep: np.ndarray | slice) -> float:
         mag = place(imu.gyro.t, field.t_best[keep], field.x[keep])
         e = estimate(
-            "mahony@xu-0.6",
-            imu.gyro.t,
-            imu.gyro.x,
-            imu.acc.x,
-            mag,
-            sampling=imu.gyro.sampling,
-            declination=declination,
+            "mahony@xu-0.6", imu.gyro.t, imu.gyro.x, imu.acc.x, mag, sampling=imu.gyro.sampling, declination=declination
         )
         use = (truth.t > 15.0) & (truth.t < e.t[-1])
         error = rotation.error(rotation.slerp(e.t, e.q, truth.t[use]), truth.q[use])

@@ -65,8 +65,7 @@ def assert_equal(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "path",
-    [pytest.param(p, id=p.name, marks=[pytest.mark.slow] if p.stat().st_size > SMALL else []) for p in LOGS],
+    "path", [pytest.param(p, id=p.name, marks=[pytest.mark.slow] if p.stat().st_size > SMALL else []) for p in LOGS]
 )
 def test_every_value_equals_what_pymavlink_reads(path: Path) -> None:
     assert_equal(path)

@@ -183,11 +183,7 @@ def test_the_chunks_of_a_long_text_are_joined(tmp_path: Path) -> None:
         link.send(mavlink.MAVLink_statustext_message(4, text[k : k + 50].encode(), 9, k // 50))
     link.send(mavlink.MAVLink_statustext_message(6, b"x" * 50))
     link.send(mavlink.MAVLink_statustext_message(2, b"Crash: disarming"))
-    assert [(x.text, x.level) for x in link.read(tmp_path).texts] == [
-        (text, 4),
-        ("x" * 50, 6),
-        ("Crash: disarming", 2),
-    ]
+    assert [(x.text, x.level) for x in link.read(tmp_path).texts] == [(text, 4), ("x" * 50, 6), ("Crash: disarming", 2)]
 
 
 def test_a_falling_boot_clock_splits_the_log(tmp_path: Path) -> None:

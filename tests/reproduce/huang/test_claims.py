@@ -105,10 +105,7 @@ def test_on_the_stand_the_vehicle_hardly_moves_and_the_filter_stays_right() -> N
     assert tilt[0] > 40.0
     assert tilt[1] > 25.0
     error = rotation.inclination_angle(
-        rotation.error(
-            flight.onboard.q[-1],
-            rotation.slerp(flight.truth.t, flight.truth.q, flight.onboard.t[-1:])[0],
-        )
+        rotation.error(flight.onboard.q[-1], rotation.slerp(flight.truth.t, flight.truth.q, flight.onboard.t[-1:])[0])
     )
     assert np.degrees(error) < 1.5
 

@@ -62,10 +62,7 @@ def test_all_problems_of_a_file_are_told_at_once(tmp_path: Path) -> None:
         ({"vehicle": {"mass_kg": 6}, "command": [{"t": 0, "do": "arm"}]}, "too little to fly"),
         ({"command": [{"t": 5, "do": "arm"}, {"t": 4, "do": "takeoff"}]}, "ascend"),
         ({"fault": [{"t": 5, "part": "mag", "kind": "stuck", "instance": 2}]}, "there is no mag 2"),
-        (
-            {"fault": [{"t": 5, "part": "rotor", "kind": "stuck"}]},
-            "fault[0].kind: a rotor can be off or scale",
-        ),
+        ({"fault": [{"t": 5, "part": "rotor", "kind": "stuck"}]}, "fault[0].kind: a rotor can be off or scale"),
         ({"fault": [{"t": 5, "part": "gyro", "kind": "off"}]}, "fault[0].kind: only a rotor is off"),
         ({"sensors": {"imu": [{"gaps": [[-5, 1]]}]}}, "sensors.imu[0].gaps: [-5, 1] begins before the flight"),
         ({"sensors": {"battery": {"full_v": 11, "empty_v": 12}}}, "sensors.battery: empty_v 12 is above full_v 11"),

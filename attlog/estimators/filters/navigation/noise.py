@@ -14,18 +14,7 @@ import numpy as np
 
 from attlog.base.median import median
 from attlog.estimators.base import Array
-from attlog.estimators.filters.navigation.layout import (
-    BA,
-    BARO_BIAS,
-    BG,
-    EARTH,
-    GROUPS,
-    HARD,
-    PHI,
-    SOFT,
-    WANDER,
-    V,
-)
+from attlog.estimators.filters.navigation.layout import BA, BARO_BIAS, BG, EARTH, GROUPS, HARD, PHI, SOFT, WANDER, V
 from attlog.estimators.filters.navigation.measured import Inputs, Running
 from attlog.estimators.filters.navigation.schedule import rest_times
 from attlog.estimators.filters.navigation.settings import LEAST_R, REST_MEAN_S, Prior, Tuned

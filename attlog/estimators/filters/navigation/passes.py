@@ -11,17 +11,7 @@ from attlog.base import rotation
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation import delay, noise
 from attlog.estimators.filters.navigation.attitude import smoothed_nodes
-from attlog.estimators.filters.navigation.layout import (
-    ARM,
-    BA,
-    EARTH,
-    HARD,
-    KICKED,
-    POS,
-    SCALE,
-    SOFT,
-    V,
-)
+from attlog.estimators.filters.navigation.layout import ARM, BA, EARTH, HARD, KICKED, POS, SCALE, SOFT, V
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.schedule import Schedule
 from attlog.estimators.filters.navigation.settings import FINE_S, NODE_S, Tuned

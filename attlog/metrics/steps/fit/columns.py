@@ -96,10 +96,24 @@ class Columns:
             return out, count
         samples = self.end[first[some + 1] - 1] - self.begin[first[some]] + 1
         function_of(PRODUCTS, event_products)(
-            out, count, np.empty((samples.max(), MOVED)), np.empty((np.diff(first).max(), SIZE)),
-            self.slow.t, self.slow.x, self.fast.t, self.fast.x, main, self.fast.low, self.fast.high,
-            self.begin, self.end, first, -delay if self.slow_row else delay, slope_s, int(self.slow_row),
-        )  # fmt: skip
+            out,
+            count,
+            np.empty((samples.max(), MOVED)),
+            np.empty((np.diff(first).max(), SIZE)),
+            self.slow.t,
+            self.slow.x,
+            self.fast.t,
+            self.fast.x,
+            main,
+            self.fast.low,
+            self.fast.high,
+            self.begin,
+            self.end,
+            first,
+            -delay if self.slow_row else delay,
+            slope_s,
+            int(self.slow_row),
+        )
         return out, count
 
     def powers(self, delays: Array) -> Array:
@@ -111,9 +125,18 @@ class Columns:
         step = max(1, len(self.begin) // (THINNED * events))
         begin, end, of = (np.ascontiguousarray(x[::step]) for x in (self.begin, self.end, self.of))
         function_of(POWERS, powers)(
-            out, np.empty((2, len(begin))), np.empty((3, events)), -delays if self.slow_row else delays,
-            self.slow.t, self.slow.about, self.fast.t, self.fast.about, begin, end, of,
-        )  # fmt: skip
+            out,
+            np.empty((2, len(begin))),
+            np.empty((3, events)),
+            -delays if self.slow_row else delays,
+            self.slow.t,
+            self.slow.about,
+            self.fast.t,
+            self.fast.about,
+            begin,
+            end,
+            of,
+        )
         return out
 
 

@@ -69,7 +69,13 @@ def _sums(groups: Groups, delay: float, last: tuple[Array, float] | None) -> Sum
     total, lines = products.sum(axis=0), max(int(count.sum()), 1)
     squares = total[Y, Y] - total[Y, GAIN] ** 2 / max(total[GAIN, GAIN], 1e-30) if last is None else last[1]
     return Sums(
-        products, products, count, np.array([e.end - e.begin for e in groups.events]), delay, groups.slow_row,
-        ridge(total, float(max(squares, 0.0)) / lines, lines), heavy=groups.heavy,
+        products,
+        products,
+        count,
+        np.array([e.end - e.begin for e in groups.events]),
+        delay,
+        groups.slow_row,
+        ridge(total, float(max(squares, 0.0)) / lines, lines),
+        heavy=groups.heavy,
         axis=np.array([e.axis for e in groups.events], np.int64),
-    )  # fmt: skip
+    )

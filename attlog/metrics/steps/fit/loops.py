@@ -33,10 +33,24 @@ def after(t: Array, at: float, i: int) -> int:
 
 
 def event_products(
-    out: Array, count: Index, moved: Array, rows: Array, slow_t: Array, slow_x: Array, fast_t: Array, fast_x: Array,
-    main: Array, low: Array, high: Array, begin: Index, end: Index, first: Index,
-    shift: float, slope: float, slow_row: int,
-) -> None:  # fmt: skip
+    out: Array,
+    count: Index,
+    moved: Array,
+    rows: Array,
+    slow_t: Array,
+    slow_x: Array,
+    fast_t: Array,
+    fast_x: Array,
+    main: Array,
+    low: Array,
+    high: Array,
+    begin: Index,
+    end: Index,
+    first: Index,
+    shift: float,
+    slope: float,
+    slow_row: int,
+) -> None:
     """Fill ``out`` (events, 12, 12) with products of the columns centred per event, ``count`` (events,) with lines.
 
     Columns of a pair of samples ``begin``, ``end`` (pairs,) of the slower one: rate of the row, slope over +-``slope``
@@ -107,9 +121,18 @@ def event_products(
 
 
 def powers(
-    out: Array, x: Array, sums: Array, delays: Array, slow_t: Array, slow_x: Array, fast_t: Array, fast_x: Array,
-    begin: Index, end: Index, of: Index,
-) -> None:  # fmt: skip
+    out: Array,
+    x: Array,
+    sums: Array,
+    delays: Array,
+    slow_t: Array,
+    slow_x: Array,
+    fast_t: Array,
+    fast_x: Array,
+    begin: Index,
+    end: Index,
+    of: Index,
+) -> None:
     """Fill ``out`` (delays, 3) with sums of squares of two rates, centred per event, and of their product.
 
     The first is that of the faster one, at each of ``delays`` [s], the second that of the slower one.

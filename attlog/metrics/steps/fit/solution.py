@@ -123,11 +123,21 @@ class Sums:
         aided = float(x[PLAIN:] @ total[AID, AID] @ x[PLAIN:])
         lone = self.keeping(x)
         return Fit(
-            delay, float(x[1]), float(_ratio(left(total, x), total[GAIN, GAIN])),
-            float(_ratio(aided, total[GAIN, GAIN])), float(_ratio(left(total, x), total[SLOPE, SLOPE])),
-            delay - plain_delay, plain_gain, float(_leak(total, x)), x, self._without_each(number, total),
-            self.delay + lone.step(lone.solve(self.products[number])), number, float(self.seconds[number].sum()), self,
-        )  # fmt: skip
+            delay,
+            float(x[1]),
+            float(_ratio(left(total, x), total[GAIN, GAIN])),
+            float(_ratio(aided, total[GAIN, GAIN])),
+            float(_ratio(left(total, x), total[SLOPE, SLOPE])),
+            delay - plain_delay,
+            plain_gain,
+            float(_leak(total, x)),
+            x,
+            self._without_each(number, total),
+            self.delay + lone.step(lone.solve(self.products[number])),
+            number,
+            float(self.seconds[number].sum()),
+            self,
+        )
 
     def _without_each(self, number: Index, total: Array) -> Array:
         """Delay, gain, distortion and leak (k, 4) of the ``total`` (12, 12) with one of the events left out each."""

@@ -14,10 +14,7 @@ from attlog.estimators import estimate, place
 from attlog.reference import declination
 
 SAMPLES = Path(__file__).parents[4] / "sample_logs"
-FLIGHTS = {
-    "copter_yaw_turns.bin": (0.25, 0.9, 117.0),
-    "px4_steps.ulg": (0.8, 0.6, 0.0),
-}
+FLIGHTS = {"copter_yaw_turns.bin": (0.25, 0.9, 117.0), "px4_steps.ulg": (0.8, 0.6, 0.0)}
 """Most that tilt and heading errors of the smoother may be of the onboard attitude's; the delay of GNSS in ms."""
 
 
