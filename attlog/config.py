@@ -7,6 +7,7 @@ file at once. The resolved configuration stands in every result and can be fed b
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -74,11 +75,12 @@ class Config:
         """A configuration from a TOML or JSON file, overridden by ``options``.
 
         A file that begins like a JSON object is one: the names at its top, or a result of
-        ``attlog analyze``, of which the configuration it was made with is taken.
+        ``attlog analyze``, of which the configuration it was made with is taken: filter files that a result
+        names run only where ``options`` name ``estimators``, because results come from others.
         LogUnreadable if the file cannot be opened, UsageError for everything wrong in it.
         """
         text = text_of(path)
-        values = _from_json(text, path) if text.lstrip().startswith("{") else toml_of(text, path)
+        values = _from_json(text, path, options) if text.lstrip().startswith("{") else toml_of(text, path)
         return cls.build(values | options, origin=str(path))
 
     def resolved(self) -> dict[str, Any]:
@@ -133,8 +135,11 @@ def _checked(name: str, value: Any) -> Any:
         raise UsageError(f"{name}: {error}") from None
 
 
-def _from_json(text: str, path: Path) -> dict[str, Any]:
-    """The names of a configuration: of the object itself, or of the result that it is."""
+def _from_json(text: str, path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The names of a configuration: of the object itself, or of the result that it is.
+
+    UsageError for what is none, and for a result whose filters are code that nobody has named here.
+    """
     try:
         document: dict[str, Any] = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -143,4 +148,12 @@ def _from_json(text: str, path: Path) -> dict[str, Any]:
         return document
     if not isinstance(document.get("config"), dict):
         raise UsageError(f"{path}: holds no configuration: it has a schema but no object named config")
-    return dict(document["config"])
+    found = dict(document["config"])
+    rows = [] if "estimators" in options else found.get("estimators", [])
+    code = [item for item in rows if isinstance(item, str) and ".py" in item.lower()] if isinstance(rows, list) else []
+    if code:
+        raise UsageError(
+            f"{path}: is a result that ran a filter from a file, {', '.join(code)}; it is not run because a result "
+            f"names it. If you trust it: --estimators {shlex.quote(','.join(map(str, rows)))}"
+        )
+    return found

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -108,6 +109,12 @@ class EstimatorRow:
     start_s: float = 0.0
     title: str = ""
     quality: dict[str, float | str] = field(default_factory=dict)
+
+
+def nothing_ran(rows: Iterable[EstimatorRow]) -> str:
+    """Why the first filter failed, where every filter that was to run did; empty else."""
+    ran = [row for row in rows if row.kind == "replay"]
+    return f"{ran[0].name}: {ran[0].reason}" if ran and all(row.status == "failed" for row in ran) else ""
 
 
 @dataclass(slots=True)

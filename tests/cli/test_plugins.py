@@ -107,3 +107,40 @@ def test_a_filter_of_an_installed_package_that_crashes_is_a_failed_row(attlog, s
     assert done.code == 0, done.err
     rows = {row["name"]: row for row in json.loads(done.out)["estimators"]}
     assert (rows["gyro"]["status"] != "failed", "SIGABRT" in rows["evil"]["reason"]) == (True, True)
+
+
+def test_a_result_runs_no_filter_file_that_only_the_result_names(attlog, samples, tmp_path):
+    """Results are sent around; ``--config RESULT.json`` ran whatever file lay where the result said."""
+    log, mine = samples / "copter_yaw_turns.bin", tmp_path / "mine.py"
+    mine.write_text(RUN.format(top="", body=f"open({str(tmp_path / 'ran')!r}, 'w')"))
+    given = ("--reference", "onboard", "-q", "-o", tmp_path)
+    assert attlog("analyze", log, "--estimators", f"gyro,{mine}", *given).code == 0
+    (tmp_path / "ran").unlink()
+    result = tmp_path / "copter_yaw_turns.bin.json"
+    done = attlog("analyze", log, "--config", result, *given)
+    assert done.code == 2
+    assert f"--estimators gyro,{mine}" in done.err
+    assert str(result) in done.err
+    assert attlog("batch", log, "--config", result, "-o", tmp_path / "b").code == 2
+    assert attlog("compare", log, "gyro", "mahony", "--config", result, *given).code == 0  # runs no row of the result
+    assert not (tmp_path / "ran").exists()
+    assert attlog("analyze", log, "--config", result, "--estimators", f"gyro,{mine}", *given).code == 0
+    assert (tmp_path / "ran").exists()
+    (tmp_path / "own.toml").write_text(f"estimators = ['gyro', '{mine}']\n")  # a file that the user writes
+    assert attlog("analyze", log, "--config", tmp_path / "own.toml", *given).code == 0
+
+
+def test_where_every_filter_failed_the_exit_code_and_a_sentence_say_so(attlog, samples, tmp_path):
+    log, bad = samples / "copter_yaw_turns.bin", tmp_path / "bad.py"
+    bad.write_text(RUN.format(top="", body="raise ValueError('bad run')"))
+    given = ("--reference", "onboard", "-q", "-o", tmp_path)
+    done = attlog("analyze", log, "--estimators", bad, *given)
+    assert done.code == 2
+    assert "no filter ran: bad: " in done.err
+    assert "line 6: ValueError: bad run" in done.err
+    assert (tmp_path / "copter_yaw_turns.bin.html").exists()
+    assert attlog("analyze", log, "--estimators", f"gyro,{bad}", *given).code == 0
+    done = attlog("compare", log, bad, f"{bad}:lowpass=20", *given)
+    assert done.code == 2
+    assert "no configuration ran: " in done.err
+    assert attlog("compare", log, "gyro", bad, *given).code == 0

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from attlog import __version__
-from attlog.base.errors import BUG, INTERRUPTED, PluginTimeout, exit_code, message, worst
+from attlog.base.errors import BUG, INTERRUPTED, PluginError, PluginTimeout, exit_code, message, worst
 from attlog.cli.shared import gates as gated
 from attlog.cli.shared import options
 from attlog.cli.shared.arguments import command_line
@@ -115,10 +115,13 @@ def command(
     late: set[int] = set()
 
     def show(log: str, result: Result, report: Path) -> None:
-        from attlog.result import TIMED_OUT
+        from attlog.result import TIMED_OUT, nothing_ran
 
         results.append(result)
         late.update(PluginTimeout.exit_code for problem in result.problems if problem.code == TIMED_OUT)
+        if not late and (failed := nothing_ran(result.estimators)):
+            late.add(PluginError.exit_code)
+            to_stderr(f"attlog: {log}: no filter ran: {failed}")
         if json:
             json_to_stdout(_json_text(result, deterministic, one_line=max(len(logs), len(found)) > 1))
         if not quiet:

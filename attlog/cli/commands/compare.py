@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.base.errors import PluginTimeout, UsageError, exit_code, message, worst
+from attlog.base.errors import PluginError, PluginTimeout, UsageError, exit_code, message, worst
 from attlog.base.file_names import file_name
 from attlog.cli.shared import completion
 from attlog.cli.shared.arguments import command_line
@@ -105,7 +105,7 @@ def command(
     for error in wrong:
         to_stderr(message(error, __version__))
     done = 0
-    late: set[int] = set()
+    codes: set[int] = set()
     with progress(quiet, verbose > 0) as shown:
 
         def tell(one: Measured) -> None:
@@ -113,8 +113,11 @@ def command(
             done += 1
             shown.clear()
             for sentence in one.late:
-                late.add(PluginTimeout.exit_code)
+                codes.add(PluginTimeout.exit_code)
                 to_stderr(f"attlog: {one.line.path}: {sentence}")
+            if one.nothing_ran and not one.late:
+                codes.add(PluginError.exit_code)
+                to_stderr(f"attlog: {one.line.path}: no configuration ran: {one.nothing_ran}")
             if one.line.code:
                 to_stderr(one.trace * (verbose > 1) + f"attlog: {one.line.path}: {one.line.reason}")
             shown.before = f"[{min(done + 1, len(logs))}/{len(logs)}] "
@@ -131,7 +134,7 @@ def command(
                 command=command_line(),
                 tell=tell,
             )
-    codes = late | {exit_code(error) for error in wrong}
+    codes |= {exit_code(error) for error in wrong}
     if result is not None:
         codes |= {line.code for line in result.logs}
         page = _written(result, output, name, "shared" if plotly == "shared" else "inline", table or [])
@@ -150,7 +153,7 @@ def command(
 def _settings(path: Path | None, options: dict[str, Any]) -> Any:
     from attlog.config import Config
 
-    return Config.build(options) if path is None else Config.load(path, **options)
+    return Config.build(options) if path is None else Config.load(path, **{"estimators": ["default"]} | options)
 
 
 def _written(result: Comparison, folder: Path, name: str, plotly: Any, files: list[Path]) -> Path:

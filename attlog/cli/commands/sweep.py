@@ -115,7 +115,7 @@ def analysis_settings(config: Path | None, reference: str | None) -> Config:
     from attlog.config import Config
 
     options: dict[str, Any] = {} if reference is None else {"reference": reference}
-    found = Config.build(options) if config is None else Config.load(config, **options)
+    found = Config.build(options) if config is None else Config.load(config, **{"estimators": ["default"]} | options)
     if found.imu == "all":
         raise UsageError("imu = all: settings are compared on one unit; name it or leave it to the log")
     return found

@@ -19,7 +19,7 @@ from attlog.compare.differences.questions import Asked
 from attlog.metrics.ranking import best as ranking
 from attlog.present.heading import DRIFT_AIR, QUOTED
 from attlog.present.table.rows import has_value
-from attlog.result import TIMED_OUT, Answer, EstimatorRow, Result
+from attlog.result import TIMED_OUT, Answer, EstimatorRow, Result, nothing_ran
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,8 @@ class Measured:
     trace: str = ""
     late: tuple[str, ...] = ()
     """Sentences on filters from files that took longer than they were given."""
+    nothing_ran: str = ""
+    """Why the first configuration failed, where all of them did."""
 
 
 def measured(log: Path, name: str, plan: Plan) -> Measured:
@@ -77,7 +79,10 @@ def _measured(log: Path, name: str, plan: Plan) -> Measured:
     rows = {row.name: row for row in result.estimators}
     late = tuple(problem.text for problem in result.problems if problem.code == TIMED_OUT)
     return read_off(
-        Measured(line, late=late), result, [rows[called] for called, _ in plan.configurations], plan.questions
+        Measured(line, late=late, nothing_ran=nothing_ran(result.estimators)),
+        result,
+        [rows[called] for called, _ in plan.configurations],
+        plan.questions,
     )
 
 
