@@ -201,9 +201,9 @@ class Result:
     traces: list[Trace] = field(default_factory=list, metadata={IN_JSON: False})
 
     def to_dict(self, deterministic: bool = False) -> dict[str, Any]:
-        """The JSON document as plain Python; ``deterministic`` drops measured times."""
+        """The JSON document as plain Python; ``deterministic`` drops measured times and how the command was spelled."""
         document: dict[str, Any] = {"schema": self.schema} | plain(self)
-        return without(document, MEASURED_TIMES) if deterministic else document
+        return without(document, MEASURED_TIMES) | {"command": ""} if deterministic else document
 
     def to_json(
         self, path: str | Path | None = None, deterministic: bool = False, *, document: dict[str, Any] | None = None

@@ -135,7 +135,7 @@ def render(
 
 
 def timeless(result: Result) -> Result:
-    """The result without what differs between two runs of the same log."""
+    """The result without what differs between two runs of the same log with the same settings."""
 
     def left(found: dict[str, Any]) -> dict[str, Any]:
         return {name: value for name, value in found.items() if name not in MEASURED_TIMES}
@@ -146,6 +146,7 @@ def timeless(result: Result) -> Result:
     rows = [replace(row, ns_per_update=None, metrics=by_window(row.metrics)) for row in result.estimators]
     return replace(
         result,
+        command="",
         timing={},
         estimators=rows,
         definitions=left(result.definitions),

@@ -92,6 +92,19 @@ def test_deterministic_runs_give_the_same_bytes(samples, tmp_path, log):
     assert runs[0] == runs[1]
 
 
+def test_deterministic_bytes_do_not_tell_how_the_command_was_spelled(attlog, samples, tmp_path, monkeypatch):
+    log = samples / LOGS[0]
+    monkeypatch.chdir(log.parent)
+    for k, words in enumerate([
+        ["analyze", log, "--estimators", "gyro,mahony", "-q"],
+        [log.name, "--trim", "on", "--estimators=gyro, mahony", "-v", "--json"],
+        ["batch", f"../{log.parent.name}/{log.name}", "--estimators", "gyro,mahony"],
+    ]):  # fmt: skip
+        assert attlog(*words, "--deterministic", "--reference", "onboard", "-o", tmp_path / str(k)).code == 0
+    for suffix in ("html", "json"):
+        assert len({(tmp_path / str(k) / f"{log.name}.{suffix}").read_bytes() for k in range(3)}) == 1
+
+
 def test_the_resolved_configuration_can_be_fed_back(samples, tmp_path):
     import tomli_w
 
