@@ -185,6 +185,22 @@ class TimeLine:
         return self.value[max(i, 0)]
 
 
+@dataclass(slots=True)
+class Clipping:
+    """Samples at the end of a sensor's range, as the autopilot counted them.
+
+    ``new`` (n,) of them came by ``t`` (n,) s since the record before. ``unit`` is None where it is the selected one,
+    whichever that was. ``whole``: every sample was counted; else only what a slower record happens to show.
+    """
+
+    sensor: str
+    unit: int | None
+    source: str
+    t: Array
+    new: NDArray[np.int64]
+    whole: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Firmware:
     """Who flew: ``name`` is ``PX4`` or ``ArduPilot`` (or what the log says), ``version`` as text."""
@@ -284,6 +300,7 @@ class FlightLog:
     acc_bias: Stream | None = None
     onboard_gyro_bias: Stream | None = None
     onboard_vibration: Stream | None = None
+    clippings: list[Clipping] = field(default_factory=list)
     texts: list[tuple[float, int, str]] = field(default_factory=list)
     boot: int = 0
     boots: int = 1

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import FlightLog, Imu
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments import spans

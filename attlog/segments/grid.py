@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import FlightLog, Imu, Stream
 from attlog.segments import motion, spans
 from attlog.segments.spans import Span
@@ -164,14 +164,12 @@ def _mean(x: Array, seconds: float) -> Array:
 
 def _variance(x: Array, seconds: float) -> Array:
     """Centred variance of x (n,) or (n, k) over some seconds of the grid, NaN beside a NaN."""
-    known = np.isfinite(x).all(axis=-1) if x.ndim > 1 else np.isfinite(x)
+    known = rotation.finite(x.reshape(len(x), -1))
     if not known.any():
         return np.full(x.shape, np.nan)
-    small: Array = x - np.mean(x[known], axis=0)
-    small[~known] = 0.0
-    squares: Array = np.square(small)
-    mean: Array = _mean(small, seconds)
-    found: Array = np.maximum(_mean(squares, seconds) - mean**2, 0.0)
+    small = np.zeros_like(x)
+    small[known] = x[known] - np.mean(x[known], axis=0)
+    found: Array = np.maximum(_mean(small**2, seconds) - _mean(small, seconds) ** 2, 0.0)
     found[_mean(known.astype(np.float64), seconds) < 0.999] = np.nan
     return found
 

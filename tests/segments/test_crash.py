@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import rotation
+from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments import crash, flags
 from attlog.segments.crash import Ending
@@ -32,14 +32,30 @@ CRASHES = {
 }
 """Seconds at which each begins: read by hand from raw samples, attitudes and texts."""
 HARD = {"cases/copter_falsely_accused.bin": (179.8, 4.1), "cases/px4_1.14_hard_landing.ulg": (75.1, 10.3)}
-CONTROLS = ["bin_copter_3.2.1rc1_aerobatic_cut.BIN", "bin_copter_3.3dev_27hz_zeromag_upsidedown.BIN",
-            "bin_copter_4.7dev_hand_isb_cut.bin", "log_copter_3.1.1_nan.log", "cases/copter_3.6.8_compass.bin",
-            "cases/copter_heading_28deg_off.BIN", "cases/copter_never_lifted.BIN", "cases/px4_1.8_hexa.ulg",
-            "cases/copter_two_compasses.bin", "cases/px4_1.6.5_hand_rotation.ulg", "cases/copter_3.2.1_bench.log",
-            "cases/px4_1.14_clipping_field.ulg", "ulg_px4_1.6.5_fmuv2_handrotated_cut.ulg"]  # fmt: skip
-SIMULATED = ["px4/px4_aggressive.ulg", "px4/px4_plane.ulg", "px4/px4_wind.ulg", "px4/px4_yaw.ulg",
-             "ardupilot/copter_aggressive.bin", "ardupilot/copter_wind_guided.bin",
-             "ardupilot/plane_dcm.bin"]  # fmt: skip
+CONTROLS = [
+    "bin_copter_3.2.1rc1_aerobatic_cut.BIN",
+    "bin_copter_3.3dev_27hz_zeromag_upsidedown.BIN",
+    "bin_copter_4.7dev_hand_isb_cut.bin",
+    "log_copter_3.1.1_nan.log",
+    "cases/copter_3.6.8_compass.bin",
+    "cases/copter_heading_28deg_off.BIN",
+    "cases/copter_never_lifted.BIN",
+    "cases/px4_1.8_hexa.ulg",
+    "cases/copter_two_compasses.bin",
+    "cases/px4_1.6.5_hand_rotation.ulg",
+    "cases/copter_3.2.1_bench.log",
+    "cases/px4_1.14_clipping_field.ulg",
+    "ulg_px4_1.6.5_fmuv2_handrotated_cut.ulg",
+]
+SIMULATED = [
+    "px4/px4_aggressive.ulg",
+    "px4/px4_plane.ulg",
+    "px4/px4_wind.ulg",
+    "px4/px4_yaw.ulg",
+    "ardupilot/copter_aggressive.bin",
+    "ardupilot/copter_wind_guided.bin",
+    "ardupilot/plane_dcm.bin",
+]
 
 
 def ended(log: FlightLog) -> tuple[list[Span], list[Ending]]:

@@ -10,7 +10,8 @@ import pytest
 
 import attlog
 import attlog.segments.build
-from attlog import formats, rotation
+from attlog import formats
+from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Stream, TimeLine
 from attlog.segments import flags, gaps, grid, in_air
 from attlog.segments.spans import Span
@@ -18,10 +19,22 @@ from attlog.segments.spans import Span
 from .flights import imu_log
 
 HEIGHTS = (("vehicle_local_position_groundtruth", "timestamp", "z", -1.0), ("SIM2", "TimeUS", "PD", -1.0))
-QUADS = ["px4_hover.ulg", "px4_steps.ulg", "px4_yaw.ulg", "px4_aggressive.ulg", "px4_static.ulg", "px4_magfault.ulg",
-         "px4_gnssloss.ulg", "copter_hover_rest.bin", "copter_steps_stabilize.bin", "copter_yaw_turns.bin",
-         "copter_aggressive.bin", "copter_static_hop.bin", "copter_vibration.bin",
-         "copter_stock_logging.bin"]  # fmt: skip
+QUADS = [
+    "px4_hover.ulg",
+    "px4_steps.ulg",
+    "px4_yaw.ulg",
+    "px4_aggressive.ulg",
+    "px4_static.ulg",
+    "px4_magfault.ulg",
+    "px4_gnssloss.ulg",
+    "copter_hover_rest.bin",
+    "copter_steps_stabilize.bin",
+    "copter_yaw_turns.bin",
+    "copter_aggressive.bin",
+    "copter_static_hop.bin",
+    "copter_vibration.bin",
+    "copter_stock_logging.bin",
+]
 IN_WIND = ["px4_wind.ulg", "copter_wind_guided.bin"]
 PLANES = ["px4_plane.ulg", "plane_fbwa_cruise.bin", "plane_dcm.bin"]
 
@@ -70,9 +83,16 @@ def test_lift_off_and_landing_lie_where_the_simulator_left_and_met_the_ground(co
 
 @pytest.mark.parametrize(
     "name",
-    ["copter_never_lifted.BIN", "copter_4.6_standing_accused.BIN", "copter_flip_at_takeoff.bin",
-     "copter_3.2.1_bench.log", "px4_1.6.5_hand_rotation.ulg", "copter_4.7dev_33.bin", "copter_4.8dev_barodrift.BIN"],
-)  # fmt: skip
+    [
+        "copter_never_lifted.BIN",
+        "copter_4.6_standing_accused.BIN",
+        "copter_flip_at_takeoff.bin",
+        "copter_3.2.1_bench.log",
+        "px4_1.6.5_hand_rotation.ulg",
+        "copter_4.7dev_33.bin",
+        "copter_4.8dev_barodrift.BIN",
+    ],
+)
 def test_vehicles_that_never_left_the_ground_have_no_flight(corpus, name):
     """Throttle up, motors at full throttle on a bench, rolled about by hand, flipped over at take-off."""
     assert found_in(attlog.read(corpus / "logs" / "cases" / name)).spans == []
@@ -107,10 +127,14 @@ def carried(slope: float, throttle: float = 0.5, z: float = -9.81) -> FlightLog:
     acc = np.column_stack([slope * gravity[:, 0], slope * gravity[:, 1], z + 0.8 * np.sin(2 * np.pi * 0.5 * t)])
     gyro = np.column_stack([np.gradient(roll, t), np.gradient(pitch, t), np.zeros_like(t)])
     return imu_log(
-        t, gyro, acc, attitudes={"ATT": Attitude(t[::5], q[::5], "ATT")}, onboard="ATT",
+        t,
+        gyro,
+        acc,
+        attitudes={"ATT": Attitude(t[::5], q[::5], "ATT")},
+        onboard="ATT",
         armed=TimeLine(np.array([0.0, 5.0, 35.0]), [False, True, False], "ARM"),
         throttle=Stream(t, np.where((t > 5) & (t < 35), throttle, 0.0)[:, None], "1", "", "CTUN.ThO"),
-    )  # fmt: skip
+    )
 
 
 def test_sideways_force_that_feels_no_tilt_is_flight_while_driven():

@@ -9,7 +9,7 @@ import numpy as np
 
 from attlog.base.median import median
 from attlog.flight import physics
-from attlog.flight.ardupilot import events, gyro_bias, phases, power, receivers, remedies, vehicle
+from attlog.flight.ardupilot import clipping, events, gyro_bias, phases, power, receivers, remedies, vehicle
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
@@ -58,6 +58,7 @@ def fill(builder: LogBuilder, clock: Clock, log: FlightLog, values: dict[str, fl
         "The onboard gyro bias", lambda: gyro_bias.gyro_bias(builder, clock, values, imu), None
     )
     log.onboard_vibration = builder.attempt("VIBE", lambda: vibration(builder, clock, imu), None)
+    log.clippings = builder.attempt("Clipping", lambda: clipping.clippings(builder, clock), [])
     builder.attempt("ERR and EV", lambda: events.report(builder, clock), None)
     log.remedies = builder.attempt("Remedies", lambda: remedies.of(values), log.remedies)
     log.texts = builder.attempt("Texts", lambda: builder.texts(lambda offset: int(clock.at(np.array([offset]))[0])), [])

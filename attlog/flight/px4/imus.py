@@ -19,6 +19,7 @@ from attlog.flight.clock.timing import Stamps, stamps_of
 from attlog.flight.inertial import REFUSED_SHARE, Candidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array, Problem
 from attlog.flight.px4.calibration import calibrate
+from attlog.flight.px4.clipping import gyro_mask_problem
 from attlog.formats.base import Table
 
 FAST_HZ = 100.0
@@ -177,7 +178,8 @@ def vehicle_imu(builder: LogBuilder) -> list[Candidate]:
                 usable=not decimated(t, dt[good]),
             )
         )
-        found[-1].problems += clipped(f"vehicle_imu:{i}", table.rows(good), "delta_angle_clipping")
+        rows, rate = table.rows(good), found[-1].gyro
+        found[-1].problems += gyro_mask_problem(builder, f"vehicle_imu:{i}", rows, "delta_angle_clipping", rate)
         if not found[-1].usable:
             found[-1].problems.append(thinned(f"vehicle_imu:{i}", t, dt[good]))
         found[-1].usable &= found[-1].rate >= FAST_HZ
@@ -217,7 +219,7 @@ def sensor_combined(builder: LogBuilder, selected: int) -> list[Candidate]:
         temperature=status_temperature(builder, selected, t),
         note="holds the unit that the autopilot's voter chose",
     )
-    found.problems += clipped("sensor_combined", table, "gyro_clipping")
+    found.problems += gyro_mask_problem(builder, "sensor_combined", table, "gyro_clipping", found.gyro)
     if lossy:
         found.problems.append(thinned("sensor_combined", t, dt))
     return [found]
@@ -238,16 +240,6 @@ def decimated(t: Stamps, dt: Array) -> bool:
     if len(t) < 3 or len(covered) == 0:
         return False
     return float(median(np.diff(t))) * 1e-6 > DECIMATED * float(median(covered))
-
-
-def clipped(source: str, table: Table, column: str) -> list[Problem]:
-    """What the driver says of its gyro at the end of its range (bits by axis) as a problem, or none."""
-    count = int(np.count_nonzero(table[column])) if column in table else 0
-    if not count:
-        return []
-    text = f"{source}: the gyro was at the end of its range in {count} samples ({column})."
-    cause, means = "A blow, vibration, or a range that is set too small.", "Rotation is lost there."
-    return [Problem("gyro_clipped", "warning", text, count=count, cause=cause, means=means)]
 
 
 def thinned(source: str, t: Stamps, dt: Array) -> Problem:
