@@ -1,4 +1,4 @@
-"""``attlog batch`` as a service that watches a folder, and on a cluster: real processes, real signals."""
+"""``attlog batch`` on a cluster: real processes, real signals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ import pytest
 from tests.conftest import ROOT, SAMPLES
 from tests.fleet.dask_processes import Cluster
 
-ONE, TWO = SAMPLES / "copter_yaw_turns.bin", SAMPLES / "px4_hover.ulg"
 OPTIONS = ("--estimators", "gyro", "--deterministic")
 PATIENCE_S = 120.0
 
@@ -46,10 +45,6 @@ class Process:
         self.process.send_signal(number)
         return self.process.wait(PATIENCE_S)
 
-    def cpu_s(self) -> float:
-        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., Process]]:
@@ -67,80 +62,6 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Process]]:
 
 def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-
-
-def copied_slowly(source: Path, place: Path, seconds: float) -> None:
-    """As a download comes: a piece now and then."""
-    data = source.read_bytes()
-    pieces = 12
-    with place.open("wb", buffering=0) as file:
-        for k in range(pieces):
-            file.write(data[len(data) * k // pieces : len(data) * (k + 1) // pieces])
-            time.sleep(seconds / pieces)
-
-
-@pytest.mark.slow
-def test_a_service_takes_what_arrives_leaves_downloads_alone_and_ends_when_asked(
-    tmp_path: Path, start: Callable[..., Process]
-) -> None:
-    share, out = tmp_path / "share", tmp_path / "out"
-    share.mkdir()
-    service = start("batch", "--watch", str(share), "-o", str(out), "--settle", "1.5", *OPTIONS)
-    service.wait_for(lambda: "watching" in service.said)
-    copied_slowly(ONE, share / "a.bin", 6)  # four looks, none of them long enough after the last piece
-    assert "arrived" not in service.said
-    copied_slowly(TWO, share / "b.ulg.part", 1)
-    service.wait_for((out / "a.bin.json").is_file)
-    (share / "b.ulg.part").rename(share / "b.ulg")
-    service.wait_for((out / "b.ulg.json").is_file)
-    service.wait_for(lambda: "b.ulg" in (out / "index.html").read_text() or service.said.count(" MB") == 2)
-    time.sleep(3)
-    before = service.cpu_s()
-    time.sleep(4)
-    assert service.cpu_s() - before < 0.2  # measured 0.01
-    assert service.end(signal.SIGTERM) == 0
-    assert "2 reports of 2 logs" in service.said
-    assert "b.ulg.part" not in service.said
-    kept = files(out)
-    again = start("batch", str(share), "--watch", "-o", str(out), "--settle", "0", *OPTIONS)
-    again.wait_for(lambda: "watching" in again.said)
-    time.sleep(4)
-    assert again.end(signal.SIGINT) == 130
-    assert "arrived" not in again.said
-    assert files(out) == kept
-    direct = start("batch", str(share), "-o", str(tmp_path / "direct"), *OPTIONS)
-    assert direct.process.wait(PATIENCE_S) == 0
-    reports = {name: data for name, data in files(tmp_path / "direct").items() if not name.startswith(("index", "res"))}
-    assert {name: kept[name] for name in reports} == reports
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGKILL, -signal.SIGKILL)])
-def test_a_service_that_is_ended_in_the_middle_leaves_nothing_half_done(
-    tmp_path: Path, start: Callable[..., Process], number: int, code: int
-) -> None:
-    share, out = tmp_path / "share", tmp_path / "out"
-    share.mkdir()
-    (share / "a.bin").write_bytes(ONE.read_bytes())
-    (tmp_path / "slow.py").write_text("import time\ntime.sleep(60)\nfrom attlog.estimators.filters.gyro import *\n")
-    service = start("batch", "--watch", str(share), "-o", str(out), "--settle", "0", "--estimators", "slow.py")
-    service.wait_for(lambda: "1 arrived" in service.said)
-    time.sleep(1)
-    assert service.end(number) == code
-    assert files(out) == {}
-    again = start("batch", "--watch", str(share), "-o", str(out), "--settle", "0", *OPTIONS)
-    again.wait_for((out / "a.bin.json").is_file)
-    assert again.end(signal.SIGTERM) == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [(["https://host/logs/"], 2, "folders and patterns of this machine"), (["none"], 66, "no such folder")],
-)
-def test_what_cannot_be_watched_is_refused(attlog, tmp_path: Path, arguments: list[str], code: int, words: str) -> None:
-    done = attlog("batch", "--watch", *arguments, "-o", str(tmp_path / "out"))
-    assert done.code == code
-    assert words in done.err
 
 
 @pytest.fixture(scope="module")

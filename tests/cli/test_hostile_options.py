@@ -13,7 +13,7 @@ LOG = SAMPLES / "copter_yaw_turns.bin"
 OPTIONS: dict[str, tuple[str, ...]] = {
     "analyze": ("--declination", "--score-from", "--input-delay", "--imu", "--mag", "--boot", "--system", "-j"),
     "extract": ("--from", "--to", "--boot", "--system"),
-    "batch": ("--timeout", "--memory", "--settle", "-j", "--declination", "--score-from"),
+    "batch": ("--timeout", "--memory", "-j", "--declination", "--score-from"),
 }
 CASES = [(command, option) for command, options in OPTIONS.items() for option in options]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,10 +23,6 @@ if TYPE_CHECKING:
     from attlog.fleet.schedulers.batch import Outcome
     from attlog.fleet.schedulers.local import Runner, Tell
 
-SETTLE_S = 10.0
-"""Copies over a network rest for some seconds now and then, never this long."""
-AT_A_TIME, FOR_A_CLUSTER = 32, 1000
-"""Files that a service takes before it looks at the folder again: many at once do not hide the next for hours."""
 TIMEOUT_S = 3600.0
 """A log may take this long: no log in hand takes a hundredth of it, and one that hangs costs one worker an hour."""
 
@@ -72,19 +67,6 @@ def command(
             help="Work on the Dask cluster of this scheduler; --workers: tasks at a time. [default: on this machine]",
         ),
     ] = None,
-    watch: Annotated[
-        bool, typer.Option("--watch", help="Do not end: analyse logs as they arrive in folders and patterns; resumes.")
-    ] = False,
-    settle: Annotated[
-        float,
-        typer.Option(
-            "--settle",
-            metavar="S",
-            min=0.0,
-            callback=finite,
-            help="--watch: a file is whole if it stays the same so long.",
-        ),
-    ] = SETTLE_S,
     estimators: options.Estimators = None,
     imu: options.ImuOption = None,
     mag: options.MagOption = None,
@@ -114,8 +96,6 @@ def command(
     """Analyse many logs into the folder DIR: a report each, an index, a table of every number."""
     if resume and fresh:
         raise UsageError("--resume and --fresh: one or the other")
-    if watch and (junit is not None or summary is not None):
-        raise UsageError("--watch does not end by itself: --junit and --summary need a batch that does")
     held = gated.Gated(gates, strict, junit, summary, output)
     settings = options.settings(
         config,
@@ -139,16 +119,6 @@ def command(
     from attlog.fleet.sources.find import sources
 
     judge = held.judge(output, deterministic)
-    if watch:
-        from attlog.cli.shared.watching import watching
-
-        job = Job([], output, settings, (), options.bundle(plotly), deterministic, timeout or None, memory, True, fresh)
-        told = _Told(Bar(quiet=True), quiet, verbose or not quiet)
-        run = runner(scheduler, workers, told.say)
-        at_a_time = AT_A_TIME if scheduler is None else FOR_A_CLUSTER
-        watching(logs, job, run, told, settle, partial(options.commands, context), at_a_time, quiet, judge)
-        return
-
     found, wrong = sources(logs)
     for error in wrong:
         to_stderr(message(error, __version__))

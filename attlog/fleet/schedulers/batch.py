@@ -68,12 +68,11 @@ def run_batch(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = Non
     with locked(job.folder) as warning:
         if warning:
             logging.getLogger("attlog.fleet").warning(warning)
-        return analyse_all(job, run, watcher, judge)
+        return _analyse_all(job, run, watcher, judge)
 
 
-def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = None) -> Outcome:
-    """The same for a caller that holds the lock of the folder."""
-    tidy(job.folder)
+def _analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None) -> Outcome:
+    _tidy(job.folder)
     works = planned(job)
     place = {work.name: k for k, work in enumerate(works)}
     found: dict[int, Entry] = {}
@@ -113,7 +112,7 @@ def analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None = N
     return outcome
 
 
-def tidy(folder: Path) -> None:
+def _tidy(folder: Path) -> None:
     """Remove what a run that was killed left behind: rooms of its processes, files that were being written."""
     shutil.rmtree(folder / INSIDE / "rooms", ignore_errors=True)
     remove_unfinished(folder / INSIDE)

@@ -15,7 +15,7 @@ from attlog.fleet.sources.source import Source
 from attlog.fleet.sources.urls import is_url, shown
 from attlog.present.numbers import counted
 
-PATTERN = frozenset("*?[")
+_PATTERN = frozenset("*?[")
 
 
 def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
@@ -66,7 +66,7 @@ def _meant(path: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]
         raise UsageError("a log cannot come from standard input: it is memory-mapped; give a file name")
     if os.path.isdir(path):
         return _in_folder(path, archives, wrong)
-    if os.path.exists(path) or not PATTERN & set(str(path)):
+    if os.path.exists(path) or not _PATTERN & set(str(path)):
         return _of_file(path) if archives else [Source(str(path))]
     if archives and (inside := _in_archive(path)) is not None:
         return inside
@@ -74,7 +74,7 @@ def _meant(path: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]
     if not matches:
         raise _unreadable_root(path) or LogUnreadable(f"{path}: no file matches this pattern")
     files = [m for m in matches if not os.path.isdir(m)]
-    logs = [log for file in files for log in logs_of(file, archives)]
+    logs = [log for file in files for log in _logs_of(file, archives)]
     if not files:
         logs = [log for folder in matches for log in _in_folder(folder, archives, wrong)]
     elif not logs:
@@ -85,7 +85,7 @@ def _meant(path: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]
 def _in_folder(folder: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]:
     """The logs in a folder; LogUnreadable if there are none and nothing else is wrong."""
     refused: list[AttlogError] = []
-    logs = [log for path in sorted(_below(folder, refused)) for log in logs_of(path, archives)]
+    logs = [log for path in sorted(_below(folder, refused)) for log in _logs_of(path, archives)]
     wrong += refused
     if not logs and not refused:
         raise LogUnreadable(f"{folder}: is a folder without a flight log")
@@ -116,7 +116,7 @@ def _below(folder: Path, refused: list[AttlogError]) -> Iterator[Path]:
 
 def _unreadable_root(pattern: Path) -> LogUnreadable | None:
     """Why nothing can match: the folder in which a pattern begins cannot be read."""
-    root = next(folder for folder in pattern.parents if not PATTERN & set(str(folder)))
+    root = next(folder for folder in pattern.parents if not _PATTERN & set(str(folder)))
     try:
         os.scandir(root).close()
     except (FileNotFoundError, NotADirectoryError):
@@ -130,7 +130,7 @@ def _cannot_be_read(error: OSError) -> LogUnreadable:
     return LogUnreadable(f"{error.filename}: cannot be read ({error.strerror})")
 
 
-def logs_of(file: Path, archives: bool = True) -> list[Source]:
+def _logs_of(file: Path, archives: bool = True) -> list[Source]:
     """What a file that was not named itself stands for. A broken archive is one source, which tells so when read."""
     if archives and is_archive(file):
         from attlog.fleet.sources.archive import members
