@@ -11,7 +11,6 @@ import pytest
 from tests.conftest import ROOT
 
 
-@pytest.mark.slow
 def test_the_notebook_runs_from_top_to_bottom(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT / "docs")
     monkeypatch.setenv("MPLBACKEND", "agg")

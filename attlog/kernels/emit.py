@@ -8,10 +8,10 @@ all that only the compiler's process knows.
 
 from __future__ import annotations
 
+import ast
 from typing import Any
 
 from attlog.base.errors import AttlogError
-from attlog.kernels.generate import INLINE
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.processor import target
 
@@ -53,25 +53,31 @@ def cfunc(kernel: Kernel) -> Any:
 
 
 def entry_text(kernel: Kernel) -> str:
-    """The kernel's module with its C entry."""
-    head, entry = kernel.parts()
+    """The kernel's module, its entry taking pointers and lengths.
+
+    The entry makes its arrays itself: a second function around the first would have all of it optimised twice.
+    """
+    head, text = kernel.parts()
+    entry = ast.parse(text).body[0]
+    assert isinstance(entry, ast.FunctionDef)
     names, types, given = [], [], []
     for i, argument in enumerate(kernel.arguments):
         if argument.dimensions:
-            sizes = [f"n{i}_{d}" for d in range(argument.dimensions)]
-            names += [f"p{i}", *sizes]
+            sizes = [f"n{i}_{d}_" for d in range(argument.dimensions)]
+            names += [f"p{i}_", *sizes]
             types += [f"types.CPointer(types.{argument.kind})", *["types.i8"] * argument.dimensions]
-            given.append(f"carray(p{i}, ({', '.join(sizes)},))")
+            given.append(f"carray(p{i}_, ({', '.join(sizes)},))")
         else:
-            names.append(f"p{i}")
+            names.append(f"p{i}_")
             types.append(f"types.{'i8' if argument.kind == 'b1' else argument.kind}")
-            given.append(f"p{i} != 0" if argument.kind == "b1" else f"p{i}")
-    result = "void" if kernel.result == "void" else kernel.result
-    call = f"{kernel.entry}({', '.join(given)})"
+            given.append(f"p{i}_ != 0" if argument.kind == "b1" else f"p{i}_")
+    arrays = (f"{a.arg} = {g}" for a, g in zip(entry.args.args, given, strict=True))
+    entry.body[:0] = ast.parse("\n".join(arrays)).body
+    entry.name, entry.args.args = "entry_", [ast.arg(n) for n in names]
     return (
-        f"{HEADER}from numba import carray, cfunc, njit, types\n\n{head}{INLINE}{entry}\n\n"
-        f"@cfunc(types.{result}({', '.join(types)}), error_model='numpy')\n"
-        f"def entry_({', '.join(names)}):\n    {'' if result == 'void' else 'return '}{call}\n"
+        f"{HEADER}from numba import carray, cfunc, njit, types\n\n{head}\n"
+        f"@cfunc(types.{kernel.result}({', '.join(types)}), error_model='numpy')\n"
+        f"{ast.unparse(ast.fix_missing_locations(entry))}\n"
     )
 
 

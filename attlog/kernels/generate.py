@@ -70,6 +70,10 @@ def _function(name: str, function: FunctionType, parts: dict[str, str], jit: boo
     definition.returns = None
     for argument in definition.args.args:
         argument.annotation = None
+    if jit:
+        whole = {n for n in _global_names(code) if type(function.__globals__.get(n)) is int}
+        ours = {n for n in _global_names(code) if isinstance(function.__globals__.get(n), FunctionType)}
+        definition = ast.fix_missing_locations(_PlainIntegers(whole - set(code.co_varnames), ours).visit(definition))
     if single:
         definition = ast.fix_missing_locations(_SinglePrecision().visit(definition))
     return (INLINE if jit else "") + ast.unparse(definition) + "\n"
@@ -88,3 +92,26 @@ class _SinglePrecision(ast.NodeTransformer):
         if not isinstance(node.value, float):
             return node
         return ast.Call(ast.Attribute(ast.Name("np", ast.Load()), "float32", ast.Load()), [node], [])
+
+
+class _PlainIntegers(ast.NodeTransformer):
+    """Hands whole numbers, written out or constants by name, to our own functions as integers of 64 bit.
+
+    numba compiles a function anew for every whole number that it is called with as it stands.
+    """
+
+    def __init__(self, constants: set[str], functions: set[str]) -> None:
+        self.constants = constants
+        self.functions = functions
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        self.generic_visit(node)
+        if isinstance(node.func, ast.Name) and node.func.id in self.functions:
+            node.args = [self._plain(a) for a in node.args]
+        return node
+
+    def _plain(self, argument: ast.expr) -> ast.expr:
+        written = isinstance(argument, ast.Constant) and type(argument.value) is int
+        if not written and not (isinstance(argument, ast.Name) and argument.id in self.constants):
+            return argument
+        return ast.Call(ast.Attribute(ast.Name("np", ast.Load()), "int64", ast.Load()), [argument], [])

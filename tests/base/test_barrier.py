@@ -20,7 +20,7 @@ from attlog.metrics.errors import rmse
 from attlog.metrics.noise import added as noise
 from attlog.metrics.noise import allan
 from attlog.result import Result
-from tests.conftest import SAMPLES, few
+from tests.conftest import SAMPLES
 
 LOG = SAMPLES / "px4_hover.ulg"
 
@@ -146,11 +146,11 @@ def test_info_goes_on_without_a_reference_and_without_answers() -> None:
 
 
 @pytest.mark.usefixtures("quiet")
-@pytest.mark.parametrize(("part", "name", "kinds"), few([
+@pytest.mark.parametrize(("part", "name", "kinds"), [
     (segments.rest, "rests", {"continuous"}), (segments.flags, "airborne", {"continuous"}),
     (segments.gaps, "find", {"continuous"}), (segments.hover, "find", {"armed", "airborne", "continuous", "rest.long"}),
     (segments.resets, "find", {"armed", "airborne", "continuous", "rest.long"}),
-], 2))  # fmt: skip
+])  # fmt: skip
 def test_without_segments_the_log_is_still_analysed(part: ModuleType, name: str, kinds: set[str]) -> None:
     with breaks(part, name):
         result = analysis.analyze(LOG, {"estimators": ["mahony"], "reference": "onboard"})

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.kernels import emit, folder, obtain, processor, sources, store
+from attlog.kernels import emit, folder, generate, obtain, processor, sources, store
 from attlog.kernels.calling import caller
 from attlog.kernels.kernel import LINE, Kernel
 from attlog.kernels.obtain import at_hand, by_numba, made_object, obtained
-from tests.conftest import few
 
 TEXT = """
 def total(x, weights, n, negative):
@@ -93,6 +92,24 @@ def test_an_object_gives_what_numba_gives_to_the_bit(home: Path) -> None:
 
 def test_the_same_text_gives_the_same_bytes(made: store.Object) -> None:
     assert made_object(kernel(), store.key_of(kernel())) == made
+
+
+def test_whole_numbers_reach_a_function_as_one_kind_of_argument() -> None:
+    """numba would compile ``nth`` for 0, for 2 and for a number that is not known: three times instead of once."""
+    text = generate.with_helpers({"chosen": chosen}, jit=True)
+    assert "nth(x, np.int64(0)) + nth(x, np.int64(LAST)) + nth(x, n)" in text
+    assert "x[2]" in text  # an index is no argument
+
+
+LAST = 2
+
+
+def nth(x: Any, i: int) -> float:
+    return float(x[i])
+
+
+def chosen(x: Any, n: int) -> float:
+    return nth(x, 0) + nth(x, LAST) + nth(x, n) + float(x[2])
 
 
 def test_it_is_kept_and_found_again(home: Path, quick: list[str]) -> None:
@@ -184,14 +201,11 @@ def test_each_thread_has_scratch_of_its_own(home: Path) -> None:
 
 @pytest.mark.parametrize(
     ("line", "why"),
-    few(
-        [
-            ("x = np.zeros(n)", "NRT|numba|Py"),
-            ("if n < 0:\n        raise ValueError", "NRT|numba|Py"),
-            ("print(n)", "NRT|numba|Py"),
-        ],
-        1,
-    ),
+    [
+        ("x = np.zeros(n)", "NRT|numba|Py"),
+        ("if n < 0:\n        raise ValueError", "NRT|numba|Py"),
+        ("print(n)", "NRT|numba|Py"),
+    ],
 )
 def test_what_needs_numba_when_it_runs_stays_with_numba_and_says_so(
     home: Path, line: str, why: str, caplog: pytest.LogCaptureFixture
@@ -273,7 +287,6 @@ def test_objects_of_a_level_that_this_processor_lacks_are_passed_over(
         assert (chosen and chosen.symbol) == found
 
 
-@pytest.mark.slow
 def test_the_second_process_needs_no_compiler(tmp_path: Path) -> None:
     code = (
         "import sys\nfrom attlog.estimators import get\nfrom attlog.estimators.engine import loop\n"
