@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from attlog.estimators.base import Estimate, Estimator, LogFacts
 from attlog.estimators.engine import loop
 from attlog.estimators.engine.samples import Sampling, prepare
 from attlog.estimators.registry import BUILT_IN, get, names
+from attlog.estimators.spelling import cut_by_comma
 
 DEFAULT = tuple(
     name for name in ("complementary", "mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf", "gyro") if name in BUILT_IN
@@ -54,10 +56,10 @@ def parse(text: str) -> Row:
     name, _, preset = head.partition("@")
     estimator = get(name)
     params = {}
-    for pair in pairs:
+    for before, pair in pairwise(["", *pairs]):
         key, equals, value = pair.partition("=")
         if not equals:
-            raise UsageError(f"{text}: {pair} is not NAME=VALUE")
+            raise UsageError(f"{text}: {pair} is not NAME=VALUE{cut_by_comma(before, pair.strip())}")
         params[key.strip()] = estimator.parameter(key.strip()).check(value.strip(), estimator.name)
     row = Row(estimator, preset or None, params)
     row.resolved()
@@ -193,6 +195,8 @@ def items(text: str) -> list[str]:
     for item in (p.strip() for p in text.split(",")):
         if found and "=" in item and ":" not in item.partition("=")[0]:
             found[-1] += "," + item
+        elif found and (hint := cut_by_comma(found[-1], item)):
+            raise UsageError(f"{found[-1]},{item}: there is no estimator {item}{hint}")
         elif item:
             found.append(item)
     if not found:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from attlog.base.errors import PluginError, UsageError, suggestion
 from attlog.estimators.plugin_errors import plugin_errors
+from attlog.estimators.spelling import number_spelled
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -56,7 +57,8 @@ class Parameter:
         try:
             number = float(value)
         except (TypeError, ValueError):
-            raise UsageError(f"{where}={_short(value)} is not a number; give one {self._range()}") from None
+            hint = number_spelled(self.name, str(value)) or f"give one {self._range()}"
+            raise UsageError(f"{where}={_short(value)} is not a number; {hint}") from None
         except OverflowError:  # an integer beyond all floats
             number = math.inf
         if not (math.isfinite(number) and self.low <= number <= self.high):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -27,6 +26,7 @@ from attlog.cli.shared.common import (
     System,
     Verbose,
     console,
+    json_line,
     json_to_stdout,
     say,
     to_stderr,
@@ -123,7 +123,7 @@ def command(
             late.add(PluginError.exit_code)
             to_stderr(f"attlog: {log}: no filter ran: {failed}")
         if json:
-            json_to_stdout(_json_text(result, deterministic, one_line=max(len(logs), len(found)) > 1))
+            json_to_stdout(json_line(result.to_dict(deterministic)))
         if not quiet:
             _show(result, report, settings, on_stderr=json, verbose=verbose)
         held.shown(log, report, quiet, console(stderr=json))
@@ -273,21 +273,6 @@ def _kept(reports: Sequence[str], total: int, folder: Path) -> str:
         return f"attlog: interrupted; nothing was written, reports of earlier runs in {folder} are untouched"
     names = ", ".join(f"{name}.html" for name in reports)
     return f"attlog: interrupted; kept {len(reports)} of {total} reports in {folder}: {names}"
-
-
-def _json_text(result: Result, deterministic: bool, one_line: bool) -> str:
-    import json
-
-    text = result.to_json(deterministic=deterministic).rstrip("\n")
-    try:
-        text.encode(sys.stdout.encoding or "utf-8")
-        plain = False
-    except UnicodeEncodeError:
-        plain = True  # JSON has its own escapes for what the output cannot show
-    if not one_line and not plain:
-        return text
-    layout: dict[str, Any] = {"separators": (",", ":")} if one_line else {"indent": 1}
-    return json.dumps(json.loads(text), ensure_ascii=plain, **layout)
 
 
 def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbose: int) -> None:

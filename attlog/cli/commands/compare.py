@@ -95,6 +95,10 @@ def command(
         check_suffix(file)
     found = sorted_out(words)
     configurations = with_params(found.wanted.configurations, params) if params else found.wanted.configurations
+    if found.again and len(configurations) < 2:
+        raise UsageError(f"{found.again[0]}; a comparison needs two that differ")
+    for sentence in found.again:
+        to_stderr(f"attlog: {sentence}; it is compared once")
     options = {"window": window, "reference": reference, "gyro_bias": gyro_bias}
     settings = _settings(config, found.wanted.options | {k: v for k, v in options.items() if v is not None})
     from attlog.fleet.sources.find import find

@@ -105,8 +105,11 @@ def _tables(
 
     if not estimates:
         return list(extraction.streams(flight) if streams else extraction.messages(flight, messages, system))
+    from attlog.cli.shared.options import check_filter
     from attlog.estimators import items
 
+    for item in items(estimates):
+        check_filter(item)
     tables = list(extraction.estimates(flight, items(estimates)))
     return tables + (list(extraction.streams(flight)) if streams else [])
 

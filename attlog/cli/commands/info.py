@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
@@ -19,6 +18,7 @@ from attlog.cli.shared.common import (
     System,
     Verbose,
     console,
+    json_line,
     json_to_stdout,
     say,
     to_stderr,
@@ -48,7 +48,6 @@ def command(
     from attlog.inspection import inspect
 
     found, wrong = find(logs)
-    several = max(len(found), len(logs)) > 1
     codes = {exit_code(error) for error in wrong}
     for error in wrong:
         to_stderr(message(error, __version__))
@@ -56,7 +55,7 @@ def command(
         try:
             report = inspect(log, boot=boot, system=system, verify=verify)
             if as_json:
-                json_to_stdout(_json_text(report, one_line=several))
+                json_to_stdout(json_line(report))
             elif not quiet:
                 out = console()
                 say([Line("")] * (number > 0), out)
@@ -70,18 +69,6 @@ def command(
             codes.add(exit_code(error))
     if worst(codes):
         raise typer.Exit(worst(codes))
-
-
-def _json_text(report: dict[str, Any], one_line: bool) -> str:
-    import json
-
-    layout: dict[str, Any] = {"separators": (",", ":")} if one_line else {"indent": 1}
-    text = json.dumps(report, ensure_ascii=False, allow_nan=False, **layout)
-    try:
-        text.encode(sys.stdout.encoding or "utf-8")
-    except UnicodeEncodeError:
-        return json.dumps(report, allow_nan=False, **layout)
-    return text
 
 
 def printable(report: dict[str, Any]) -> dict[str, Any]:

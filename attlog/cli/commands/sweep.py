@@ -78,7 +78,7 @@ def command(
     from attlog.compare.sweep import many
     from attlog.compare.sweep import text as sweep_words
     from attlog.compare.sweep.arguments import told_apart
-    from attlog.compare.sweep.grid import grid
+    from attlog.compare.sweep.grid import grid, like_decimal_commas
     from attlog.compare.sweep.sweep import sweep
     from attlog.compare.tables.files import check_suffix, text
 
@@ -94,6 +94,8 @@ def command(
             wrong.append(str(error))
     if wrong:
         raise UsageError("\n".join(wrong))
+    for sentence in like_decimal_commas(given.axes):
+        to_stderr(f"attlog: {sentence}")
     settings = analysis_settings(config, reference)
     with progress(quiet, verbose > 0):
         logs = Prepared(given.logs, settings)

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -142,6 +142,19 @@ def json_to_stdout(text: str) -> None:
     from attlog.present.text import json_for_terminal
 
     print(json_for_terminal(text).rstrip("\n"))
+
+
+def json_line(document: dict[str, Any]) -> str:
+    """A document as one line of JSON; with JSON's own escapes where standard output cannot show what is in it."""
+    import json
+
+    layout: dict[str, Any] = {"separators": (",", ":"), "allow_nan": False}
+    text = json.dumps(document, ensure_ascii=False, **layout)
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return json.dumps(document, **layout)
+    return text
 
 
 def say(lines: Iterable[Line], out: Console | Piped) -> None:

@@ -153,7 +153,7 @@ def settings(file: Path | None, **options: Any) -> Config:
 
         read_file(config.params)
     for item in config.estimators:
-        _check_filter(item)
+        check_filter(item)
     return config
 
 
@@ -168,14 +168,28 @@ def check_window(window: str | None) -> None:
             raise UsageError(f"--{error}") from None
 
 
-def _check_filter(item: str) -> None:
+def check_filter(item: str) -> None:
     """UsageError for a filter, preset or parameter that is not there; a file's own code runs with the logs only."""
     from attlog import estimators
 
     name = item.partition(":")[0].partition("@")[0]
     if not (name.endswith((".py", ".csv")) and os.path.isfile(name)):
         with suppress(PluginError):  # what a filter of a package does is told in its row
-            estimators.select(item)
+            try:
+                estimators.select(item)
+            except UsageError as error:
+                if hint := _of_compare(item):
+                    raise UsageError(f"{error}{hint}") from None
+                raise
+
+
+def _of_compare(item: str) -> str:
+    """The end of an error sentence for a filter with something that ``attlog compare`` puts before it; else empty."""
+    from attlog.compare.configurations.settings import SETTINGS
+
+    name, _, pairs = item.partition(":")
+    before = [key for pair in pairs.split(",") if (key := pair.partition("=")[0].strip()) in SETTINGS]
+    return f"; {', '.join(before)} may come before a filter: attlog compare LOG {name} {item}" if before else ""
 
 
 def commands(context: typer.Context, logs: Sequence[str]) -> list[str]:

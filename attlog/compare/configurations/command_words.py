@@ -22,6 +22,8 @@ class Words:
     """Logs (files, folders, patterns) and configurations, in the order given, with what a TOML file asks for."""
 
     logs: list[Path] = field(default_factory=list)
+    again: list[str] = field(default_factory=list)
+    """Sentences on words that name a configuration which another word names already."""
     wanted: toml_file.Wanted = field(default_factory=toml_file.Wanted)
 
 
@@ -34,6 +36,7 @@ def sorted_out(words: Sequence[str]) -> Words:
     found, filters = Words(), frozenset(estimators.names())
     problems: list[str] = []
     names: dict[str, Configuration] = {}
+    as_given: dict[str, str] = {}
     worst = UsageError.exit_code
     for word in words:
         try:
@@ -45,6 +48,12 @@ def sorted_out(words: Sequence[str]) -> Words:
                     names.setdefault(one.name, one)
             elif is_configuration(word, filters):
                 one = parse(word)
+                if one.name in names:
+                    other = as_given.get(one.name, one.name)
+                    found.again.append(
+                        f"{word} is given twice" if word == other else f"{word} is the same configuration as {other}"
+                    )
+                as_given.setdefault(one.name, word)
                 names.setdefault(one.name, one)
             elif not os.path.exists(word) and not set("*?[/\\.") & set(word):
                 known = [*estimators.names(), "default", "all"]

@@ -11,12 +11,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 from attlog import estimators
 from attlog.base.errors import UsageError, suggestion
 from attlog.compare.configurations.settings import SETTINGS, Value, said, written
 from attlog.estimators.base import Estimator
+from attlog.estimators.spelling import cut_by_comma, number_spelled
 
 FILES = (".py", ".csv")
 """What an estimator file and an attitude computed elsewhere are called."""
@@ -71,10 +73,11 @@ def parse(text: str, name: str | None = None) -> Configuration:
     head, _, tail = text[begin:].partition(":")
     values: dict[str, object] = {}
     problems = []
-    for pair in (p.strip() for p in tail.split(",") if p.strip()):
+    for before, pair in pairwise(["", *(p.strip() for p in tail.split(",") if p.strip())]):
         key, equals, value = pair.partition("=")
         if not equals or key.strip() in values:
-            problems.append(f"{key.strip()} is given twice" if equals else f"{pair} is not NAME=VALUE")
+            cut = cut_by_comma(before, pair)
+            problems.append(f"{key.strip()} is given twice" if equals else f"{pair} is not NAME=VALUE{cut}")
             continue
         values[key.strip()] = value.strip()
     return build(text[:begin] + head, values, name, problems, where=text)
@@ -126,7 +129,8 @@ def checked(estimator: Estimator, key: str, value: object) -> float | str:
         found = WITH_UNIT.fullmatch(value.strip())
         if found is not None and found[2] != parameter.unit:
             wanted = f"is given in {parameter.unit}" if parameter.unit else "has no unit"
-            raise UsageError(f"{estimator.name}: {key}={value}: {key} {wanted}, not in {found[2]}")
+            said = number_spelled(key, value) or f"{key} {wanted}, not in {found[2]}"
+            raise UsageError(f"{estimator.name}: {key}={value}: {said}")
         value = found[1] if found is not None else value
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise UsageError(f"{estimator.name}: {key}={value!r} is of the wrong type; give a number or a word")

@@ -24,6 +24,7 @@ from attlog.base.limits import MAX_SETS, MAX_VALUES
 from attlog.compare.configurations.configuration import checked
 from attlog.estimators import Parameter
 from attlog.estimators.base import Estimator
+from attlog.estimators.spelling import A_FEW, WITH_COMMA, range_spelled
 
 Value = float | str
 Setting = dict[str, Value]
@@ -107,12 +108,15 @@ def axis(text: str, estimator: Estimator) -> Axis:
             raise UsageError(f"{where}: {name} is a switch; give words of {', '.join(parameter.choices)}")
         words = tuple(dict.fromkeys(str(parameter.check(w.strip(), estimator.name)) for w in values.split(",")))
         return Axis(name, parameter.unit, words, "words")
+    if ".." not in values and (meant := range_spelled(values)):
+        raise UsageError(f"{where}: a range is written {name}={meant}/{A_FEW}, or {name}={meant}/{A_FEW}log")
     if ".." not in values:
         listed = [_number(v, name, where, estimator) for v in values.split(",")]
         return _checked(name, parameter, listed, "linear", estimator)
     found = RANGE.fullmatch(values)
     if found is None or not (found["count"] or "").strip().isdecimal():
-        raise UsageError(f"{where}: a range is LOW..HIGH/COUNT or LOW..HIGH/COUNTlog, such as {_range_of(parameter)}")
+        example = f"{name}={meant}/{A_FEW}" if (meant := range_spelled(values)) else _range_of(parameter)
+        raise UsageError(f"{where}: a range is LOW..HIGH/COUNT or LOW..HIGH/COUNTlog, such as {example}")
     low, high = (_number(found[end], name, where, estimator) for end in ("low", "high"))
     count = int(found["count"])
     if not low < high:
@@ -124,6 +128,16 @@ def axis(text: str, estimator: Estimator) -> Axis:
     return _checked(
         name, parameter, spaced(low, high, count, bool(found["log"])), "log" if found["log"] else "linear", estimator
     )
+
+
+def like_decimal_commas(texts: Iterable[str]) -> list[str]:
+    """A sentence for each axis that may be a number with a decimal comma: ``kp=0,3`` are two values."""
+    pairs = [(text.partition("=")[0].strip(), WITH_COMMA.fullmatch(text.partition("=")[2].strip())) for text in texts]
+    return [
+        f"{name}={found[0]} are two values, {found[1]} and {found[2]}; the number is written {found[1]}.{found[2]}"
+        for name, found in pairs
+        if found
+    ]
 
 
 def spaced(low: float, high: float, count: int, log: bool) -> list[float]:

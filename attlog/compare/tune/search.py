@@ -20,6 +20,7 @@ from attlog.compare.configurations.configuration import checked
 from attlog.compare.sweep.grid import RANGE, Setting, text_of
 from attlog.estimators import Parameter
 from attlog.estimators.base import COMMON, Estimator
+from attlog.estimators.spelling import range_spelled
 
 Array = NDArray[np.float64]
 Costs = Callable[[list[Setting]], Array]
@@ -103,9 +104,8 @@ def _free(text: str, estimator: Estimator) -> Free:
     log = values.endswith("log")
     ends = RANGE.fullmatch(values.removesuffix("log").strip())
     if parameter.choices or ends is None or ends["count"] is not None:
-        raise UsageError(
-            f"{estimator.name}: {text}: give a range such as {name}=0.1..10log, or attlog sweep for a list"
-        )
+        example = range_spelled(values.removesuffix("log").partition("/")[0]) or "0.1..10log"
+        raise UsageError(f"{estimator.name}: {text}: give a range such as {name}={example}, or attlog sweep for a list")
     low, high = (float(checked(estimator, name, ends[end].strip())) for end in ("low", "high"))
     if not low < high:
         raise UsageError(f"{estimator.name}: {text}: the range is empty; give the smaller value first")

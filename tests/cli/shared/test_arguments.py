@@ -35,6 +35,7 @@ def test_json_on_standard_output_with_or_without_a_dash(attlog, samples, tmp_pat
     done = attlog(command, *asked, samples / "copter_yaw_turns.bin", *more)
     assert done.code == 0, done.err
     assert json.loads(done.out)["log"]["name"] == "copter_yaw_turns.bin"
+    assert len(done.out.splitlines()) == 1  # also where a pattern happens to match one log
 
 
 @pytest.mark.parametrize("command", ["info", "analyze"])
