@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import earth
-from attlog.base.median import median
 from attlog.estimators import Aids, LogFacts, LogInfo, Measured
 from attlog.estimators.aids import LONGEST_LAG_S
 from attlog.flight.model import FlightLog, Gnss, Imu, Stream
@@ -57,7 +56,7 @@ def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | N
     rest = spans.inside(t, segments.spans("rest"))
     step = np.diff(t)
     pair = rest[1:] & rest[:-1] & (step > 0.0)
-    pair &= step < 2.0 * median(step) if len(step) else False
+    pair &= step < 2.0 * np.median(step) if len(step) else False
     seconds = float(step[pair].sum())
     if seconds < LEAST_REST_S:
         return None, None, seconds

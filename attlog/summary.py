@@ -10,7 +10,6 @@ from typing import Any
 
 from attlog.base import earth
 from attlog.base.errors import LogUnreadable
-from attlog.base.median import median
 from attlog.flight.model import FlightLog, Stream, TimeLine, part_of
 from attlog.segments.model import Segments
 
@@ -108,11 +107,11 @@ def place(log: FlightLog) -> dict[str, float] | None:
         if good.any():
             alt = receiver.alt[good]
             alt = alt[np.isfinite(alt)]
-            latitude = float(median(receiver.lat[good]))
+            latitude = float(np.median(receiver.lat[good]))
             return {
                 "lat": latitude,
                 "lon": earth.middle_longitude(receiver.lon[good]),
-                "alt_m": float(median(alt)) if len(alt) else 0.0,
+                "alt_m": float(np.median(alt)) if len(alt) else 0.0,
                 "earth_turn_deg_per_min": earth.heading_turn(latitude),
             }
     return None

@@ -6,12 +6,13 @@ import functools
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+from _pytest.mark import ParameterSet
 
 os.environ["ATTLOG_RAISE"] = "1"  # what the last barrier of attlog/barrier.py catches is a fault in tests
 ROOT = Path(__file__).resolve().parent.parent
@@ -49,6 +50,12 @@ def corpus_logs(*suffixes: str) -> list[Path]:
         found += sorted(p for folder in ("logs", "sitl/px4", "sitl/ardupilot") for p in (root / folder).glob("*"))
     found = [p for p in found if p.suffix.lower() in (".ulg", ".bin", ".tlog", ".log", ".px4log", ".mavlink")]
     return [p for p in found if not suffixes or p.suffix.lower() in suffixes]
+
+
+def few(cases: Iterable[Any], kept: int) -> list[Any]:
+    """Cases for parametrize of which the first ``kept`` run with ``make test`` and all with ``make test-all``."""
+    found = [c if isinstance(c, ParameterSet) else pytest.param(*(c if isinstance(c, tuple) else (c,))) for c in cases]
+    return [c if k < kept else c._replace(marks=[*c.marks, pytest.mark.slow]) for k, c in enumerate(found)]
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from tests.conftest import ROOT, SAMPLES
+from tests.conftest import ROOT, SAMPLES, few
 
 BENCHMARKS = ROOT / "benchmarks"
 Script = Callable[[str], ModuleType]
@@ -49,7 +49,7 @@ NAMES = ["px4_steps.ulg", "px4_hover.ulg", "copter_steps_stabilize.bin", "copter
          "copter_steps_stabilize.tlog"]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", few(NAMES, 1))
 def test_a_made_log_is_sound_for_attlog(name: str, script: Script, tmp_path: Path) -> None:
     """Not a byte is damaged, records stand as often as passes were made, times go on rising."""
     made = script("made_logs")
@@ -70,6 +70,7 @@ def test_a_made_log_is_sound_for_attlog(name: str, script: Script, tmp_path: Pat
     assert len(log.params) == len(source.params)
 
 
+@pytest.mark.slow
 def test_a_made_ulog_is_sound_for_pyulog(script: Script, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     from pyulog import ULog
 
@@ -82,6 +83,7 @@ def test_a_made_ulog_is_sound_for_pyulog(script: Script, tmp_path: Path, capfd: 
     assert lengths[0]["sensor_combined"] == 2 * lengths[1]["sensor_combined"]
 
 
+@pytest.mark.slow
 def test_a_made_dataflash_log_is_sound_for_pymavlink(
     script: Script, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -101,6 +103,7 @@ def test_a_made_dataflash_log_is_sound_for_pymavlink(
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_made_tlog_is_sound_for_pymavlink(script: Script, tmp_path: Path) -> None:
     """Every checksum is right."""
     from pymavlink import mavutil
@@ -113,6 +116,7 @@ def test_a_made_tlog_is_sound_for_pymavlink(script: Script, tmp_path: Path) -> N
     assert found == {"RAW_IMU": 2 * 4256, "BAD_DATA": 0}
 
 
+@pytest.mark.slow
 def test_a_made_log_is_as_dense_and_as_slow_as_was_asked(script: Script, tmp_path: Path) -> None:
     """Megabytes in a second of flight within a tenth; the IMU thinned, its neighbours as they were paced."""
     made = script("made_logs")
@@ -127,6 +131,7 @@ def test_a_made_log_is_as_dense_and_as_slow_as_was_asked(script: Script, tmp_pat
         assert all((np.diff(log[key]["timestamp"].astype(np.int64)) >= 0).all() for key in log)
 
 
+@pytest.mark.slow
 def test_both_readers_run_equally_often(script: Script) -> None:
     """The reader's benchmark gives the peer as many runs as attlog, first logs of a process too."""
     found = script("readers").compared(SAMPLES / "px4_steps.ulg", False, runs=3)
@@ -205,6 +210,7 @@ def test_salvage_keeps_99_percent_and_under_one_false_record_a_file(script: Scri
             assert row.false <= row.files, row
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
 def test_a_reader_takes_no_more_than_twice_the_file_for_the_columns_of_a_replay(
     name: str, script: Script, tmp_path: Path

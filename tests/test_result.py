@@ -16,7 +16,7 @@ import attlog
 from attlog.base.errors import LogUnreadable, UsageError
 from attlog.plain import Misfit, plain, restored
 from attlog.result import SCHEMA, Result
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, few
 
 LOGS = [p for p in sorted(SAMPLES.iterdir()) if p.suffix in (".ulg", ".bin", ".tlog")]
 
@@ -28,7 +28,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("log", LOGS, ids=lambda p: p.name)
+@pytest.mark.parametrize("log", few(LOGS, 1), ids=lambda p: p.name)
 @pytest.mark.parametrize("reference", ["auto", "none"])
 def test_a_result_reads_back_to_the_same_text(log: Path, reference: str, tmp_path: Path) -> None:
     result = attlog.evaluate(attlog.prepare(log, {"reference": reference}), ["mahony", "madgwick"], cost=True)

@@ -15,8 +15,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.median import median
-
 ROTATION_RATE_RAD_S = 7.292115e-5
 """The earth's rotation (WGS 84), rad/s."""
 
@@ -59,8 +57,8 @@ def gravity(lat_deg: float, alt_m: float = 0.0) -> float:
 def middle_longitude(lon_deg: NDArray[np.float64]) -> float:
     """The median of longitudes (n,) in deg, n > 0; of a flight over the date line a place on its way."""
     if float(lon_deg.max()) - float(lon_deg.min()) <= 180.0:
-        return float(median(lon_deg))
-    return (float(median(lon_deg % 360.0)) + 180.0) % 360.0 - 180.0
+        return float(np.median(lon_deg))
+    return (float(np.median(lon_deg % 360.0)) + 180.0) % 360.0 - 180.0
 
 
 def heading_turn(lat_deg: float) -> float:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.median import median
-
 MEDIANS, LEAST_S = 5.0, 0.05
 """Longer than five usual intervals, and than 50 ms."""
 RESTART_S = 0.5
@@ -22,4 +20,4 @@ def limit_of(t: NDArray[np.float64]) -> float:
     """The same of times (n,) in s, by the median of their intervals forwards; the least where there is none."""
     dt = np.diff(t)
     dt = dt[np.isfinite(dt) & (dt > 0)]
-    return limit(float(median(dt))) if len(dt) else LEAST_S
+    return limit(float(np.median(dt))) if len(dt) else LEAST_S

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.estimators.api import estimate
 from attlog.estimators.base import Array
 from attlog.estimators.engine.samples import HOLD_PERIODS
@@ -24,7 +23,7 @@ def propagated(t: Array, gyr: Array, mag: Array) -> Array:
     q = estimate("gyro", t, gyr, q0=[1.0, 0.0, 0.0, 0.0]).q
     last = np.searchsorted(new, np.arange(len(t)), side="right") - 1
     source = new[np.maximum(last, 0)]
-    period = float(median(np.diff(t[new]))) if len(new) > 1 else 0.0
+    period = float(np.median(np.diff(t[new]))) if len(new) > 1 else 0.0
     use = (last >= 0) & (t - t[source] <= HOLD_PERIODS * period)
     field[use] = rotation.rotate_inverse(q[use], rotation.rotate(q[source[use]], mag[source[use]]))
     return field

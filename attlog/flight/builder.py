@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.base.barrier import guarded
 from attlog.base.limits import READ_BYTES
-from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.clock.corroboration import times_alone
 from attlog.flight.clock.timing import LATEST_US, Stamps, plausible
@@ -233,7 +232,7 @@ class LogBuilder:
         known = (age >= 0) & (age < 1_000_000)
         if len(age) == 0 or np.mean(known) < 0.9 or not age[known].any():
             return None
-        sampled = np.where(known, t_sample_us, t_us - int(median(age[known])))
+        sampled = np.where(known, t_sample_us, t_us - int(np.median(age[known])))
         order = np.arange(len(sampled))
         return self.seconds(np.maximum.accumulate(sampled - order) + order)
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder, finite_within
@@ -311,7 +310,7 @@ def onto(t_us: Stamps, at_us: Stamps, x: Array) -> Array:
     for axis in range(3):
         out[:, axis] = np.interp(rel, base, x[:, axis], left=np.nan, right=np.nan)
     i = np.clip(np.searchsorted(base, rel, side="left"), 1, len(base) - 1)
-    too_wide = base[i] - base[i - 1] > max(20e3, 5 * float(median(np.diff(base))))
+    too_wide = base[i] - base[i - 1] > max(20e3, 5 * float(np.median(np.diff(base))))
     out[too_wide & (rel != base[i]) & (rel != base[i - 1])] = np.nan
     return out
 
@@ -321,7 +320,7 @@ def longest_held(t_us: Stamps, units: list[int]) -> int | None:
     if not units:
         return None
     lengths: list[int] = np.diff(np.asarray(t_us, np.int64)).tolist()
-    lengths.append(int(median(lengths)) if lengths else 1)
+    lengths.append(int(np.median(lengths)) if lengths else 1)
     held: dict[int, int] = {}
     for unit, length in zip(units, lengths, strict=True):
         held[unit] = held.get(unit, 0) + max(length, 1)

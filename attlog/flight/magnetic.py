@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.advice import Logging
 from attlog.flight.builder import LogBuilder
@@ -70,7 +69,7 @@ def spikes(field_t: Array) -> NDArray[np.bool_]:
     if len(good) >= 5:
         n = norm[good]
         padded = np.concatenate([n[2:0:-1], n, n[-2:-4:-1]])
-        local = median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+        local = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
         bad[good[(n > SPIKE_FACTOR * local) | (n < local / SPIKE_FACTOR)]] = True
     return bad
 
@@ -94,7 +93,7 @@ def turn(imu: Imu, t0: float, t1: float) -> float:
     if inside.sum() < 2:
         return 0.0
     dt = np.minimum(np.diff(t[inside]), 0.5)
-    rate = x[inside][1:] - median(x[inside], axis=0)
+    rate = x[inside][1:] - np.median(x[inside], axis=0)
     return float(np.degrees(np.ptp(np.cumsum(rate * dt[:, None], axis=0), axis=0).max()))
 
 

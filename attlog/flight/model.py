@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base.barrier import guarded
-from attlog.base.median import median
 from attlog.flight.advice import Logging, What, stand_still
 from attlog.flight.remedies import GENERAL, Fault
 from attlog.flight.vehicle import VehicleKind, kind_of
@@ -31,7 +30,7 @@ PAUSE_S = 1.0
 def running(t: Array) -> NDArray[np.bool_]:
     """Which intervals (n - 1,) between samples at ``t`` (n,) s are no pauses of the logger."""
     dt = np.diff(t)
-    return dt <= max(PAUSE_S, 5.0 * float(median(dt))) if len(dt) else np.zeros(0, bool)
+    return dt <= max(PAUSE_S, 5.0 * float(np.median(dt))) if len(dt) else np.zeros(0, bool)
 
 
 def covered_seconds(t: Array) -> float:

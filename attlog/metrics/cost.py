@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from attlog import estimators
 from attlog.base.errors import AttlogError
-from attlog.base.median import median
 from attlog.estimators.engine.loop import run
 from attlog.estimators.engine.samples import prepare
 from attlog.metrics.answer import Answer, missing
@@ -52,7 +51,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     base = None if mahony is None else measured(mahony)
     ratio = missing("not_applicable", f"needs {BASE} in the same run to compare with", "1", window)
     if base is not None:
-        times = own / median(base)
+        times = own / np.median(base)
         ratio = _answer(times, "1", window, (float(np.min(own) / np.max(base)), float(np.max(own) / np.min(base))))
     return {"cost_ns": _answer(own, "ns", window, (float(np.min(own)), float(np.max(own)))), "cost_ratio": ratio}
 
@@ -60,7 +59,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
 def _answer(times: Array, unit: str, window: str, ci95: tuple[float, float]) -> Answer:
     seconds = 1e-9 * SAMPLES * len(times)
     return Answer(
-        float(median(times)),
+        float(np.median(times)),
         unit,
         window,
         len(times),

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from attlog.base.distinct import among
 from attlog.base.errors import AttlogError, UsageError
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, part_of
@@ -196,7 +195,7 @@ def _smoothed(log: FlightLog, segments: Segments, options: Options, smooth: Smoo
     t, q, segment, tilt, heading = smoothed.thinned(estimate)
     why = f"own estimate from both sides of each moment, aided by {smoothed.aided_by(estimate)}"
     reference = build(log, segments, options, "smoother", "", Attitude(t, q, "the smoother"), why, segment)
-    used = among(t, reference.t)
+    used = np.isin(t, reference.t)
     reference.sigma_tilt_deg, reference.sigma_heading_deg = tilt[used], heading[used]
     own = [smoothed.sigma_deg(reference, angle) for angle in ("inclination", "heading")]
     if not own[0] <= smoothed.USELESS_DEG and options.reference == "auto":

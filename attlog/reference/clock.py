@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Attitude, FlightLog
 from attlog.reference.model import AlignmentStep
 from attlog.segments import gaps
@@ -46,7 +45,7 @@ def step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) ->
         text = f"{attitude.source} has one time stamp; it is taken for the time of the attitude"
         return AlignmentStep("clock", text, "stamp", source=attitude.source, option="--clock")
     delays = attitude.t - times(attitude, "sample")
-    delay = float(median(delays[~np.isnan(delays)])) * 1e3 if len(delays) else 0.0
+    delay = float(np.median(delays[~np.isnan(delays)])) * 1e3 if len(delays) else 0.0
     used = "the time of measurement" if clock == "sample" else "the time of publication"
     text = f"{attitude.source} is compared at {used}; it was published {delay:.1f} ms after the measurement (median)"
     return AlignmentStep("clock", text, delay, "ms", attitude.source, clock == "sample", "--clock")

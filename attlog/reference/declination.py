@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from attlog.base import earth, rotation
 from attlog.base.errors import UsageError
-from attlog.base.median import median
 from attlog.flight.model import FlightLog
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, Reference
@@ -25,8 +24,8 @@ def place(log: FlightLog) -> tuple[float, float, float] | None:
         if np.count_nonzero(good):
             altitude = gnss.alt[good]
             altitude = altitude[np.isfinite(altitude)]
-            height = float(median(altitude)) if len(altitude) else 0.0
-            return float(median(gnss.lat[good])), earth.middle_longitude(gnss.lon[good]), height
+            height = float(np.median(altitude)) if len(altitude) else 0.0
+            return float(np.median(gnss.lat[good])), earth.middle_longitude(gnss.lon[good]), height
     return None
 
 
@@ -80,4 +79,4 @@ def seen_deg(log: FlightLog, reference: Reference) -> float | None:
     north = rotation.rotate(q[good], field.x[good])
     direction = np.arctan2(north[:, 1], north[:, 0])
     middle = math.atan2(float(np.mean(np.sin(direction))), float(np.mean(np.cos(direction))))
-    return math.degrees(float(rotation.wrap(middle + median(rotation.wrap(direction - middle)))))
+    return math.degrees(float(rotation.wrap(middle + np.median(rotation.wrap(direction - middle)))))

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import gap, rotation
-from attlog.base.median import median
 from attlog.flight.model import Imu
 from attlog.reference.model import AlignmentStep
 from attlog.segments import gaps
@@ -49,7 +48,7 @@ def tick_s(t: Array) -> float:
     if len(dt) < 10:
         return 0.0
     ticks = dt / TICK_S
-    usual = np.abs(ticks - median(ticks)) < 1.5
+    usual = np.abs(ticks - np.median(ticks)) < 1.5
     whole = bool(np.all(np.abs(ticks - np.round(ticks)) < 1e-2))
     return TICK_S if whole and usual.any() and np.ptp(np.round(ticks[usual])) > 0 else 0.0
 
@@ -76,7 +75,7 @@ def step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[float,
     rate = 0.0
     if imu is not None and len(imu.gyro.x):
         (x,) = gaps.only(rotation.finite(imu.gyro.x), imu.gyro.x)
-        centred = x - median(x, axis=0) if len(x) else x
+        centred = x - np.median(x, axis=0) if len(x) else x
         rate = float(np.degrees(np.sqrt(np.mean(np.einsum("ij,ij->i", centred, centred))))) if len(x) else 0.0
     timing = tick / np.sqrt(12) * rate
     missing = missing_deg(imu)

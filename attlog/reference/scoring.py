@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import gap
-from attlog.base.median import median
 from attlog.base.rotation import error, total_angle, unwrap, wrap
 from attlog.flight.model import Attitude
 from attlog.reference.model import Errors, Reference
@@ -66,7 +65,7 @@ def coverage_pct(
     total = spans.seconds(wanted)
     if total <= 0:
         return None
-    usual = float(median(np.diff(t))) if len(t) > 1 else 0.0
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     parts = [p for p in gaps.slices(counted, number) if p.stop - p.start > 1]
     covered = [(float(t[p.start]) - 0.5 * usual, float(t[p.stop - 1]) + 0.5 * usual) for p in parts]
     return min(100.0, 100.0 * spans.seconds(spans.intersect(covered, wanted)) / total)
@@ -154,10 +153,10 @@ def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | N
     later = errors.scored if errors.scored.any() else np.ones(len(errors.t), bool)
     if not can_be_seen(errors):
         return None
-    good = errors.inclination <= median(errors.inclination[later]) + CONVERGED_TILT_DEG
+    good = errors.inclination <= np.median(errors.inclination[later]) + CONVERGED_TILT_DEG
     if with_heading:
         heading = np.abs(errors.heading)
-        good &= heading <= median(heading[later]) + CONVERGED_HEADING_DEG
+        good &= heading <= np.median(heading[later]) + CONVERGED_HEADING_DEG
     for part in gaps.slices(good, _unbroken(errors)):
         if np.ptp(errors.t[part]) >= CONVERGED_S:
             took = max(0.0, float(errors.t[part.start]) - start) if part.start > 0 else 0.0

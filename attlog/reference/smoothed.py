@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.base.errors import UsageError
-from attlog.base.median import median
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
 from attlog.reference import scoring
@@ -77,7 +76,7 @@ def not_smoothed(log: FlightLog, segments: Segments) -> str:
     if log.replay_imu is None:
         return "no IMU is replayed"
     force = rotation.length(log.replay_imu.acc.x)
-    shown = float(median(force[np.isfinite(force)])) if np.isfinite(force).any() else 0.0
+    shown = float(np.median(force[np.isfinite(force)])) if np.isfinite(force).any() else 0.0
     if not FORCES_M_S2[0] <= shown <= FORCES_M_S2[1]:
         return f"the accelerometer shows {shown:.2g} m/s^2 (median), which is no gravity"
     seconds = sum(b - a for a, b in pieces(log, segments))
@@ -226,8 +225,8 @@ def contradicts(reference: Reference, onboard: Reference) -> str:
     if np.count_nonzero(wrong) <= WRONG_SHARE * np.count_nonzero(counted):
         return ""
     return (
-        f"{onboard.source} is tilted by {median(tilt[wrong]):.0f} deg against the smoother (sigma "
-        f"{median(sigma[wrong]):.1f} deg) for {100.0 * np.count_nonzero(wrong) / np.count_nonzero(counted):.0f} % "
+        f"{onboard.source} is tilted by {np.median(tilt[wrong]):.0f} deg against the smoother (sigma "
+        f"{np.median(sigma[wrong]):.1f} deg) for {100.0 * np.count_nonzero(wrong) / np.count_nonzero(counted):.0f} % "
         "of the time"
     )
 

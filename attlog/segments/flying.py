@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.median import median, quantile
 from attlog.flight.model import FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments import motion, spans
@@ -159,8 +158,8 @@ def _usual(power: Array, climb: Array) -> float:
     """The throttle that flight takes: its median while the height changes, else the largest that is held."""
     moving = (np.abs(climb) > STEADY_M_S) & (power > 0)
     if np.count_nonzero(moving) * GRID_S >= IDLE_S:
-        return float(median(power[moving]))
-    return max(quantile(power, 0.95), 1e-6)
+        return float(np.median(power[moving]))
+    return max(np.quantile(power, 0.95), 1e-6)
 
 
 def _smooth(t: Array, above: Stream) -> tuple[Array, Array]:
@@ -180,7 +179,7 @@ def _smooth(t: Array, above: Stream) -> tuple[Array, Array]:
 def _held(t: Array, at: Array, x: Array) -> Array:
     """The last value (n,) of ``x`` at or before ``t``; 0 where it is older than 1.5 s and than five intervals."""
     i = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 1)
-    fresh = t - at[i] <= max(STALE_S, 5.0 * float(median(np.diff(at))))
+    fresh = t - at[i] <= max(STALE_S, 5.0 * float(np.median(np.diff(at))))
     return np.where(fresh, x[i], 0.0)
 
 

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.segments import gaps, increments
 from attlog.segments.model import Segments
@@ -87,7 +86,7 @@ def _jumps(jump: Array, rotated: Array) -> Index:
     known = np.isfinite(jump)
     if not known.any():
         return np.zeros(0, np.int64)
-    sigma = 1.4826 * float(median(jump[known]))
+    sigma = 1.4826 * float(np.median(jump[known]))
     limit = max(SMALLEST_DEG, SIGMAS * sigma) + SHARE * rotated
     candidates = np.flatnonzero(known & (np.where(known, jump, 0.0) > limit))
     offsets = np.concatenate([np.arange(-NEIGHBOURS - 1, -1), np.arange(2, NEIGHBOURS + 2)])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.median import median, quantile
 from attlog.segments import spans
 from attlog.segments.flags import Phase
 from attlog.segments.model import Segment
@@ -38,7 +37,7 @@ def rate_limit(windows: Windows) -> float:
     """The largest standard deviation of the gyro at rest, deg/s: clip(4 x floor, 0.15, 0.6)."""
     if len(windows.t0) == 0:
         return RATE_STD_LOW_DPS
-    floor = quantile(windows.rate_std, 0.02)
+    floor = np.quantile(windows.rate_std, 0.02)
     return float(np.clip(FLOORS * floor, RATE_STD_LOW_DPS, RATE_STD_HIGH_DPS))
 
 
@@ -79,7 +78,7 @@ def rests(
             continue
         kind = "rest.long" if t1 - t0 >= LONG_S else "rest.short"
         inside = (windows.t0 >= t0 - 1e-9) & (windows.t1 <= t1 + 1e-9)
-        noise = float(median(windows.rate_std[inside]))
+        noise = float(np.median(windows.rate_std[inside]))
         why = f"gyro noise {noise:.3f} deg/s (limit {limit:.2f}), accelerometer and mean rate steady"
         found.append(Segment(kind, t0, t1, ", ".join([why, *known])))
     return found
@@ -89,7 +88,7 @@ def idles(windows: Windows, still: Mask, airborne: Phase, motors: Phase, rests: 
     """Spans on the ground with motors turning, outside rest; none where nothing tells flight from ground."""
     if not airborne.known:
         return []
-    offset = median(windows.rate[still], axis=0) if still.any() else np.zeros(3)
+    offset = np.median(windows.rate[still], axis=0) if still.any() else np.zeros(3)
     limit = IDLE_RATE_DPS if still.any() else IDLE_OFFSET_DPS
     slow = np.sqrt(np.sum((windows.rate - offset) ** 2, axis=1)) < limit
     turning = spans.overlaps(windows.t0, windows.t1, motors.spans)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
@@ -49,7 +48,7 @@ class Windows:
 def build(t: Array, gyro: Array, acc: Array) -> Windows:
     """Windows over good samples (n,), (n, 3) rad/s, (n, 3) m/s^2; windows with under 3 samples are left out."""
     dt = np.diff(t)
-    usual = float(median(dt[dt > 0])) if np.any(dt > 0) else SECONDS
+    usual = float(np.median(dt[dt > 0])) if np.any(dt > 0) else SECONDS
     seconds = max(SECONDS, MIN_SAMPLES * usual)
     segment = gaps.number(t)
     segment_start = t[np.searchsorted(segment, segment)]

@@ -20,7 +20,7 @@ from attlog.metrics.errors import rmse
 from attlog.metrics.noise import added as noise
 from attlog.metrics.noise import allan
 from attlog.result import Result
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, few
 
 LOG = SAMPLES / "px4_hover.ulg"
 
@@ -146,11 +146,11 @@ def test_info_goes_on_without_a_reference_and_without_answers() -> None:
 
 
 @pytest.mark.usefixtures("quiet")
-@pytest.mark.parametrize(("part", "name", "kinds"), [
+@pytest.mark.parametrize(("part", "name", "kinds"), few([
     (segments.rest, "rests", {"continuous"}), (segments.flags, "airborne", {"continuous"}),
     (segments.gaps, "find", {"continuous"}), (segments.hover, "find", {"armed", "airborne", "continuous", "rest.long"}),
     (segments.resets, "find", {"armed", "airborne", "continuous", "rest.long"}),
-])  # fmt: skip
+], 2))  # fmt: skip
 def test_without_segments_the_log_is_still_analysed(part: ModuleType, name: str, kinds: set[str]) -> None:
     with breaks(part, name):
         result = analysis.analyze(LOG, {"estimators": ["mahony"], "reference": "onboard"})

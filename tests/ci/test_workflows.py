@@ -15,7 +15,7 @@ from junitparser import JUnitXml
 
 from attlog.compare.gates import file as gate_file
 from tests.ci.runner import Machine
-from tests.conftest import ROOT, SAMPLES
+from tests.conftest import ROOT, SAMPLES, few
 
 PAGE = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
 
@@ -50,6 +50,7 @@ def impossible(repository: Path) -> None:
     (repository / "gates.toml").write_text("[gates]\nlag_ms = { max = 5 }\ninclination_p95_deg = { max = 0.01 }\n")
 
 
+@pytest.mark.slow
 def test_ten_lines_are_green_with_the_report_attached(machine: Machine, repository: Path) -> None:
     assert len(blocks("yaml")[0].splitlines()) <= 10
     assert machine.workflow(workflow("attitude"), repository), machine.done
@@ -60,6 +61,7 @@ def test_ten_lines_are_green_with_the_report_attached(machine: Machine, reposito
     assert machine.installed == [f"pip install --quiet {ROOT}[export,remote]"]
 
 
+@pytest.mark.slow
 def test_ten_lines_are_red_where_a_gate_fails_and_the_report_is_attached_all_the_same(
     machine: Machine, repository: Path
 ) -> None:
@@ -95,6 +97,7 @@ def test_by_hand(machine: Machine, repository: Path) -> None:
     assert (machine.root / "artifacts" / "attlog-report" / "index.html").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("red", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_gitlab(machine: Machine, repository: Path, red: bool) -> None:
     (document,) = [d["attitude"] for d in map(yaml.safe_load, blocks("yaml")) if "attitude" in d]
@@ -143,13 +146,16 @@ def test_the_action_takes_lines_patterns_and_versions(machine: Machine, reposito
 
 @pytest.mark.parametrize(
     ("inputs", "code", "word"),
-    [
-        ({"logs": " \n "}, 2, "the input logs is empty"),
-        ({"logs": "nowhere/*.ulg"}, 66, "no file matches"),
-        ({"logs": "gates.toml"}, 65, "gates.toml"),
-        ({"logs": "logs", "gates": "none.toml"}, 2, "none.toml: cannot be read"),
-        ({"logs": "$(touch broken)`touch broken`;touch broken"}, 66, ""),
-    ],
+    few(
+        [
+            ({"logs": " \n "}, 2, "the input logs is empty"),
+            ({"logs": "nowhere/*.ulg"}, 66, "no file matches"),
+            ({"logs": "gates.toml"}, 65, "gates.toml"),
+            ({"logs": "logs", "gates": "none.toml"}, 2, "none.toml: cannot be read"),
+            ({"logs": "$(touch broken)`touch broken`;touch broken"}, 66, ""),
+        ],
+        1,
+    ),
 )
 def test_what_goes_wrong_is_red_with_its_own_code(
     machine: Machine, repository: Path, inputs: dict[str, str], code: int, word: str
@@ -161,6 +167,7 @@ def test_what_goes_wrong_is_red_with_its_own_code(
     assert not (repository / "broken").exists()
 
 
+@pytest.mark.slow
 def test_rows_that_fail_are_red_without_gates(machine: Machine, repository: Path) -> None:
     (repository / "mine.py").write_text("import nothing_of_that_name\n")
     inputs = {"logs": "logs", "options": "--estimators gyro,mine.py", "version": "none", "artifact": ""}

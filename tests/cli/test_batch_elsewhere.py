@@ -94,6 +94,7 @@ def test_a_cluster_gives_the_same_folder_as_this_machine(
     assert files(tmp_path / "there/out") == one
 
 
+@pytest.mark.slow
 def test_ctrl_c_cancels_what_the_cluster_has(dask: Cluster, tmp_path: Path, start: Callable[..., Process]) -> None:
     from distributed import Client
 
@@ -117,6 +118,7 @@ def test_ctrl_c_cancels_what_the_cluster_has(dask: Cluster, tmp_path: Path, star
     assert "interrupted" in running.said
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_one_sentence_in_seconds(tmp_path: Path, start: Callable[..., Process]) -> None:
     running = start("batch", str(SAMPLES), "-o", "out", "--scheduler", "tcp://127.0.0.1:9", *OPTIONS)
     assert running.process.wait(30) == 75
@@ -124,6 +126,7 @@ def test_no_scheduler_is_one_sentence_in_seconds(tmp_path: Path, start: Callable
     assert "Traceback" not in running.said
 
 
+@pytest.mark.slow
 def test_an_address_that_is_none_is_one_sentence(tmp_path: Path, start: Callable[..., Process]) -> None:
     running = start("batch", str(SAMPLES), "-o", "out", "--scheduler", "local", *OPTIONS)
     assert running.process.wait(30) == 2

@@ -97,6 +97,7 @@ def test_a_broken_file_is_told_with_its_place(attlog, tmp_path, code, words):
     assert "Traceback" not in done.err
 
 
+@pytest.mark.slow
 def test_an_endless_step_ends_the_checks_with_75(attlog, tmp_path, monkeypatch):
     mine = tmp_path / "mine.py"
     mine.write_text("def run(t, gyr, acc, mag, aids, params):\n    while True: pass\n")

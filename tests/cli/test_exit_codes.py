@@ -191,6 +191,7 @@ def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path, 
     assert [json.loads(line)["log"]["name"] for line in done.out.strip().splitlines()] == [LOGS[1]]
 
 
+@pytest.mark.slow
 def test_a_bug_in_one_of_several_logs_shows_its_traceback_with_vv(attlog, samples, tmp_path, harmful):
     filter_file = harmful(LOGS[0], "raise ZeroDivisionError('inside')")
     done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", filter_file, "-vv")
@@ -202,6 +203,7 @@ INTERRUPT = f"os.kill({os.getpid()}, signal.SIGINT); time.sleep(60)"
 """Stops the whole run, as Ctrl-C does."""
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, harmful):
     logs = [samples / LOGS[0], samples / LOGS[1], samples / LOGS[2]]
     filter_file = harmful(LOGS[1], INTERRUPT)
@@ -209,6 +211,7 @@ def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, h
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"{LOGS[0]}.html", f"{LOGS[0]}.json"]
 
 
+@pytest.mark.slow
 def test_a_bug_while_a_log_is_told_loses_no_other(attlog, samples, tmp_path, monkeypatch):
     from attlog.cli.shared import terminal
 

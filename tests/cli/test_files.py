@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from attlog import formats
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, few
 
 LOG = SAMPLES / "copter_yaw_turns.bin"
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="signals and limits as Linux knows them")
@@ -38,7 +38,7 @@ def attlog(*words: object, before: str = "", **how: object) -> subprocess.Comple
 
 
 @LINUX
-@pytest.mark.parametrize("command", ["analyze", "extract"])
+@pytest.mark.parametrize("command", few(["analyze", "extract"], 1))
 def test_a_large_log_that_is_cut_while_it_is_mapped_is_66(tmp_path: Path, command: str) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
@@ -61,7 +61,7 @@ def test_a_log_that_is_cut_while_it_is_analysed_is_66(tmp_path: Path) -> None:
 
 @LINUX
 @pytest.mark.parametrize(
-    "words", [["info", LOG], ["info", LOG, "--json"], ["schema"], ["extract", LOG, "ATT", "-o", "-"]]
+    "words", few([["info", LOG], ["info", LOG, "--json"], ["schema"], ["extract", LOG, "ATT", "-o", "-"]], 1)
 )
 def test_a_closed_standard_output_is_73(words: list[object]) -> None:
     command = " ".join(map(str, [sys.executable, "-m", "attlog", *words, ">&-"]))
@@ -98,7 +98,7 @@ def test_where_the_disk_takes_one_file_and_not_the_other_both_old_ones_stay(tmp_
 
 
 @LINUX
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], 1))
 def test_a_run_that_is_ended_leaves_old_reports_and_nothing_else(tmp_path: Path, number: int) -> None:
     (tmp_path / f"{LOG.name}.json").write_text("old")
     before = (
@@ -134,7 +134,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("words", [["info"], ["analyze", "--estimators", "gyro"], ["extract", "ATT"]])
+@pytest.mark.parametrize("words", few([["info"], ["analyze", "--estimators", "gyro"], ["extract", "ATT"]], 1))
 def test_memory_that_runs_out_is_75_without_a_traceback(tmp_path: Path, words: list[str]) -> None:
     command, *options = words
     out = [] if command == "info" else ["-o", tmp_path / "out"]

@@ -25,6 +25,7 @@ FILES = {
 }
 
 
+@pytest.mark.slow
 def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
     for name, (top, body) in FILES.items():
         (tmp_path / f"{name}.py").write_text(RUN.format(top=top, body=body))
@@ -49,6 +50,7 @@ def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
     assert {p["code"] for p in document["problems"]} >= {"estimator_failed", "estimator_timed_out"}
 
 
+@pytest.mark.slow
 def test_compare_ends_with_the_code_of_a_filter_that_took_too_long(samples, tmp_path):
     (tmp_path / "loops.py").write_text(RUN.format(top="", body="while True: pass"))
     done = subprocess.run(
@@ -63,6 +65,7 @@ def test_compare_ends_with_the_code_of_a_filter_that_took_too_long(samples, tmp_
 LATER = "calls.append(0); time.sleep(30 if len(calls) == 2 else 0)"
 
 
+@pytest.mark.slow
 def test_compare_ends_with_the_code_of_a_filter_that_took_too_long_when_a_metric_tried_it(samples, tmp_path):
     (tmp_path / "later.py").write_text(RUN.format(top="import time\ncalls = []", body=LATER))
     done = subprocess.run(
@@ -75,6 +78,7 @@ def test_compare_ends_with_the_code_of_a_filter_that_took_too_long_when_a_metric
     assert list((tmp_path / "out").rglob("*.html"))
 
 
+@pytest.mark.slow
 def test_an_analysis_with_built_in_filters_needs_no_compiler_once_kernels_are_at_hand(samples, tmp_path):
     code = (
         "import sys\nfrom attlog.cli import main\n"

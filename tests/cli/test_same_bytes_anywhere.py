@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.conftest import ROOT, SAMPLES
 
 LOGS = ("copter_yaw_turns.bin", "cut.ulg")
@@ -18,6 +20,7 @@ THERE = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_order_of_hashes_zone_locale_folder_and_jobs_change_no_bit(tmp_path: Path) -> None:
     written = []
     for folder, variables, jobs in ((tmp_path / "a", HERE, "1"), (tmp_path / "b" / "c d", THERE, "2")):

@@ -12,7 +12,7 @@ from attlog.compare.gates import baseline
 from attlog.compare.gates import file as gate_file
 from attlog.compare.gates.gates import GateOutcome, judge
 from tests.compare import faulty
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, few
 
 GATES = """
 [gates]
@@ -46,7 +46,7 @@ def found(flight: Path, folder: Path, fault: str) -> list[GateOutcome]:
     return [o for o in judge(gate_file.read(folder / "gates.toml"), document) if o.status == "failed"]
 
 
-@pytest.mark.parametrize("flight", FLIGHTS)
+@pytest.mark.parametrize("flight", few(FLIGHTS, 1))
 @pytest.mark.parametrize(("fault", "check"), [("as it was", None), ("delay", LAG), ("scale", STEP), ("bias", DRIFT)])
 def test_a_fault_is_caught_by_its_gate_alone(
     request: pytest.FixtureRequest, tmp_path: Path, flight: str, fault: str, check: str | None
@@ -55,7 +55,7 @@ def test_a_fault_is_caught_by_its_gate_alone(
     assert {(o.check, o.cause) for o in outcomes} == ({(check, "limit")} if check else set()), outcomes
 
 
-@pytest.mark.parametrize("flight", FLIGHTS)
+@pytest.mark.parametrize("flight", few(FLIGHTS, 1))
 def test_a_swapped_axis_is_a_row_that_is_lost_and_no_lag_step_or_drift(
     request: pytest.FixtureRequest, tmp_path: Path, flight: str
 ) -> None:
@@ -65,13 +65,14 @@ def test_a_swapped_axis_is_a_row_that_is_lost_and_no_lag_step_or_drift(
     assert all("diverged: heading error above 45 deg" in o.sentence for o in outcomes)
 
 
+@pytest.mark.slow
 def test_a_swapped_gyro_fails_every_gate_that_asks_and_its_axes_are_told(tmp_path: Path) -> None:
     outcomes = found(SAMPLES / "px4_steps.ulg", tmp_path, "swapped gyro")
     assert {STEP, DRIFT, TOTAL} <= {o.check for o in outcomes}
     assert all("the gyro's x is the attitude's y, y is the attitude's x" in o.sentence for o in outcomes)
 
 
-@pytest.mark.parametrize(("gain", "passes"), [(0.501, True), (1.5, False)], ids=["a hair", "three times"])
+@pytest.mark.parametrize(("gain", "passes"), few([(0.501, True), (1.5, False)], 1), ids=["a hair", "three times"])
 def test_a_changed_gain_is_paired_with_the_run_before(tmp_path: Path, gain: float, passes: bool) -> None:
     def run(kp: float) -> attlog.Result:
         settings = {"reference": "truth", "estimators": [f"mahony:kp={kp}"]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from attlog.analysis import evaluate, prepare
 from attlog.compare.configurations.configuration import parse
@@ -17,6 +18,7 @@ from tests.conftest import SAMPLES
 SPECS = ("mahony:kp=0.6", "mahony:kp=0.3", "mahony:kp=1.1", "madgwick", "vqf")
 
 
+@pytest.mark.slow
 def test_paired_intervals_hold_the_other_half_in_nine_of_ten() -> None:
     rng, held = np.random.default_rng(0), []
     for log in ("copter_steps_stabilize.bin", "px4_steps.ulg"):

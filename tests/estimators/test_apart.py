@@ -16,6 +16,7 @@ from attlog.base.errors import PluginError, PluginTimeout, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, apart
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.registry import from_file
+from tests.conftest import few
 
 HOW = {
     "raise": "raise ValueError('no good')",
@@ -124,7 +125,7 @@ SAYS = {
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits and signals as Linux knows them")
-@pytest.mark.parametrize("how", HOW)
+@pytest.mark.parametrize("how", few(HOW, 5))
 def test_whatever_a_file_does_is_an_error_of_that_filter(whole: Path, how: str) -> None:
     with pytest.raises(PluginError) as told:
         run(whole, how)
@@ -149,6 +150,7 @@ def test_what_a_file_prints_goes_to_standard_error(whole: Path, capfd: pytest.Ca
     assert err.splitlines() == ["at import", "from a shell", "in run"]
 
 
+@pytest.mark.slow
 def test_an_endless_one_is_ended_and_not_tried_again(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     os.utime(whole)
     row = estimators.parse(f"{whole}:how=loop")
@@ -233,7 +235,7 @@ def test_a_module_that_moved_is_told_with_its_place(tmp_path: Path, module: str,
     assert remedy in str(caught.value)
 
 
-@pytest.mark.parametrize("code", BROKEN)
+@pytest.mark.parametrize("code", few(BROKEN, 1))
 def test_what_a_file_breaks_is_its_own(tmp_path: Path, capfd: pytest.CaptureFixture[str], code: str) -> None:
     path = tmp_path / "breaks.py"
     path.write_text(f"import os, pickle, sys\n{STEPPING.replace('return q0', f'{code}; return q0')}")
@@ -247,7 +249,7 @@ def test_what_a_file_breaks_is_its_own(tmp_path: Path, capfd: pytest.CaptureFixt
     assert "Traceback" not in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("state", ["q0 * 1j", "[1.0, None, 0.0, 0.0]", "'abcd'", "None"])
+@pytest.mark.parametrize("state", few(["q0 * 1j", "[1.0, None, 0.0, 0.0]", "'abcd'", "None"], 1))
 def test_a_start_that_is_no_real_state_is_refused(tmp_path: Path, state: str) -> None:
     path = tmp_path / "starts.py"
     path.write_text(STEPPING.replace("return q0.copy()", f"return {state}"))
@@ -255,7 +257,7 @@ def test_a_start_that_is_no_real_state_is_refused(tmp_path: Path, state: str) ->
         estimators.estimate(str(path), T, GYR, ACC)
 
 
-@pytest.mark.parametrize("values", ["{'scale': 1j}", "{'scale': [1]}", "{1: 2}", "{'scale': 10**400}", "None"])
+@pytest.mark.parametrize("values", few(["{'scale': 1j}", "{'scale': [1]}", "{1: 2}", "{'scale': 10**400}", "None"], 2))
 def test_values_from_a_log_that_are_no_numbers_are_told(tmp_path: Path, values: str) -> None:
     path = tmp_path / "values.py"
     path.write_text(STEPPING.replace('{"scale": params.get("SCALE", 1.0)}', values))
@@ -287,6 +289,7 @@ def run(t, gyr, acc, mag, aids, params):
 """
 
 
+@pytest.mark.slow
 def test_a_filter_that_hangs_when_a_metric_tries_it_costs_a_sentence_and_not_the_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -327,7 +330,7 @@ def lives(pid: int) -> bool:
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no process groups")
-@pytest.mark.parametrize("how", ["answer", "die", "loop"])
+@pytest.mark.parametrize("how", few(["answer", "die", "loop"], 1))
 def test_what_a_filter_starts_ends_with_its_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
     monkeypatch.setenv(apart.LIMIT, "2")
     path = tmp_path / f"starting_{how}.py"

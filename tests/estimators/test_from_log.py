@@ -12,6 +12,7 @@ import attlog
 from attlog.base import rotation
 from attlog.base.errors import PluginError
 from attlog.estimators import LogFacts, LogInfo, get, parse
+from tests.conftest import few
 
 PLUGIN = '''"""A filter whose gain is a parameter of the log."""
 import numpy as np
@@ -102,12 +103,15 @@ def test_a_log_without_the_parameter_leaves_the_default(plugin: Path) -> None:
 
 @pytest.mark.parametrize(
     ("find", "put", "words"),
-    [
-        ('if "W_ACC" in params else {}', "", "line 11: KeyError"),
-        ('"kp": params', '"kpp": params', "did you mean kp"),
-        ('params["W_ACC"]', "1e9", "out of range"),
-        ('params["W_ACC"]', 'params.pop("W_ACC")', "line 11: AttributeError"),
-    ],
+    few(
+        [
+            ('if "W_ACC" in params else {}', "", "line 11: KeyError"),
+            ('"kp": params', '"kpp": params', "did you mean kp"),
+            ('params["W_ACC"]', "1e9", "out of range"),
+            ('params["W_ACC"]', 'params.pop("W_ACC")', "line 11: AttributeError"),
+        ],
+        1,
+    ),
 )
 def test_a_from_log_that_fails_is_told(plugin: Path, find: str, put: str, words: str) -> None:
     plugin.write_text(PLUGIN.replace(find, put))

@@ -127,6 +127,7 @@ def test_a_file_that_fails_when_it_runs_is_told_too(
     assert "mine.py" in str(told.value)
 
 
+@pytest.mark.slow
 def test_an_installed_package_can_bring_estimators(plugin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(plugin.parent)
     about = plugin.parent / "mine-1.0.dist-info"

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from attlog import formats
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, few
 
 
-@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog"])
+@pytest.mark.parametrize("name", few(["px4_steps.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog"], 1))
 def test_the_bytes_of_a_log_are_let_go_of_with_its_messages(monkeypatch, name):
     read, seen = np.fromfile, []
 

@@ -83,6 +83,7 @@ def test_a_wrong_value_a_missing_record_and_a_missing_field_are_found(monkeypatc
     assert len(result.differences) == 4
 
 
+@pytest.mark.slow
 def test_on_a_damaged_log_it_tells_what_each_reader_lost(tmp_path: Path) -> None:
     raw = bytearray((SAMPLES / "px4_hover.ulg").read_bytes()[:1_000_000])
     raw[500_000:504_096] = bytes(4096)

@@ -25,6 +25,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [folder / name for name in CUTS]
 
 
+@pytest.mark.slow
 def test_broken_logs_end_as_documented(logs: list[Path], tmp_path: Path) -> None:
     commands = ("analyze", "analyze", "analyze", "info", "extract", "report")
     faults = []

@@ -14,7 +14,7 @@ from attlog.base.errors import AttlogError
 from attlog.flight import physics
 from attlog.flight.model import FlightLog, Stream
 from attlog.formats.base import Messages
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, few
 from tests.fuzz.values import hostile
 
 LOGS = ("px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog")
@@ -70,7 +70,7 @@ def streams(log: FlightLog) -> list[tuple[str, np.ndarray, float]]:
     return [*found, *((g.source, g.t, physics.AIDING_HZ) for g in log.gnss)]
 
 
-@pytest.mark.parametrize("name", LOGS)
+@pytest.mark.parametrize("name", few(LOGS, 1))
 def test_only_what_is_possible_reaches_the_flight(name: str) -> None:
     told = 0
     for seed in range(60):

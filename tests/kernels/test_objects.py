@@ -17,6 +17,7 @@ from attlog.kernels import emit, folder, generate, obtain, processor, sources, s
 from attlog.kernels.calling import caller
 from attlog.kernels.kernel import LINE, Kernel
 from attlog.kernels.obtain import at_hand, by_numba, made_object, obtained
+from tests.conftest import few
 
 TEXT = """
 def total(x, weights, n, negative):
@@ -201,11 +202,14 @@ def test_each_thread_has_scratch_of_its_own(home: Path) -> None:
 
 @pytest.mark.parametrize(
     ("line", "why"),
-    [
-        ("x = np.zeros(n)", "NRT|numba|Py"),
-        ("if n < 0:\n        raise ValueError", "NRT|numba|Py"),
-        ("print(n)", "NRT|numba|Py"),
-    ],
+    few(
+        [
+            ("x = np.zeros(n)", "NRT|numba|Py"),
+            ("if n < 0:\n        raise ValueError", "NRT|numba|Py"),
+            ("print(n)", "NRT|numba|Py"),
+        ],
+        1,
+    ),
 )
 def test_what_needs_numba_when_it_runs_stays_with_numba_and_says_so(
     home: Path, line: str, why: str, caplog: pytest.LogCaptureFixture
@@ -287,6 +291,7 @@ def test_objects_of_a_level_that_this_processor_lacks_are_passed_over(
         assert (chosen and chosen.symbol) == found
 
 
+@pytest.mark.slow
 def test_the_second_process_needs_no_compiler(tmp_path: Path) -> None:
     code = (
         "import sys\nfrom attlog.estimators import get\nfrom attlog.estimators.engine import loop\n"

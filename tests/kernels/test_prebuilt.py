@@ -103,6 +103,7 @@ def test_without_a_compiler_the_install_succeeds_and_says_what_is_left_out(
         made.initialize("standard", data)
 
 
+@pytest.mark.slow
 def test_objects_of_each_level_are_written_found_and_agree_to_the_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

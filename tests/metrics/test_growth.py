@@ -22,6 +22,7 @@ from attlog.metrics.steps.fit import line as step_fit
 from attlog.reference import clock, scoring
 from attlog.reference.physics import gravity
 from attlog.segments.model import Segment
+from tests.conftest import few
 from tests.metrics import flights
 from tests.metrics.motions import motion, sampled
 
@@ -94,7 +95,9 @@ def unscored(seconds: float) -> Callable[[], object]:
     return lambda: None
 
 
-@pytest.mark.parametrize("of_log", [errors_of_bias, own_bias, turned, curves, unscored], ids=lambda f: f.__name__)
+@pytest.mark.parametrize(
+    "of_log", few([errors_of_bias, own_bias, turned, curves, unscored], 2), ids=lambda f: f.__name__
+)
 def test_short_spans_cost_the_same_in_a_log_a_hundred_times_as_long(of_log):
     """A mask over the whole log for each span would cost a hundred times as much."""
     assert cost(of_log(LONG_S)) < 8 * cost(of_log(SHORT_S)) + 0.005
@@ -113,6 +116,7 @@ def test_the_check_of_gravity_turns_only_what_lies_in_the_quiet_spans(monkeypatc
     assert sum(looked_at) == pytest.approx(60 * 80, abs=120)
 
 
+@pytest.mark.slow
 def test_events_of_a_log_in_eight_times_as_many_segments_cost_in_proportion():
     """Looking for each segment's samples in the whole log would cost 64 times as much."""
 
@@ -167,6 +171,7 @@ def peak(work: Callable[[], object]) -> int:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_allan_deviations_of_a_long_rest_take_no_memory():
     """All 50 differences at once would be 50 times the record."""
     phase = np.cumsum(np.random.default_rng(0).standard_normal(50_000))

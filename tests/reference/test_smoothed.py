@@ -327,8 +327,8 @@ def test_a_fast_smoother_is_thinned_and_keeps_its_sigmas_beside_its_attitudes() 
 
 
 def test_filters_that_agree_against_a_smoother_refuse_it_for_the_onboard_attitude() -> None:
-    from .test_contradiction import TURN, T, rows, tilted
-    from .test_contradiction import flight as flown
+    from .physics.test_contradiction import TURN, T, rows, tilted
+    from .physics.test_contradiction import flight as flown
 
     log = flown(TURN)
     phases = Segments([Segment("continuous", 0.0, 60.0)])

@@ -27,6 +27,7 @@ def gone(seed: int) -> int:
     return seed
 
 
+@pytest.mark.slow
 def test_the_same_seeds_give_the_same_numbers_in_several_processes() -> None:
     alone, both = (each_seed("seconds", second, Options(seeds=3, processes=n), 20.0) for n in (1, 2))
     assert alone == both
@@ -34,6 +35,7 @@ def test_the_same_seeds_give_the_same_numbers_in_several_processes() -> None:
     assert alone[2] == second(2, 20.0)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_is_told_with_its_number() -> None:
     with pytest.raises(AttlogError, match="seeds, number 1"):
         each_seed("seeds", gone, Options(seeds=3, processes=2))

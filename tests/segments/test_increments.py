@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from attlog.kernels.loops import briefly
 from attlog.segments import increments_loop
 from attlog.segments.increments import Turning
+from tests.conftest import few
 
 
 @pytest.fixture(autouse=True, params=[nullcontext, briefly], ids=["compiled", "in numpy"])
@@ -20,7 +21,7 @@ def way(request):
         yield
 
 
-@pytest.mark.parametrize("sampling", ["interval", "instant"])
+@pytest.mark.parametrize("sampling", few(["interval", "instant"], 2))
 def test_rotation_over_an_interval_is_the_product_of_its_samples(sampling):
     rng = np.random.default_rng(1)
     t = np.cumsum(rng.uniform(0.003, 0.006, 4000))

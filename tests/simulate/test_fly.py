@@ -18,6 +18,7 @@ from attlog.simulate.physics.streams import generator
 from attlog.simulate.physics.wind import share_at, wind_at
 from attlog.simulate.scenario.place import Gust, Wind
 from attlog.simulate.scenario.scenario import Scenario, build, load
+from tests.conftest import few
 from tests.simulate.still import PERFECT, flown, scenario
 
 
@@ -170,20 +171,23 @@ def test_two_minutes_fly_in_seconds() -> None:
 
 @pytest.mark.parametrize(
     ("values", "told"),
-    [
-        ({"vehicle": {"inertia_kg_m2": [1e-9, 1e-9, 1e-9]}}, "motion cannot be computed from .* s on"),
-        ({"vehicle": {"motor_lag_s": 1e-9}}, "motion cannot be computed from .* s on"),
-        ({"motion": {"move": [{"seconds": 2, "up_m": 1e6}]}, "command": []}, "leaves 50 km"),
-        (
-            {"sensors": {"imu": [{"gyro": {"noise_dps_rthz": 1e30, "range_dps": 1e300}}]}},
-            r"sensors.imu\[0\].gyro gives no finite numbers",
-        ),
-        (
-            {"sensors": {"imu": [{}, {"acc": {"bias_m_s2": [1e200, 0, 0], "range_g": 1e300}}]}},
-            r"sensors.imu\[1\].acc gives no finite numbers",
-        ),
-        ({"sensors": {"imu": [{}, {"loss_pct": 100}]}}, r"sensors.imu\[1\] gives no sample"),
-    ],
+    few(
+        [
+            ({"vehicle": {"inertia_kg_m2": [1e-9, 1e-9, 1e-9]}}, "motion cannot be computed from .* s on"),
+            ({"vehicle": {"motor_lag_s": 1e-9}}, "motion cannot be computed from .* s on"),
+            ({"motion": {"move": [{"seconds": 2, "up_m": 1e6}]}, "command": []}, "leaves 50 km"),
+            (
+                {"sensors": {"imu": [{"gyro": {"noise_dps_rthz": 1e30, "range_dps": 1e300}}]}},
+                r"sensors.imu\[0\].gyro gives no finite numbers",
+            ),
+            (
+                {"sensors": {"imu": [{}, {"acc": {"bias_m_s2": [1e200, 0, 0], "range_g": 1e300}}]}},
+                r"sensors.imu\[1\].acc gives no finite numbers",
+            ),
+            ({"sensors": {"imu": [{}, {"loss_pct": 100}]}}, r"sensors.imu\[1\] gives no sample"),
+        ],
+        1,
+    ),
 )
 def test_numbers_that_run_away_are_refused_and_not_written(values: dict[str, Any], told: str) -> None:
     with pytest.raises(UsageError, match=told):

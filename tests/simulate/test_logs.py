@@ -18,6 +18,7 @@ from attlog.simulate.logs import recording, write
 from attlog.simulate.logs.records import START_US, every, held, micros, vibration
 from attlog.simulate.scenario.overrides import overridden
 from attlog.simulate.scenario.scenario import build, values_of
+from tests.conftest import few
 
 SUFFIXES = (".ulg", ".bin", ".tlog")
 TWO = tuple(f"sensors.{kind}.1.rate_hz={hz}" for kind, hz in (("imu", 400), ("mag", 20), ("gnss", 10), ("baro", 10)))
@@ -56,7 +57,7 @@ def close(x: np.ndarray, y: np.ndarray, atol: float, rtol: float = 3e-7) -> None
     np.testing.assert_allclose(x, y, rtol=rtol, atol=atol)
 
 
-@pytest.mark.parametrize("suffix", [".ulg", ".bin"])
+@pytest.mark.parametrize("suffix", few([".ulg", ".bin"], 1))
 def test_every_unit_comes_back(suffix: str, flown: Flight, read: dict[str, FlightLog]) -> None:
     log = read[suffix]
     assert [imu.index for imu in log.imus] == [0, 1]
@@ -172,7 +173,7 @@ def test_states_battery_rotors_and_parameters_come_back(suffix: str, flown: Flig
     assert not [p for p in log.problems if p.severity in ("warning", "error")]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", few(SUFFIXES, 1))
 def test_the_official_libraries_read_every_value(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
     write(path, made("static", "seconds=12", *TWO))
@@ -279,6 +280,7 @@ def test_topics_have_the_types_of_the_firmware(corpus: Path, logs: dict[str, Pat
     assert compared > 200
 
 
+@pytest.mark.slow
 def test_the_vibration_level_is_that_of_a_sine_behind_its_filters() -> None:
     flight = made("static", "seconds=20")
     imu = flight.imus[0]

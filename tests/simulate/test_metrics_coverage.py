@@ -49,6 +49,7 @@ def noise_and_drift(seeds: range, folder: Path) -> tuple[list[bool], list[bool],
     return noise, drift, ratio
 
 
+@pytest.mark.slow
 def test_noise_and_drift_intervals_hold_the_truth_on_a_few_seeds(tmp_path: Path) -> None:
     noise, drift, ratio = noise_and_drift(range(2), tmp_path)
     assert sum(noise) >= 5
@@ -89,6 +90,7 @@ def lags(seeds: range, folder: Path) -> tuple[list[bool], list[float]]:
     return held, found
 
 
+@pytest.mark.slow
 def test_the_lag_of_a_late_gyro_is_found_and_held(tmp_path: Path) -> None:
     held, found = lags(range(1), tmp_path)
     assert all(held)

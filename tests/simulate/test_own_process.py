@@ -13,6 +13,7 @@ from attlog.base.errors import PluginError, PluginTimeout
 from attlog.estimators import parse
 from attlog.simulate.autopilot.pilot import make
 from attlog.simulate.fly import fly
+from tests.conftest import few
 from tests.simulate.test_fly import everything, hop
 
 FILE = '''"""Gyro alone."""
@@ -52,19 +53,20 @@ def test_the_flight_is_that_of_this_process_to_the_bit(tmp_path: Path, capfd: py
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize(("now", "step", "words"), [
+@pytest.mark.parametrize(("now", "step", "words"), few([
     ("raise ValueError('no good')", "pass", "own.py, line 9: ValueError: no good"),
     ("os._exit(0)", "pass", "ended its process"),
     ("os.abort()", "pass", "SIGABRT"),
     ("os.closerange(3, 64)", "pass", "cannot answer any more"),
     ("return np.zeros(3)", "state[:] = np.nan", "cannot fly: gives"),
-])  # fmt: skip
+], 1))  # fmt: skip
 def test_what_it_does_ends_its_flight_alone(tmp_path: Path, now: str, step: str, words: str) -> None:
     with pytest.raises(PluginError, match="own") as told:
         fly(hop(seconds=2.0, estimator={"name": written(tmp_path, now, step)}))
     assert words in str(told.value)
 
 
+@pytest.mark.slow
 def test_an_endless_one_is_given_the_flights_own_seconds_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = written(tmp_path, "while True: pass")
     parse(name)  # loading takes its own time

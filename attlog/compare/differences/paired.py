@@ -28,7 +28,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.distinct import in_both
 from attlog.metrics.answer import Answer
 from attlog.metrics.ranking import best as ranking
 from attlog.metrics.statistics import moderated, pairs
@@ -75,7 +74,7 @@ def paired(a: Answer, b: Answer, better: str) -> Paired | str:
             return answer.reason or "no value"
     if a.units is None or b.units is None:
         return _without_units(a, b, better)
-    common = in_both(a.units.ids, b.units.ids)
+    common = np.intersect1d(a.units.ids, b.units.ids)
     most = max(len(a.units.ids), len(b.units.ids))
     needed = max(pairs.NEEDED[a.units.kind], math.ceil(ranking.MIN_UNITS * most))
     if len(common) < needed:

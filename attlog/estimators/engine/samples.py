@@ -27,7 +27,6 @@ from attlog.base import gap
 from attlog.base.errors import UsageError
 from attlog.base.freed import give_back
 from attlog.base.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
-from attlog.base.median import median
 from attlog.estimators.base import Array, VectorsAt
 
 Sampling = Literal["interval", "instant"]
@@ -293,7 +292,7 @@ def _mag_use(t: Array, mag: Array, segment: NDArray[np.int64], hold: bool) -> ND
     use = np.zeros(len(t), np.int64)
     at = np.flatnonzero(~_whole(mag == 0.0))
     if hold and 2 <= len(at) < len(t):
-        period = float(median(np.diff(t[at])))
+        period = float(np.median(np.diff(t[at])))
         later = np.diff(at, append=len(t))
         fresh = t[at[0] :] - np.repeat(t[at], later) <= HOLD_PERIODS * period
         use[at[0] :] = np.where(fresh & (segment[at[0] :] == np.repeat(segment[at], later)), HELD, MISSING)

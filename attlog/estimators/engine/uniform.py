@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.estimators.base import Array
 
 JITTER = 0.05
@@ -43,12 +42,12 @@ def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> Uniform:
     their integrals that are interpolated: no turn is lost.
     """
     step = np.diff(t)
-    period = float(median(step)) if len(step) else 0.01
+    period = float(np.median(step)) if len(step) else 0.01
     finite = np.isfinite(mag)
     new = finite[:, 0] & finite[:, 1] & finite[:, 2]
     mag = np.where(new[:, None], mag, 0.0)
     mag_t = t[new]
-    mag_period = float(median(np.diff(mag_t))) if len(mag_t) > 1 else period
+    mag_period = float(np.median(np.diff(mag_t))) if len(mag_t) > 1 else period
     if len(step) == 0 or np.max(np.abs(step - period)) <= JITTER * period:
         return Uniform(t, period, gyr, acc, mag, max(mag_period, period), True)
     grid = t[0] + period * np.arange(int(np.ceil((t[-1] - t[0]) / period - 1e-9)) + 1)
@@ -79,4 +78,4 @@ def typical_size(mag: Array) -> Array:
 def typical_scale(mag: Array) -> float:
     """The factor that does it; 1 for a field (n, 3) that is nowhere."""
     norm = np.sqrt(np.sum(mag**2, axis=1))
-    return TYPICAL_FIELD_UT / float(median(norm[norm > 0])) if norm.any() else 1.0
+    return TYPICAL_FIELD_UT / float(np.median(norm[norm > 0])) if norm.any() else 1.0

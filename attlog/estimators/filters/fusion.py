@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.engine.start import first_seconds, start_attitude, turned_to_field
 from attlog.estimators.engine.uniform import typical_size
@@ -51,7 +50,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     import imufusion
 
     step = np.diff(t)
-    period = float(median(step)) if len(step) else 0.01
+    period = float(np.median(step)) if len(step) else 0.01
     settings = imufusion.AhrsSettings()
     settings.convention = imufusion.CONVENTION_NED
     settings.sample_rate = 1.0 / period

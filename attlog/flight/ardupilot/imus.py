@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import Stamps
@@ -154,7 +153,7 @@ def sample_time(table: Table, clock: Clock) -> Stamps:
     if "SampleUS" not in table:
         return t
     sample = table["SampleUS"].astype(np.int64)
-    return sample if len(t) and abs(int(median(t - sample))) < 1_000_000 else t
+    return sample if len(t) and abs(int(np.median(t - sample))) < 1_000_000 else t
 
 
 def increments(builder: LogBuilder, clock: Clock) -> list[Candidate]:

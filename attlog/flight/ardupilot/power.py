@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.builder import LogBuilder, columns
@@ -72,7 +71,7 @@ def battery(builder: LogBuilder, clock: Clock) -> Stream | None:
             continue
         x = columns(table, "Volt", "Curr")
         volts = x[np.isfinite(x[:, 0]), 0]
-        if table.fields["Volt"].dtype.kind in "iu" or (len(volts) and median(np.abs(volts)) > 150.0):
+        if table.fields["Volt"].dtype.kind in "iu" or (len(volts) and np.median(np.abs(volts)) > 150.0):
             x = x * 0.01
         return builder.battery(clock.of(table), x, name)
     return None

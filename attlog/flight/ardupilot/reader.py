@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight import inertial, magnetic
 from attlog.flight.ardupilot import attitude, imus, state, vehicle
 from attlog.flight.ardupilot.advice import Settings
@@ -99,7 +98,7 @@ def first_stamp(builder: LogBuilder, chosen: list[inertial.Candidate], position:
         table = builder.messages.first(name)
         own = None if table is None else own_time(table)
         if own is not None and len(own):
-            return int(median(own[:5]))
+            return int(np.median(own[:5]))
     return 0
 
 

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.ardupilot import clipping, events, gyro_bias, phases, power, receivers, remedies, vehicle
 from attlog.flight.ardupilot.clock import Clock, own_time
@@ -95,7 +94,7 @@ def hundredths(t: Array, measured: Array, imu: Imu) -> bool:
     known = measured[np.isfinite(measured)]
     if len(known) == 0:
         return False
-    spread = median(np.abs(np.radians(known))), median(np.abs(gyro))
+    spread = np.median(np.abs(np.radians(known))), np.median(np.abs(gyro))
     return bool(spread[0] > 10.0 * spread[1] and spread[1] > 0)
 
 
@@ -149,7 +148,7 @@ def airspeed(builder: LogBuilder, clock: Clock) -> Stream | None:
 def acc_bias(builder: LogBuilder, clock: Clock) -> Stream | None:
     """Accelerometer bias (n, 3) in m/s^2 of EKF3's primary core (XKF2 of XKF4.PI; the first where that is unknown)."""
     status = builder.messages.first("XKF4")
-    core = int(median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
+    core = int(np.median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
     table = units(builder.messages, "XKF2").get(core)
     if table is None or not all(c in table for c in ("AX", "AY", "AZ")):
         return None

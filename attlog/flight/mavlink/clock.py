@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.clock.timing import Stamps
 from attlog.formats.base import Messages, Table
@@ -61,7 +60,7 @@ class PacketClock:
             time = table["time_usec"].astype(np.int64)
             if self.unix is not None:
                 time = np.where(time > UNIX_US, time - self.unix, time)
-            if len(time) and median(time) > 0 and median(time) < UNIX_US:
+            if len(time) and np.median(time) > 0 and np.median(time) < UNIX_US:
                 return time
         return self.by_packet(table)
 
@@ -80,7 +79,7 @@ def steady(packet: Stamps, boot: Stamps) -> bool:
     if len(boot) < WINDOW:
         return True
     steps = np.abs(np.diff(boot))
-    return float(median(np.abs(np.diff(packet) - np.diff(boot)))) <= UNSTEADY * float(steps.mean())
+    return float(np.median(np.abs(np.diff(packet) - np.diff(boot)))) <= UNSTEADY * float(steps.mean())
 
 
 def of_milliseconds(table: Table) -> Stamps:
@@ -102,9 +101,9 @@ def running_median(x: Stamps) -> Stamps:
     """The median of WINDOW neighbours of every entry (fewer at the ends)."""
     half = WINDOW // 2
     if len(x) <= half:
-        return np.full(len(x), int(median(x)), np.int64)
+        return np.full(len(x), int(np.median(x)), np.int64)
     padded = np.concatenate([x[half:0:-1], x, x[-2 : -half - 2 : -1]])
-    medians: Stamps = median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1).astype(np.int64)
+    medians: Stamps = np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1).astype(np.int64)
     return medians
 
 
@@ -115,4 +114,4 @@ def unix_minus_boot(messages: Messages, instance: int) -> int | None:
         return None
     unix, boot = table["time_unix_usec"].astype(np.int64), table["time_boot_ms"].astype(np.int64) * 1000
     known = (unix > UNIX_US) & (unix < physics.UTC_US.high) & (boot > 0)
-    return int(median(unix[known] - boot[known])) if known.any() else None
+    return int(np.median(unix[known] - boot[known])) if known.any() else None

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.inertial import longest_held
@@ -59,4 +58,4 @@ def on_same_gyro(table: Table, imu: Imu) -> bool:
     if imu.device in (None, "", "0") or "gyro_device_id" not in table:
         return True
     ids = table["gyro_device_id"]
-    return not ids.any() or str(int(median(ids[ids > 0]))) == imu.device
+    return not ids.any() or str(int(np.median(ids[ids > 0]))) == imu.device

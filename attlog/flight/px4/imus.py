@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.median import median
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import Stamps, stamps_of
@@ -146,7 +145,7 @@ def sample_intervals(told: Array, since: Array, count: NDArray[np.int64]) -> Arr
     not further apart; and none are closer than a sensor can give.
     """
     needed = since[1:][count[1:] > 0] / count[1:][count[1:] > 0]
-    typical = float(median(needed)) if len(needed) else 0.0
+    typical = float(np.median(needed)) if len(needed) else 0.0
     with np.errstate(invalid="ignore"):
         believed = (told * physics.RAW_HZ >= 1e6) & (told <= DECIMATED * max(typical, 0.0))
     return np.where(believed, told, max(typical, 0.0))
@@ -239,14 +238,14 @@ def decimated(t: Stamps, dt: Array) -> bool:
         covered = dt[np.isfinite(dt) & (dt > 0)]
     if len(t) < 3 or len(covered) == 0:
         return False
-    return float(median(np.diff(t))) * 1e-6 > DECIMATED * float(median(covered))
+    return float(np.median(np.diff(t))) * 1e-6 > DECIMATED * float(np.median(covered))
 
 
 def thinned(source: str, t: Stamps, dt: Array) -> Problem:
     """What is wrong with a :func:`decimated` source."""
     text = (
-        f"{source}: the logger kept one sample per {median(np.diff(t)) / 1000:.0f} ms although each "
-        f"covers {median(dt) * 1000:.1f} ms; the rotation between them is lost."
+        f"{source}: the logger kept one sample per {np.median(np.diff(t)) / 1000:.0f} ms although each "
+        f"covers {np.median(dt) * 1000:.1f} ms; the rotation between them is lost."
     )
     return Problem("imu_decimated", "warning", text)
 

@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight import inertial, magnetic
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import Stamps, on_a_clock
@@ -81,7 +80,7 @@ def first_stamp(builder: LogBuilder, chosen: list[inertial.Candidate], position:
     for name in ("vehicle_attitude", "vehicle_status", "vehicle_gps_position"):
         table = builder.messages.tables.get((name, 0))
         if table is not None and "timestamp" in table:
-            return int(median(stamps(table)[:5]))
+            return int(np.median(stamps(table)[:5]))
     first = [stamps(t)[0] for t in builder.messages.tables.values() if "timestamp" in t and len(t)]
     return int(min(first)) if first else 0
 

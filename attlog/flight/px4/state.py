@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight import physics, receiver
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import only_new
@@ -198,7 +197,7 @@ def utc_offset(receivers: list[Gnss]) -> float | None:
             continue
         good = (one.utc_us > 0) & (one.fix >= receiver.FIX)
         if good.any():
-            return float(median(one.utc_us[good] * 1e-6 - one.t[good]))
+            return float(np.median(one.utc_us[good] * 1e-6 - one.t[good]))
     return None
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base.limits import MAX_TIME_JUMP_S
-from attlog.base.median import median
 from attlog.formats.base import Offsets
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes, identifier_at
@@ -58,5 +57,5 @@ def rise(data: Bytes, starts: Offsets, layout: Layout) -> bool:
 def far_from_most(timestamps: NDArray[np.uint64]) -> NDArray[np.bool_]:
     """Mask (n,) of the times that are far from the median."""
     times = timestamps.astype(np.float64)
-    far: NDArray[np.bool_] = np.abs(times - median(times)) > MAX_JUMP_US
+    far: NDArray[np.bool_] = np.abs(times - np.median(times)) > MAX_JUMP_US
     return far

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Array, FlightLog
 from attlog.health.model import Check
 from attlog.reference import clock, scoring, trim
@@ -111,7 +110,7 @@ def mounted(onboard: Array, own: Array) -> bool:
     a, b = (rotation.rotate_inverse(q, down) for q in (own, onboard))
     u, _, v = np.linalg.svd(b.T @ a)
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
-    left, whole = (float(median(np.sum((b - x) ** 2, axis=1))) for x in (a @ turn.T, a))
+    left, whole = (float(np.median(np.sum((b - x) ** 2, axis=1))) for x in (a @ turn.T, a))
     return left < MOUNTED**2 * whole
 
 
@@ -133,6 +132,6 @@ def _off(
         if long:
             part, longest = max(long, key=lambda found: found[1][1] - found[1][0])
             seconds = sum(b - a for _, (a, b) in long)
-            sizes = float(median(size[part])), float(median(sigma[part]))
+            sizes = float(np.median(size[part])), float(np.median(sigma[part]))
             return Off(angle, seconds, longest, *sizes, limit_deg is WRONG_DEG)
     return None

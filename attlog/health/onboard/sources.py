@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Array, Attitude, FlightLog
 from attlog.health.model import Check, not_judged
 from attlog.segments.model import Segments
@@ -87,11 +86,11 @@ def difference(flew: Attitude, other: Attitude, segments: Segments) -> Differenc
     heading[np.degrees(rotation.inclination_angle(own)) > STEEP_DEG] = 0.0
     off = (tilt > TILT_DEG[0]) | (heading > HEADING_DEG[0])
     if off.mean() < SHARE:
-        return Difference(float(median(tilt)), float(median(heading)), None)
+        return Difference(float(np.median(tilt)), float(np.median(heading)), None)
     share_after = np.cumsum(off[::-1])[::-1] / np.arange(len(off), 0, -1)
     lasting = np.flatnonzero(off & (share_after > LASTING))
     since = float(t[lasting[0]]) if len(lasting) else float(t[np.argmax(off)])
-    return Difference(float(median(tilt[off])), float(median(heading[off])), since)
+    return Difference(float(np.median(tilt[off])), float(np.median(heading[off])), since)
 
 
 def heading_between(a: Array, b: Array) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Array, FlightLog
 from attlog.health.model import Check
 from attlog.health.sensors.accelerometer import degrees_between, of_imu
@@ -23,7 +22,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     stream = log.acc_bias
     if stream is None:
         return []
-    bias = median(stream.x, axis=0)
+    bias = np.median(stream.x, axis=0)
     tilt = float(np.degrees(np.arctan2(np.hypot(bias[0], bias[1]), G)))
     worst = "xy"[int(np.argmax(np.abs(bias[:2])))]
     size = float(bias["xy".index(worst)])
@@ -53,5 +52,5 @@ def differences(log: FlightLog, segments: Segments, bias: Array) -> tuple[float,
     up = rotation.rotate_inverse(q[known], np.array([0.0, 0.0, -1.0]))
     found = []
     for force in (imu.acc.x[rest][known], imu.acc.x[rest][known] - bias):
-        found.append(float(median(degrees_between(force / np.sqrt(np.sum(force**2, axis=1, keepdims=True)), up))))
+        found.append(float(np.median(degrees_between(force / np.sqrt(np.sum(force**2, axis=1, keepdims=True)), up))))
     return found[0], found[1]

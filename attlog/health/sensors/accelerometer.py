@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import earth, rotation
-from attlog.base.median import median
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
 from attlog.health.sensors.gyro import alive
@@ -47,7 +46,7 @@ def gravity(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segment
     g = expected(log)
     if rest.sum() < 10:
         return gravity_in_flight(log, imu, segments, g)
-    value = float(median(np.sqrt(np.sum(imu.acc.x[rest] ** 2, axis=1))))
+    value = float(np.median(np.sqrt(np.sum(imu.acc.x[rest] ** 2, axis=1))))
     verdict = "bad" if not 7.0 <= value <= 13.0 else graded(abs(value - g), 0.3, np.inf)
     text = f"{where[0].upper()}{where[1:]} the accelerometer shows {value:.3f} m/s^2; gravity is {g:.3f}."
     if verdict != "good":
@@ -106,7 +105,7 @@ def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segme
     up = rotation.rotate_inverse(q[known], np.array([0.0, 0.0, -1.0]))
     measured = imu.acc.x[rest][known]
     measured = measured / np.sqrt(np.sum(measured**2, axis=1, keepdims=True))
-    angle = float(median(degrees_between(measured, up)))
+    angle = float(np.median(degrees_between(measured, up)))
     text = f"Measured gravity and {log.onboard} differ by {angle:.2f} deg {where}."
     if angle > TILT_LIMITS_DEG[1]:
         text += mounting_hint(measured, up)
@@ -143,7 +142,7 @@ def mounting_hint(measured: Array, up: Array) -> str:
     """A sentence with the quarter turn that would explain the difference, empty if none does."""
     for roll, pitch in product((0, 90, 180, 270), (0, 90, 270)):
         turn = rotation.from_euler(np.radians(roll), np.radians(pitch), 0.0)
-        if (roll or pitch) and median(degrees_between(rotation.rotate(turn, measured), up)) < TILT_LIMITS_DEG[1]:
+        if (roll or pitch) and np.median(degrees_between(rotation.rotate(turn, measured), up)) < TILT_LIMITS_DEG[1]:
             name = " and ".join(f"{n} {a} deg" for n, a in (("roll", roll), ("pitch", pitch)) if a)
             return f" A sensor mounted with {name} would show this."
     return " Either the sensor's mounting or the onboard attitude is wrong."

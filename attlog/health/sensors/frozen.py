@@ -7,7 +7,6 @@ from typing import TypedDict
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median, quantile
 from attlog.flight import magnetic
 from attlog.flight.model import Array, FlightLog, Gnss, Stream
 from attlog.health.model import Check
@@ -124,11 +123,11 @@ def _turned(log: FlightLog, span: Span) -> float:
         x = x[rotation.finite(x)]
     else:
         return 0.0
-    middle = median(x, axis=0) if len(x) else np.zeros(3)
+    middle = np.median(x, axis=0) if len(x) else np.zeros(3)
     size = np.sqrt(np.sum(x**2, axis=1) * np.sum(middle**2))
     if len(x) < RECORDS or not size.all():
         return 0.0
-    return float(np.degrees(quantile(np.arccos(np.clip(x @ middle / size, -1.0, 1.0)), 0.8)))
+    return float(np.degrees(np.quantile(np.arccos(np.clip(x @ middle / size, -1.0, 1.0)), 0.8)))
 
 
 def _spread(stream: Stream, span: Span) -> float:

@@ -6,7 +6,6 @@ from functools import reduce
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight.model import FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
 from attlog.segments.model import Segments
@@ -61,7 +60,7 @@ def bias(imu: Imu, segments: Segments) -> Check:
         mask = segments.mask(imu.gyro.t, kind)
         if mask.sum() < 10:
             continue
-        x, y, z = (float(v) for v in np.degrees(median(imu.gyro.x[mask], axis=0)))
+        x, y, z = (float(v) for v in np.degrees(np.median(imu.gyro.x[mask], axis=0)))
         worst = max(x, y, z, key=abs)
         text = f"{where} the gyro reads {x:.2f}, {y:.2f}, {z:.2f} deg/s about x, y, z."
         verdict = graded(abs(worst), *BIAS_DPS)
@@ -74,7 +73,7 @@ def _moved(imu: Imu, segments: Segments, limit: str) -> Check | None:
     """The check where two rests disagree by more than BIAS_DPS about an axis, which their common median hides."""
     t = imu.gyro.t
     rests = [(a, b, imu.gyro.x[(t >= a) & (t <= b)]) for a, b in segments.spans("rest")]
-    told = [(a, b, np.degrees(median(x, axis=0))) for a, b, x in rests if len(x) >= 10]
+    told = [(a, b, np.degrees(np.median(x, axis=0))) for a, b, x in rests if len(x) >= 10]
     if len(told) < 2:
         return None
     readings = np.array([x for _, _, x in told])

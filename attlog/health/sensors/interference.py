@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.median import quantile
 from attlog.flight.model import FlightLog, Stream
 from attlog.health.model import Check, not_judged
 from attlog.segments.model import Segments
@@ -74,7 +73,7 @@ def follow(field: Stream, drive: Stream, spans: list[Span], least: float) -> tup
     power, size = power[near], size[use][near]
     if len(power) < SAMPLES:
         return None
-    low, high = quantile(power, 0.05), quantile(power, 0.95)
+    low, high = np.quantile(power, 0.05), np.quantile(power, 0.95)
     if high - low < least or np.std(size) == 0:
         return None
     r = float(np.corrcoef(power, size)[0, 1])

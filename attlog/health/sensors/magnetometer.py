@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight import magnetic
 from attlog.flight.model import Array, FlightLog
 from attlog.health.model import Check, graded, not_judged
@@ -43,7 +42,7 @@ def strength(log: FlightLog) -> Check:
     mag = log.mags[log.mag or 0]
     norm = np.sqrt(np.nansum(mag.field.x**2, axis=1)) * 1e6
     norm = norm[norm > 0]
-    value, spread = float(median(norm)), float(np.std(norm) / median(norm))
+    value, spread = float(np.median(norm)), float(np.std(norm) / np.median(norm))
     model = declination.model(log)
     text = f"{mag.field.source}: {value:.1f} uT, varying by {100 * spread:.0f} %"
     verdict = "good" if STRENGTH_UT[0] <= value <= STRENGTH_UT[1] else "bad"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.flight.clock.timing import gaps
 from attlog.flight.inertial import LOW_RATE_HZ, REPLAY_MIN_HZ
 from attlog.flight.model import FlightLog
@@ -59,6 +58,6 @@ def gap_check(t: np.ndarray, lost: np.ndarray) -> Check:
 
 def jitter_check(dt: np.ndarray) -> Check:
     """How even are the sample times?"""
-    jitter = 100.0 * float(dt.std() / median(dt)) if median(dt) > 0 else float("inf")
-    text = f"Intervals {median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
+    jitter = 100.0 * float(dt.std() / np.median(dt)) if np.median(dt) > 0 else float("inf")
+    text = f"Intervals {np.median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
     return Check("jitter", graded(jitter, 15.0, 60.0), text, round(jitter, 2), "%", "good up to 15 %, bad above 60 %")

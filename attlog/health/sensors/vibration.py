@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median, quantile
 from attlog.flight.model import FlightLog, Imu, Stream
 from attlog.health.model import Check, not_judged
 from attlog.health.sensors.accelerometer import of_imu
@@ -51,9 +50,9 @@ def level(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     t, x = levels(imu, flown)
     if len(t) < LEAST_S:
         return not_judged("vibration", "Too little flight to measure vibration in.", limit)
-    axis = int(np.argmax(median(x, axis=0)))
+    axis = int(np.argmax(np.median(x, axis=0)))
     strongest = x.max(axis=1)
-    typical = float(median(strongest))
+    typical = float(np.median(strongest))
     shown, unit, since = typical, "m/s^2", onset(strongest)
     since = None if since is None or more_power(log.throttle, t, since) else since
     text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
@@ -66,9 +65,9 @@ def level(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     if since is None:
         return Check("vibration", verdict, text, round(shown, 2), unit, limit)
     later = x[since:]
-    axis = int(np.argmax(median(later, axis=0)))
-    before, after = float(median(x[:since, axis])), float(median(later[:, axis]))
-    peak = quantile(later[:, axis], 0.95)
+    axis = int(np.argmax(np.median(later, axis=0)))
+    before, after = float(np.median(x[:since, axis])), float(np.median(later[:, axis]))
+    peak = np.quantile(later[:, axis], 0.95)
     text = (
         f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 (1 sigma, up to "
         f"{peak:.1f}) instead of {before:.1f}."
@@ -94,7 +93,7 @@ def levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:
         first = np.flatnonzero(np.diff(window, prepend=-1))
         count = np.diff(np.append(first, len(window)))
         mean = np.add.reduceat(fast**2, first, axis=0) / count[:, None]
-        full = count >= 0.8 * median(count)
+        full = count >= 0.8 * np.median(count)
         starts.append(t[part][first][full])
         found.append(np.sqrt(mean[full]))
     return (np.concatenate(starts), np.concatenate(found)) if starts else (np.zeros(0), np.zeros((0, 3)))
@@ -115,7 +114,7 @@ def onset(level_: Array) -> int | None:
         return None
     k = np.arange(BEFORE_S, len(level_) - AFTER_S + 1)
     before, rest = medians(level_)[k - 1], medians(level_[::-1])[::-1][k]
-    after = median(np.lib.stride_tricks.sliding_window_view(level_, AFTER_S), axis=1)[k]
+    after = np.median(np.lib.stride_tricks.sliding_window_view(level_, AFTER_S), axis=1)[k]
     grown = (np.minimum(after, rest) > np.maximum(GROWN * before, 1.0)) & (level_[k] > 0.5 * GROWN * before)
     return int(k[np.argmax(grown)]) if grown.any() else None
 
@@ -135,7 +134,7 @@ def more_power(throttle: Stream | None, t: Array, since: int) -> bool:
     if throttle is None or len(throttle.t) < 2:
         return False
     x = np.interp(t, throttle.t, np.nan_to_num(throttle.x[:, 0]))
-    return float(median(x[since : since + 3])) > MORE_POWER * float(median(x[:since]))
+    return float(np.median(x[since : since + 3])) > MORE_POWER * float(np.median(x[:since]))
 
 
 def onboard_level(own: Stream | None, flown: list[Span]) -> float | None:
@@ -143,7 +142,7 @@ def onboard_level(own: Stream | None, flown: list[Span]) -> float | None:
     if own is None:
         return None
     x = own.x[inside(own.t, flown)].max(axis=1, initial=0.0)
-    return quantile(x, 0.95) if len(x) >= 10 else None
+    return np.quantile(x, 0.95) if len(x) >= 10 else None
 
 
 def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.distinct import among
-from attlog.base.median import median
 from attlog.metrics.answer import Answer, Record
 from attlog.metrics.evidence.samples import DRIFT_AIR_S, DRIFT_SLACK_S
 from attlog.metrics.statistics import intervals as interval
@@ -94,7 +92,7 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
         own_t, own_e = t[i:j], rotation.unwrap(e_deg[i:j], 360.0)
         index = np.floor((own_t - own_t[0]) / length).astype(int)
         count = np.bincount(index)
-        full = np.flatnonzero(count > 0.5 * median(count[count > 0]))
+        full = np.flatnonzero(count > 0.5 * np.median(count[count > 0]))
         times.append(np.bincount(index, own_t)[full] / count[full])
         means.append(np.bincount(index, own_e)[full] / count[full])
         labels.append(np.full(len(full), label))
@@ -253,7 +251,7 @@ def _units(found: Drift) -> UnitValues | None:
 
 def _on(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Summary:
     """The drift on some of a record's groups; on all of them what it was."""
-    chosen = among(ids, wanted)
+    chosen = np.isin(ids, wanted)
     if chosen.all():
         return whole
     return Summary(float(np.mean(slopes[chosen])), interval.of_mean(slopes[chosen]))

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import earth
-from attlog.base.median import median
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_case
 from attlog.metrics.errors.rmse import why_no_errors
@@ -46,7 +45,7 @@ def largest(t: Array, vectors: Array, usual: float) -> Span | None:
     """The segment over 0.5 s with |vector| off ``usual`` by more than 30 % that has most excess; None without any."""
     if len(t) < 3 or usual <= 0:
         return None
-    count = max(1, round(SMOOTH_S / max(float(median(np.diff(t))), 1e-6)))
+    count = max(1, round(SMOOTH_S / max(float(np.median(np.diff(t))), 1e-6)))
     size = np.sqrt(np.sum(vectors**2, axis=1))
     excess = np.abs(
         np.convolve(np.pad(size, count // 2, "edge"), np.full(count, 1.0 / count), "valid")[: len(t)] / usual - 1.0
@@ -67,7 +66,7 @@ def time_back(t: Array, error: Array, disturbance: Span) -> float | None:
     after = (t >= disturbance[1]) & (t <= disturbance[1] + LIMIT_S)
     if before.sum() < 3 or after.sum() < 3:
         return None
-    limit = float(median(np.abs(error[before]))) + BACK_DEG
+    limit = float(np.median(np.abs(error[before]))) + BACK_DEG
     at, good = t[after], np.abs(error[after]) <= limit
     bad = np.flatnonzero(~good)
     starts = np.concatenate([[0], bad + 1])
@@ -88,7 +87,7 @@ def disturbances(case: Case) -> dict[str, Span]:
     if log.mag is not None:
         field = log.mags[log.mag].field
         sizes = np.sqrt(np.sum(field.x**2, axis=1))
-        usual = float(median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
+        usual = float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0
         found["mag"] = _in_flight(case, field.t_best, field.x, usual)
     return {k: v for k, v in found.items() if v is not None}
 

@@ -9,8 +9,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.distinct import among
-from attlog.base.median import median
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_case, per_row, per_times
 from attlog.metrics.evidence.samples import seconds
@@ -232,7 +230,7 @@ def usual_step(case: Case, row: Row) -> float:
 
 @per_times
 def _step(case: Case, t: Array) -> float:
-    return float(median(np.diff(t)))
+    return float(np.median(np.diff(t)))
 
 
 def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
@@ -273,7 +271,7 @@ def _counted(case: Case, row: Row) -> Array:
 
 def of_blocks(ids: Ids, squares: Array, wanted: Ids) -> Summary:
     """The RMSE of some of the blocks (k,), with its interval."""
-    chosen = squares[among(ids, wanted)]
+    chosen = squares[np.isin(ids, wanted)]
     groups = interval.equal_groups(len(chosen), min(len(chosen), MAX_GROUPS))
     return Summary(*root_mean_square(np.sqrt(chosen), groups))
 

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.estimators.engine.samples import place
 from attlog.flight.model import Imu
 from attlog.kernels.loops import function_of
@@ -129,7 +128,7 @@ def _samples(case: Case, unit: Imu, with_field: bool) -> Samples | None:
     if good.sum() < 2:
         return None
     t, w, f = (np.ascontiguousarray(x, np.float64) for x in gaps.only(good, t, unit.gyro.x, unit.acc.x))
-    found = Samples(t, f, np.zeros((0, 3)), np.zeros(0), float(median(np.diff(t))))
+    found = Samples(t, f, np.zeros((0, 3)), np.zeros(0), float(np.median(np.diff(t))))
     if with_field and case.log.mag is not None:
         found.m, found.age = np.zeros((len(t), 3)), np.zeros(len(t))
         measured = case.log.mags[case.log.mag].field
@@ -146,7 +145,7 @@ def _hold(found: Samples, rate: Array, measured: Array) -> None:
     if len(new) < 2:
         return
     found.new, found.m[new] = new, measured[new] / size[new, None]
-    limit = HOLD_PERIODS * float(median(np.diff(found.t[new])))
+    limit = HOLD_PERIODS * float(np.median(np.diff(found.t[new])))
     function_of(HELD, held_field)(found.m, found.age, found.t, np.ascontiguousarray(rate), new, limit)
 
 

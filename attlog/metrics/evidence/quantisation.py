@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 
-from attlog.base.distinct import distinct
-from attlog.base.median import median
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.noise.windows import SECONDS
 
@@ -28,6 +26,6 @@ def hidden_deg(case: Case, index: int) -> list[float]:
     if len(gyro.t) < 2:
         return [0.0] * 3
     some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
-    steps = [np.diff(distinct(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
-    share = 0.5 * math.sqrt(float(median(np.diff(gyro.t))) * SECONDS / 15.0)
+    steps = [np.diff(np.unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
+    share = 0.5 * math.sqrt(float(np.median(np.diff(gyro.t))) * SECONDS / 15.0)
     return [share * float(step) for step in steps]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from attlog import estimators
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.estimators.engine.samples import Sampling
 from attlog.metrics.base import Case
 from attlog.metrics.evidence.samples import imu_of, within
@@ -41,7 +40,7 @@ def made(case: Case, row: Row, seconds: float) -> Still | None:
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None or len(imu.gyro.t) < 2:
         return None
-    step = float(np.clip(median(np.diff(imu.gyro.t)), 1.0 / HZ[1], 1.0 / HZ[0]))
+    step = float(np.clip(np.median(np.diff(imu.gyro.t)), 1.0 / HZ[1], 1.0 / HZ[0]))
     t = np.arange(0.0, seconds, step)
     acc, mag = (np.tile(x, (len(t), 1)) for x in ((0.0, 0.0, -GRAVITY_M_S2), FIELD))
     return Still(t, np.zeros((len(t), 3)), acc, mag if row.uses_mag else None, "interval")

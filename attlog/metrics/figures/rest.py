@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.median import median
 from attlog.metrics.base import Case
 from attlog.metrics.evidence.samples import detrended, deviations, within
 from attlog.metrics.evidence.settled import own_start
@@ -97,7 +96,7 @@ def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
     scatters = [s for s in scatters if len(s.ordered) > FEWEST]
     if not scatters:
         return []
-    half = max(3.5 * float(median([s.size for s in scatters])), 1e-4)
+    half = max(3.5 * float(np.median([s.size for s in scatters])), 1e-4)
     edges = np.linspace(-half, half, BINS + 1)
     middle = 0.5 * (edges[:-1] + edges[1:])
     shares = [100.0 * np.histogram(s.ordered, edges)[0] / len(s.ordered) for s in scatters]

@@ -16,8 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import earth
-from attlog.base.distinct import distinct
-from attlog.base.median import median
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.base import Case
 from attlog.metrics.evidence.samples import detrended, within
@@ -61,10 +59,10 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
         return []
     size = min(SEGMENT, max(p.stop - p.start for p in pieces))
     starts = [a for p in pieces for a in range(p.start, p.stop - size + 1, size // 2)]
-    step = float(median(np.diff(imu.gyro.t)))
+    step = float(np.median(np.diff(imu.gyro.t)))
     if not starts or step <= 0:
         return []
-    chosen = [starts[k] for k in distinct(np.linspace(0, len(starts) - 1, SPECTRA).round().astype(int))]
+    chosen = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, SPECTRA).round().astype(int))]
     found = []
     for key, x, unit in (("gyro", imu.gyro.x, np.degrees(1.0)), ("accelerometer", imu.acc.x, 1.0)):
         density = unit * np.sqrt(_mean_power(x, np.array(chosen), size, step))
@@ -180,5 +178,5 @@ def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
         return np.zeros(0), np.zeros(1, np.int64)
     length = max(seconds, float(t[-1] - t[0]) / BUCKETS)
     starts = np.arange(t[0], t[-1] + length, length)
-    edges = distinct(np.append(np.searchsorted(t, starts), len(t))).astype(np.int64)
+    edges = np.unique(np.append(np.searchsorted(t, starts), len(t))).astype(np.int64)
     return 0.5 * (t[edges[:-1]] + t[edges[1:] - 1]), edges

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.distinct import among
-from attlog.base.median import median, quantile
 from attlog.kernels.loops import function_of
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_row
@@ -99,7 +97,7 @@ def variance(residual: Array) -> Array:
 def unsettled(variances: Array) -> int:
     """How many leading windows of a rest settle: variances (k, 4), tilt or heading above 4 x the later median."""
     for k in range(len(variances) - MIN_LATER):
-        later = median(variances[k + 1 :, 2:], axis=0)
+        later = np.median(variances[k + 1 :, 2:], axis=0)
         if not (variances[k, 2:] > UNSETTLED * later).any():
             return k
     return max(0, len(variances) - MIN_LATER)
@@ -110,7 +108,7 @@ def typical(ids: Ids, values: Array, prior: Prior, correction: float, wanted: Id
 
     ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
     """
-    chosen = values[among(ids, wanted)]
+    chosen = values[np.isin(ids, wanted)]
     low, high = moderated.interval(chosen, prior)
     sigma, bottom, top = (math.sqrt(max(math.exp(x) - correction, 0.0)) for x in (float(np.mean(chosen)), low, high))
     return Summary(sigma, (bottom, top))
@@ -130,7 +128,7 @@ def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> Measured |
     if not parts:
         return None
     columns = np.concatenate([part.residuals for part in parts]).T
-    reach = np.array([quantile(x, 0.999) - quantile(x, 0.001) for x in columns])
+    reach = np.array([np.quantile(x, 0.999) - np.quantile(x, 0.001) for x in columns])
     t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
     settled = [part.settled_s for part in parts if part.settled_s is not None]
     seconds = sum((length for part in parts for length in part.lengths), 0.0)

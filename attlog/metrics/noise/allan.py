@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.distinct import distinct
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.evidence import following as follow
@@ -71,7 +70,7 @@ def deviation(phase: Array, step: float) -> Deviation:
     if largest < 2:
         return Deviation(*(np.zeros(0) for _ in range(5)))
     count = max(2, round(POINTS_PER_DECADE * math.log10(largest / 2.0)) + 1)
-    m = distinct(np.geomspace(2, largest, count).round().astype(int))
+    m = np.unique(np.geomspace(2, largest, count).round().astype(int))
     sigma = np.sqrt([0.5 * _mean_square(phase, int(k)) for k in m]) / (m * step)
     dof = (3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
     bounds = np.array([interval.of_sigma_chi_square(s, round(max(d, 1.0), 3)) for s, d in zip(sigma, dof, strict=True)])

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.evidence import following as follow
@@ -72,7 +71,7 @@ def _powers(case: Case, row: Row, spans: list[Span]) -> Powers:
     pieces = [p for span in spans for p in within(row.t, span, row.segment) if np.isfinite(row.q[p]).all()]
     for segment in pieces:
         t = row.t[segment]
-        step = float(median(np.diff(t))) if len(t) > 1 else 0.0
+        step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
         if step <= 0 or 1.0 / step < MIN_RATE_HZ or t[-1] - t[0] < WINDOW_S:
             continue
         q = row.q[segment]

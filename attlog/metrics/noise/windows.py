@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.metrics.base import Case, per_times
 from attlog.metrics.evidence.samples import row_segments
 from attlog.metrics.evidence.settled import SHORTEST_S, own_start, phase_spans
@@ -53,7 +52,7 @@ def filled(t: Array, window: Span) -> slice | None:
         return None
     steps = np.diff(t[i:j])
     ends = max(t[i] - window[0], window[1] - t[j - 1] - ROUND_S)
-    gap = max(GAP_S, GAP_STEPS * float(median(steps)))
+    gap = max(GAP_S, GAP_STEPS * float(np.median(steps)))
     return slice(i, j) if max(float(np.max(steps)), float(ends)) <= gap else None
 
 

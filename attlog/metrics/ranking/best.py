@@ -16,7 +16,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.distinct import in_both
 from attlog.metrics.answer import Answer
 from attlog.metrics.base import Metric
 from attlog.metrics.ranking.resolution import withhold
@@ -112,7 +111,7 @@ def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:
     most = max(map(len, ids.values()), default=0)
     rows = [name for name in ids if len(ids[name]) >= MIN_UNITS * most and len(ids[name])]
     while rows:
-        common: Ids = reduce(in_both, [ids[name] for name in rows])
+        common: Ids = reduce(np.intersect1d, [ids[name] for name in rows])
         if len(common) >= MIN_UNITS * most:
             return rows, common
         rows.remove(min(rows, key=lambda name: len(ids[name])))

@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.base.median import median
 from attlog.plain import DIGITS, IN_JSON
 
 Array = NDArray[np.float64]
@@ -66,6 +65,6 @@ def ids_of(times: ArrayLike) -> Ids:
 def _summed_up(kind: Kind, values: Array) -> float:
     """What units (k,) of a kind mean together: their mean on its scale, of step events the median."""
     if kind == "step_event":
-        return float(median(values))
+        return float(np.median(values))
     mean = float(np.mean(values))
     return math.exp(0.5 * mean) if kind == "log_variance" else math.sqrt(mean) if kind == "mean_square" else mean

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.metrics.base import Case, per_case
 from attlog.reference.model import Reference
 from attlog.segments import gaps
@@ -78,7 +77,7 @@ def in_window(case: Case, events: list[Event], window: str) -> list[Event]:
 
 def _of_axis(t: Array, turn: Array, axis: int) -> list[Event]:
     angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turn))])
-    step = float(median(np.diff(t)))
+    step = float(np.median(np.diff(t)))
     if step <= 0:
         return []
     span = max(1, round(RATE_SPAN_S / step))

@@ -10,8 +10,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.distinct import among
-from attlog.base.median import median
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_times
 from attlog.metrics.errors.rmse import why_no_errors
@@ -110,7 +108,7 @@ class OnEvents:
 
     def __call__(self, ids: Ids) -> Summary:
         """Lag and interval on the events with these ids."""
-        found = self.sums.fit(self.numbers[among(self.ids, ids)])
+        found = self.sums.fit(self.numbers[np.isin(self.ids, ids)])
         lag, half = 1000 * (found.delay - self.input_delay), 1000 * half_width(found)
         return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 
@@ -215,4 +213,4 @@ def sample_step(case: Case, row: Row) -> float:
 
 @per_times
 def _step(case: Case, t: Array) -> float:
-    return float(median(np.diff(t))) if len(t) > 1 else 0.0
+    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

@@ -9,8 +9,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base.distinct import among
-from attlog.base.median import median, quantile
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
 from attlog.metrics.errors.rmse import why_no_errors
@@ -105,8 +103,8 @@ class OnEvents:
     def __call__(self, ids: Ids) -> Summary:
         """Median and interval on the events with these ids."""
         values = magnitude(self.errors) if self.unit == "deg" else percent(self.errors)
-        chosen = values[among(self.errors.ids, ids)]
-        return Summary(float(median(chosen)), interval.of_median(chosen))
+        chosen = values[np.isin(self.errors.ids, ids)]
+        return Summary(float(np.median(chosen)), interval.of_median(chosen))
 
 
 def magnitude(errors: Errors) -> Array:
@@ -153,8 +151,8 @@ def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: lis
         seconds,
         summary.ci95,
         f"median of {count} events, order statistics",
-        detail={"p90": quantile(np.abs(values), 0.9)},
+        detail={"p90": np.quantile(np.abs(values), 0.9)},
         each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, magnitude(errors), here),
-        floor=own_deg * (100.0 / float(median(errors.stroke)) if unit == "pct" else 1.0),
+        floor=own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0),
     )

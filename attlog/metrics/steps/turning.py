@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.kernels.loops import function_of
 from attlog.metrics.steps.events import Event
 from attlog.metrics.steps.turning_loop import SUMMED, summed_at_once, summed_turning
@@ -30,7 +29,7 @@ class Timing:
     @classmethod
     def of(cls, t: Array) -> Timing:
         """Of times (n,) s."""
-        return cls(gaps.number(t), float(median(np.diff(t))) if len(t) > 1 else math.inf)
+        return cls(gaps.number(t), float(np.median(np.diff(t))) if len(t) > 1 else math.inf)
 
 
 @dataclass(slots=True)

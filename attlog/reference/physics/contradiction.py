@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
-from attlog.base.median import median
 from attlog.flight.model import FlightLog, Imu
 from attlog.reference import scoring, smoothed, trim
 from attlog.reference.compare import interpolate
@@ -93,7 +92,7 @@ def _judged(
     common = np.nanmedian(downs, axis=0)
     common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
     distance = _angle(downs, common)
-    typical = np.array([median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
+    typical = np.array([np.median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
     near = np.flatnonzero(typical <= TOGETHER_DEG)
     if len(near) < max(FILTERS, (len(filters) + 1) // 2):
         return None
@@ -118,14 +117,14 @@ def _judged(
     right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
     if right > RIGHT_M_S2 or wrong < WRONG_M_S2:
         return None
-    angle = float(median(apart[longest]))
+    angle = float(np.median(apart[longest]))
     who = f"all {len(filters)}" if len(near) == len(filters) else f"{len(near)} of {len(filters)}"
     fault = (
         f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree with each other, and by them the mean "
         "force is gravity"
     )
     text = (
-        f"Filters stay within {median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
+        f"Filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
     )
     return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)

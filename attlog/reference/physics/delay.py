@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.base.errors import UsageError
-from attlog.base.median import median
 from attlog.flight.model import FlightLog, Imu
 from attlog.reference.model import AlignmentStep, Reference
 from attlog.segments import increments
@@ -73,7 +72,7 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
         return [misfit(rates - own) for rates in turned / (end - start)[:, None]]
 
     def misfit(off: Array) -> float:
-        usual = np.sum((off - median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
+        usual = np.sum((off - np.median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
         if not usual.any():  # nothing like the gyro's rates at this shift
             return math.inf
         off = off[usual] - np.mean(off[usual], axis=0)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Array, Attitude, FlightLog
 from attlog.reference import declination
 from attlog.segments import Segments, gaps, spans
@@ -92,7 +91,7 @@ def dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> Dips 
         by_attitude.append(_dip_deg(down, field))
     if not by_force:
         return None
-    return Dips(float(median(by_force)), float(median(by_attitude)), model.inclination_deg)
+    return Dips(float(np.median(by_force)), float(np.median(by_attitude)), model.inclination_deg)
 
 
 def _mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:

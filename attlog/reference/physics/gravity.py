@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Imu
 from attlog.reference import trim
 from attlog.reference.compare import interpolate
@@ -54,7 +53,7 @@ def check(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[st
     if kind is None:
         return "", []
     tilts = [q.tilt for q in quiet if q.kind == kind]
-    tilt, where = float(median(tilts)), WHERE[kind]
+    tilt, where = float(np.median(tilts)), WHERE[kind]
     text = f"{where} {reference.source} and gravity in the accelerometer differ by this tilt (median of {len(tilts)})"
     step = AlignmentStep("gravity_check", text, tilt, "deg", f"accelerometer {where}", False)
     if tilt > FAULT_DEG:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Array, FlightLog
 from attlog.segments import gaps
 
@@ -43,7 +42,7 @@ def seconds(log: FlightLog) -> float | None:
     if len(first) < FEWEST:
         return None
     change = (velocity[last] - velocity[first]) / (t[last] - t[first])[:, None]
-    change = change - median(change, axis=0)
+    change = change - np.median(change, axis=0)
     if np.sqrt(np.mean(np.sum(change**2, axis=1))) < LEAST_M_S2:
         return None
     q, _ = rotation.interpolated(attitude.t, attitude.q, None, grid)
@@ -109,6 +108,6 @@ def _fit(
     if np.count_nonzero(inside) < max(FEWEST, len(inside) // 2):
         return np.inf, 0.0
     by_force = ((b - a) / ((place[1] - place[0]) * STEP_S)[:, None])[inside]
-    by_force, own = by_force - median(by_force, axis=0), change[inside]
+    by_force, own = by_force - np.median(by_force, axis=0), change[inside]
     alike = float(np.sum(by_force * own) / np.sqrt(np.sum(by_force**2) * np.sum(own**2) + 1e-30))
     return float(np.mean(np.sum((by_force - own) ** 2, axis=1))), alike

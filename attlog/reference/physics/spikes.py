@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from attlog.base import rotation
-from attlog.base.median import median
 from attlog.flight.model import Imu
 from attlog.segments import gaps
 
@@ -42,14 +41,14 @@ def of(imu: Imu) -> Spikes:
     if len(t) < 100:
         return Spikes()
     dt = np.diff(t)
-    usual = float(median(dt))
+    usual = float(np.median(dt))
     off = rate[1:-1] - 0.5 * (rate[:-2] + rate[2:])
     size = rotation.length(off)
     apart = rotation.length(rate[2:] - rate[:-2])
     regular = (np.maximum(dt[:-1], dt[1:]) < 1.5 * usual) & np.isfinite(size)
     if not regular.any():
         return Spikes()
-    least = max(TIMES * float(median(size[regular])), np.radians(LEAST_DPS))
+    least = max(TIMES * float(np.median(size[regular])), np.radians(LEAST_DPS))
     found = np.flatnonzero(regular & (size > least) & (size > ALONE * apart))
     if len(found) < FEW:
         return Spikes(len(found))

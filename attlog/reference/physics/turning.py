@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.distinct import among
 from attlog.flight.model import Array, Attitude, Imu, Mag
 from attlog.reference.compare import interpolate
 from attlog.segments import gaps, increments
@@ -161,7 +160,7 @@ def field_follows(
     start, end, field, changed = field_changes(mag)
     turning = increments.of(imu)
     own = attitude.t if attitude.t_sample is None else attitude.t_sample
-    segment = gaps.renumber(gaps.number(own), np.cumsum(among(np.arange(len(own)), jumps)))
+    segment = gaps.renumber(gaps.number(own), np.cumsum(np.isin(np.arange(len(own)), jumps)))
     (before, first), (after, last) = (interpolate(own, attitude.q, segment, t) for t in (start, end))
     both = (first >= 0) & (first == last) & turning.known(start, end)
     if np.count_nonzero(both) < LEAST_INTERVALS:

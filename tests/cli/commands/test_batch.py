@@ -40,6 +40,7 @@ def test_a_batch_writes_reports_index_and_table_and_sums_up(attlog, small, tmp_p
     assert len(lines) <= 10
 
 
+@pytest.mark.slow
 def test_a_result_tells_the_command_that_makes_it_alone(attlog, small, tmp_path):
     import json
 
@@ -95,6 +96,7 @@ def test_what_a_batch_cannot_do_has_its_exit_code(attlog, small, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_gates_fail_a_batch_also_where_nothing_is_done_again(attlog, tmp_path):
     gates, junit = tmp_path / "gates.toml", tmp_path / "junit.xml"
     gates.write_text("[gates]\ninclination_rmse_deg = { max = 0.0001, filters = ['mahony'] }\n")

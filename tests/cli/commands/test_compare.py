@@ -91,6 +91,7 @@ def test_a_file_that_fits_no_filter_is_refused(attlog, tmp_path: Path) -> None:
     assert attlog("compare", str(STEPS), "--params", str(tmp_path / "none"), "-o", str(tmp_path)).code == 66
 
 
+@pytest.mark.slow
 def test_a_filters_own_output_as_a_file_is_equal_to_the_filter(attlog, tmp_path: Path) -> None:
     """Written by extract, read as an estimate: in compare and in analyze one more row with the same numbers."""
     file = tmp_path / "estimate.csv"

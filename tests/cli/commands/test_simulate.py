@@ -82,6 +82,7 @@ def test_what_is_set_is_printed_and_every_value_is(attlog):
     assert attlog("simulate", "hover", "--print", "--set", "sensors.mag=[]").out.count("mag = []") == 1
 
 
+@pytest.mark.slow
 def test_several_processes_write_the_same(attlog, tmp_path):
     for jobs in (1, 2):
         done = attlog("simulate", "static", *SHORT, "--seeds", "1..3", "-j", jobs, "-o", tmp_path / str(jobs))
@@ -149,6 +150,7 @@ def test_help_imports_nothing_heavy():
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_keeps_whole_files_only(tmp_path: Path):
     command = [sys.executable, "-m", "attlog", "simulate", "static", "--seeds", "1..400", *SHORT, "-o", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:

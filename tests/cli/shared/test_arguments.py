@@ -7,11 +7,13 @@ import shutil
 
 import pytest
 
+from tests.conftest import few
+
 GYRO = ("--estimators", "gyro", "-q")
 
 
 @pytest.mark.parametrize(
-    "words", [["LOG", "-o", "OUT"], ["-o", "OUT", "LOG"], ["./*.bin", "-o", "OUT"], [".", "-o", "OUT"]]
+    "words", few([["LOG", "-o", "OUT"], ["-o", "OUT", "LOG"], ["./*.bin", "-o", "OUT"], [".", "-o", "OUT"]], 2)
 )
 def test_the_word_analyze_may_be_left_out(attlog, samples, tmp_path, monkeypatch, words):
     shutil.copy(samples / "copter_yaw_turns.bin", tmp_path / "a.bin")
@@ -28,7 +30,7 @@ def test_a_mistyped_command_is_told_with_the_one_that_was_meant(attlog):
     assert "analyze" in done.err
 
 
-@pytest.mark.parametrize("asked", [["--json"], ["--json", "-"], ["--json=-"]])
+@pytest.mark.parametrize("asked", few([["--json"], ["--json", "-"], ["--json=-"]], 2))
 @pytest.mark.parametrize("command", ["info", "analyze"])
 def test_json_on_standard_output_with_or_without_a_dash(attlog, samples, tmp_path, asked, command):
     more = ["-o", tmp_path, *GYRO] if command == "analyze" else []
@@ -38,7 +40,7 @@ def test_json_on_standard_output_with_or_without_a_dash(attlog, samples, tmp_pat
     assert len(done.out.splitlines()) == 1  # also where a pattern happens to match one log
 
 
-@pytest.mark.parametrize("command", ["info", "analyze"])
+@pytest.mark.parametrize("command", few(["info", "analyze"], 1))
 def test_several_logs_are_one_object_a_line(attlog, samples, tmp_path, command):
     logs = [samples / "copter_yaw_turns.bin", samples / "px4_hover.ulg"]
     more = ["-o", tmp_path, "--estimators", "gyro"] if command == "analyze" else []
@@ -49,6 +51,7 @@ def test_several_logs_are_one_object_a_line(attlog, samples, tmp_path, command):
         assert "2 logs: 2 reports in" in done.err
 
 
+@pytest.mark.slow
 def test_a_summary_names_what_has_no_report(attlog, samples, tmp_path):
     (tmp_path / "bad.ulg").write_bytes(b"x" * 500)
     done = attlog(samples / "copter_yaw_turns.bin", tmp_path / "bad.ulg", "-o", tmp_path, "--estimators", "gyro")
@@ -104,6 +107,7 @@ def test_a_json_file_that_is_no_configuration_is_2(attlog, samples, tmp_path, te
     assert told in done.err
 
 
+@pytest.mark.slow
 def test_deterministic_reports_have_the_same_bytes(attlog, samples, tmp_path):
     pages = []
     for _ in range(2):
@@ -113,6 +117,7 @@ def test_deterministic_reports_have_the_same_bytes(attlog, samples, tmp_path):
     assert pages[0] == pages[1]
 
 
+@pytest.mark.slow
 def test_several_jobs_print_every_result(attlog, samples, tmp_path):
     logs = [samples / "copter_yaw_turns.bin", samples / "px4_hover.ulg"]
     done = attlog("-j", 2, *logs, "-o", tmp_path, "--estimators", "gyro", "--json")

@@ -10,7 +10,7 @@ import pytest
 
 from attlog.cli.shared import completion
 from attlog.estimators import get, names
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, few
 
 
 def offered(line: str) -> list[str]:
@@ -24,12 +24,15 @@ def offered(line: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("line", "expected"),
-    [
-        ("attlog analyze --window ho", ["hover"]),
-        ("attlog analyze --estimators gyro,vq", ["gyro,vqf"]),
-        ("attlog estimators madg", ["madgwick"]),
-        (f"attlog extract {SAMPLES / 'copter_yaw_turns.bin'} ATT", ["ATT"]),
-    ],
+    few(
+        [
+            ("attlog analyze --window ho", ["hover"]),
+            ("attlog analyze --estimators gyro,vq", ["gyro,vqf"]),
+            ("attlog estimators madg", ["madgwick"]),
+            (f"attlog extract {SAMPLES / 'copter_yaw_turns.bin'} ATT", ["ATT"]),
+        ],
+        1,
+    ),
 )
 def test_the_shell_is_offered_names(line: str, expected: list[str]) -> None:
     assert offered(line) == expected

@@ -9,7 +9,7 @@ import pytest
 from junitparser import JUnitXml
 
 from attlog.cli.commands.filters.new import RUN_TEMPLATE
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, few
 
 LOG = SAMPLES / "px4_steps.ulg"
 FAST = ("--estimators", "mekf,gyro", "--reference", "truth")
@@ -50,6 +50,7 @@ def test_green_is_0_and_red_is_1_with_the_sentence(attlog, command: str, gates, 
     assert "<b>Gates: 1 of 2 checks failed.</b> mekf: total_p95_deg 2.6° (airborne), at most 0.5°" in page
 
 
+@pytest.mark.slow
 def test_other_gates_need_no_new_analysis_and_the_page_follows(attlog, gates, tmp_path: Path) -> None:
     args = ("batch", LOG, *FAST, "-o", tmp_path / "out", "--resume", "-v", "--gates")
     assert attlog(*args, gates("lag_ms = { max = 5 }")).code == 0
@@ -79,6 +80,7 @@ def test_a_wrong_gate_file_is_2_before_anything_is_analysed(attlog, command: str
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_log_that_cannot_be_read_is_an_error_and_its_code_wins(attlog, command: str, gates, tmp_path: Path) -> None:
     (tmp_path / "no.ulg").write_bytes(b"no log at all")
     report = tmp_path / "junit.xml"
@@ -95,7 +97,7 @@ def test_a_log_that_cannot_be_read_is_an_error_and_its_code_wins(attlog, command
 
 @pytest.mark.parametrize(
     ("text", "word"),
-    [(CRASH, "nothing_of_that_name"), (NAN, "no finite attitude"), (ACROSS, "heading error above 45 deg")],
+    few([(CRASH, "nothing_of_that_name"), (NAN, "no finite attitude"), (ACROSS, "heading error above 45 deg")], 1),
     ids=["crash", "nan", "across"],
 )
 def test_strict_ends_with_1_where_a_filter_crashes_returns_nan_or_stands_across(
@@ -111,6 +113,7 @@ def test_strict_ends_with_1_where_a_filter_crashes_returns_nan_or_stands_across(
     assert word in line
 
 
+@pytest.mark.slow
 def test_strict_is_what_gates_are_unless_they_say_otherwise(attlog, gates, tmp_path: Path) -> None:
     (tmp_path / "crash.py").write_text(CRASH)
     args = ("analyze", LOG, "--estimators", f"mekf,{tmp_path / 'crash.py'}", "-q", "-o", tmp_path / "out", "--gates")
@@ -121,6 +124,7 @@ def test_strict_is_what_gates_are_unless_they_say_otherwise(attlog, gates, tmp_p
     assert attlog(*args, gates(f"strict = false\n{text}"), "--strict").code == 1
 
 
+@pytest.mark.slow
 def test_the_summary_goes_to_a_file_to_the_step_or_to_the_terminal(
     attlog, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,6 +142,7 @@ def test_the_summary_goes_to_a_file_to_the_step_or_to_the_terminal(
     assert attlog(*args, tmp_path / "d", "--summary=s.txt").code == 2
 
 
+@pytest.mark.slow
 def test_json_lines_stay_json(attlog, gates, tmp_path: Path) -> None:
     args = ("analyze", LOG, SAMPLES / "px4_hover.ulg", *FAST, "-o", tmp_path / "out", "--json", "--gates")
     done = attlog(*args, gates("total_p95_deg = { max = 0.5 }"))

@@ -62,6 +62,7 @@ def test_an_analysis_tells_its_stages(caplog: pytest.LogCaptureFixture, tmp_path
     assert told[-1] == "writing the report"
 
 
+@pytest.mark.slow
 def test_the_first_run_says_what_is_compiled_and_where_it_is_kept(tmp_path: Path) -> None:
     without_shipped = (
         "from pathlib import Path; from attlog.kernels import store; store.SHIPPED = Path('none'); "

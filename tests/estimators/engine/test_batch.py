@@ -15,6 +15,7 @@ from attlog.base.errors import UsageError
 from attlog.estimators import base, get
 from attlog.estimators.engine.batch import estimate_batch, kernel
 from attlog.estimators.registry import BUILT_IN
+from tests.conftest import few
 
 G = 9.80665
 
@@ -36,7 +37,7 @@ def flight(n: int = 3000) -> tuple[np.ndarray, ...]:
 SETS = [{"kp": 0.1 + 0.2 * i, "ki": 0.002 * i} for i in range(19)]
 
 
-@pytest.mark.parametrize("name", ["mahony", "complementary"])
+@pytest.mark.parametrize("name", few(["mahony", "complementary"], 1))
 def test_each_set_equals_a_run_of_its_own_to_the_bit(name: str) -> None:
     x = flight()
     batch = estimate_batch(get(name), SETS, *x)
@@ -70,6 +71,7 @@ def test_every_built_in_filter_gives_in_a_batch_what_it_gives_alone(name: str) -
             assert np.allclose(one.aux[output], columns, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_switches_declination_start_and_decimation_may_differ_or_be_given() -> None:
     x = flight()
     sets: list[dict[str, Any]] = [{}, {"mag_form": "vector"}, {"declination": 7.0}, {"init": "first"}, {"kp": 3.0}]
@@ -80,6 +82,7 @@ def test_switches_declination_start_and_decimation_may_differ_or_be_given() -> N
         assert np.array_equal(one.q, alone.q)
 
 
+@pytest.mark.slow
 def test_single_precision_stays_within_a_tenth_of_a_degree() -> None:
     x = flight(20000)
     double, single = (estimate_batch(get("mahony"), SETS[:3], *x, dtype=d) for d in ("float64", "float32"))
@@ -97,6 +100,7 @@ def vector_step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any
     state[0:4] = state[0:4] / np.sqrt(np.sum(state[0:4] ** 2))
 
 
+@pytest.mark.slow
 def test_a_step_that_cannot_be_rewritten_runs_one_by_one() -> None:
     gain = base.Parameter("gain", 1.0, "1", 0, 2, "none", "test")
     estimator = base.Estimator(
@@ -134,15 +138,18 @@ def step(state, params, dt, gyr, acc, mag):
 
 @pytest.mark.parametrize(
     ("what", "name"),
-    [
-        ("taken", "BATCH_"),
-        ("taken", "acc_1"),
-        ("taken", "out"),
-        ("TAKEN", "W"),
-        ("TAKEN", "KEEP"),
-        ("helper", "advance"),
-        ("helper", "turned_back"),
-    ],
+    few(
+        [
+            ("taken", "BATCH_"),
+            ("taken", "acc_1"),
+            ("taken", "out"),
+            ("TAKEN", "W"),
+            ("TAKEN", "KEEP"),
+            ("helper", "advance"),
+            ("helper", "turned_back"),
+        ],
+        1,
+    ),
 )
 def test_names_of_the_code_around_a_step_may_be_its_own(tmp_path: Path, what: str, name: str) -> None:
     """Whatever a filter calls its variables, constants and helpers, a batch gives what single runs give."""

@@ -13,6 +13,7 @@ from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.engine.stabilised import stabilised
 from attlog.estimators.engine.start import MOTION_S, first_seconds, start_attitude
 from attlog.estimators.registry import BUILT_IN
+from tests.conftest import few
 
 G = 9.80665
 FIELD = np.array([20.0, 0.0, 40.0])
@@ -188,7 +189,7 @@ def test_a_field_that_comes_late_sets_the_heading_at_that_sample(name: str, rate
 
 
 @pytest.mark.parametrize("plain", [False, True])
-@pytest.mark.parametrize("name", ["mahony_dcm", "ekf12", "madgwick"])
+@pytest.mark.parametrize("name", few(["mahony_dcm", "ekf12", "madgwick"], 1))
 def test_a_late_field_is_the_same_thinned_in_a_batch_and_in_plain_python(
     name: str, plain: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

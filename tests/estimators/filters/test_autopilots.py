@@ -17,6 +17,7 @@ from attlog.replay import run_rows
 from attlog.testing import Motion, Noise, flight, motion, still, swing
 from attlog.testing.motion import GRAVITY
 from attlog.testing.subject import heading_deg, inclination_deg, total_deg
+from tests.conftest import few
 
 Array = NDArray[np.float64]
 NOISE = Noise(gyro=1e-3, acc=0.02, mag=1e-7, bias=(0.01, -0.008, 0.012))
@@ -34,10 +35,18 @@ def distance(path: Path, onboard: str, row: str, gyro_bias: str = "none") -> tup
 
 @pytest.mark.parametrize(
     ("name", "tilt", "heading", "wrong"),
-    [
-        ("copter_yaw_turns.bin", 0.1, 0.8, {"AHRS_RP_P=0.1": 0.3, "AHRS_RP_P=0.4": 0.2}),
-        ("copter_steps_stabilize.bin", 0.3, 1.0, {"AHRS_RP_P=0.1": 0.8, "AHRS_GPS_GAIN=0": 0.8, "AHRS_GPS_USE=0": 0.8}),
-    ],
+    few(
+        [
+            ("copter_yaw_turns.bin", 0.1, 0.8, {"AHRS_RP_P=0.1": 0.3, "AHRS_RP_P=0.4": 0.2}),
+            (
+                "copter_steps_stabilize.bin",
+                0.3,
+                1.0,
+                {"AHRS_RP_P=0.1": 0.8, "AHRS_GPS_GAIN=0": 0.8, "AHRS_GPS_USE=0": 0.8},
+            ),
+        ],
+        1,
+    ),
 )
 def test_ap_dcm_follows_the_autopilot_s_dcm(
     samples: Path, name: str, tilt: float, heading: float, wrong: dict[str, float]
@@ -117,7 +126,7 @@ def straight_px4(m: Motion, velocity: Array | None, every: int, v: dict[str, flo
     return np.array(found)
 
 
-@pytest.mark.parametrize("comp", [0.0, 1.0])
+@pytest.mark.parametrize("comp", few([0.0, 1.0], 1))
 def test_px4_q_is_the_filter_written_down_plainly(comp: float) -> None:
     """In calm and in lively motion, so that every branch is taken; steps as the firmware orders them."""
     for m in (flight(20.0, noise=NOISE), motion(lambda t: (0.05 * np.sin(t), 0.0, 0.1), 20.0, noise=NOISE)):

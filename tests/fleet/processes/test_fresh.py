@@ -23,6 +23,7 @@ from attlog.fleet.processes.nursery import Closed, Nursery
 from attlog.fleet.processes.run import run_one
 from attlog.fleet.records.lock import locked
 from attlog.fleet.records.record import Record
+from tests.conftest import few
 from tests.fleet.harm import harm, installed
 from tests.fleet.processes.test_run import LOG, gone, plugin, work
 
@@ -51,6 +52,7 @@ def unmeasured(record: Record) -> Record:
     return replace(record, wall_s=0.0, cpu_s=0.0, peak_mb=0.0)
 
 
+@pytest.mark.slow
 def test_a_fresh_process_writes_what_a_forked_one_does(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     forking = Nursery()
     forked = run_one(work(tmp_path / "forked"), forking)
@@ -66,13 +68,13 @@ def test_a_fresh_process_writes_what_a_forked_one_does(tmp_path: Path, request: 
     assert not list((tmp_path / "fresh" / ".attlog" / "rooms").iterdir())
 
 
-@pytest.mark.parametrize(("body", "code", "words"), [
+@pytest.mark.parametrize(("body", "code", "words"), few([
     ("import os; os._exit(9)", 70, "without a word (exit status 9)"),
     ("raise KeyboardInterrupt", 70, "without a word (exit status 70)"),
     ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", 70, "crashed (SIGSEGV)"),
     ("import time; time.sleep(100)", 75, "longer than 3 s"),
     ("x = bytearray(10**9)\nwhile True: pass", 75, "more than 600 MB"),
-])  # fmt: skip
+], 1))  # fmt: skip
 def test_a_fresh_process_that_fails_is_one_record(
     tmp_path: Path, nursery: Nursery, body: str, code: int, words: str
 ) -> None:
@@ -83,6 +85,7 @@ def test_a_fresh_process_that_fails_is_one_record(
     assert not list(tmp_path.glob("*.json"))
 
 
+@pytest.mark.slow
 def test_an_interrupt_is_left_to_the_parent(tmp_path: Path, nursery: Nursery) -> None:
     body = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
     assert run_one(work(tmp_path, specs=harm(body)), nursery).code == 0
@@ -137,6 +140,7 @@ def command_without(*words: object) -> list[str]:
     return [sys.executable, "-P", "-c", code, *map(str, words)]
 
 
+@pytest.mark.slow
 def test_several_logs_are_analysed_without_fork_and_no_file_beside_them_is_imported(tmp_path: Path) -> None:
     (tmp_path / "numpy.py").write_text("raise SystemExit('a file beside a log was imported')")
     logs = [tmp_path / name for name in ("a.bin", "b.bin")]

@@ -200,6 +200,7 @@ def test_nobody_at_the_address_is_told_in_seconds(tmp_path: Path, monkeypatch: p
         list(records_of("nonsense://x:1", works(tmp_path, 1)))
 
 
+@pytest.mark.slow
 def test_a_scheduler_without_workers_is_told(own: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "WORKERS_S", 0.3)
     monkeypatch.setattr(cluster, "LOOK_S", 0.1)
@@ -209,6 +210,7 @@ def test_a_scheduler_without_workers_is_told(own: Cluster, tmp_path: Path, monke
     assert "waiting for one" in heard[0]
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_is_told_and_what_is_done_stays(own: Cluster, tmp_path: Path) -> None:
     own.start()
     own.worker()
@@ -235,6 +237,7 @@ def test_another_version_or_python_on_a_worker_is_told(
         list(records_of(dask.address, todo))
 
 
+@pytest.mark.slow
 def test_a_worker_without_attlog_is_told(own: Cluster, tmp_path: Path) -> None:
     without = tmp_path / "without.py"
     without.write_text("import sys\nsys.modules['attlog'] = None\n")

@@ -16,6 +16,7 @@ from attlog.base.limits import MAX_BOOTS, MAX_COLUMNS, MAX_FORMATS, MAX_INFO, MA
 from attlog.flight import remarks
 from attlog.formats import Messages
 from attlog.formats.ulog import reader
+from tests.conftest import few
 from tests.formats.ulog import crafted
 from tests.formats.ulog.crafted import BUILDERS, PLAIN, STAMP, data, form, log, one, record, subscribe
 
@@ -39,7 +40,7 @@ def cost(raw: bytes, path: Path) -> float:
     return time.process_time() - begin
 
 
-@pytest.mark.parametrize("build", BUILDERS, ids=lambda b: b.__name__)
+@pytest.mark.parametrize("build", few(BUILDERS, 8), ids=lambda b: b.__name__)
 def test_four_times_the_bytes_cost_about_four_times_the_time(build: Build, tmp_path: Path) -> None:
     path = tmp_path / "crafted.ulg"
     small, large = build(SMALL), build(FACTOR * SMALL)
@@ -49,7 +50,7 @@ def test_four_times_the_bytes_cost_about_four_times_the_time(build: Build, tmp_p
     pytest.fail("time grows faster than the file")
 
 
-@pytest.mark.parametrize("build", BUILDERS, ids=lambda b: b.__name__)
+@pytest.mark.parametrize("build", few(BUILDERS, 8), ids=lambda b: b.__name__)
 def test_memory_stays_below_ten_megabytes_and_fifty_times_the_file(build: Build, tmp_path: Path) -> None:
     raw = build(SMALL // 4)
     tracemalloc.start()

@@ -30,6 +30,7 @@ def test_the_onset_is_the_first_second_that_all_medians_agree_on() -> None:
     assert vibration.onset(level[:20]) is None
 
 
+@pytest.mark.slow
 def test_twenty_hours_of_flight_take_no_minutes() -> None:
     level = 1.0 + np.random.default_rng(0).random(72_000)
     begin = time.process_time()

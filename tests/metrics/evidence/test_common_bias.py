@@ -137,6 +137,7 @@ def test_the_library_takes_nothing_off_by_itself(samples):
     assert attlog.estimate("gyro", imu.gyro.t, imu.gyro.x - 0.01, imu.acc.x).q[-1] != pytest.approx(raw.q[-1], abs=0.1)
 
 
+@pytest.mark.slow
 def test_terminal_page_json_and_info_say_it(attlog, samples, tmp_path):
     import json
 
@@ -154,6 +155,7 @@ def test_terminal_page_json_and_info_say_it(attlog, samples, tmp_path):
     assert attlog("analyze", samples / "px4_hover.ulg", "-o", tmp_path, "--gyro-bias", "some").code == 2
 
 
+@pytest.mark.slow
 def test_extracted_attitudes_are_those_of_the_analysis(attlog, samples, tmp_path):
     import json
 

@@ -16,7 +16,7 @@ from attlog.metrics.evidence import possible
 from attlog.metrics.evidence import reference_follows as followed
 from attlog.metrics.steps import lag
 
-SAMPLES = Path(__file__).parents[2] / "sample_logs"
+SAMPLES = Path(__file__).parents[3] / "sample_logs"
 
 
 def case_of(name: str) -> Case:

@@ -76,6 +76,7 @@ def test_averages_of_white_angle_noise_fall_with_the_root_of_tau():
     np.testing.assert_allclose(d.sigma[short], 0.02 * np.sqrt(STEP / d.tau[short]), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_the_floor_of_flicker_noise_gives_back_its_bias_instability():
     """IEEE Std 952: rate noise with two-sided density B^2 / (2 pi f) has a flat deviation at 0.664 B."""
     rng, n, b = np.random.default_rng(4), 2**15, 3.0

@@ -10,6 +10,7 @@ from attlog.flight.model import Attitude, TimeLine
 from attlog.flight.modes import commands_attitude
 from attlog.metrics.steps import controller, setpoint_response
 from attlog.segments.model import Segment
+from tests.conftest import few
 from tests.metrics import flights
 
 FINE_S = 0.001
@@ -57,8 +58,8 @@ def flight(hertz=3.0, damping=0.7, dead_s=0.02, hz=100.0, noise_deg=0.02):
     return case, row
 
 
-@pytest.mark.parametrize("plant_of", [(3.0, 0.7, 0.02), (3.0, 0.5, 0.02), (1.5, 0.7, 0.05)])
-@pytest.mark.parametrize("noise_deg", [0.0, 0.3])
+@pytest.mark.parametrize("plant_of", few([[3.0, 0.7, 0.02], [3.0, 0.5, 0.02], [1.5, 0.7, 0.05]], 1))
+@pytest.mark.parametrize("noise_deg", few([0.0, 0.3], 1))
 def test_a_known_plant_comes_back_to_3_ms_and_5_percent(plant_of, noise_deg):
     found = controller.compute(*flight(*plant_of, noise_deg=noise_deg), "all")
     delay, rise, peak, settled = known(*plant_of)

@@ -1,12 +1,13 @@
 import pytest
 
 from attlog.metrics.steps import leak
+from tests.conftest import few
 from tests.metrics.motions import motion, sampled
 from tests.metrics.steps.fit.test_line import thrust_flight
 from tests.metrics.steps.test_lag import step_case
 
 
-@pytest.mark.parametrize("kp", [0.0, 0.6, 2.0])
+@pytest.mark.parametrize("kp", few([0.0, 0.6, 2.0], 2))
 def test_the_leak_of_a_filter_aided_by_direction_is_its_gain(kp):
     case, row = thrust_flight(kp)
     told = leak.compute(case, row, "all")["leak_per_s"]

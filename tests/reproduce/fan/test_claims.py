@@ -27,6 +27,7 @@ def seeds() -> list[Seed]:
     return [fan_runs.one_seed(seed) for seed in range(SEEDS)]
 
 
+@pytest.mark.slow
 def test_raw_angles_at_rest_scatter_as_the_sensors_noise_says(seeds: list[Seed]) -> None:
     """150 ug/sqrt(Hz) at 200 Hz: 2.1 mg, which is 0.12 deg."""
     noise = np.degrees(150e-6 * np.sqrt(200.0))
@@ -34,6 +35,7 @@ def test_raw_angles_at_rest_scatter_as_the_sensors_noise_says(seeds: list[Seed])
     assert spread == pytest.approx(noise, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_spread_is_that_of_a_run_by_hand(found: Paper) -> None:
     ratios = []
     for seed in range(SEEDS):
@@ -50,6 +52,7 @@ def test_the_spread_is_that_of_a_run_by_hand(found: Paper) -> None:
     assert told.value == pytest.approx(np.exp(np.mean(np.log(ratios))), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_turns_of_the_heading_are_where_the_truth_turns() -> None:
     s = fan_runs.turned(0)
     heading = np.degrees(np.unwrap(rotation.to_euler(s.q)[:, 2]))
@@ -59,6 +62,7 @@ def test_the_turns_of_the_heading_are_where_the_truth_turns() -> None:
         assert np.interp([begin, end], s.t, heading) == pytest.approx([start, goal], abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_heading_that_is_late_by_30_ms_is_found_late_by_30_ms() -> None:
     s = fan_runs.turned(0)
     late = rotation.slerp(s.t, s.q, np.clip(s.t - 0.030, s.t[0], s.t[-1]))

@@ -63,6 +63,7 @@ def numbers(claim: Claim, what: str) -> list[Number]:
     return [n for n in claim.numbers if what in n.what]
 
 
+@pytest.mark.slow
 def test_flown_on_the_truth_there_is_no_error_and_it_returns_to_level(flight: Flight) -> None:
     found = huang_runs.measured(flight)
     assert max(*found.errors.hover, *found.errors.moving) < 1e-9
@@ -97,6 +98,7 @@ def test_a_sine_is_found_by_its_amplitude_and_phase() -> None:
     assert -np.angle(found) / np.pi == pytest.approx(0.2)
 
 
+@pytest.mark.slow
 def test_on_the_stand_the_vehicle_hardly_moves_and_the_filter_stays_right() -> None:
     flight = huang_runs.stand(0)
     late = flight.truth.t > huang_runs.STAND_AT

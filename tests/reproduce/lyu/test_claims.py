@@ -39,6 +39,7 @@ def number(paper: Paper, claim: str, what: str) -> float:
     return hits[0].value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reading", ["second", "sample"])
 @pytest.mark.parametrize("seed", range(SEEDS))
 def test_at_rest_the_two_filters_are_one_to_the_last_bit(seed: int, reading: str) -> None:
@@ -55,6 +56,7 @@ def test_at_rest_the_two_filters_are_one_to_the_last_bit(seed: int, reading: str
     assert not np.array_equal(fixed.q, other.q)
 
 
+@pytest.mark.slow
 def test_the_claim_of_a_quieter_rest_does_not_hold(found: Paper) -> None:
     claim = next(c for c in found.claims if c.id == "rest")
     assert claim.verdict == "does not hold"
@@ -63,6 +65,7 @@ def test_the_claim_of_a_quieter_rest_does_not_hold(found: Paper) -> None:
     assert number(found, "rest", "spread of roll, variable over fixed integral, ki per sample") == 1.0
 
 
+@pytest.mark.slow
 def test_the_spread_at_rest_is_that_of_a_line_fitted_by_hand(found: Paper) -> None:
     spreads = []
     for seed in range(SEEDS):
@@ -109,6 +112,7 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
             assert len(line.x) == len(line.y)
 
 
+@pytest.mark.slow
 def test_flights_are_one_to_the_last_bit_while_the_error_stays_small() -> None:
     found = lyu_flight.one_seed(0)
     for reading in lyu_runs.READINGS:
@@ -117,6 +121,7 @@ def test_flights_are_one_to_the_last_bit_while_the_error_stays_small() -> None:
         assert one.error_deg == pytest.approx(found[lyu_runs.fixed(reading)].error_deg, abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_error_in_flight_is_that_of_the_attitude_that_flew() -> None:
     flight = lyu_flight.flight(lyu_runs.fixed("second"), 0)
     on, truth = flight.onboard, flight.truth

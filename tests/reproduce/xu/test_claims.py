@@ -52,6 +52,7 @@ def found(seeds: list[Seed]) -> Paper:
         return xu.paper(Options(seeds=SEEDS, logs=LOGS))
 
 
+@pytest.mark.slow
 def test_the_error_of_tilt_is_that_of_a_run_by_hand(seeds: list[Seed]) -> None:
     s = xu_runs.flown(0)
     q = attlog.estimate("mahony@xu-1.1", s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
@@ -97,6 +98,7 @@ def test_the_best_gain_is_the_lowest_of_a_curve_that_is_known(seeds: list[Seed])
     assert best.over.value == pytest.approx(1.0 + np.log(0.6 / 0.85) ** 2)
 
 
+@pytest.mark.slow
 def test_logs_are_measured_and_named(found: Paper) -> None:
     assert found.logs == tuple(path.name for path in LOGS)
     names = [n.what for c in found.claims for n in c.numbers]

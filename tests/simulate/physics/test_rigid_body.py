@@ -214,6 +214,7 @@ def test_specific_force_is_acceleration_less_gravity_in_body_axes() -> None:
     assert np.abs(w_dot - raw[:, 3:6])[2:-2].max() < 0.02
 
 
+@pytest.mark.slow
 def test_at_rest_on_its_feet_nothing_moves_for_minutes_even_in_wind() -> None:
     one = Body(Vehicle(), 9.81, 1.2, heading_rad=1.0)
     start = one.state[:10].copy()

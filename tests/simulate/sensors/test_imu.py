@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog.simulate.sensors.imu import ImuSensor, butterworth
 from attlog.simulate.sensors.imu_kernel import imu_samples
+from tests.conftest import few
 from tests.simulate.still import G, flown, perfect, rows, scenario, unit
 
 Array = NDArray[np.float64]
@@ -30,7 +31,7 @@ def adev(x: Array, rate: float, tau: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("sampling", "rate", "lowpass"),
-    [("interval", 400.0, 0.0), ("interval", 250.0, 0.0), ("instant", 400.0, 0.0), ("instant", 1000.0, 40.0)],
+    few([("interval", 400.0, 0.0), ("interval", 250.0, 0.0), ("instant", 400.0, 0.0), ("instant", 1000.0, 40.0)], 1),
 )
 def test_the_allan_deviation_is_that_of_the_declared_densities(sampling: str, rate: float, lowpass: float) -> None:
     """sigma(tau) = N / sqrt(tau) for white noise of density N (IEEE Std 952-1997, annex C)."""
@@ -47,6 +48,7 @@ def test_the_allan_deviation_is_that_of_the_declared_densities(sampling: str, ra
                 assert found == pytest.approx(density / math.sqrt(tau), rel=half + 0.005)
 
 
+@pytest.mark.slow
 def test_the_bias_walks_with_the_declared_slope() -> None:
     """sigma(tau) = K sqrt(tau / 3) for a rate random walk of K (IEEE Std 952-1997, annex C)."""
     imu = perfect({"walk_dps_rts": 0.01}, {"walk_m_s2_rts": 0.02})
@@ -186,7 +188,7 @@ def test_the_low_pass_is_scipys_butterworth(cutoff: float) -> None:
     assert np.abs(got.gyro - signal.lfilter(b, a, w, axis=0, zi=start)[0]).max() < 1e-9
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("axis", few([0, 1, 2], 1))
 def test_intervals_compose_to_the_true_turn_even_where_the_axis_cones(axis: int) -> None:
     """A coning motion about an axis: two rates 90 deg apart at 10 Hz, which a plain mean rate turns into a false
     drift."""
@@ -266,7 +268,7 @@ def test_the_compiled_unit_is_its_plain_twin_to_the_bit(sampling: str) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "check"),
-    [
+    few([
         ({"part": "gyro", "kind": "stuck"}, lambda x, y: np.ptp(x.gyro[801:], axis=0).max() == 0),
         ({"part": "acc", "kind": "zero"}, lambda x, y: not x.acc[800:].any()),
         (
@@ -281,7 +283,7 @@ def test_the_compiled_unit_is_its_plain_twin_to_the_bit(sampling: str) -> None:
         ),
         ({"part": "gyro", "kind": "silent", "seconds": 1.0}, lambda x, y: len(x.t) == len(y.t) - 400),
         ({"part": "gyro", "kind": "flipped"}, lambda x, y: np.allclose(x.gyro[800:, :2], -y.gyro[800:, :2])),
-    ],
+    ], 4),
 )  # fmt: skip
 def test_a_planted_fault_acts_from_its_time_on_and_not_before(fault: dict[str, Any], check: Any) -> None:
     hurt = flown(scenario(4.0, fault=[{"t": 2.0 + 1e-6} | fault]), 2).imus[0]

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import earth
-from attlog.base.median import median
 from attlog.estimators.aids import Aids, Measured
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.settings import BARO_BLOCK_S, MAG_BLOCK_S
@@ -99,7 +98,7 @@ def made_ready(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, declina
     place = aids.position
     gravity = GRAVITY
     if place is not None:
-        lat, alt = float(median(place.x[:, 0])), place.x[np.isfinite(place.x[:, 2]), 2]
+        lat, alt = float(np.median(place.x[:, 0])), place.x[np.isfinite(place.x[:, 2]), 2]
         gravity = earth.gravity(lat if ahead else float(place.x[0, 0]), float(alt[0]) if len(alt) else 0.0)
     return Inputs(
         t, lag, np.diff(t, prepend=t[:1]), np.ascontiguousarray(gyr), np.ascontiguousarray(f), rest, still,
@@ -176,7 +175,7 @@ def _shape(sigma: Array | None, n: int, columns: int, ahead: bool) -> Array:
     if ahead:
         with np.errstate(all="ignore"):
             level = np.array(
-                [median(s[~np.isnan(s[:, i]), i]) if np.isfinite(s[:, i]).any() else 1.0 for i in range(columns)]
+                [np.median(s[~np.isnan(s[:, i]), i]) if np.isfinite(s[:, i]).any() else 1.0 for i in range(columns)]
             )
     else:
         known = np.isfinite(s)
@@ -201,7 +200,7 @@ def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measured | N
         return None
     at = t[good]
     known = size[good] if ahead else size[good][at <= at[0] + FIRST_S]
-    level = float(median(known))
+    level = float(np.median(known))
     wanted = TYPICAL_FIELD_G if field is None else float(np.sqrt(np.sum(field * field)))
     scale = 1e4
     if field is None or abs(level * scale / wanted - 1.0) > SCALED_FIELD:

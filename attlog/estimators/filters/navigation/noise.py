@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from attlog.base.median import median
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.layout import BA, BARO_BIAS, BG, EARTH, GROUPS, HARD, PHI, SOFT, WANDER, V
 from attlog.estimators.filters.navigation.measured import Inputs, Running
@@ -46,21 +45,21 @@ WHITE_FACTOR = 1.5
 
 def first_guess(inputs: Inputs, tuned: Tuned) -> Tuned:
     """Inertial noise from second differences of the samples, zero-rate noise from successive means at rest."""
-    dt = float(median(inputs.dt[1:])) if len(inputs.dt) > 1 else 0.01
+    dt = float(np.median(inputs.dt[1:])) if len(inputs.dt) > 1 else 0.01
     levels = []
     for x in (inputs.gyr, inputs.acc):
         if len(x) < 8:
             levels.append(0.0)
             continue
         second = x[2:] - 2.0 * x[1:-1] + x[:-2]
-        sd = median(np.abs(second), axis=0) / (0.6745 * np.sqrt(6.0))
+        sd = np.median(np.abs(second), axis=0) / (0.6745 * np.sqrt(6.0))
         levels.append(float(np.sqrt(np.mean(sd**2) * dt)))
     gyro, acc = max(WHITE_FACTOR * levels[0], QUIETEST_GYRO), max(WHITE_FACTOR * levels[1], QUIETEST_ACC)
     r = tuned.r.copy()
     looks = rest_times(inputs)
     if len(looks) > 5:
         means = Running(inputs.sensed_at, inputs.gyr).mean(looks - REST_MEAN_S, looks)
-        spread = median(np.abs(np.diff(means, axis=0)), axis=0) / (0.6745 * np.sqrt(2.0))
+        spread = np.median(np.abs(np.diff(means, axis=0)), axis=0) / (0.6745 * np.sqrt(2.0))
         r[6] = max(float(np.sqrt(np.mean(spread**2))), LEAST_R[6])
     return replace(tuned, gyro=gyro, acc=acc, acc_rest=max(2.0 * acc, QUIETEST_ACC), r=r)
 
@@ -72,7 +71,7 @@ def ratios(found: Pass) -> Array:
     for g in range(GROUPS):
         mine = score[found.group == g]
         if len(mine) >= LEAST_UPDATES:
-            out[g] = float(median(mine)) / MEDIAN_OF_SQUARE
+            out[g] = float(np.median(mine)) / MEDIAN_OF_SQUARE
     return out
 
 

@@ -13,6 +13,7 @@ from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.passes import telling
 from attlog.estimators.filters.navigation.quality import refusal
 from attlog.testing import still, swing
+from tests.conftest import few
 from tests.estimators.filters.navigation.made import flight, off, without
 
 SEEDS = range(4)
@@ -61,6 +62,7 @@ def test_a_late_magnetometer_is_found():
     assert e.quality["mag_delay_ms"] == pytest.approx(50.0, abs=6.0)
 
 
+@pytest.mark.slow
 def test_the_filter_is_as_good_as_it_says():
     z = []
     for seed in SEEDS:
@@ -76,13 +78,16 @@ def test_the_filter_is_as_good_as_it_says():
 
 @pytest.mark.parametrize(
     ("gone", "aided"),
-    [
-        ((), "gnss baro mag rest"),
-        (("position",), "gnss baro mag rest"),
-        (("velocity",), "position baro mag rest"),
-        (("baro", "at_rest"), "gnss mag"),
-        (("velocity", "position"), "baro mag rest"),
-    ],
+    few(
+        [
+            ((), "gnss baro mag rest"),
+            (("position",), "gnss baro mag rest"),
+            (("velocity",), "position baro mag rest"),
+            (("baro", "at_rest"), "gnss mag"),
+            (("velocity", "position"), "baro mag rest"),
+        ],
+        3,
+    ),
 )
 @pytest.mark.parametrize("name", ["eskf", "smoother"])
 def test_it_works_with_what_there_is_and_says_so(name, gone, aided):
@@ -215,6 +220,7 @@ def test_of_a_long_run_that_part_counts_that_turns_most(blow: float) -> None:
     assert telling(inputs, 60.0).t[0] >= 79.0
 
 
+@pytest.mark.slow
 def test_constants_of_a_long_run_are_found_where_it_moves_most(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two minutes at rest, then a flight: 100 s of it tell the delay, and attitudes are those of the whole."""
     made = flight(seconds=240.0, still=120.0)
