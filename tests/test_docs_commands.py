@@ -27,7 +27,6 @@ ELSEWHERE = {
     "pip install": "changes the installation; tests/test_package.py installs the wheel",
     "attlog --install-completion": "changes the user's shell; tests/cli/shared/test_completion.py",
     "attlog batch s3://": "needs a cluster; tests/fleet/schedulers/test_cluster.py runs one",
-    "attlog batch --watch /srv": "does not end; tests/fleet/schedulers/test_watch.py",
 }
 """Commands that begin so are not run here, and why."""
 
