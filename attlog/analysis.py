@@ -32,7 +32,7 @@ from attlog.flight import memory as room
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem, part_of
 from attlog.health import Check, answerable, audit
-from attlog.health.findings import Open, contradiction, findings, hopeless
+from attlog.health.findings import OpenQuestion, contradiction, findings, hopeless
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.evidence.common_bias import common_bias
 from attlog.metrics.evidence.common_bias import none as no_bias
@@ -182,7 +182,7 @@ def evaluate(
     result.verdicts = part_of(case.log, "The verdicts", lambda: verdicts(result), list)
     own = failures + _unmeasured(lines) + _late_field(rows)
     open_questions = part_of(
-        case.log, "What would answer open questions", partial(_unanswered, case, result), list[Open]
+        case.log, "What would answer open questions", partial(_unanswered, case, result), list[OpenQuestion]
     )
     result.problems = part_of(
         case.log,
@@ -226,7 +226,7 @@ class Passing:
         asked = case.settings.get("reference", "auto") == "auto" and not case.reference.gyro_fault
         # nor does a force in wrong axes say who is right
         asked = asked and reference.FRAME not in case.reference.sensor_faults
-        self.witnesses = reference.Witnesses(case.log, imu, case.reference, again) if asked and imu else None
+        self.witnesses = reference.ReferenceCheck(case.log, imu, case.reference, again) if asked and imu else None
 
     def hear(self, row: Row, line: EstimatorRow) -> None:
         """Fill in a row's line of the table; a replayed row is empty afterwards."""
@@ -308,7 +308,7 @@ def _described(case: Case) -> dict[str, Any]:
 
 
 def _smoothing(
-    log: FlightLog, phases: Segments, options: reference.Options, clock: Stopwatch
+    log: FlightLog, phases: Segments, options: reference.ReferenceOptions, clock: Stopwatch
 ) -> Callable[[], Estimate]:
     """Runs the smoother where the reference asks for it, as a stage of its own."""
 
@@ -346,7 +346,7 @@ def _withhold(why: str, *told: Row | EstimatorRow) -> None:
             one.status, one.reason = "not_judged", why
 
 
-def _unanswered(case: Case, result: Result) -> list[Open]:
+def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
     """The questions that no row answers, each with its reason and what would answer it."""
     if all(verdict.bars for verdict in result.verdicts):
         return []
@@ -355,7 +355,7 @@ def _unanswered(case: Case, result: Result) -> list[Open]:
     for verdict in result.verdicts:
         if not verdict.bars:
             could = by_question.get(verdict.question)
-            found.append(Open(verdict.title, could.setting if could is not None else ""))
+            found.append(OpenQuestion(verdict.title, could.setting if could is not None else ""))
     return found
 
 
@@ -450,9 +450,9 @@ class Stopwatch:
             self.within = before + spent
 
 
-def reference_options(config: Config) -> reference.Options:
+def reference_options(config: Config) -> reference.ReferenceOptions:
     """The part of a configuration that choosing and aligning the reference needs."""
-    return reference.Options(
+    return reference.ReferenceOptions(
         reference=config.reference,
         clock=config.clock,
         declination=config.declination,

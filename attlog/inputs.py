@@ -68,7 +68,9 @@ def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | N
     return density[0], density[1], seconds
 
 
-def aids_of(log: FlightLog, segments: Segments, imu: Imu | None = None, field: earth.Field | None = None) -> Aids:
+def aids_of(
+    log: FlightLog, segments: Segments, imu: Imu | None = None, field: earth.MagneticField | None = None
+) -> Aids:
     """The aids that a log holds, on its clock: the first receiver with a 3D fix, barometer, airspeed, times at rest.
 
     ``imu`` is the unit that is replayed, whose filters' lag is told; ``field`` the earth's field there.

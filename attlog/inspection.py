@@ -116,7 +116,7 @@ def _compared(log: FlightLog, phases: Segments) -> tuple[Reference | None, Case 
 
 def _alone(log: FlightLog, phases: Segments) -> tuple[Reference | None, Case | None]:
     """The same where nothing can be compared with."""
-    chosen = reference.choose(log, phases, reference.Options(reference="none"))
+    chosen = reference.choose(log, phases, reference.ReferenceOptions(reference="none"))
     return chosen, Case(log, phases, chosen)
 
 

@@ -59,7 +59,7 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
     return rows
 
 
-def smoother(log: FlightLog, segments: Segments, options: reference.Options) -> Estimate:
+def smoother(log: FlightLog, segments: Segments, options: reference.ReferenceOptions) -> Estimate:
     """What the whole-run smoother finds in the IMU that flew, from both sides of each moment.
 
     It is told the lag of the IMU's filters, gives the attitude of each stamp itself and does not share that lag. Each

@@ -177,7 +177,7 @@ def test_aids_tell_the_earths_field_and_the_lag_of_the_units_filters() -> None:
     """A field of 50 uT that dips by 60 deg, 30 deg east of north; a low-pass at 20 Hz is late by 11.25 ms."""
     unit = imu(50.0)
     unit.gyro.delay, unit.acc.delay = np.sqrt(2.0) / (2.0 * np.pi * 20.0), 1e9
-    aids = inputs.aids_of(flight(imus=[unit]), REST, unit, earth.Field(30.0, 60.0, 50e-6, "by hand"))
+    aids = inputs.aids_of(flight(imus=[unit]), REST, unit, earth.MagneticField(30.0, 60.0, 50e-6, "by hand"))
     assert aids.field == pytest.approx([25e-6 * np.sqrt(0.75), 12.5e-6, 50e-6 * np.sqrt(0.75)])
     assert aids.lag[0] == pytest.approx(0.01125, abs=1e-5)
     assert aids.lag[1] < 0.1

@@ -26,7 +26,7 @@ UNKNOWN_DATE_YEAR = 2025.0
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class MagneticField:
     """The earth's magnetic field at a place and date. ``model`` names the model and the date used."""
 
     declination_deg: float
@@ -71,7 +71,7 @@ def heading_turn(lat_deg: float) -> float:
 
 
 @lru_cache(maxsize=64)  # the same place and day are asked for by half a dozen checks; each reads the model's file
-def field(lat: float, lon: float, alt_m: float, unix_time: float | None) -> Field | None:
+def field(lat: float, lon: float, alt_m: float, unix_time: float | None) -> MagneticField | None:
     """The field at a place (deg, deg, m) and time (Unix s), None where no model covers it.
 
     ``unix_time=None`` means that the log does not tell its date: the newest model's
@@ -89,7 +89,7 @@ def field(lat: float, lon: float, alt_m: float, unix_time: float | None) -> Fiel
     altitude_km = alt_m / 1000.0 if math.isfinite(alt_m) else 0.0
     result = model.calculate(glat=lat, glon=lon, alt=altitude_km, time=year)
     when = "date unknown" if unix_time is None else f"{year:.2f}"
-    return Field(float(result.d), float(result.i), float(result.f) * 1e-9, f"{model.model} ({when})")
+    return MagneticField(float(result.d), float(result.i), float(result.f) * 1e-9, f"{model.model} ({when})")
 
 
 def decimal_year(unix_time: float) -> float | None:

@@ -11,7 +11,7 @@ What = Literal["imu", "fast_imu", "attitude", "mag", "rest"]
 REST_WANTED_S = 30
 
 
-class Logging(Protocol):
+class LoggingAdvice(Protocol):
     """The logging settings of the vehicle that wrote a log."""
 
     def advice(self, what: What, rate: float | None = None) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.flight import physics
-from attlog.flight.advice import Logging
+from attlog.flight.advice import LoggingAdvice
 from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.clock.timing import Stamps, plausible
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
@@ -46,7 +46,7 @@ LOW_RATE_HZ = 45.0
 
 
 @dataclass(slots=True)
-class Candidate:
+class ImuCandidate:
     """Gyro (n, 3) rad/s and specific force (n, 3) m/s^2 of one unit from one message, stamps in us.
 
     ``rank`` is the place in the preference order of the firmware, 0 best. ``usable`` is
@@ -85,7 +85,7 @@ class Candidate:
         """From the first record to the last."""
         return 1e-6 * float(self.t_us[-1] - self.t_us[0]) if len(self.t_us) else 0.0
 
-    def rows(self, index: NDArray[np.int64]) -> Candidate:
+    def rows(self, index: NDArray[np.int64]) -> ImuCandidate:
         """The same source with the selected samples only, given by rising ``index`` (m,)."""
         if len(index) == len(self.t_us):
             return self
@@ -95,7 +95,7 @@ class Candidate:
         return self
 
 
-def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
+def validate(builder: LogBuilder, candidate: ImuCandidate) -> ImuCandidate | None:
     """The candidate with plausible stamps and physical values only, None if nothing is left.
 
     What is left out is noted with the candidate and told only if it is chosen.
@@ -125,13 +125,13 @@ def validate(builder: LogBuilder, candidate: Candidate) -> Candidate | None:
     return None
 
 
-def validated(builder: LogBuilder, found: list[Candidate]) -> list[Candidate]:
+def validated(builder: LogBuilder, found: list[ImuCandidate]) -> list[ImuCandidate]:
     """Every candidate that :func:`validate` leaves something of."""
     clean = [builder.attempt(c.source, partial(validate, builder, c), None) for c in found]
     return [c for c in clean if c is not None]
 
 
-def best_per_unit(builder: LogBuilder, candidates: list[Candidate]) -> list[Candidate]:
+def best_per_unit(builder: LogBuilder, candidates: list[ImuCandidate]) -> list[ImuCandidate]:
     """One candidate per unit: the best rank among usable ones, else the fastest. Its problems are told.
 
     Where none is usable those of all are told: a better message may be in the log, and useless.
@@ -167,7 +167,12 @@ def _unreadable(builder: LogBuilder) -> str:
 
 
 def choose_unit(
-    builder: LogBuilder, units: list[Candidate], flew: int | None, why: str, asked: int | None, logging: Logging
+    builder: LogBuilder,
+    units: list[ImuCandidate],
+    flew: int | None,
+    why: str,
+    asked: int | None,
+    logging: LoggingAdvice,
 ) -> int | None:
     """Position of the unit to replay in ``units``, None (and a problem) where none can be.
 
@@ -244,7 +249,7 @@ def choose_unit(
     return wanted
 
 
-def _tell_what_others_saw(builder: LogBuilder, units: list[Candidate], wanted: int) -> None:
+def _tell_what_others_saw(builder: LogBuilder, units: list[ImuCandidate], wanted: int) -> None:
     """A warning where another unit was logged before the one to replay begins, or after it ends."""
     mine = units[wanted]
     first, last = int(mine.t_us[0]), int(mine.t_us[-1])
@@ -269,7 +274,7 @@ def sentence(reason: str) -> str:
     return reason[0].upper() + reason[1:] + "."
 
 
-def build(builder: LogBuilder, candidate: Candidate) -> Imu:
+def build(builder: LogBuilder, candidate: ImuCandidate) -> Imu:
     """The candidate as a part of the flight log; call it when t = 0 is known."""
     t = builder.seconds(candidate.t_us)
     unit = Imu(
@@ -327,7 +332,7 @@ def longest_held(t_us: Stamps, units: list[int]) -> int | None:
     return max(held, key=lambda u: held[u])
 
 
-def complete(candidate: Candidate) -> Candidate:
+def complete(candidate: ImuCandidate) -> ImuCandidate:
     """The candidate without the samples for which the other sensor had no value to interpolate.
 
     More than a few at the ends, where one sensor was logged before the other, are told.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.flight import physics
-from attlog.flight.advice import Logging
+from attlog.flight.advice import LoggingAdvice
 from attlog.flight.builder import LogBuilder
 from attlog.flight.clock.timing import Stamps
 from attlog.flight.inertial import sentence
@@ -104,7 +104,7 @@ def choose(
     preferred: int | None,
     why: str,
     asked: int | str | None,
-    logging: Logging,
+    logging: LoggingAdvice,
 ) -> int | None:
     """Position of the magnetometer to use, None with a problem where none can be.
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base.barrier import guarded
-from attlog.flight.advice import Logging, What, stand_still
+from attlog.flight.advice import LoggingAdvice, What, stand_still
 from attlog.flight.remedies import GENERAL, Fault
 from attlog.flight.vehicle import VehicleKind, kind_of
 
@@ -294,7 +294,7 @@ class FlightLog:
     trim_source: str = ""
     declination_param: float | None = None
     declination_source: str = ""
-    logging: Logging | None = None
+    logging: LoggingAdvice | None = None
     remedies: dict[Fault, str] = field(default_factory=lambda: dict(GENERAL))
     acc_bias: Stream | None = None
     onboard_gyro_bias: Stream | None = None

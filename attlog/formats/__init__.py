@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 from attlog.base.errors import LogUnreadable, NotALog, UsageError
 from attlog.formats.base import Boot, Damage, Field, Messages, ParamChange, Table, Text
-from attlog.formats.recording import Layout, Recording
+from attlog.formats.recording import MessageLayout, Recording
 from attlog.formats.registry import Format
 
 __all__ = [
@@ -19,7 +19,7 @@ __all__ = [
     "Boot",
     "Damage",
     "Field",
-    "Layout",
+    "MessageLayout",
     "Messages",
     "ParamChange",
     "Recording",

@@ -197,7 +197,7 @@ class Boot:
 T = TypeVar("T")
 
 
-class Later(Generic[T]):
+class LazyList(Generic[T]):
     """A list of a log that may be given as a function that makes it: the first who asks has it called with the log.
 
     Columns are decoded when somebody asks for them, and so are parameters, of which a log states thousands. A function
@@ -242,8 +242,8 @@ class Messages(Mapping[tuple[str, int], Table]):
     format: str
     size: int
     tables: dict[tuple[str, int], Table]
-    params: Later[ParamChange] = Later()
-    texts: Later[Text] = Later()
+    params: LazyList[ParamChange] = LazyList()
+    texts: LazyList[Text] = LazyList()
     info: dict[str, Any] = field(default_factory=dict)
     damage: list[Damage] = field(default_factory=list)
     damage_bytes: int = 0

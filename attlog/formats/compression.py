@@ -45,7 +45,7 @@ def first_bytes_of(file: BinaryIO, count: int) -> bytes:
         return head
     file.seek(0)
     head = b""
-    for block in Unpacking(file).blocks():
+    for block in GzipContent(file).blocks():
         head += block
         if len(head) >= count:
             break
@@ -81,7 +81,7 @@ def unpack(path: Path, into: BinaryIO) -> Damage | None:
     try:
         limit = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * path.stat().st_size))
         with path.open("rb") as file:
-            unpacking = Unpacking(file)
+            unpacking = GzipContent(file)
             for block in unpacking.blocks():
                 written += len(block)
                 if written > limit:
@@ -95,7 +95,7 @@ def unpack(path: Path, into: BinaryIO) -> Damage | None:
     return Damage(written, 0, unpacking.lost, "nowhere, nothing behind it can be unpacked")
 
 
-class Unpacking:
+class GzipContent:
     """The content of a gzip file (one or more members) block by block, as far as it is sound.
 
     ``lost`` says after the last block what is missing, None if nothing is.

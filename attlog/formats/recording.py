@@ -21,7 +21,7 @@ Key = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class MessageLayout:
     """How one message is stored, beyond what the types of its columns say.
 
     DataFlash: ``letters``, ``units`` and ``multipliers`` have one character per column; columns of the letters
@@ -51,7 +51,7 @@ class Recording:
     texts: Sequence[Text] = ()
     info: Mapping[str, str | int] = field(default_factory=dict)
     start_us: int | None = None
-    layouts: Mapping[str, Layout] = field(default_factory=dict)
+    layouts: Mapping[str, MessageLayout] = field(default_factory=dict)
 
     def checked(self, clock: str) -> int:
         """The log's start in us, by its ``clock`` column; UsageError where the columns do not make records."""

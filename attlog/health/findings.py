@@ -28,7 +28,7 @@ ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class Explanation:
     """What a check that is not good means: how bad, why, which remedy, what for the comparison.
 
     ``codes``: problems of readers and reports that say the same; ``beside``: those that are as important.
@@ -46,68 +46,68 @@ class About:
 _TILT = "Where the attitude is wrong, filters that agree with it are wrong as well."
 _HEADING = "Filters that use the compass take its error for heading."
 _STOPPED = "The sensor, its driver or its bus stopped."
-ABOUT: dict[str, About] = {
-    "gyro": About(bad="error", cause=_STOPPED, means="No filter can follow."),
-    "gravity": About(
+ABOUT: dict[str, Explanation] = {
+    "gyro": Explanation(bad="error", cause=_STOPPED, means="No filter can follow."),
+    "gravity": Explanation(
         cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.",
         fault="accelerometer",
         means="Filters that check the size of the force trust it less; a wrong direction tilts all of them.",
     ),
-    "frozen gyro": About(bad="error", cause=_STOPPED, means="No filter can follow."),
-    "gyro spikes": About(
+    "frozen gyro": Explanation(bad="error", cause=_STOPPED, means="No filter can follow."),
+    "gyro spikes": Explanation(
         bad="error",
         cause="Errors on the sensor's bus, or samples that leave its range.",
         fault="bus",
         means="Every filter turns by them as if the vehicle had turned.",
     ),
-    "compass axes": About(
+    "compass axes": Explanation(
         bad="error",
         cause="The compass is mounted otherwise than set, or its axes are mixed up.",
         fault="compass_mounting",
         means=_HEADING,
     ),
-    "accelerometer axes": About(
+    "accelerometer axes": Explanation(
         bad="error",
         cause="The accelerometer is mounted otherwise than set, or its axes are mixed up.",
         fault="mounting",
         means="Filters take its down for down. The attitude that flew is right.",
     ),
-    "accelerometer delay": About(
+    "accelerometer delay": Explanation(
         bad="error",
         cause="Its samples wait in a queue, or are stamped by another clock.",
         fault="bus",
         means="Filters take the force of one moment for gravity of another.",
     ),
-    "frozen sensors": About(
+    "frozen sensors": Explanation(
         bad="error", cause=_STOPPED, means="Filters that use it go on with its last value as if it were measured."
     ),
-    "gyro bias": About(
+    "gyro bias": Explanation(
         bad="error",
         cause="The gyro was not calibrated, was moved while it started, or warms up.",
         fault="gyro_bias",
         means="Filters that do not estimate the gyro's bias lean and turn away by it.",
     ),
-    "crash": About(
+    "crash": Explanation(
         bad="error",
         cause="Lost thrust, lost attitude or contact with something.",
         fault="crash",
         means="Errors in a tumble say little about flight.",
         codes=("crash",),
     ),
-    "onboard against smoother": About(
+    "onboard against smoother": Explanation(
         bad="error",
         cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
         fault="estimator",
         means="Filters are compared with the smoother and not with it; what it flew on was wrong.",
         codes=("reference_contradicted",),
     ),
-    against_smoother.TRUTH: About(
+    against_smoother.TRUTH: Explanation(
         bad="error",
         cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
         fault="estimator",
         means="What it flew on was wrong; filters are compared with the truth and not with it.",
     ),
-    "gravity direction": About(
+    "gravity direction": Explanation(
         bad="error",
         cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
         fault="mounting",
@@ -115,100 +115,100 @@ ABOUT: dict[str, About] = {
         codes=("reference_contradicted",),
         beside=("ekf_failsafe", "ekf_check", "ekf_fault"),
     ),
-    "gyro against attitude": About(
+    "gyro against attitude": Explanation(
         warn="note",
         bad="error",
         cause="A wrong scale, unit, orientation or clock of the logged gyro, or a slow or filtered attitude.",
         fault="mounting",
         means="Errors grow with every turn.",
     ),
-    "attitude jumps": About(
+    "attitude jumps": Explanation(
         cause="The estimator found its heading or attitude wrong and set it anew.",
         fault="compass",
         means="Before a jump the onboard attitude was wrong by about its size; jumps are cut out of comparisons.",
         codes=("lane_switch", "estimator_instance_changed"),
     ),
-    "second source": About(
+    "second source": Explanation(
         cause="One of these estimators has failed, or was never aligned.",
         fault="estimator",
         means="At least one of them is wrong; where the wrong one is the reference, the comparison is wrong too.",
     ),
-    "field against motors": About(
+    "field against motors": Explanation(
         cause="Currents of motors and battery bend the field at the compass.", fault="interference", means=_HEADING
     ),
-    "field against attitude": About(
+    "field against attitude": Explanation(
         cause="A disturbed or badly calibrated compass, or an attitude that turns away.",
         fault="compass",
         means=_HEADING,
     ),
-    "field": About(
+    "field": Explanation(
         cause="The compass is not calibrated, or iron is near.",
         fault="compass",
         means=_HEADING,
         codes=("mag_uncalibrated", "mag_raw", "mag_disabled"),
     ),
-    "vibration": About(
+    "vibration": Explanation(
         cause="Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.",
         fault="vibration",
         means="Filters that trust the accelerometer are pushed about; noise in flight contains it.",
     ),
-    "vertical force": About(
+    "vertical force": Explanation(
         bad="error",
         cause="Vibration that clips or is rectified in the sensor becomes a constant force.",
         fault="vibration",
         means="Filters that trust the accelerometer tilt; gravity in flight is not to be trusted.",
         codes=("vibration_failsafe",),
     ),
-    "accelerometer bias": About(
+    "accelerometer bias": Explanation(
         cause="The accelerometer is off or was calibrated on a tilted surface, or the estimator has learned wrongly.",
         fault="accelerometer",
         means="Filters that are run again see the accelerometer as logged and lean by this tilt against it.",
     ),
-    "gravity in flight": About(
+    "gravity in flight": Explanation(
         cause="Wrong scale, vibration that the sensor rectifies or clips, or a wrong attitude.",
         fault="accelerometer",
         means=_TILT,
     ),
-    "declination": About(
+    "declination": Explanation(
         warn="note",
         fault="declination",
         cause="A compass that does not point forward, or a heading that was not aligned with true north.",
         means="Headings of filters and of the onboard attitude differ by a constant.",
     ),
-    "declination told": About(
+    "declination told": Explanation(
         fault="declination",
         cause="A value set by hand, or kept from another place.",
         means="Headings that use the parameter, onboard or of filters, are off by the difference.",
     ),
-    "GNSS": About(
+    "GNSS": Explanation(
         warn="note",
         cause="Bad view of the sky, interference, or a receiver that failed.",
         means="Filters and references that use GNSS run on without it there.",
     ),
-    "gaps": About(
+    "gaps": Explanation(
         warn="note",
         cause="The logger lost records, or stops while the vehicle is disarmed.",
         means="Filters start anew after each gap longer than half a second.",
         codes=("logger_dropouts",),
     ),
-    "gyro range": About(
+    "gyro range": Explanation(
         cause="A blow or vibration beyond the sensor's range.", fault="vibration", means="Rotation is lost there."
     ),
-    "jitter": About(warn="note", cause="The logger was busy, or samples were lost.", fault="gaps"),
-    "rate": About(
+    "jitter": Explanation(warn="note", cause="The logger was busy, or samples were lost.", fault="gaps"),
+    "rate": Explanation(
         warn="note", bad="error", codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short")
     ),
-    "delay": About(
+    "delay": Explanation(
         warn="note",
         cause="Low-pass filters ahead of the logger, or a clock that differs.",
         means="All filters are late by it; lags are given without what the log tells of it.",
     ),
-    "coverage": About(
+    "coverage": Explanation(
         warn="note",
         cause="The attitude was logged for a part of the time only.",
         means="Filters are compared with it for that part only.",
     ),
-    "trim": About(
+    "trim": Explanation(
         warn="note", cause="The level was calibrated on a slope, or the autopilot is mounted tilted.", fault="trim"
     ),
 }
@@ -225,7 +225,7 @@ SPECIFIC = ("mag_dead", "no_mag", "mag_not_in_log", "mag_only_offsets")
 
 
 @dataclass(frozen=True, slots=True)
-class Open:
+class OpenQuestion:
     """A question without an answer, as its card is titled, and what would answer it (may be empty)."""
 
     title: str
@@ -233,7 +233,7 @@ class Open:
 
 
 def findings(
-    log: FlightLog, checks: Iterable[Check], others: Iterable[Problem] = (), unanswered: Iterable[Open] = ()
+    log: FlightLog, checks: Iterable[Check], others: Iterable[Problem] = (), unanswered: Iterable[OpenQuestion] = ()
 ) -> list[Problem]:
     """Everything that is not good, worst first, each once, what comes in dozens as one entry with their number.
 
@@ -292,7 +292,7 @@ def hopeless(checks: Iterable[Check]) -> str:
 
 def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
     """The list with what a check says: as an entry of its own, or as a part of the one that says the same."""
-    about = ABOUT.get(check.name, About())
+    about = ABOUT.get(check.name, Explanation())
     severity = about.bad if check.verdict == "bad" else about.warn
     value = check.value if isinstance(check.value, (int, float)) else None
     means = about.means
@@ -358,7 +358,7 @@ def _merged(reported: Problem, own: Problem, name: str) -> Problem:
     )
 
 
-def _open(unanswered: list[Open]) -> list[Problem]:
+def _open(unanswered: list[OpenQuestion]) -> list[Problem]:
     """The questions without an answer as one entry; their cards say why."""
     if not unanswered:
         return []

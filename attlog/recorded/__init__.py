@@ -27,7 +27,7 @@ def read(path: Path, log: FlightLog, imu: Imu, asked: Mapping[str, float | str])
     columns that are not there, a file that does not overlap the log, and axes that physics contradicts.
     """
     table = columns.read(path)
-    readings: list[tuple[str, Array, frame.Found]] = []
+    readings: list[tuple[str, Array, frame.FrameFit]] = []
     refused: list[UsageError] = []
     for t, rows, said in clock.on_log(path, table, log, float(asked.get("offset") or 0.0)):
         candidates = frame.candidates(table, rows, str(asked.get("frame", "auto")), str(asked.get("angles", "auto")))

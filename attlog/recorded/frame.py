@@ -35,7 +35,7 @@ CLEAR = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class FrameCandidate:
     """One reading of a file: what it is called, and its attitudes (n, 4), body FRD to earth NED."""
 
     name: str
@@ -43,7 +43,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FrameFit:
     """The reading that physics agrees with, and how well."""
 
     name: str
@@ -56,7 +56,7 @@ class Found:
         return float(self.quality.get("gyro_disagreement_pct", 100.0))
 
 
-def candidates(table: Columns, rows: NDArray[np.int64], asked: str, angles: str) -> list[Candidate]:
+def candidates(table: Columns, rows: NDArray[np.int64], asked: str, angles: str) -> list[FrameCandidate]:
     """All readings of a file that are not excluded by what was asked for or told by the names of its columns."""
     found = []
     for unit, q in _quaternions(table, rows, angles):
@@ -67,7 +67,7 @@ def candidates(table: Columns, rows: NDArray[np.int64], asked: str, angles: str)
                     if asked in ("auto", name):
                         own = rotation.conjugate(q) if inverse else q
                         ned = rotation.multiply(rotation.multiply(np.array(turn), own), np.array(half))
-                        found.append(Candidate(f"{name}{', ' + unit if unit else ''}", ned))
+                        found.append(FrameCandidate(f"{name}{', ' + unit if unit else ''}", ned))
     return found
 
 
@@ -82,7 +82,7 @@ def _quaternions(table: Columns, rows: NDArray[np.int64], angles: str) -> Iterat
         yield f"angles in {one}", rotation.from_euler(*(scale * table.euler[rows]).T)
 
 
-def chosen(path: Path, t: Array, found: list[Candidate], imu: Imu) -> Found:
+def chosen(path: Path, t: Array, found: list[FrameCandidate], imu: Imu) -> FrameFit:
     """The reading that gyro and gravity agree with. UsageError where none does, or two do and they are not the same."""
     measured = [(c, _rates_apart(t, c.q, imu), _force(t, c.q, imu)) for c in found]
     upright = [m for m in measured if m[2] is None or m[2] <= TILT_DEG]
@@ -92,16 +92,16 @@ def chosen(path: Path, t: Array, found: list[Candidate], imu: Imu) -> Found:
         best = moves[0]
         if (best[1] or 0.0) <= AGREES:
             _only_one(path, best, moves[1:])
-            return Found(best[0].name, best[0].q, _quality(best))
+            return FrameFit(best[0].name, best[0].q, _quality(best))
     elif len({c.name for c, _, _ in upright}) == 1:
-        return Found(upright[0][0].name, upright[0][0].q, _quality(upright[0]))
+        return FrameFit(upright[0][0].name, upright[0][0].q, _quality(upright[0]))
     raise UsageError(f"{path}: {_why(measured, bool(moves))}")
 
 
 def _only_one(
     path: Path,
-    best: tuple[Candidate, float | None, float | None],
-    others: list[tuple[Candidate, float | None, float | None]],
+    best: tuple[FrameCandidate, float | None, float | None],
+    others: list[tuple[FrameCandidate, float | None, float | None]],
 ) -> None:
     rate = max(best[1] or 0.0, 1e-3)
     near = [o[0].name for o in others if (o[1] or 0.0) < CLEAR * rate and not _same(o[0].q, best[0].q)]
@@ -117,7 +117,7 @@ def _same(a: Array, b: Array) -> bool:
     return bool(np.nanmax(apart) < np.radians(0.1))
 
 
-def _quality(m: tuple[Candidate, float | None, float | None]) -> dict[str, float | str]:
+def _quality(m: tuple[FrameCandidate, float | None, float | None]) -> dict[str, float | str]:
     found: dict[str, float | str] = {}
     if m[1] is not None:
         found["gyro_disagreement_pct"] = round(100.0 * m[1], 2)
@@ -126,7 +126,7 @@ def _quality(m: tuple[Candidate, float | None, float | None]) -> dict[str, float
     return found
 
 
-def _why(measured: list[tuple[Candidate, float | None, float | None]], moves: bool) -> str:
+def _why(measured: list[tuple[FrameCandidate, float | None, float | None]], moves: bool) -> str:
     """What was tried and how far off it was."""
     if not moves and all(m[1] is None for m in measured):
         return "the vehicle turns too little to tell its axes by the gyro; say them as frame=ned-frd or frame=enu-flu"

@@ -3,9 +3,9 @@
 from attlog.reference.choose import choose
 from attlog.reference.declination import seen_deg
 from attlog.reference.heading_references import heading_references
-from attlog.reference.model import AlignmentStep, Errors, HeadingReference, Reference, Row
-from attlog.reference.options import Options
-from attlog.reference.physics.contradiction import Witnesses, contradicted
+from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, Row
+from attlog.reference.options import ReferenceOptions
+from attlog.reference.physics.contradiction import ReferenceCheck, contradicted
 from attlog.reference.physics.sensor_faults import FRAME
 from attlog.reference.rows import onboard_rows, replayed
 from attlog.reference.smoothed import NAME as SMOOTHER
@@ -15,12 +15,12 @@ __all__ = [
     "FRAME",
     "SMOOTHER",
     "AlignmentStep",
-    "Errors",
+    "AttitudeErrors",
     "HeadingReference",
-    "Options",
     "Reference",
+    "ReferenceCheck",
+    "ReferenceOptions",
     "Row",
-    "Witnesses",
     "choose",
     "contradicted",
     "foreseen",

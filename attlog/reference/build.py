@@ -11,7 +11,7 @@ from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.reference import clock, declination, floor, scoring, trim
 from attlog.reference.model import AlignmentStep, Reference
-from attlog.reference.options import Options
+from attlog.reference.options import ReferenceOptions
 from attlog.reference.physics import delay, gravity
 from attlog.segments import Segments, gaps, resets
 
@@ -27,7 +27,7 @@ FROZEN_DPS = 5.0
 def build(
     log: FlightLog,
     segments: Segments,
-    options: Options,
+    options: ReferenceOptions,
     kind: Kind,
     name: str,
     attitude: Attitude,
@@ -84,11 +84,11 @@ def _in_axes_of(log: FlightLog, kind: Kind, attitude: Attitude) -> Attitude:
     return log.onboard_attitude or attitude if kind == "smoother" else attitude
 
 
-def _clock(options: Options) -> clock.Clock:
+def _clock(options: ReferenceOptions) -> clock.Clock:
     return "publication" if options.clock == "publication" else "sample"
 
 
-def without(log: FlightLog, imu: Imu | None, segments: Segments, options: Options, why: str) -> Reference:
+def without(log: FlightLog, imu: Imu | None, segments: Segments, options: ReferenceOptions, why: str) -> Reference:
     """No reference: only questions at rest can be answered."""
     zero = np.zeros(0)
     index = np.zeros(0, np.int64)
@@ -110,7 +110,7 @@ def _gap_segments(t: Array, segments: Segments) -> NDArray[np.int64]:
     return gaps.renumber(gaps.number(t), np.searchsorted(starts, t, side="right"))
 
 
-def _score(reference: Reference, t: Array, segments: Segments, options: Options) -> list[AlignmentStep]:
+def _score(reference: Reference, t: Array, segments: Segments, options: ReferenceOptions) -> list[AlignmentStep]:
     """Set start, end and unscored segments of a reference; returns the steps that tell them."""
     reference.scoring_start, reference.unscored = scoring.start_and_unscored(t, options.score_from)
     why = (

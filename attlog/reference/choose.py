@@ -13,7 +13,7 @@ from attlog.flight.model import Attitude, FlightLog, part_of
 from attlog.reference import clock, smoothed
 from attlog.reference.build import build, frozen, without
 from attlog.reference.model import AlignmentStep, Reference, SensorFault
-from attlog.reference.options import Options
+from attlog.reference.options import ReferenceOptions
 from attlog.reference.physics import sensor_faults, turning
 from attlog.segments import Segments, resets
 
@@ -25,7 +25,7 @@ NOTHING = "the log holds neither truth nor an onboard attitude"
 def choose(
     log: FlightLog,
     segments: Segments,
-    options: Options | None = None,
+    options: ReferenceOptions | None = None,
     *,
     smooth: Smooth | None = None,
     refused: Mapping[str, str] | None = None,
@@ -42,13 +42,13 @@ def choose(
     tilt, if the onboard attitude is sound; an onboard attitude that such a smoother contradicts. No
     smoother is made of a gyro that is not the one that turned (``reference.turning``).
     """
-    options = options or Options()
+    options = options or ReferenceOptions()
     if options.clock not in ("sample", "publication"):
         raise UsageError(f"clock {options.clock!r}: use sample or publication")
     kind = _wanted(options.reference)
     out = dict(refused or {})
     what = "Whether attitudes turn as the gyro does"
-    faults = part_of(log, what, lambda: _turn_otherwise(log, segments), dict[str, turning.Fault])
+    faults = part_of(log, what, lambda: _turn_otherwise(log, segments), dict[str, turning.TurningFault])
     gyro_fault = next((fault.why for fault in faults.values() if fault.of == "gyro"), "")
     broken = sensor_faults.found(log, segments)
     if kind != "auto":
@@ -61,10 +61,10 @@ def choose(
     return replace(best, gyro_fault=gyro_fault, sensor_faults=broken)
 
 
-def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.Fault]:
+def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.TurningFault]:
     """Which of truth and the attitude that flew does not turn as the replayed gyro does, and who is wrong."""
     imu, mag = log.replay_imu, None if log.mag is None else log.mags[log.mag]
-    found: dict[str, turning.Fault] = {}
+    found: dict[str, turning.TurningFault] = {}
     for name, attitude in (("truth", log.truth), ("onboard", log.onboard_attitude)):
         if imu is not None and attitude is not None:
             of_log = attitude is log.onboard_attitude
@@ -76,7 +76,7 @@ def _turn_otherwise(log: FlightLog, segments: Segments) -> dict[str, turning.Fau
 def _best(
     log: FlightLog,
     segments: Segments,
-    options: Options,
+    options: ReferenceOptions,
     smooth: Smooth | None,
     out: dict[str, str],
     second: Reference | None,
@@ -126,7 +126,7 @@ def _taken(reference: Reference, refused: dict[str, str]) -> Reference:
     return reference
 
 
-def _nothing(log: FlightLog, segments: Segments, options: Options, refused: dict[str, str]) -> Reference:
+def _nothing(log: FlightLog, segments: Segments, options: ReferenceOptions, refused: dict[str, str]) -> Reference:
     """No reference; with a fault where an attitude was refused by physics and not by its own doubt."""
     fault = next((why for kind, why in refused.items() if kind != smoothed.NAME), "")
     doubt = f"; smoother refused: {refused[smoothed.NAME]}" if smoothed.NAME in refused else ""
@@ -143,7 +143,9 @@ def _wanted(option: str) -> str:
     return kind
 
 
-def _asked(log: FlightLog, segments: Segments, options: Options, kind: str, smooth: Smooth | None) -> Reference:
+def _asked(
+    log: FlightLog, segments: Segments, options: ReferenceOptions, kind: str, smooth: Smooth | None
+) -> Reference:
     """What the user asked for, whatever is wrong with it. UsageError where it is not there."""
     if kind == "none":
         return without(log, log.replay_imu, segments, options, "no reference, as asked")
@@ -164,14 +166,14 @@ def _asked(log: FlightLog, segments: Segments, options: Options, kind: str, smoo
     return found
 
 
-def _truth(log: FlightLog, segments: Segments, options: Options) -> Reference | None:
+def _truth(log: FlightLog, segments: Segments, options: ReferenceOptions) -> Reference | None:
     """The truth of the log as reference, None where it has none."""
     if log.truth is None or not _enough(log.truth):
         return None
     return build(log, segments, options, "truth", "", log.truth, "the log holds the truth")
 
 
-def _onboard(log: FlightLog, segments: Segments, options: Options, named: str = "") -> Reference | None:
+def _onboard(log: FlightLog, segments: Segments, options: ReferenceOptions, named: str = "") -> Reference | None:
     """The attitude that flew, or the one that is named, as reference; None where the log has none."""
     attitude = log.attitudes.get(named or log.onboard or "")
     if attitude is None or not (named or _enough(attitude)):
@@ -180,7 +182,7 @@ def _onboard(log: FlightLog, segments: Segments, options: Options, named: str = 
     return build(log, segments, options, "onboard", named or log.onboard or "", attitude, why)
 
 
-def _smoothed(log: FlightLog, segments: Segments, options: Options, smooth: Smooth) -> Reference | str:
+def _smoothed(log: FlightLog, segments: Segments, options: ReferenceOptions, smooth: Smooth) -> Reference | str:
     """What the smoother found with its own sigma, or why it is of no use.
 
     One that was asked for is taken whatever its own checks say, which then stands in the text.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.reference import scoring
-from attlog.reference.model import Errors, Met, Reference
+from attlog.reference.model import AttitudeErrors, Reference, ReferenceSamples
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ def interpolate(t: Array, q: Array, segment: Index, at: Array) -> tuple[Array, I
     return out, np.where(before >= 0, segment[before], -1) if len(t) else before
 
 
-def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> Errors:
+def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> AttitudeErrors:
     """Errors of the attitudes (n, 4) at ``t`` against the reference.
 
     At the reference's times where the row is faster, at the row's where it is not:
@@ -54,7 +54,7 @@ def errors(t: Array, q: Array, gap_segment: Index, reference: Reference) -> Erro
     return measured(met.t, q_est, met.q, gap_segment, segment, scoring.scored(reference, met.t))
 
 
-def _met(reference: Reference, t: Array, number: Index, faster: bool, has: NDArray[np.bool_]) -> Met:
+def _met(reference: Reference, t: Array, number: Index, faster: bool, has: NDArray[np.bool_]) -> ReferenceSamples:
     """The reference at the times (k,) of the slower one, where a row at ``t`` (n,) ``has`` (k,) an attitude."""
     if faster:
         at, q, where = reference.t, reference.q, np.arange(len(reference.t))
@@ -64,16 +64,16 @@ def _met(reference: Reference, t: Array, number: Index, faster: bool, has: NDArr
     known = rotation.finite(q)
     good = known & has
     (at, q), (where,) = gaps.only(good, at, q), gaps.only(good, where)
-    return Met(reference.q, t, number, faster, known, good, at, q, where)
+    return ReferenceSamples(reference.q, t, number, faster, known, good, at, q, where)
 
 
 def measured(
     t: Array, q_est: Array, q_ref: Array, gap_segment: Index, segment: Index, scored: NDArray[np.bool_]
-) -> Errors:
+) -> AttitudeErrors:
     """The errors between attitudes at common times (docs/metrics.md)."""
     total, heading, inclination = angles = np.empty((3, len(t)))
     for a in range(0, len(t), CHUNK):
         e = rotation.error(q_est[a : a + CHUNK], q_ref[a : a + CHUNK])
         measures = (rotation.total_angle(e), rotation.heading_angle(e), rotation.inclination_angle(e))
         angles[:, a : a + CHUNK] = np.degrees(measures)
-    return Errors(t, total, heading, inclination, gap_segment, segment, scored, q_est, q_ref)
+    return AttitudeErrors(t, total, heading, inclination, gap_segment, segment, scored, q_est, q_ref)

@@ -29,7 +29,7 @@ def place(log: FlightLog) -> tuple[float, float, float] | None:
     return None
 
 
-def model(log: FlightLog) -> earth.Field | None:
+def model(log: FlightLog) -> earth.MagneticField | None:
     """The earth's field at the flight's place and date; None without a place."""
     where = place(log)
     if where is None:

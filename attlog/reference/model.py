@@ -32,7 +32,7 @@ class AlignmentStep:
 
 
 @dataclass(frozen=True, slots=True)
-class Met:
+class ReferenceSamples:
     """What the reference shows at the times of a row; rows that follow with the same times have the same arrays.
 
     ``own`` are the reference's attitudes, ``of`` (n,) the row's times, ``number`` (n,) its segments between gaps,
@@ -117,12 +117,12 @@ class Reference:
     """A smoother that is not sure of itself, and takes the place of an onboard attitude that is refused later."""
     delays_seen: list[tuple[Imu, float | None]] = field(default_factory=list, repr=False)
     """What ``reference.delay`` found of units against this reference."""
-    met: Met | None = field(default=None, repr=False, compare=False)
+    met: ReferenceSamples | None = field(default=None, repr=False, compare=False)
     """What it showed at the times of the last row."""
 
 
 @dataclass(slots=True)
-class Errors:
+class AttitudeErrors:
     """A row against the reference, at the slower one's own times (the reference is never upsampled).
 
     All (n,) in degrees; ``heading`` is signed. ``gap_segment`` and ``segment`` as in
@@ -166,7 +166,7 @@ class Row:
     """Gyro bias (n, 3) rad/s that the row takes off the logged gyro, what was subtracted for every row included."""
     estimates_bias: bool = True
     """Whether part of ``bias`` is the row's own estimate."""
-    errors: Errors | None = None
+    errors: AttitudeErrors | None = None
     status: str = "ok"
     reason: str = ""
     is_reference: bool = False

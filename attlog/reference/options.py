@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class ReferenceOptions:
     """How to choose and align the reference.
 
     ``reference``: auto, truth, smoother, onboard, onboard:NAME or none. ``clock``: sample (times

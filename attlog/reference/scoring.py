@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog.base import gap
 from attlog.base.rotation import error, total_angle, unwrap, wrap
 from attlog.flight.model import Attitude
-from attlog.reference.model import Errors, Reference
+from attlog.reference.model import AttitudeErrors, Reference
 from attlog.segments import Segments, gaps, spans
 from attlog.segments.spans import Span
 
@@ -71,12 +71,12 @@ def coverage_pct(
     return min(100.0, 100.0 * spans.seconds(spans.intersect(covered, wanted)) / total)
 
 
-def diverged_at(errors: Errors) -> float | None:
+def diverged_at(errors: AttitudeErrors) -> float | None:
     """The time from which the scored tilt error stays above 30 deg for 2 s; None if it never does."""
     return _stays(errors, errors.inclination > DIVERGED_DEG, DIVERGED_S)
 
 
-def lost_heading_at(errors: Errors) -> float | None:
+def lost_heading_at(errors: AttitudeErrors) -> float | None:
     """The time from which the scored heading error stays beyond 45 deg for 10 s; None if it never does.
 
     Or the first time that it is, where it is for more than half of the scored time: a heading that runs round, or
@@ -95,14 +95,14 @@ def lost_heading_at(errors: Errors) -> float | None:
     return float(errors.t[np.argmax(lost)]) if np.ptp(errors.t[errors.scored]) >= DIVERGED_S else None
 
 
-def _stays(errors: Errors, bad: NDArray[np.bool_], seconds: float) -> float | None:
+def _stays(errors: AttitudeErrors, bad: NDArray[np.bool_], seconds: float) -> float | None:
     for part in gaps.slices(bad & errors.scored, errors.gap_segment):
         if np.ptp(errors.t[part]) >= seconds:
             return float(errors.t[part.start])
     return None
 
 
-def reset_steps(errors: Errors, along: Array) -> Array:
+def reset_steps(errors: AttitudeErrors, along: Array) -> Array:
     """The jump (n,) in rad of the heading error at each reset of the reference between gaps, 0 elsewhere.
 
     ``along`` (n,) rad is the heading error unwrapped.
@@ -132,18 +132,18 @@ def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments
     return float(attitude.t[jumped[-1]]) if len(jumped) else None
 
 
-def can_be_seen(errors: Errors) -> bool:
+def can_be_seen(errors: AttitudeErrors) -> bool:
     """Whether there are 5 s without a break long enough to end an estimate: else nothing tells that a row converged."""
     whole = gaps.slices(np.ones(len(errors.t), bool), _unbroken(errors))
     return any(np.ptp(errors.t[part]) >= CONVERGED_S for part in whole)
 
 
-def _unbroken(errors: Errors) -> NDArray[np.int64]:
+def _unbroken(errors: AttitudeErrors) -> NDArray[np.int64]:
     """Segments (n,) between breaks at which filters restart: an error goes on across shorter ones."""
     return gaps.number(errors.t, max(gap.RESTART_S, gap.limit_of(errors.t)))
 
 
-def convergence_s(errors: Errors, start: float, with_heading: bool) -> float | None:
+def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> float | None:
     """Seconds from ``start`` until the row had converged; None if that took over 60 s or cannot be seen.
 
     The first time from which, for 5 s, the tilt error is at most 2 deg above the

@@ -137,7 +137,7 @@ def _windows(imu: Imu) -> windows.Windows | None:
     return windows.build(t, gyro, acc) if len(t) >= 10 else None
 
 
-def _rest_note(rests: list[Segment], limit: float, armed: flags.Phase, airborne: flags.Phase) -> str:
+def _rest_note(rests: list[Segment], limit: float, armed: flags.FlagSpans, airborne: flags.FlagSpans) -> str:
     """The sentence on how rest was found, or why there is none."""
     unknown = [word for word, phase in (("arming", armed), ("flight", airborne)) if not phase.known]
     doubt = f"; {' and '.join(unknown)} unknown, so by the sensors alone" if unknown else ""

@@ -22,7 +22,7 @@ STOPPED = 0.01
 
 
 @dataclass(slots=True)
-class Phase:
+class FlagSpans:
     """Spans in which something holds. ``known``: whether the log can tell; ``measured``: not by a flag."""
 
     known: bool
@@ -41,35 +41,35 @@ def held(line: TimeLine, wanted: bool, t0: float, t1: float) -> list[Span]:
     return spans.merge((float(a), float(b)) for a, b, value in entries if value is wanted and b > a)
 
 
-def armed(log: FlightLog, t0: float, t1: float) -> Phase:
+def armed(log: FlightLog, t0: float, t1: float) -> FlagSpans:
     """When the motors were armed, by the autopilot's flag; unknown without one."""
     if log.armed is None or not log.armed.value:
-        return Phase(False, why="the log holds no arming state")
-    return Phase(True, held(log.armed, True, t0, t1), f"armed by {log.armed.source}")
+        return FlagSpans(False, why="the log holds no arming state")
+    return FlagSpans(True, held(log.armed, True, t0, t1), f"armed by {log.armed.source}")
 
 
 def airborne(
     log: FlightLog,
-    armed: Phase,
-    seen: flying.Evidence | None,
+    armed: FlagSpans,
+    seen: flying.FlightEvidence | None,
     windows: Windows | None,
     lying: list[Span],
     t0: float,
     t1: float,
-) -> Phase:
+) -> FlagSpans:
     """When the vehicle flew: the land detector checked by arming, height and drive; else those alone.
 
     ``seen`` is the evidence of height and drive over [t0, t1] s, ``lying`` the spans as still as a surface.
     """
     if not log.kind.flies:
-        return Phase(True, [], f"a {log.vehicle} does not fly")
+        return FlagSpans(True, [], f"a {log.vehicle} does not fly")
     flown = [] if seen is None else flying.flights(seen)
     if armed.known:
         flown = [s for s in flown if spans.intersect([s], armed.spans)]
     if log.landed is None or not log.landed.value:
         if seen is None:
-            return Phase(False, why=f"the log holds no land detector and no {_missing(log)} to replace it")
-        return Phase(True, flown, seen.why)
+            return FlagSpans(False, why=f"the log holds no land detector and no {_missing(log)} to replace it")
+        return FlagSpans(True, flown, seen.why)
     told = held(log.landed, False, t0, t1)
     kept, why = told, f"not landed by {log.landed.source}"
     for refusing, reason in _refusals(armed, seen, windows, lying, t0, t1):
@@ -81,11 +81,16 @@ def airborne(
     added = spans.seconds(spans.merge([*kept, *flown])) - spans.seconds(kept)
     if added > 1.0 and seen is not None:
         why += f"; {added:.0f} s more by {seen.why}"
-    return Phase(True, spans.merge([*kept, *flown]), why)
+    return FlagSpans(True, spans.merge([*kept, *flown]), why)
 
 
 def _refusals(
-    armed: Phase, seen: flying.Evidence | None, windows: Windows | None, lying: list[Span], t0: float, t1: float
+    armed: FlagSpans,
+    seen: flying.FlightEvidence | None,
+    windows: Windows | None,
+    lying: list[Span],
+    t0: float,
+    t1: float,
 ) -> list[tuple[list[Span], str]]:
     """Spans in which "not landed" is not believed, each kind with its reason."""
     found = []
@@ -98,19 +103,19 @@ def _refusals(
     return found
 
 
-def motors(log: FlightLog, armed: Phase, t0: float, t1: float) -> Phase:
+def motors(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagSpans:
     """When motors turned: by their outputs, else arming, else rotor speed, else throttle; and which of them says so."""
     if log.motors is not None and len(log.motors.t) > 1:
-        return Phase(True, _above(log.motors, STOPPED), f"motors turn by {log.motors.source}", measured=True)
+        return FlagSpans(True, _above(log.motors, STOPPED), f"motors turn by {log.motors.source}", measured=True)
     if armed.known:
-        return Phase(True, armed.spans, "armed")
+        return FlagSpans(True, armed.spans, "armed")
     for name, stream, limit in (("RPM", log.rpm, 100.0), ("throttle", log.throttle, 0.05)):
         if stream is not None and len(stream.t) > 1 and (name != "RPM" or np.nanmax(stream.x) > limit):
-            return Phase(True, _above(stream, limit), f"motors turn by {name}")
-    return Phase(False, [], "nothing tells whether motors turned")
+            return FlagSpans(True, _above(stream, limit), f"motors turn by {name}")
+    return FlagSpans(False, [], "nothing tells whether motors turned")
 
 
-def busy(armed: Phase, motors: Phase) -> list[Span]:
+def busy(armed: FlagSpans, motors: FlagSpans) -> list[Span]:
     """When nothing rests: while motors turn, and from arming on until they have turned for the last time."""
     last = [(a, max((d for _, d in spans.intersect([(a, b)], motors.spans)), default=a)) for a, b in armed.spans]
     return spans.merge([*motors.spans, *last])

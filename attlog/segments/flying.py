@@ -41,7 +41,7 @@ IDLE_S, CALM_S, CALM_DPS = 2.0, 5.0, 1.0
 
 
 @dataclass(slots=True)
-class Evidence:
+class FlightEvidence:
     """What speaks for flight at times ``t`` (n,) 0.1 s apart.
 
     ``drive``: throttle above half of what moving up and down takes. ``height`` m above the ground, NaN where
@@ -60,7 +60,7 @@ class Evidence:
     aloft: bool = False
 
 
-def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> Evidence | None:
+def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> FlightEvidence | None:
     """The evidence over [t0, t1] s; None without a height, or where nothing tells drive. ``armed``: None where unknown.
 
     A log with neither throttle nor land detector has drive while it is armed, where it climbs or sinks as
@@ -89,11 +89,13 @@ def evidence(log: FlightLog, armed: list[Span] | None, t0: float, t1: float) -> 
     standing = np.isfinite(high) & ~off & (np.abs(climb) < STEADY_M_S) & slow
     lifting = log.throttle is not None and log.kind is VehicleKind.MULTIROTOR and bool(np.all(power > LIFTING))
     if lifting and armed is None and not flag and not known.any():
-        return Evidence(t, on, high, climb, off, standing, f"{source}, which is never below {LIFTING}", aloft=True)
-    return Evidence(t, on, high, climb, off, standing, f"{source} with a climb by {above.source}")
+        return FlightEvidence(
+            t, on, high, climb, off, standing, f"{source}, which is never below {LIFTING}", aloft=True
+        )
+    return FlightEvidence(t, on, high, climb, off, standing, f"{source} with a climb by {above.source}")
 
 
-def flights(found: Evidence) -> list[Span]:
+def flights(found: FlightEvidence) -> list[Span]:
     """Spans off the ground that drive has lifted: to 1 m, or for 5 s; ends reach out to where the climb began."""
     if found.aloft:
         return [(float(found.t[0]), float(found.t[-1]))]
@@ -110,7 +112,7 @@ def flights(found: Evidence) -> list[Span]:
     return spans.merge(kept)
 
 
-def grounded(found: Evidence, windows: Windows | None) -> list[Span]:
+def grounded(found: FlightEvidence, windows: Windows | None) -> list[Span]:
     """Spans on the ground whatever a flag says: without drive, or with drive and neither height nor movement."""
     idle = [r for r in _runs(found.standing & ~found.drive) if (r[1] - r[0]) * GRID_S >= IDLE_S]
     calm: list[tuple[int, int]] = []
@@ -121,7 +123,7 @@ def grounded(found: Evidence, windows: Windows | None) -> list[Span]:
     return spans.merge((float(found.t[a]), float(found.t[b - 1])) for a, b in idle + calm)
 
 
-def lifted(found: Evidence, span: Span) -> bool:
+def lifted(found: FlightEvidence, span: Span) -> bool:
     """Whether a span has drive for 1 s or a height of 1 m: what remains of a flag beside refused time must."""
     a, b = np.searchsorted(found.t, span)
     driven = np.count_nonzero(found.drive[a:b]) * GRID_S >= LEAST_S

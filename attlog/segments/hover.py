@@ -6,7 +6,7 @@ import numpy as np
 
 from attlog.flight.model import FlightLog
 from attlog.segments import motion, spans
-from attlog.segments.flags import Phase
+from attlog.segments.flags import FlagSpans
 from attlog.segments.model import Segment
 from attlog.segments.windows import Windows, join
 
@@ -14,7 +14,7 @@ SECONDS, RATE_DPS, TILT_DEG, SPEED_M_S = 3.0, 10.0, 20.0, 1.0
 """A tilt limit of 10 deg loses two thirds of a hover in wind."""
 
 
-def find(log: FlightLog, windows: Windows, airborne: Phase) -> list[Segment]:
+def find(log: FlightLog, windows: Windows, airborne: FlagSpans) -> list[Segment]:
     """Spans of at least 3 s with rate < 10 deg/s rms, tilt < 20 deg and speed < 1 m/s where it is known."""
     if not airborne.spans or not log.kind.hovers:
         return []

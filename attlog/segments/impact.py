@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.flight.model import FlightLog, Imu
 from attlog.segments import motion, spans
-from attlog.segments.flags import Phase
+from attlog.segments.flags import FlagSpans
 from attlog.segments.model import Segment
 from attlog.segments.spans import Span
 from attlog.segments.windows import Windows, join
@@ -33,7 +33,7 @@ CRASH = re.compile(r"\bcrash(ed)?\b(?!.{0,2}(check|dump|log|catcher))", re.IGNOR
 
 
 @dataclass(frozen=True, slots=True)
-class Loss:
+class LossOfControl:
     """A loss of control at ``t0`` s: ``t1`` is the blow that ends it (``blow``), else where it begins to lie."""
 
     t0: float
@@ -47,14 +47,16 @@ class Loss:
         return self.t1 if self.blow else self.t0
 
 
-def losses(log: FlightLog, imu: Imu, airborne: Phase, lying: list[Span], pauses: list[float]) -> list[Loss]:
+def losses(
+    log: FlightLog, imu: Imu, airborne: FlagSpans, lying: list[Span], pauses: list[float]
+) -> list[LossOfControl]:
     """Losses of control: beyond 90 deg of tilt in the air, and within 10 s disarmed, lying still or unseen.
 
     ``pauses`` are the times at which the log stops, for a while or for good. A loss lasts to the first blow above
     4 g within 10 s, whatever flags say of landing and arming: autopilots disarm and "land" in free fall.
     """
     ends = _ends(log, lying, pauses)
-    found: list[Loss] = []
+    found: list[LossOfControl] = []
     for t, tilt in _overturned(log, airborne):
         after = [(e, what) for e, what in ends if -0.5 <= e - t <= END_S]
         if not after or (found and t <= found[-1].t1):
@@ -64,11 +66,13 @@ def losses(log: FlightLog, imu: Imu, airborne: Phase, lying: list[Span], pauses:
         why = f"tilt of {tilt:.0f} deg, "
         why += f"{_later(blows[0][0] - t)} a blow of {blows[0][1]:.1f} g; " if blows else "and "
         why += f"{_later(end - t, ' after the loss' if blows else ' later')} {what}"
-        found.append(Loss(t, max(blows[0][0] if blows else end, t), bool(blows), why))
+        found.append(LossOfControl(t, max(blows[0][0] if blows else end, t), bool(blows), why))
     return found
 
 
-def find(log: FlightLog, imu: Imu, airborne: Phase, lying: list[Span], lost: list[Loss], t1: float) -> list[Segment]:
+def find(
+    log: FlightLog, imu: Imu, airborne: FlagSpans, lying: list[Span], lost: list[LossOfControl], t1: float
+) -> list[Segment]:
     """The impact as a list of one segment that lasts to the log's end ``t1``, or an empty list.
 
     The blow that ends a loss of control (without one, the loss itself); or a blow above 4 g with a tumble
@@ -93,7 +97,7 @@ def find(log: FlightLog, imu: Imu, airborne: Phase, lying: list[Span], lost: lis
     return [Segment("impact", t, t1, why) for t, why in final[:1]]
 
 
-def _flies_again(airborne: Phase, t: float) -> bool:
+def _flies_again(airborne: FlagSpans, t: float) -> bool:
     """Whether a flight that begins after ``t`` lasts 5 s."""
     return any(a > t and b - a >= AGAIN_S for a, b in airborne.spans)
 
@@ -137,7 +141,7 @@ def _blows(imu: Imu, within: list[Span], tumbling: bool = False) -> list[tuple[f
     return [(float(t[i]), float(force[i])) for i in hit]
 
 
-def _overturned(log: FlightLog, airborne: Phase) -> list[tuple[float, float]]:
+def _overturned(log: FlightLog, airborne: FlagSpans) -> list[tuple[float, float]]:
     """Starts of the spans in the air beyond 90 deg of tilt by the onboard attitude, of 0.3 s, with the largest tilt."""
     attitude = log.onboard_attitude
     if attitude is None or len(attitude.t) == 0:

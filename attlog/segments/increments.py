@@ -23,7 +23,7 @@ LOOKED_UP = 1 << 12
 """Intervals per pass: what they need stays in the processor's cache."""
 
 
-class Turning:
+class GyroIncrements:
     """The gyro's rotation as prefix sums, so that any interval costs the same.
 
     ``t`` (n,) s rising and ``rate`` (n, 3) rad/s. Sum of the angle increments with the
@@ -66,9 +66,9 @@ class Turning:
 
 
 @asked_once
-def of(imu: Imu) -> Turning:
+def of(imu: Imu) -> GyroIncrements:
     """How far the gyro of a unit turned, by its good samples."""
-    return Turning(*gaps.rising(imu.gyro.t_best, imu.gyro.x), imu.gyro.sampling)
+    return GyroIncrements(*gaps.rising(imu.gyro.t_best, imu.gyro.x), imu.gyro.sampling)
 
 
 def summed_at_once(out: Array, t: Array, rate: Array, interval: int) -> None:

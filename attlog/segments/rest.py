@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.segments import spans
-from attlog.segments.flags import Phase
+from attlog.segments.flags import FlagSpans
 from attlog.segments.model import Segment
 from attlog.segments.spans import Span
 from attlog.segments.windows import Windows, join
@@ -41,12 +41,12 @@ def rate_limit(windows: Windows) -> float:
     return float(np.clip(FLOORS * floor, RATE_STD_LOW_DPS, RATE_STD_HIGH_DPS))
 
 
-def largest_limit(windows: Windows, motors: Phase) -> float:
+def largest_limit(windows: Windows, motors: FlagSpans) -> float:
     """The largest standard deviation of the gyro that counts as rest in a log, deg/s."""
     return RATE_STD_HIGH_DPS if motors.measured else rate_limit(windows)
 
 
-def still(windows: Windows, motors: Phase) -> Mask:
+def still(windows: Windows, motors: FlagSpans) -> Mask:
     """Windows (m,) as still as a surface: little noise, and a mean rate like that of the other still windows around.
 
     The limit is capped because a calm hover is nearly as quiet. Where outputs show motors that stand still no
@@ -64,7 +64,7 @@ def still(windows: Windows, motors: Phase) -> Mask:
 
 
 def rests(
-    windows: Windows, still: Mask, airborne: Phase, motors: Phase, busy: list[Span], moving: Mask
+    windows: Windows, still: Mask, airborne: FlagSpans, motors: FlagSpans, busy: list[Span], moving: Mask
 ) -> list[Segment]:
     """Rest of both classes. ``moving`` marks windows in which GNSS shows travel, or height a climb."""
     forbidden = [*airborne.spans, *busy]
@@ -84,7 +84,7 @@ def rests(
     return found
 
 
-def idles(windows: Windows, still: Mask, airborne: Phase, motors: Phase, rests: list[Span]) -> list[Segment]:
+def idles(windows: Windows, still: Mask, airborne: FlagSpans, motors: FlagSpans, rests: list[Span]) -> list[Segment]:
     """Spans on the ground with motors turning, outside rest; none where nothing tells flight from ground."""
     if not airborne.known:
         return []

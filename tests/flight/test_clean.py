@@ -7,8 +7,8 @@ import pytest
 
 from attlog.flight import magnetic
 from attlog.flight.builder import LogBuilder
-from attlog.flight.inertial import Candidate, best_per_unit, choose_unit, longest_held, onto, validate
-from attlog.flight.px4.advice import Settings
+from attlog.flight.inertial import ImuCandidate, best_per_unit, choose_unit, longest_held, onto, validate
+from attlog.flight.px4.advice import Px4Logging
 from tests.flight.fake import gravity, level, messages, micros
 
 N = 200
@@ -18,8 +18,8 @@ def builder() -> LogBuilder:
     return LogBuilder(messages("ulog", {("x", 0): {"timestamp": micros(2, 1)}}), t0_us=10_000_000)
 
 
-def candidate(gyro: np.ndarray, acc: np.ndarray, **fields: object) -> Candidate:
-    return Candidate(0, 0, micros(len(gyro), 100).astype(np.int64), gyro, acc, "made", "interval", **fields)
+def candidate(gyro: np.ndarray, acc: np.ndarray, **fields: object) -> ImuCandidate:
+    return ImuCandidate(0, 0, micros(len(gyro), 100).astype(np.int64), gyro, acc, "made", "interval", **fields)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e15, -150.0])
@@ -106,5 +106,5 @@ def test_two_axes_are_no_gyro_and_three_numbers_no_attitude() -> None:
 def test_a_handful_of_samples_is_no_flight() -> None:
     r = builder()
     one = validate(r, candidate(np.zeros((5, 3)), gravity(5).astype(float)))
-    assert choose_unit(r, [one], 0, "it flew", None, Settings("4.6.0", {})) is None
+    assert choose_unit(r, [one], 0, "it flew", None, Px4Logging("4.6.0", {})) is None
     assert [p.code for p in r.problems] == ["imu_too_short"]

@@ -121,7 +121,7 @@ def test_a_bomb_is_refused_before_it_fills_the_disk(tmp_path: Path, monkeypatch:
 def test_a_block_stays_small_whatever_a_byte_stands_for(tmp_path: Path) -> None:
     (tmp_path / "zeros.gz").write_bytes(gzip.compress(bytes(50_000_000), 9))
     with (tmp_path / "zeros.gz").open("rb") as file:
-        lengths = [len(block) for block in compression.Unpacking(file).blocks()]
+        lengths = [len(block) for block in compression.GzipContent(file).blocks()]
     assert sum(lengths) == 50_000_000
     assert max(lengths) <= 1 << 20
 

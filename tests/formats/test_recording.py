@@ -10,7 +10,7 @@ import pytest
 
 from attlog import formats
 from attlog.base.errors import OutputError, UsageError
-from attlog.formats import Layout, ParamChange, Recording, Text
+from attlog.formats import MessageLayout, ParamChange, Recording, Text
 from attlog.formats.merge import ROWS_AT_ONCE, merged
 from attlog.formats.recording import fitted
 
@@ -76,7 +76,7 @@ def test_a_refused_recording_leaves_the_old_file(suffix: str, tmp_path: Path) ->
         with pytest.raises(UsageError, match=reason):
             formats.write(path, Recording({(name, 0): columns}))
     with pytest.raises(UsageError, match="layout but is no message"):
-        formats.write(path, recording(suffix, layouts={"NONE": Layout("Q")}))
+        formats.write(path, recording(suffix, layouts={"NONE": MessageLayout("Q")}))
     assert path.read_text() == "before"
     with pytest.raises(OutputError):
         formats.write(path / f"a{suffix}", recording(suffix))
@@ -85,8 +85,8 @@ def test_a_refused_recording_leaves_the_old_file(suffix: str, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("suffix", "more", "reason"),
     [
-        (".ulg", {"layouts": {"imu": Layout("Qf")}}, "no letters"),
-        (".ulg", {"layouts": {"imu": Layout(nested={"esc": "report"})}}, "nested type of 'esc'"),
+        (".ulg", {"layouts": {"imu": MessageLayout("Qf")}}, "no letters"),
+        (".ulg", {"layouts": {"imu": MessageLayout(nested={"esc": "report"})}}, "nested type of 'esc'"),
         (".ulg", {"params": [ParamChange("A", 2**31)]}, "32 bits"),
         (".ulg", {"info": {"a": 2**31}}, "32 bits"),
         (".ulg", {"info": {"a" * 300: 1}}, "255 bytes"),
@@ -95,14 +95,14 @@ def test_a_refused_recording_leaves_the_old_file(suffix: str, tmp_path: Path) ->
         (".bin", {"info": {"sys_name": "x"}}, "no place for the info 'sys_name'"),
         (".bin", {"params": [ParamChange("A" * 17, 1)]}, "16 characters"),
         (".bin", {"params": [ParamChange("A", 1, is_default=True)]}, "default without its parameter"),
-        (".bin", {"layouts": {"IMU": Layout("Qf")}}, "do not fit 3 columns"),
-        (".bin", {"layouts": {"IMU": Layout("QfB", "sE", "F-")}}, "units 'sE' are not 3"),
-        (".bin", {"layouts": {"IMU": Layout("QfB", "sEx", "F--")}}, "known ids"),
-        (".bin", {"layouts": {"IMU": Layout("QfB", "sE#", "F")}}, "multipliers 'F' are not 3"),
-        (".bin", {"layouts": {"IMU": Layout(nested={"esc": "report"})}}, "no nested types"),
+        (".bin", {"layouts": {"IMU": MessageLayout("Qf")}}, "do not fit 3 columns"),
+        (".bin", {"layouts": {"IMU": MessageLayout("QfB", "sE", "F-")}}, "units 'sE' are not 3"),
+        (".bin", {"layouts": {"IMU": MessageLayout("QfB", "sEx", "F--")}}, "known ids"),
+        (".bin", {"layouts": {"IMU": MessageLayout("QfB", "sE#", "F")}}, "multipliers 'F' are not 3"),
+        (".bin", {"layouts": {"IMU": MessageLayout(nested={"esc": "report"})}}, "no nested types"),
         (".tlog", {"info": {"sys_name": "x"}}, "no place for the info 'sys_name'"),
         (".tlog", {"info": {"system": 256}}, "0 to 255"),
-        (".tlog", {"layouts": {"ATTITUDE": Layout("f")}}, "layout of"),
+        (".tlog", {"layouts": {"ATTITUDE": MessageLayout("f")}}, "layout of"),
         (".tlog", {"params": [ParamChange("A", 1, is_default=True)]}, "default of 'A'"),
         (".tlog", {"params": [ParamChange("A", 2**24 + 1)]}, "as a float"),
         (".tlog", {"texts": [Text("a" * 12_801, 1)]}, "256 chunks"),
@@ -124,7 +124,9 @@ def test_an_instance_must_be_told_by_its_records(tmp_path: Path) -> None:
     both = {("IMU", 0): columns | {"I": np.zeros(100, np.uint8)}, ("IMU", 1): columns}
     with pytest.raises(UsageError, match="same columns"):
         formats.write(tmp_path / "a.bin", Recording(both))
-    log = Recording({("OWN", 1): columns | {"N": np.ones(100, np.uint8)}}, layouts={"OWN": Layout("", "sE#", "F--")})
+    log = Recording(
+        {("OWN", 1): columns | {"N": np.ones(100, np.uint8)}}, layouts={"OWN": MessageLayout("", "sE#", "F--")}
+    )
     formats.write(tmp_path / "a.bin", log)
     assert list(formats.open(tmp_path / "a.bin").instances("OWN")) == [1]
 
@@ -137,7 +139,7 @@ def test_nested_members_are_written_as_pyulog_reads_them(tmp_path: Path) -> None
         columns[f"esc[{k}].timestamp"] = TIME - np.uint64(5)
         columns[f"esc[{k}].esc_rpm"] = np.arange(100, dtype=np.int32) * (k + 1)
     columns["last.flags"] = np.ones(100, np.uint8)
-    layout = Layout(nested={"esc": "esc_report"})
+    layout = MessageLayout(nested={"esc": "esc_report"})
     formats.write(tmp_path / "a.ulg", Recording({("esc_status", 0): columns}, layouts={"esc_status": layout}))
     mine = formats.open(tmp_path / "a.ulg")["esc_status", 0]
     theirs = ULog(str(tmp_path / "a.ulg"))

@@ -11,7 +11,7 @@ import pytest
 from attlog import health
 from attlog.flight.model import FlightLog, Problem
 from attlog.flight.remedies import GENERAL
-from attlog.health.findings import ABOUT, Open, findings, hopeless
+from attlog.health.findings import ABOUT, OpenQuestion, findings, hopeless
 from attlog.health.model import Check, not_judged
 from tests.conftest import ROOT
 from tests.health.test_health import good
@@ -73,7 +73,9 @@ def test_what_a_refused_attitude_judges_is_not_said_beside_it(log: FlightLog) ->
 
 def test_checks_that_could_not_be_made_and_open_questions_are_one_entry_each(log: FlightLog) -> None:
     checks = [not_judged("delay", "Unknown."), not_judged("trim", "None.")]
-    found = findings(log, checks, [], [Open("How late?", "Fly steps."), Open("How quiet?", "Fly steps.")])
+    found = findings(
+        log, checks, [], [OpenQuestion("How late?", "Fly steps."), OpenQuestion("How quiet?", "Fly steps.")]
+    )
     assert [(p.code, p.severity) for p in found] == [("unanswered", "note"), ("not_checked", "info")]
     assert found[0].text == "Not answered: How late? How quiet?"
     assert found[0].remedy == "Fly steps."

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.flight.model import Firmware, FlightLog
 from attlog.metrics.base import Case
-from attlog.reference.model import Errors, Reference, Row
+from attlog.reference.model import AttitudeErrors, Reference, Row
 from attlog.segments.model import Segment, Segments
 
 Array = NDArray[np.float64]
@@ -48,13 +48,13 @@ def case(
     return Case(log, Segments(segments), ref, rows)
 
 
-def errors(r: Row, ref: Reference) -> Errors:
+def errors(r: Row, ref: Reference) -> AttitudeErrors:
     """Errors of a row at the reference's times."""
     inside = (ref.t >= r.t[0]) & (ref.t <= r.t[-1])
     t, q_ref = ref.t[inside], ref.q[inside]
     q_est = rotation.slerp(r.t, r.q, t)
     e = rotation.error(q_est, q_ref)
-    return Errors(
+    return AttitudeErrors(
         t,
         np.degrees(rotation.total_angle(e)),
         np.degrees(rotation.heading_angle(e)),

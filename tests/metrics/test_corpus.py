@@ -21,7 +21,7 @@ def trial_of(path, names="gyro", clock="sample"):
     """A log with truth, replayed by the named estimators."""
     log = read(path)
     phases = segments.build(log)
-    ref = reference.choose(log, phases, reference.Options(clock=clock))
+    ref = reference.choose(log, phases, reference.ReferenceOptions(clock=clock))
     imu = log.imus[log.imu]
     rows = []
     for spec in estimators.select(names):

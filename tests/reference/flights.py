@@ -13,7 +13,7 @@ from attlog.flight.inertial import low_pass_delay
 from attlog.flight.model import Attitude, Firmware, FlightLog, TimeLine
 from attlog.flight.parameters import history as parameters
 from attlog.flight.px4.state import DECLINATION
-from attlog.reference import Options, Reference, Row, choose, replayed
+from attlog.reference import Reference, ReferenceOptions, Row, choose, replayed
 from attlog.segments import Segments
 from tests.segments.flights import imu_log
 
@@ -86,8 +86,10 @@ def estimate(t: Array | None = None, heading_deg: float | Array = 0.0, tilt_deg:
     return Estimate(t, rotation.multiply(rotation.from_rotvec(north), q))
 
 
-def compared(log: FlightLog, e: Estimate, options: Options | None = None, **more) -> tuple[Row, Reference, Segments]:
+def compared(
+    log: FlightLog, e: Estimate, options: ReferenceOptions | None = None, **more
+) -> tuple[Row, Reference, Segments]:
     """The row of an estimate, with what it was compared to. It uses a magnetometer unless said."""
     found = segments.build(log)
-    reference = choose(log, found, options or Options(declination=0.0))
+    reference = choose(log, found, options or ReferenceOptions(declination=0.0))
     return replayed(log, found, reference, e, name="made", **{"uses_mag": True, **more}), reference, found

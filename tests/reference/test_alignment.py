@@ -10,7 +10,7 @@ import pytest
 from attlog import segments
 from attlog.base import earth, rotation
 from attlog.flight.model import Gnss, Mag, Stream
-from attlog.reference import Options, Reference, choose, declination, floor, seen_deg
+from attlog.reference import Reference, ReferenceOptions, choose, declination, floor, seen_deg
 from attlog.reference.physics import delay
 
 from .flights import RATE, SECONDS, ardupilot, attitude_at, flight, sampled
@@ -30,7 +30,7 @@ def receiver(lat: float = 47.4, lon: float = 8.5, fix: int = 3) -> Gnss:
 
 def chosen(log, **options) -> Reference:
     """The reference of a log."""
-    return choose(log, segments.build(log), Options(**options))
+    return choose(log, segments.build(log), ReferenceOptions(**options))
 
 
 def text_of(reference: Reference, name: str) -> str:

@@ -9,7 +9,7 @@ from attlog import segments
 from attlog.base import rotation
 from attlog.base.errors import UsageError
 from attlog.flight.model import Attitude, TimeLine
-from attlog.reference import Options, Reference, choose, heading_references
+from attlog.reference import Reference, ReferenceOptions, choose, heading_references
 from attlog.segments.model import Segment, Segments
 
 from .flights import SECONDS, attitude_at, flight, sampled
@@ -17,7 +17,7 @@ from .flights import SECONDS, attitude_at, flight, sampled
 
 def chosen(log, **options) -> Reference:
     """The reference of a log."""
-    return choose(log, segments.build(log), Options(**options))
+    return choose(log, segments.build(log), ReferenceOptions(**options))
 
 
 def step(reference: Reference, name: str):
@@ -138,7 +138,7 @@ def test_comparisons_end_at_an_impact():
     log = flight()
     found = segments.build(log)
     found.segments.append(Segment("impact", 50.0, SECONDS, "8 g with a tumble"))
-    reference = choose(log, found, Options())
+    reference = choose(log, found, ReferenceOptions())
     assert reference.end == 50.0
     assert step(reference, "scoring_end").value == 50.0
 

@@ -12,7 +12,7 @@ import attlog
 from attlog import segments
 from attlog.base.errors import AttlogError
 from attlog.flight.model import FlightLog
-from attlog.reference import Options, Reference, choose, heading_references, onboard_rows, seen_deg
+from attlog.reference import Reference, ReferenceOptions, choose, heading_references, onboard_rows, seen_deg
 from tests.conftest import corpus_logs, corpus_root
 
 ROOT = corpus_root()
@@ -35,7 +35,7 @@ def flown(row: dict[str, str], **options) -> tuple[FlightLog, segments.Segments,
     assert ROOT is not None
     log = attlog.read(ROOT / "sitl" / row["file"])
     found = segments.build(log)
-    return log, found, choose(log, found, Options(**options))
+    return log, found, choose(log, found, ReferenceOptions(**options))
 
 
 @pytest.mark.slow

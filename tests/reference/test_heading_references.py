@@ -10,7 +10,7 @@ import pytest
 from attlog import segments
 from attlog.base import rotation
 from attlog.flight.model import Gnss, Mag, Stream
-from attlog.reference import Options, choose, heading_references
+from attlog.reference import ReferenceOptions, choose, heading_references
 from attlog.reference.model import HeadingReference, Reference
 
 from .flights import RATE, SECONDS, attitude_at, flight
@@ -31,7 +31,7 @@ def with_mag(noise: float = 0.0, **more):
 def told(log, **options) -> tuple[dict[str, HeadingReference], Reference]:
     """The heading_references of a log."""
     found = segments.build(log)
-    reference = choose(log, found, Options(**{"declination": 5.0, **options}))
+    reference = choose(log, found, ReferenceOptions(**{"declination": 5.0, **options}))
     return heading_references(log, found, reference), reference
 
 
@@ -76,7 +76,7 @@ def test_without_reference_the_magnetometer_is_levelled_by_a_filter_of_its_own()
     log = with_mag()
     log.truth, log.attitudes, log.onboard = None, {}, None
     found = segments.build(log)
-    heading_reference = heading_references(log, found, choose(log, found, Options(declination=5.0)))["mag"]
+    heading_reference = heading_references(log, found, choose(log, found, ReferenceOptions(declination=5.0)))["mag"]
     assert "tilt of mahony" in heading_reference.text
     assert np.abs(off_deg(heading_reference)).max() < 1.0
 

@@ -8,7 +8,7 @@ import pytest
 from attlog import segments
 from attlog.base import rotation
 from attlog.estimators.base import Estimate
-from attlog.reference import Options, choose, clock, onboard_rows, replayed, trim
+from attlog.reference import ReferenceOptions, choose, clock, onboard_rows, replayed, trim
 from attlog.segments.model import Segment
 
 from .flights import RATE, SECONDS, ardupilot, attitude_at, compared, estimate, flight, sampled
@@ -42,7 +42,7 @@ def test_the_vehicles_roll_is_the_imus_less_the_trim():
 
 
 def test_trim_switched_off_leaves_its_size_as_tilt():
-    row, _, _ = compared(with_trim(), estimate(), Options(trim=False, declination=0.0))
+    row, _, _ = compared(with_trim(), estimate(), ReferenceOptions(trim=False, declination=0.0))
     assert row.errors is not None
     assert np.median(row.errors.inclination) == pytest.approx(np.degrees(np.hypot(*TRIM[:2])), abs=0.02)
 
@@ -115,7 +115,7 @@ def test_a_filter_with_magnetometer_keeps_its_heading_error():
 
 
 def test_with_unknown_declination_magnetic_headings_are_compared_without_offset():
-    row, reference, _ = compared(flight(), estimate(heading_deg=7.0), Options())
+    row, reference, _ = compared(flight(), estimate(heading_deg=7.0), ReferenceOptions())
     assert reference.declination_deg is None
     assert row.heading_offset_deg == pytest.approx(7.0, abs=0.05)
 
@@ -160,7 +160,7 @@ def test_the_reference_is_a_marked_row_without_errors():
     log = flight()
     log.attitudes["AHR2"] = sampled(5.0, source="AHR2")
     found = segments.build(log)
-    rows = onboard_rows(log, found, choose(log, found, Options(reference="onboard:AHR2")))
+    rows = onboard_rows(log, found, choose(log, found, ReferenceOptions(reference="onboard:AHR2")))
     assert {r.name: (r.is_reference, r.errors is None) for r in rows} == {
         "onboard": (False, False),
         "onboard:AHR2": (True, True),
@@ -246,7 +246,7 @@ def test_coverage_counts_the_rest_and_flight_that_was_scored():
     log = flight()
     found = segments.build(log)
     found.segments.append(Segment("airborne", 20.0, SECONDS, "made"))
-    reference = choose(log, found, Options(declination=0.0))
+    reference = choose(log, found, ReferenceOptions(declination=0.0))
     whole = replayed(log, found, reference, estimate(), name="whole", uses_mag=True)
     half = replayed(log, found, reference, estimate(T[T < 37.5]), name="half", uses_mag=True)
     assert whole.coverage_pct == pytest.approx(100.0, abs=0.5)

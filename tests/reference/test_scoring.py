@@ -7,7 +7,7 @@ import pytest
 
 from attlog import segments
 from attlog.base import rotation
-from attlog.reference import Options, choose, onboard_rows, replayed, scoring
+from attlog.reference import ReferenceOptions, choose, onboard_rows, replayed, scoring
 from attlog.segments.model import Segment
 
 from .flights import RATE, SECONDS, compared, estimate, flight
@@ -28,7 +28,9 @@ def scored_times(log, found=None) -> tuple[np.ndarray, float | None]:
     """Scored times of a perfect row, and its coverage."""
     found = found or segments.build(log)
     t = log.imus[0].gyro.t
-    row = replayed(log, found, choose(log, found, Options(declination=0.0)), estimate(t), name="made", uses_mag=True)
+    row = replayed(
+        log, found, choose(log, found, ReferenceOptions(declination=0.0)), estimate(t), name="made", uses_mag=True
+    )
     assert row.errors is not None
     return row.errors.t[row.errors.scored], row.coverage_pct
 
@@ -128,14 +130,14 @@ def test_an_onboard_attitude_counts_from_its_own_alignment_on():
     before = onboard.t < 18.0
     onboard.q[before] = rotation.turn_about_down(onboard.q[before], np.radians(70.0))
     found = segments.build(log)
-    reference = choose(log, found, Options(declination=0.0))
+    reference = choose(log, found, ReferenceOptions(declination=0.0))
     (row,) = onboard_rows(log, found, reference)
     assert row.start == pytest.approx(18.0, abs=0.06)
     assert row.errors.t[row.errors.scored].min() >= 18.0 - 0.06
     assert np.abs(row.errors.heading[row.errors.scored]).max() < 1.0
     assert row.status == "ok"
     log.truth = None
-    alone = choose(log, found, Options(declination=0.0))
+    alone = choose(log, found, ReferenceOptions(declination=0.0))
     assert not scoring.scored(alone, np.array([16.0, 17.5])).any()
     assert scoring.scored(alone, np.array([18.5, 30.0])).all()
 
@@ -147,7 +149,7 @@ def test_a_jump_in_flight_is_no_alignment():
     onboard.q[late] = rotation.turn_about_down(onboard.q[late], np.radians(20.0))
     found = segments.build(log)
     found.segments.append(Segment("airborne", 20.0, 60.0, "made"))
-    (row,) = onboard_rows(log, found, choose(log, found, Options(declination=0.0)))
+    (row,) = onboard_rows(log, found, choose(log, found, ReferenceOptions(declination=0.0)))
     assert row.start == 0.0
 
 
@@ -159,6 +161,6 @@ def test_a_reference_that_is_written_for_a_third_of_the_flight_covers_a_third():
     onboard.t, onboard.q = onboard.t[keep], onboard.q[keep]
     found = segments.build(log)
     found.segments.append(Segment("airborne", 20.0, 60.0, "made"))
-    (row,) = onboard_rows(log, found, choose(log, found, Options(declination=0.0)))
+    (row,) = onboard_rows(log, found, choose(log, found, ReferenceOptions(declination=0.0)))
     assert row.is_reference
     assert row.coverage_pct == pytest.approx(100 * (15 + 2) / 45, abs=2.0)

@@ -18,8 +18,8 @@ from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog
 from attlog.health.findings import contradiction, findings
 from attlog.reference import (
-    Options,
     Reference,
+    ReferenceOptions,
     choose,
     contradicted,
     foreseen,
@@ -43,7 +43,7 @@ def made(tilt: float = 0.1, heading: float = 0.2, off: Estimate | None = None, *
 
 def chosen(log: FlightLog, found: Estimate | Callable[[], Estimate], option: str = "auto") -> Reference:
     smooth = found if callable(found) else lambda: found
-    return choose(log, segments.build(log), Options(reference=option), smooth=smooth)
+    return choose(log, segments.build(log), ReferenceOptions(reference=option), smooth=smooth)
 
 
 def never() -> Estimate:
@@ -247,7 +247,7 @@ def runs(monkeypatch: pytest.MonkeyPatch) -> Runs:
 def test_the_smoother_is_told_the_lag_of_the_gyro_and_gets_all_of_a_flight_without_incident(runs) -> None:
     log = flight(gyro_late=0.005)
     log.imus[0].gyro.delay = 0.005
-    whole = replay.smoother(log, segments.build(log), Options())
+    whole = replay.smoother(log, segments.build(log), ReferenceOptions())
     np.testing.assert_array_equal(whole.t, log.imus[0].gyro.t)
     assert runs[0]["aids"].lag[0] == 0.005
     assert len(runs[0]["t"]) == len(runs[0]["gyr"]) == len(runs[0]["acc"]) == len(log.imus[0].gyro.t)
@@ -264,7 +264,7 @@ def test_the_smoother_is_told_the_lag_of_the_gyro_and_gets_all_of_a_flight_witho
 )
 def test_what_happens_in_a_tumble_or_after_an_impact_is_not_given_to_it(happened, spans, runs) -> None:
     log = flight()
-    found = replay.smoother(log, Segments([*segments.build(log).segments, *happened]), Options())
+    found = replay.smoother(log, Segments([*segments.build(log).segments, *happened]), ReferenceOptions())
     given = [(one["t"][0], one["t"][-1]) for one in runs]
     assert np.allclose(given, spans, atol=0.02)
     assert np.array_equal(np.flatnonzero(np.diff(found.segment)) + 1, np.cumsum([len(r["t"]) for r in runs])[:-1])
@@ -279,26 +279,26 @@ def test_a_gap_parts_the_log_and_a_piece_that_fails_its_own_checks_is_left_out(r
     for stream in (imu.gyro, imu.acc):
         stream.t, stream.x = stream.t[keep], stream.x[keep]
     runs.failing = frozenset({2, 4, 5, 7, 8, 9})
-    found = replay.smoother(log, Segments(), Options())
+    found = replay.smoother(log, Segments(), ReferenceOptions())
     lengths = [len(r["t"]) for r in runs]
     assert lengths == pytest.approx([5900, 5900, 6000], abs=1)
     assert not np.any((found.t > 59.5) & (found.t < 119.5))
     with pytest.raises(UsageError, match="gave way 99 times"):
-        replay.smoother(log, Segments(), Options())
-    assert len(replay.smoother(log, Segments(), Options(reference="smoother")).t) == sum(lengths)
+        replay.smoother(log, Segments(), ReferenceOptions())
+    assert len(replay.smoother(log, Segments(), ReferenceOptions(reference="smoother")).t) == sum(lengths)
 
 
 def test_too_short_and_too_long_logs_are_not_smoothed(runs) -> None:
     log = flight()
     short = Segments([Segment("impact", 12.0, 13.0)])
     with pytest.raises(UsageError, match="needs 20 s without a gap"):
-        replay.smoother(log, short, Options())
+        replay.smoother(log, short, ReferenceOptions())
     assert "onboard attitude (ATT) (no smoother: it needs 20 s" in foreseen(log, short, choose(log, short))
     imu = log.imus[0]
     for stream in (imu.gyro, imu.acc):
         stream.t = stream.t * 40.0
     with pytest.raises(UsageError, match="40 min would cost minutes; up to 30 min"):
-        replay.smoother(log, Segments(), Options())
+        replay.smoother(log, Segments(), ReferenceOptions())
     assert not runs
 
 

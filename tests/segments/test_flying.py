@@ -129,7 +129,7 @@ def lifted(drive_from: int, climb_from: int, height_from: int) -> list[tuple[flo
     nothing = np.zeros(100, np.bool_)
     height_m = np.where(k >= height_from, 0.3, 0.0) + np.where(k >= 50, 5.0, 0.0)
     climb = np.where(k >= climb_from, 0.5, 0.1)
-    return flying.flights(flying.Evidence(0.1 * k, k >= drive_from, height_m, climb, k >= 50, nothing, "made"))
+    return flying.flights(flying.FlightEvidence(0.1 * k, k >= drive_from, height_m, climb, k >= 50, nothing, "made"))
 
 
 def test_a_flight_begins_where_it_climbs_with_drive_above_the_ground():

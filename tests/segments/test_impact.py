@@ -9,7 +9,7 @@ from attlog import segments
 from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments import impact
-from attlog.segments.flags import Phase
+from attlog.segments.flags import FlagSpans
 
 from .flights import DISARMED, LANDED, flight
 
@@ -63,7 +63,7 @@ def test_a_collision_in_the_air_that_is_flown_on_is_no_impact():
 @pytest.mark.parametrize(("seconds", "counts"), [(4.0, True), (6.0, False)])
 def test_a_vehicle_that_flies_again_for_5_seconds_had_no_impact_and_a_hop_is_no_flight(seconds, counts):
     log = blow(flight(), CRASH, tumble_dps=600.0)
-    again = Phase(True, [(35.0, 75.0), (90.0, 90.0 + seconds)])
+    again = FlagSpans(True, [(35.0, 75.0), (90.0, 90.0 + seconds)])
     assert [s.t0 for s in impact.find(log, log.imus[0], again, [], [], 105.0)] == [CRASH] * counts
 
 

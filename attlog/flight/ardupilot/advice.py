@@ -49,7 +49,7 @@ LIMITS = (("LOG_FILE_RATEMAX", FILE), ("LOG_MAV_RATEMAX", MAVLINK), ("LOG_BLK_RA
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class ArduPilotLogging:
     """Logging settings of one vehicle: its firmware family, version text and parameters at boot (may be empty)."""
 
     family: str

@@ -25,7 +25,7 @@ AIDED = "Filters that use it go without there; the others do not need it."
 
 
 @dataclass(frozen=True, slots=True)
-class Meaning:
+class EventMeaning:
     """What a record says: a sentence, how bad it is, why it comes, what to do, what it means for the comparison."""
 
     text: str
@@ -36,7 +36,7 @@ class Meaning:
     code: str = ""
 
 
-_NO_GNSS = Meaning(
+_NO_GNSS = EventMeaning(
     "GNSS was lost for more than 5 s while it was needed",
     cause="Bad view of the sky or a disturbed receiver.",
     remedy="Raise the antenna above power wires and transmitters.",
@@ -45,63 +45,63 @@ _NO_GNSS = Meaning(
 _BAD_COMPASS = "The compass does not answer: wiring, bus or the compass itself."
 _CHECK_COMPASS = "Check wiring and supply of the compass."
 
-ERRORS: dict[tuple[int, int], Meaning] = {
-    (1, 1): Meaning("The main loop waited for the inertial sensor", "note"),
-    (2, 2): Meaning("Radio frames came late for 2 s", "note"),
-    (3, 1): Meaning("The compass failed to start", cause=_BAD_COMPASS, remedy=_CHECK_COMPASS),
-    (3, 4): Meaning("The compass was not healthy", cause=_BAD_COMPASS, remedy=_CHECK_COMPASS),
-    (5, 1): Meaning(
+ERRORS: dict[tuple[int, int], EventMeaning] = {
+    (1, 1): EventMeaning("The main loop waited for the inertial sensor", "note"),
+    (2, 2): EventMeaning("Radio frames came late for 2 s", "note"),
+    (3, 1): EventMeaning("The compass failed to start", cause=_BAD_COMPASS, remedy=_CHECK_COMPASS),
+    (3, 4): EventMeaning("The compass was not healthy", cause=_BAD_COMPASS, remedy=_CHECK_COMPASS),
+    (5, 1): EventMeaning(
         "Radio failsafe: no signal from the transmitter",
         cause="Out of range, transmitter off or antenna shadowed.",
         remedy="Check antennas and range.",
         means=NO_MATTER,
     ),
-    (6, 1): Meaning(
+    (6, 1): EventMeaning(
         "Battery failsafe: voltage or capacity below its limit",
         cause="The battery was empty or weak.",
         remedy="Land earlier or change the battery.",
         means=NO_MATTER,
     ),
     (7, 1): replace(_NO_GNSS, text="GNSS failsafe: no position while the flight mode needed one"),
-    (8, 1): Meaning(
+    (8, 1): EventMeaning(
         "Ground station failsafe: no heartbeat from it",
         cause="The radio link was lost.",
         remedy="Check the telemetry link.",
         means=NO_MATTER,
     ),
-    (11, 2): Meaning(
+    (11, 2): EventMeaning(
         "GNSS glitch: its position jumped away from the predicted one",
         cause="Bad reception, or an attitude and acceleration that predict a wrong position.",
         remedy="Check the view of the sky; with good reception look for vibration or a wrong heading.",
         means="An attitude that uses GNSS may be pulled off.",
         code="gnss_glitch",
     ),
-    (12, 1): Meaning(
+    (12, 1): EventMeaning(
         "Crash check: the vehicle was tilted and out of control, motors were stopped",
         "error",
         cause="Lost thrust, lost control or contact.",
         remedy="Look at what was reported in the seconds before.",
         code="crash",
     ),
-    (12, 2): Meaning(
+    (12, 2): EventMeaning(
         "Loss of control was detected, as for the parachute",
         "error",
         cause="Lost thrust or lost attitude.",
         remedy="Look at what was reported in the seconds before.",
         code="crash",
     ),
-    (13, 2): Meaning("A flip was abandoned", "note"),
-    (14, 2): Meaning("Autotune was refused or its gains were bad", "note"),
-    (15, 2): Meaning("The parachute was not released: too low", "error"),
-    (15, 3): Meaning("The parachute was not released: landed", "note"),
-    (16, 2): Meaning(
+    (13, 2): EventMeaning("A flip was abandoned", "note"),
+    (14, 2): EventMeaning("Autotune was refused or its gains were bad", "note"),
+    (15, 2): EventMeaning("The parachute was not released: too low", "error"),
+    (15, 3): EventMeaning("The parachute was not released: landed", "note"),
+    (16, 2): EventMeaning(
         "EKF check: two or more of the EKF's test ratios (compass, position, velocity) stayed above the limit for 1 s",
         cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
         remedy="Look for vibration, the field and GNSS among these findings.",
         means=DOUBT,
         code="ekf_check",
     ),
-    (17, 1): Meaning(
+    (17, 1): EventMeaning(
         "EKF failsafe: the EKF was given up in flight",
         "error",
         cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
@@ -109,50 +109,52 @@ ERRORS: dict[tuple[int, int], Meaning] = {
         means=DOUBT,
         code="ekf_failsafe",
     ),
-    (18, 1): Meaning("The barometer failed to start"),
-    (18, 2): Meaning("The barometer jumped", "note"),
-    (18, 4): Meaning("The barometer was not healthy", means=AIDED),
-    (19, 1): Meaning(
+    (18, 1): EventMeaning("The barometer failed to start"),
+    (18, 2): EventMeaning("The barometer jumped", "note"),
+    (18, 4): EventMeaning("The barometer was not healthy", means=AIDED),
+    (19, 1): EventMeaning(
         "The main loop stood still for 2 s and more",
         "error",
         cause="The processor was overloaded.",
         means="Samples may be missing there.",
     ),
-    (20, 1): Meaning("Another aircraft came near", "note"),
-    (21, 2): Meaning("Terrain data were missing", "note"),
-    (22, 2): Meaning("A destination could not be set", "note"),
-    (22, 3): Meaning("Return to launch was restarted", "note"),
-    (22, 4): Meaning("The circle mode could not start", "note"),
-    (22, 5): Meaning("A destination outside the fence was refused", "note"),
-    (22, 6): Meaning("Return to launch lacked its range finder", "note"),
-    (23, 1): Meaning("Terrain failsafe: no terrain data for 5 s", means=NO_MATTER),
-    (25, 1): Meaning(
+    (20, 1): EventMeaning("Another aircraft came near", "note"),
+    (21, 2): EventMeaning("Terrain data were missing", "note"),
+    (22, 2): EventMeaning("A destination could not be set", "note"),
+    (22, 3): EventMeaning("Return to launch was restarted", "note"),
+    (22, 4): EventMeaning("The circle mode could not start", "note"),
+    (22, 5): EventMeaning("A destination outside the fence was refused", "note"),
+    (22, 6): EventMeaning("Return to launch lacked its range finder", "note"),
+    (23, 1): EventMeaning("Terrain failsafe: no terrain data for 5 s", means=NO_MATTER),
+    (25, 1): EventMeaning(
         "Thrust loss: full throttle and still falling",
         "error",
         cause="A motor, propeller or the battery gave way.",
         remedy="Check motors, propellers and battery; compare the motor outputs.",
         means=NO_MATTER,
     ),
-    (26, 1): Meaning("Sensor failsafe"),
-    (27, 1): Meaning("Leak failsafe: water inside", "error"),
-    (28, 1): Meaning("No input from the pilot", means=NO_MATTER),
-    (29, 1): Meaning(
+    (26, 1): EventMeaning("Sensor failsafe"),
+    (27, 1): EventMeaning("Leak failsafe: water inside", "error"),
+    (28, 1): EventMeaning("No input from the pilot", means=NO_MATTER),
+    (29, 1): EventMeaning(
         "Vibration failsafe: height is held without the vertical accelerometer",
         cause="Vibration that the accelerometer turns into a constant offset.",
         remedy="Balance propellers, check bearings and arms, and mount the autopilot softer.",
         means="Filters that trust the accelerometer are pulled off there.",
         code="vibration_failsafe",
     ),
-    (30, 1): Meaning("An internal error of the firmware", "warning", remedy="Report it with this log."),
-    (31, 1): Meaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost.", means=AIDED),
+    (30, 1): EventMeaning("An internal error of the firmware", "warning", remedy="Report it with this log."),
+    (31, 1): EventMeaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost.", means=AIDED),
 }
 """By subsystem and code."""
 FENCE = {1: "height", 2: "circle", 4: "polygon", 8: "lowest height"}
-EVENTS: dict[int, Meaning] = {
+EVENTS: dict[int, EventMeaning] = {
     19: _NO_GNSS,
-    51: Meaning("The parachute was released", "error", cause="By the pilot or by the crash check.", code="crash"),
-    54: Meaning("The pilot stopped the motors (emergency stop)", "error"),
-    60: Meaning("The EKF set its height anew", "note", cause="Its height source changed or drifted.", means=NO_MATTER),
+    51: EventMeaning("The parachute was released", "error", cause="By the pilot or by the crash check.", code="crash"),
+    54: EventMeaning("The pilot stopped the motors (emergency stop)", "error"),
+    60: EventMeaning(
+        "The EKF set its height anew", "note", cause="Its height source changed or drifted.", means=NO_MATTER
+    ),
 }
 """By the id of EV records; yaw resets stand among the jumps of the attitude."""
 
@@ -196,17 +198,17 @@ def report(builder: LogBuilder, clock: Clock) -> None:
             )
 
 
-def of_error(subsystem: int, code: int) -> Meaning | None:
+def of_error(subsystem: int, code: int) -> EventMeaning | None:
     """What an ERR record means, None for one that ends a fault."""
     if subsystem == EKF_PRIMARY:
         text = f"The EKF changed its primary core to {code}"
-        return Meaning(text, cause="Another core agreed better with its sensors.", code="lane_switch")
+        return EventMeaning(text, cause="Another core agreed better with its sensors.", code="lane_switch")
     if code == 0:
         return None
     if subsystem == FLIGHT_MODE:
         text = f"The change to flight mode {code} was refused"
-        return Meaning(text, "note", cause="The mode needs a position or an arming state that was not there.")
+        return EventMeaning(text, "note", cause="The mode needs a position or an arming state that was not there.")
     if subsystem == 9:
         crossed = " and ".join(n for bit, n in FENCE.items() if code & bit) or f"code {code}"
-        return Meaning(f"The fence was crossed ({crossed})", means=NO_MATTER)
-    return ERRORS.get((subsystem, code), Meaning(f"Subsystem {subsystem} reported error {code}", "note"))
+        return EventMeaning(f"The fence was crossed ({crossed})", means=NO_MATTER)
+    return ERRORS.get((subsystem, code), EventMeaning(f"Subsystem {subsystem} reported error {code}", "note"))

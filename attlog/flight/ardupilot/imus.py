@@ -13,7 +13,7 @@ import numpy as np
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import Stamps
-from attlog.flight.inertial import Candidate, complete, low_pass_delay, onto, validated
+from attlog.flight.inertial import ImuCandidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array
 from attlog.formats.base import Messages, ParamChange, Table
 
@@ -43,9 +43,9 @@ def raw_units(messages: Messages, name: str) -> dict[int, Table]:
     return named or {i: messages[name, i] for i in messages.instances(name)}
 
 
-def candidates(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Candidate]:
+def candidates(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[ImuCandidate]:
     """Every inertial source of the log, cleaned."""
-    sources: dict[str, Callable[[], list[Candidate]]] = {
+    sources: dict[str, Callable[[], list[ImuCandidate]]] = {
         "RISI": lambda: replay(builder),
         "IMT": lambda: increments(builder, clock),
         "GYR": lambda: raw(builder, clock, params),
@@ -55,7 +55,7 @@ def candidates(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> 
     return validated(builder, found)
 
 
-def imu(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Candidate]:
+def imu(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[ImuCandidate]:
     """``IMU`` records: calibrated, body frame, after the firmware's low-pass filters, at one instant."""
     found = []
     for unit, table in units(builder.messages, "IMU").items():
@@ -75,7 +75,7 @@ def imu(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Ca
         gyro_cut, acc_cut = cutoffs(params, int(t[0]) if len(t) else 0)
         temperature = next((table.value(c) for c in ("T", "Temp") if c in table), None)
         found.append(
-            Candidate(
+            ImuCandidate(
                 unit,
                 3,
                 t,
@@ -114,7 +114,7 @@ def cutoffs(params: list[ParamChange], t_us: int) -> tuple[float, float]:
     return values["INS_GYRO_FILTER"], values["INS_ACCEL_FILTER"]
 
 
-def raw(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Candidate]:
+def raw(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[ImuCandidate]:
     """``GYR`` with ``ACC``: every sample of the sensors at their own clock ``SampleUS``."""
     gyros, accs = raw_units(builder.messages, "GYR"), raw_units(builder.messages, "ACC")
     options = next((int(p.value) for p in params if p.name == "INS_RAW_LOG_OPT" and not p.is_default), 0)
@@ -128,7 +128,7 @@ def raw(builder: LogBuilder, clock: Clock, params: list[ParamChange]) -> list[Ca
         t, t_acc = sample_time(table, clock), sample_time(partner, clock)
         rising = np.concatenate([[True], np.diff(t_acc) > 0])
         acc = columns(partner, *ACC)[rising]
-        one = Candidate(
+        one = ImuCandidate(
             unit,
             2,
             t,
@@ -156,7 +156,7 @@ def sample_time(table: Table, clock: Clock) -> Stamps:
     return sample if len(t) and abs(int(np.median(t - sample))) < 1_000_000 else t
 
 
-def increments(builder: LogBuilder, clock: Clock) -> list[Candidate]:
+def increments(builder: LogBuilder, clock: Clock) -> list[ImuCandidate]:
     """``IMT``: delta angles and velocities with their own integration times."""
     found = []
     for unit, table in units(builder.messages, "IMT").items():
@@ -177,7 +177,7 @@ def increments(builder: LogBuilder, clock: Clock) -> list[Candidate]:
     return found
 
 
-def replay(builder: LogBuilder) -> list[Candidate]:
+def replay(builder: LogBuilder) -> list[ImuCandidate]:
     """``RISI`` (LOG_REPLAY) of every unit: the increments that the EKF was given."""
     frames = builder.messages.first("RFRH")
     if frames is None or "TimeUS" not in frames:
@@ -206,10 +206,10 @@ def frame_times(frames: Table, table: Table) -> Stamps:
 
 def from_increments(
     unit: int, rank: int, t: Stamps, dt: Array, angle: Array, dt_v: Array, velocity: Array, source: str
-) -> Candidate:
+) -> ImuCandidate:
     """Rates from increments by their own integration times; records without a time are left out."""
     good = (dt > 1e-5) & (dt < 1.0) & (dt_v > 1e-5) & (dt_v < 1.0)
-    return Candidate(
+    return ImuCandidate(
         unit,
         rank,
         t[good],

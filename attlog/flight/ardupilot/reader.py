@@ -10,7 +10,7 @@ import numpy as np
 
 from attlog.flight import inertial, magnetic
 from attlog.flight.ardupilot import attitude, imus, state, vehicle
-from attlog.flight.ardupilot.advice import Settings
+from attlog.flight.ardupilot.advice import ArduPilotLogging
 from attlog.flight.ardupilot.clock import Clock, own_time
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
@@ -51,7 +51,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
         flew, why = chosen[0].index, "the first; the log does not tell the primary one"
     firmware = builder.attempt("The firmware", lambda: vehicle.firmware(messages), Firmware("ArduPilot"))
     family_of_vehicle = builder.attempt("The vehicle", lambda: vehicle.family_of(messages, values), "")
-    logging = Settings(family_of_vehicle, firmware.version, values)
+    logging = ArduPilotLogging(family_of_vehicle, firmware.version, values)
     position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
     begin = builder.attempt("The first time stamp", lambda: first_stamp(builder, chosen, position), 0)
     builder.t0_us = on_a_clock(begin)
@@ -90,7 +90,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     return log
 
 
-def first_stamp(builder: LogBuilder, chosen: list[inertial.Candidate], position: int | None) -> int:
+def first_stamp(builder: LogBuilder, chosen: list[inertial.ImuCandidate], position: int | None) -> int:
     """The boot time in us that becomes t = 0: the replayed IMU's first sample, else the first sample of anything."""
     if chosen:
         return int(chosen[0 if position is None else position].t_us[0])

@@ -57,7 +57,7 @@ Alone = Callable[[Stamps], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class ValidRecords:
     """``index`` (k,) of the records with strictly rising, plausible stamps, and why the others went."""
 
     index: NDArray[np.int64]
@@ -72,7 +72,7 @@ class Kept:
         return self.duplicates + self.backward + self.false + self.unset
 
 
-def plausible(t_us: Stamps, alone: Alone | None = None, whole: Stamps | None = None) -> Kept:
+def plausible(t_us: Stamps, alone: Alone | None = None, whole: Stamps | None = None) -> ValidRecords:
     """The records (n,) whose stamps rise strictly and are contradicted by nothing.
 
     Later records with an equal stamp are duplicates (two tasks log one message), several of 0 are unset.
@@ -84,7 +84,7 @@ def plausible(t_us: Stamps, alone: Alone | None = None, whole: Stamps | None = N
     """
     t = np.asarray(t_us, np.int64)
     if len(t) == 0:
-        return Kept(np.zeros(0, np.int64))
+        return ValidRecords(np.zeros(0, np.int64))
     unset = int(np.count_nonzero(t == 0))
     if unset < UNSET:
         unset = 0
@@ -107,7 +107,7 @@ def plausible(t_us: Stamps, alone: Alone | None = None, whole: Stamps | None = N
             duplicates += again
             backward += len(lost) - again
     lone = np.zeros(0, np.int64) if alone is None else _contradicted(t[index], alone, t if whole is None else whole)
-    return Kept(np.delete(index, lone), duplicates, backward, false + len(lone), unset)
+    return ValidRecords(np.delete(index, lone), duplicates, backward, false + len(lone), unset)
 
 
 def _within_half_a_day(t: Stamps) -> NDArray[np.int64]:

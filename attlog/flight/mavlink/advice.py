@@ -10,7 +10,7 @@ KINDS = {"PX4": ".ulg", "ArduPilot": ".bin"}
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class TelemetryLogging:
     """Telemetry of an autopilot."""
 
     firmware: str

@@ -20,7 +20,7 @@ from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import on_a_clock, only_new
 from attlog.flight.inertial import low_pass_delay
 from attlog.flight.mavlink import state
-from attlog.flight.mavlink.advice import Settings
+from attlog.flight.mavlink.advice import TelemetryLogging
 from attlog.flight.mavlink.clock import PacketClock
 from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Mag
 from attlog.flight.parameters import history as parameters
@@ -72,7 +72,7 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
     chosen = inertial.best_per_unit(builder, found)
     nobody = Firmware("unknown autopilot")
     firmware = builder.attempt("The firmware", lambda: state.firmware(messages, instance, autopilot), nobody)
-    logging = Settings(firmware.name)
+    logging = TelemetryLogging(firmware.name)
     position = inertial.choose_unit(builder, chosen, 0, "the first one", imu, logging)
     builder.t0_us = on_a_clock(first_stamp(clock, chosen, position))
 
@@ -107,7 +107,7 @@ def of_parameters(log: FlightLog, autopilot: int | None) -> None:
         log.trim, log.trim_source = ardupilot.trim(log), ", ".join(ardupilot.TRIM)
 
 
-def first_stamp(clock: PacketClock, chosen: list[inertial.Candidate], position: int | None) -> int:
+def first_stamp(clock: PacketClock, chosen: list[inertial.ImuCandidate], position: int | None) -> int:
     """The boot time in us that becomes t = 0."""
     if chosen:
         return int(chosen[0 if position is None else position].t_us[0])
@@ -119,7 +119,7 @@ def first_stamp(clock: PacketClock, chosen: list[inertial.Candidate], position: 
 
 def candidates(
     builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int | None
-) -> list[inertial.Candidate]:
+) -> list[inertial.ImuCandidate]:
     """Every inertial message, cleaned: HIGHRES_IMU (SI), RAW_IMU of ArduPilot, SCALED_IMU, _IMU2, _IMU3."""
     gyro_cut, acc_cut = cutoffs(builder.messages.params, 0) if autopilot == ARDUPILOT else (0.0, 0.0)
     found = []
@@ -145,7 +145,7 @@ def candidates(
             continue
         one = inertial.validate(
             builder,
-            inertial.Candidate(
+            inertial.ImuCandidate(
                 unit,
                 rank,
                 clock.of(table),

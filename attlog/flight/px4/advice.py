@@ -21,7 +21,7 @@ SDLOG2_HZ = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class Px4Logging:
     """Settings of the ULog logger: the version's text and the parameters at boot (may be empty)."""
 
     version: str
@@ -81,7 +81,7 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class Sdlog2Settings:
+class Sdlog2Logging:
     """Settings of sdlog2, the logger before ULog: one rate for everything."""
 
     values: Mapping[str, float]

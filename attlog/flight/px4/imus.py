@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from attlog.flight import physics
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.clock.timing import Stamps, stamps_of
-from attlog.flight.inertial import REFUSED_SHARE, Candidate, complete, low_pass_delay, onto, validated
+from attlog.flight.inertial import REFUSED_SHARE, ImuCandidate, complete, low_pass_delay, onto, validated
 from attlog.flight.model import Array, Problem
 from attlog.flight.px4.calibration import calibrate
 from attlog.flight.px4.clipping import gyro_mask_problem
@@ -36,9 +36,9 @@ def sample_stamps(table: Table) -> Stamps | None:
     return stamps(table, "timestamp_sample") if "timestamp_sample" in table else None
 
 
-def candidates(builder: LogBuilder, values: dict[str, float], selected: int) -> list[Candidate]:
+def candidates(builder: LogBuilder, values: dict[str, float], selected: int) -> list[ImuCandidate]:
     """Every inertial source of the log; ``selected`` is the unit whose data ``sensor_combined`` holds."""
-    sources: dict[str, Callable[[], list[Candidate]]] = {
+    sources: dict[str, Callable[[], list[ImuCandidate]]] = {
         "sensor_gyro_fifo": lambda: fifo(builder, values),
         "vehicle_imu": lambda: vehicle_imu(builder),
         "sensor_combined": lambda: sensor_combined(builder, selected),
@@ -49,7 +49,7 @@ def candidates(builder: LogBuilder, values: dict[str, float], selected: int) -> 
     return validated(builder, found)
 
 
-def fifo(builder: LogBuilder, values: dict[str, float]) -> list[Candidate]:
+def fifo(builder: LogBuilder, values: dict[str, float]) -> list[ImuCandidate]:
     """``sensor_gyro_fifo``: every sample of the sensor; acceleration from ``sensor_accel_fifo``, else the voted one."""
     messages, found = builder.messages, []
     for i in messages.instances("sensor_gyro_fifo"):
@@ -62,7 +62,7 @@ def fifo(builder: LogBuilder, values: dict[str, float]) -> list[Candidate]:
         t, gyro = unpack_fifo(table)
         gyro, known = calibrate("GYRO", values, own, gyro)
         unit = unit_of_device(builder, own)
-        one = Candidate(
+        one = ImuCandidate(
             i if unit is None else unit,
             0,
             t,
@@ -151,7 +151,7 @@ def sample_intervals(told: Array, since: Array, count: NDArray[np.int64]) -> Arr
     return np.where(believed, told, max(typical, 0.0))
 
 
-def vehicle_imu(builder: LogBuilder) -> list[Candidate]:
+def vehicle_imu(builder: LogBuilder) -> list[ImuCandidate]:
     """``vehicle_imu``: calibrated increments of every unit, with their own integration times."""
     messages, found = builder.messages, []
     for i in messages.instances("vehicle_imu"):
@@ -163,7 +163,7 @@ def vehicle_imu(builder: LogBuilder) -> list[Candidate]:
             continue
         t = stamps(table, "timestamp_sample" if "timestamp_sample" in table else "timestamp")[good]
         found.append(
-            Candidate(
+            ImuCandidate(
                 i,
                 1,
                 t,
@@ -195,7 +195,7 @@ def status_temperature(builder: LogBuilder, unit: int, t: Stamps) -> Array | Non
     return np.interp(t, at, celsius) if (np.diff(at) > 0).all() and np.isfinite(celsius).all() else None
 
 
-def sensor_combined(builder: LogBuilder, selected: int) -> list[Candidate]:
+def sensor_combined(builder: LogBuilder, selected: int) -> list[ImuCandidate]:
     """``sensor_combined``: means of the voted unit over ``gyro_integral_dt``, calibrated, body frame."""
     table = builder.messages.tables.get(("sensor_combined", 0))
     if table is None or "gyro_rad" not in table or "accelerometer_m_s2" not in table:
@@ -205,7 +205,7 @@ def sensor_combined(builder: LogBuilder, selected: int) -> list[Candidate]:
     if "accelerometer_timestamp_relative" in table:  # 0x7fffffff: no accelerometer sample yet
         acc[table["accelerometer_timestamp_relative"] == 0x7FFFFFFF] = np.nan
     lossy = decimated(t, dt)
-    found = Candidate(
+    found = ImuCandidate(
         selected,
         2,
         t,
@@ -250,7 +250,7 @@ def thinned(source: str, t: Stamps, dt: Array) -> Problem:
     return Problem("imu_decimated", "warning", text)
 
 
-def filtered(builder: LogBuilder, values: dict[str, float], selected: int) -> list[Candidate]:
+def filtered(builder: LogBuilder, values: dict[str, float], selected: int) -> list[ImuCandidate]:
     """``vehicle_angular_velocity`` with ``vehicle_acceleration``: after the control filters, a last resort."""
     gyro_table = builder.messages.tables.get(("vehicle_angular_velocity", 0))
     acc_table = builder.messages.tables.get(("vehicle_acceleration", 0))
@@ -258,7 +258,7 @@ def filtered(builder: LogBuilder, values: dict[str, float], selected: int) -> li
         return []
     t, t_acc = (stamps(x, "timestamp_sample") for x in (gyro_table, acc_table))
     gyro_cut, acc_cut = values.get("IMU_GYRO_CUTOFF", 0.0), values.get("IMU_ACCEL_CUTOFF", 0.0)
-    found = Candidate(
+    found = ImuCandidate(
         selected,
         3,
         t,
@@ -276,7 +276,7 @@ def filtered(builder: LogBuilder, values: dict[str, float], selected: int) -> li
     return [found] if found.rate >= FAST_HZ / 2 else []
 
 
-def raw(builder: LogBuilder, values: dict[str, float]) -> list[Candidate]:
+def raw(builder: LogBuilder, values: dict[str, float]) -> list[ImuCandidate]:
     """``sensor_gyro`` with ``sensor_accel`` of every unit: the driver's samples, calibrated by parameters."""
     messages, found = builder.messages, []
     for i in messages.instances("sensor_gyro"):
@@ -287,7 +287,7 @@ def raw(builder: LogBuilder, values: dict[str, float]) -> list[Candidate]:
         t, t_acc = stamps(gyro_table, column), stamps(acc_table, column if column in acc_table else "timestamp")
         gyro, known = calibrate("GYRO", values, device(gyro_table), columns(gyro_table, "x", "y", "z"))
         acc, known_acc = calibrate("ACC", values, device(acc_table), columns(acc_table, "x", "y", "z"))
-        one = Candidate(
+        one = ImuCandidate(
             i,
             4,
             t,

@@ -16,7 +16,7 @@ from attlog.flight.clock.timing import Stamps, on_a_clock
 from attlog.flight.model import Attitude, Firmware, FlightLog
 from attlog.flight.parameters import history as parameters
 from attlog.flight.px4 import imus, mags, state
-from attlog.flight.px4.advice import Settings
+from attlog.flight.px4.advice import Px4Logging
 from attlog.flight.px4.imus import sample_stamps, stamps
 from attlog.formats.base import Messages
 
@@ -34,7 +34,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     if flew is None and len(chosen) > 1:
         flew, why = next((c.index for c in chosen if c.source == "sensor_combined"), None), "it is the voted unit"
     firmware = builder.attempt("The firmware", lambda: state.firmware(messages), Firmware(""))
-    logging = Settings(firmware.version, values)
+    logging = Px4Logging(firmware.version, values)
     position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
     begin = builder.attempt("The first time stamp", lambda: first_stamp(builder, chosen, position), 0)
     builder.t0_us = on_a_clock(begin)
@@ -73,7 +73,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     return log
 
 
-def first_stamp(builder: LogBuilder, chosen: list[inertial.Candidate], position: int | None) -> int:
+def first_stamp(builder: LogBuilder, chosen: list[inertial.ImuCandidate], position: int | None) -> int:
     """The boot time in us that becomes t = 0: the replayed IMU's first sample, else the first sample of anything."""
     if chosen:
         return int(chosen[0 if position is None else position].t_us[0])

@@ -17,7 +17,7 @@ from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag,
 from attlog.flight.modes import px4_mode
 from attlog.flight.parameters import history as parameters
 from attlog.flight.physics import Quantity
-from attlog.flight.px4.advice import Sdlog2Settings
+from attlog.flight.px4.advice import Sdlog2Logging
 from attlog.flight.px4.state import ARMED, DECLINATION, utc_offset
 from attlog.flight.vehicle import named
 from attlog.formats.base import Messages, Table
@@ -36,7 +36,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     builder = LogBuilder(messages)
     chosen = inertial.best_per_unit(builder, builder.attempt("IMU", lambda: candidates(builder), []))
     values = parameters.values(messages.params)
-    logging = Sdlog2Settings(values)
+    logging = Sdlog2Logging(values)
     position = inertial.choose_unit(builder, chosen, 0, "the first one, which the estimator used", imu, logging)
     clock = messages.first("TIME")
     begin = int(chosen[position or 0].t_us[0]) if chosen else 0
@@ -74,7 +74,7 @@ def firmware(messages: Messages) -> Firmware:
     return Firmware("PX4", "", str(told.get("FwGit", "")), str(told.get("Arch", "")))
 
 
-def candidates(builder: LogBuilder) -> list[inertial.Candidate]:
+def candidates(builder: LogBuilder) -> list[inertial.ImuCandidate]:
     """Every inertial record type, cleaned."""
     found = []
     for name, unit in UNITS:
@@ -86,7 +86,7 @@ def candidates(builder: LogBuilder) -> list[inertial.Candidate]:
             continue  # a board without a second sensor logs zeros
         one = inertial.validate(
             builder,
-            inertial.Candidate(
+            inertial.ImuCandidate(
                 unit,
                 0,
                 stamps(table),

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from attlog.base.limits import LAST_TIME_US
 from attlog.formats.base import Messages, Offsets
 from attlog.formats.clock import Timeline, false_times, in_file_order
-from attlog.formats.dataflash.index import HEADER_LENGTH, Format, Index
+from attlog.formats.dataflash.index import HEADER_LENGTH, MessageFormat, RecordIndex
 from attlog.formats.mapping import gather
 
 
-def time_column(fmt: Format) -> tuple[str, int] | None:
+def time_column(fmt: MessageFormat) -> tuple[str, int] | None:
     """Column of a format's boot clock and microseconds per count, None if it has none."""
     return _time_column(fmt.columns, fmt.letters)
 
@@ -31,7 +31,7 @@ def _time_column(columns: tuple[str, ...], kinds: str) -> tuple[str, int] | None
     return (column, 1000) if letters.get(column) in ("I", "i") else None
 
 
-def timeline(data: NDArray[np.uint8], index: Index) -> tuple[Offsets, NDArray[np.int64]]:
+def timeline(data: NDArray[np.uint8], index: RecordIndex) -> tuple[Offsets, NDArray[np.int64]]:
     """Offset and boot time (us) of every record that carries its time, in file order; uses up ``index.stamps``."""
     stamps, index.stamps = index.stamps, np.zeros(0, np.int64)
     columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
@@ -52,7 +52,7 @@ def timeline(data: NDArray[np.uint8], index: Index) -> tuple[Offsets, NDArray[np
     return at, time
 
 
-def timeline_of_tables(messages: Messages, formats: Mapping[str, Format]) -> Timeline:
+def timeline_of_tables(messages: Messages, formats: Mapping[str, MessageFormat]) -> Timeline:
     """The same from the tables of a text log, whose ``formats`` stand by message name."""
     found = []
     for (name, _), table in messages.items():
@@ -69,7 +69,7 @@ def _microseconds(counts: NDArray[np.int64], factor: int) -> NDArray[np.int64]:
     return np.where((counts >= 0) & (counts <= LAST_TIME_US // factor), counts, -1) * factor
 
 
-def drop_false_times(index: Index, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:
+def drop_false_times(index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:
     """The timeline without records whose time those around them contradict; they leave the index as damage.
 
     DataFlash has no checksum, so this is the one sign of a record whose bytes were changed.

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from attlog.formats.dataflash.compiled import FMT_LENGTH, FMT_TYPE
-from attlog.formats.dataflash.index import LETTER_DTYPES, Format, parse_format
+from attlog.formats.dataflash.index import LETTER_DTYPES, MessageFormat, parse_format
 
 MARK = b"\xa3\x95"
 """Before every binary record."""
@@ -29,7 +29,7 @@ def is_text(head: bytes) -> bool:
     return b"\0" not in head[:4096] and _FMT_LINE.search(head) is not None
 
 
-def formats(head: bytes) -> Iterator[Format]:
+def formats(head: bytes) -> Iterator[MessageFormat]:
     """The formats that FMT records define, in binary framing."""
     fmt_mark = MARK + bytes([FMT_TYPE])
     at = head.find(fmt_mark)

@@ -62,7 +62,7 @@ _LETTER_SIZES = {letter: dtype.itemsize for letter, dtype in LETTER_DTYPES.items
 LETTER_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 
 
-class Format(NamedTuple):
+class MessageFormat(NamedTuple):
     """One FMT record: the layout of a message type, valid from ``offset`` in the file on.
 
     A tuple because each log defines some 200, and these are made four times as fast.
@@ -84,7 +84,7 @@ class Format(NamedTuple):
         """Where the k-th column begins in the record (bytes)."""
         return HEADER_LENGTH + sum(map(_LETTER_SIZES.__getitem__, self.letters[:k]))
 
-    def same_layout(self, other: Format) -> bool:
+    def same_layout(self, other: MessageFormat) -> bool:
         """True when both describe the same bytes by the same names."""
         return (self.length, self.name, self.letters, self.columns) == (
             other.length,
@@ -102,11 +102,13 @@ def _length_of(letters: str) -> int | None:
     return HEADER_LENGTH + sum(map(_LETTER_SIZES.__getitem__, letters))
 
 
-FMT_FORMAT = Format(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"), 0)
+FMT_FORMAT = MessageFormat(
+    FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "MessageFormat", "Columns"), 0
+)
 
 
 @dataclass(slots=True)
-class Index:
+class RecordIndex:
     """Offsets of all records in file order, the layout of each, and what is damaged.
 
     ``layout[i]`` is the position in ``layouts`` of the format of the record at
@@ -114,7 +116,7 @@ class Index:
     keep their time; whoever reads the times takes them out to free their memory.
     """
 
-    layouts: list[Format]
+    layouts: list[MessageFormat]
     offsets: Offsets
     layout: NDArray[np.int16]
     stamps: NDArray[np.int64]
@@ -154,21 +156,21 @@ def _printable(raw: bytes) -> str | None:
     return plain.strip() if plain.isprintable() else None
 
 
-def parse_format(raw: bytes, offset: int) -> Format | None:
+def parse_format(raw: bytes, offset: int) -> MessageFormat | None:
     """The Format in the 89 bytes of an FMT record, None if they cannot be one."""
     told = _parsed(raw)
-    return None if told is None else Format(*told[:-1], offset)
+    return None if told is None else MessageFormat(*told[:-1], offset)
 
 
 @lru_cache(1 << 10)
-def _parsed(raw: bytes) -> Format | None:
+def _parsed(raw: bytes) -> MessageFormat | None:
     """The same as if at the beginning; logs of one firmware, and the recogniser before the reader, ask for the same."""
     name, letters, columns = _printable(raw[5:9]), _printable(raw[9:25]), _printable(raw[25:89])
     if not name or letters is None or columns is None or raw[4] < HEADER_LENGTH:
         return None
     if raw[3] == FMT_TYPE:
         return None if raw[4] != FMT_LENGTH else FMT_FORMAT
-    return Format(raw[3], raw[4], name, letters, column_names(columns.split(",")) if columns else (), 0)
+    return MessageFormat(raw[3], raw[4], name, letters, column_names(columns.split(",")) if columns else (), 0)
 
 
 def column_names(listed: Iterable[str]) -> tuple[str, ...]:
@@ -189,7 +191,7 @@ class _Definitions:
     def __init__(self) -> None:
         self.layouts = [FMT_FORMAT]
         self.refused: list[int] = []
-        self._current: dict[int, Format] = {FMT_TYPE: FMT_FORMAT}
+        self._current: dict[int, MessageFormat] = {FMT_TYPE: FMT_FORMAT}
         self._bytes: dict[int, bytes] = {}
         self._of_name: Counter[str] = Counter()
 
@@ -209,7 +211,7 @@ class _Definitions:
             self.refused.append(offset)
             if known is None or not known.letters or len(self.layouts) >= MAX_FORMATS + 256:
                 return
-            fmt = Format(fmt.type, fmt.length, fmt.name, "", (), offset)
+            fmt = MessageFormat(fmt.type, fmt.length, fmt.name, "", (), offset)
         self._current[fmt.type] = fmt
         self.layouts.append(fmt)
 
@@ -223,7 +225,9 @@ class _Definitions:
             losses.add_kind(self.refused[0], FMT_LENGTH * len(self.refused), lost, "next definition")
 
 
-def _formats(data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8], losses: Losses) -> list[Format]:
+def _formats(
+    data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8], losses: Losses
+) -> list[MessageFormat]:
     """The formats that FMT records anywhere in the file define."""
     at = headers[types == FMT_TYPE]
     found = _Definitions()
@@ -233,7 +237,7 @@ def _formats(data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8]
     return found.layouts
 
 
-def _layout_of(types: NDArray[np.uint8], headers: Offsets, layouts: list[Format]) -> NDArray[np.int16]:
+def _layout_of(types: NDArray[np.uint8], headers: Offsets, layouts: list[MessageFormat]) -> NDArray[np.int16]:
     """The layout of each header: the last definition of its type before it, else the first; -1 without one."""
     table = np.full(256, -1, np.int16)
     per_type: dict[int, list[int]] = {}
@@ -251,13 +255,13 @@ def _layout_of(types: NDArray[np.uint8], headers: Offsets, layouts: list[Format]
     return layout
 
 
-def index_records(data: NDArray[np.uint8]) -> Index:
+def index_records(data: NDArray[np.uint8]) -> RecordIndex:
     """The index of a whole file (bytes as uint8 array); no formats means no records."""
     walked = _walked(data) if compiled.pays(data) else None
     return searched(data) if walked is None else walked
 
 
-def _walked(data: NDArray[np.uint8]) -> Index | None:
+def _walked(data: NDArray[np.uint8]) -> RecordIndex | None:
     """The index of a file whose records follow each other from first to last; None for any other file."""
     chain = compiled.Follower(data)
     position = chain.follow(0)
@@ -277,7 +281,7 @@ def _walked(data: NDArray[np.uint8]) -> Index | None:
     if found.refused or [fmt.offset for fmt in found.layouts[1:]] != chain.definitions:
         return None
     starts, kinds, stamps = chain.found
-    index = Index(found.layouts, starts, kinds, stamps)
+    index = RecordIndex(found.layouts, starts, kinds, stamps)
     if rest:
         index.losses.add(position, len(rest), f"{len(rest)} bytes at the end of the file", "end of file")
     return index
@@ -290,7 +294,7 @@ def _is_cut(rest: bytes, lengths: NDArray[np.int32]) -> bool:
     return len(rest) < HEADER_LENGTH or rest[2] == FMT_TYPE or bool(lengths[rest[2]] > len(rest))
 
 
-def searched(data: NDArray[np.uint8]) -> Index:
+def searched(data: NDArray[np.uint8]) -> RecordIndex:
     """The index of a whole file by its marks, also of one that is damaged.
 
     A header inside a payload is passed over because the chain of lengths does
@@ -312,7 +316,7 @@ def searched(data: NDArray[np.uint8]) -> Index:
     _describe(data, holes, layouts, losses)
     if not kept.all():
         start, layout, stamps = start[kept], layout[kept], stamps[kept]
-    return Index(layouts, start, layout, stamps, losses)
+    return RecordIndex(layouts, start, layout, stamps, losses)
 
 
 def _is_header(data: NDArray[np.uint8], at: Offsets) -> NDArray[np.bool_]:
@@ -372,7 +376,9 @@ def _next_true(mask: NDArray[np.bool_], first: int) -> int:
     return first + k if len(rest) and rest[k] else len(mask)
 
 
-def _describe(data: NDArray[np.uint8], holes: list[tuple[int, int]], layouts: list[Format], losses: Losses) -> None:
+def _describe(
+    data: NDArray[np.uint8], holes: list[tuple[int, int]], layouts: list[MessageFormat], losses: Losses
+) -> None:
     """Adds the holes to the losses. Records without FMT are counted per type, not one by one."""
     size = len(data)
     defined = {f.type for f in layouts}

@@ -23,7 +23,7 @@ from attlog.formats.base import Boot, Messages, Offsets, Remark
 from attlog.formats.clock import Timeline, boots_between, restarts
 from attlog.formats.dataflash.clock import drop_false_times, time_column, timeline
 from attlog.formats.dataflash.content import params, texts
-from attlog.formats.dataflash.index import HEADER_LENGTH, Format, Index, index_records
+from attlog.formats.dataflash.index import HEADER_LENGTH, MessageFormat, RecordIndex, index_records
 from attlog.formats.dataflash.tables import Units, build_tables, tell_unreadable
 from attlog.formats.dataflash.units import units_of
 from attlog.formats.mapping import gather, map_bytes, text_of
@@ -93,7 +93,7 @@ def _plain(value: Any) -> Any:
     return text_of(value) if isinstance(value, bytes) else value.tolist()
 
 
-def _tell_their_time(layouts: list[Format]) -> bool:
+def _tell_their_time(layouts: list[MessageFormat]) -> bool:
     """Whether parameters and texts carry their time, so that no other record's is needed for them."""
     return all(
         time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters
@@ -102,7 +102,7 @@ def _tell_their_time(layouts: list[Format]) -> bool:
     )
 
 
-def _boots(data: NDArray[np.uint8], index: Index, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:
+def _boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:
     """The power-ups in the file: a boot starts where the clock falls for good or a new block of formats begins."""
     starts = {0}
     for k in restarts(time):

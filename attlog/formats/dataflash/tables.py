@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from attlog.base.limits import MAX_INSTANCES
 from attlog.formats.barrier import unguarded
 from attlog.formats.base import Field, Guard, Offsets, Table
-from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format, Index
+from attlog.formats.dataflash.index import HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, MessageFormat, RecordIndex
 from attlog.formats.grouping import by_kind
 from attlog.formats.mapping import Records, gather
 
@@ -24,7 +24,7 @@ INSTANCE_COLUMNS = ("I", "Instance", "Inst", "C", "IMU")
 """Names of one-byte columns that number sensors or estimator cores, for logs without FMTU (ArduPilot 3.x, 4.0)."""
 
 
-def fields_of(fmt: Format, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
+def fields_of(fmt: MessageFormat, units: tuple[str | None, ...] = ()) -> tuple[dict[str, Field], np.dtype[Any]]:
     """The fields of a format by name, and its whole record as structured type."""
     fields: dict[str, Field] = {}
     places: dict[str, int] = {}
@@ -51,7 +51,9 @@ def fields_of(fmt: Format, units: tuple[str | None, ...] = ()) -> tuple[dict[str
 class _Described:
     """What a format says of its columns, found out when the first of its tables is asked."""
 
-    def __init__(self, data: NDArray[np.uint8], fmt: Format, units: Callable[[], tuple[str | None, ...]]) -> None:
+    def __init__(
+        self, data: NDArray[np.uint8], fmt: MessageFormat, units: Callable[[], tuple[str | None, ...]]
+    ) -> None:
         self._data, self._fmt, self._units = data, fmt, units
 
     @cached_property
@@ -68,7 +70,7 @@ class _Described:
 
 def build_tables(
     data: NDArray[np.uint8],
-    index: Index,
+    index: RecordIndex,
     units: Units | None = None,
     by_instance: bool = True,
     guard: Guard = unguarded,
@@ -101,7 +103,7 @@ def build_tables(
 
 def _parts(
     data: NDArray[np.uint8],
-    fmt: Format,
+    fmt: MessageFormat,
     offsets: Offsets,
     described: tuple[str, Callable[[], tuple[str | None, ...]]],
     by_instance: bool,
@@ -133,7 +135,7 @@ def by_instance_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDAr
     return [(n, order[a:b]) for n, (a, b) in zip(sorted_numbers[bounds[:-1]].tolist(), pairwise(bounds), strict=True)]
 
 
-def instance_column(fmt: Format, unit_ids: str) -> str | None:
+def instance_column(fmt: MessageFormat, unit_ids: str) -> str | None:
     """The column that tells the instance, None if there is none."""
     return _instance_column(fmt.letters, fmt.columns, unit_ids)
 
@@ -208,7 +210,7 @@ class MixedTable(Table):
         return parts[0] if len(parts) == 1 else MixedTable(parts, self._around or unguarded)
 
 
-def tell_unreadable(index: Index) -> None:
+def tell_unreadable(index: RecordIndex) -> None:
     """Adds to the losses what formats cost whose letters do not give their length; framing goes on by the length."""
     if all(fmt.readable for fmt in index.layouts):
         return

@@ -32,7 +32,7 @@ from attlog.formats.base import Field, Guard, Messages, Remark, Table, Text
 from attlog.formats.clock import boots
 from attlog.formats.dataflash.clock import timeline_of_tables
 from attlog.formats.dataflash.content import INFO, params, texts
-from attlog.formats.dataflash.index import FMT_FORMAT, LETTER_DTYPES, Format, column_names
+from attlog.formats.dataflash.index import FMT_FORMAT, LETTER_DTYPES, MessageFormat, column_names
 from attlog.formats.dataflash.tables import by_instance_number, instance_column
 from attlog.formats.losses import Losses
 from attlog.formats.mapping import map_bytes, text_of
@@ -74,7 +74,7 @@ def read(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Messages
     return messages
 
 
-def parse_format(line: bytes) -> Format | None:
+def parse_format(line: bytes) -> MessageFormat | None:
     """The Format in an FMT line, None if it is none.
 
     Some converters put further values before the column list: the list is what
@@ -94,7 +94,7 @@ def parse_format(line: bytes) -> Format | None:
     listed = listed.rpartition(", ")[2] if ", " in listed.strip() else listed
     columns = column_names(c.strip(' "\r') for c in listed.split(",", MAX_LETTERS)) if listed.strip() else ()
     usable = (c if c.isprintable() and len(c) <= MAX_NAME_LENGTH else "" for c in columns[: len(letters)])
-    return Format(kind, length, name, letters, tuple(usable), 0)
+    return MessageFormat(kind, length, name, letters, tuple(usable), 0)
 
 
 class _Lines:
@@ -102,7 +102,7 @@ class _Lines:
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
-        self.formats: dict[str, Format] = {}
+        self.formats: dict[str, MessageFormat] = {}
         self.banner: list[str] = []
         self.losses = Losses()
         self._found: dict[str, tuple[array[int], array[int]]] = {}
@@ -110,7 +110,7 @@ class _Lines:
 
     def _sort(self) -> None:
         patterns: dict[bytes, re.Pattern[bytes]] = {}
-        waiting: dict[bytes, Format] = {}  # compiling a pattern takes longer than reading a thousand lines
+        waiting: dict[bytes, MessageFormat] = {}  # compiling a pattern takes longer than reading a thousand lines
         found: dict[bytes, tuple[array[int], array[int]]] = {}
         offset = 0
         for line in BytesIO(self.raw):
@@ -172,7 +172,7 @@ class _Lines:
         return {(name, number): Table(name, number, fields, at[mine], decode, guard) for number, mine in split}
 
 
-def _pattern(fmt: Format) -> re.Pattern[bytes]:
+def _pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
     """What a whole line of a message looks like; further values are allowed, a last text may contain commas."""
     whole = re.escape(fmt.name.encode())
     for cell, alike in groupby(map(_cell, fmt.letters)):  # a pattern is compiled in the time of its length
@@ -198,13 +198,13 @@ def _dtype(letter: str) -> np.dtype[Any]:
     return np.dtype(np.int64 if _is_integer(letter) else np.float64)
 
 
-def _fields(fmt: Format) -> dict[str, Field]:
+def _fields(fmt: MessageFormat) -> dict[str, Field]:
     pairs = zip(fmt.letters, fmt.columns, strict=False)
     return {column: Field(column, _dtype(letter)) for letter, column in pairs if column}
 
 
 def _decoder(
-    fmt: Format, at: NDArray[np.int64], length: NDArray[np.int64], raw: bytes
+    fmt: MessageFormat, at: NDArray[np.int64], length: NDArray[np.int64], raw: bytes
 ) -> Callable[[str, NDArray[np.int64]], NDArray[Any]]:
     """Converts one column of the lines at some offsets."""
     last = len(fmt.letters) - 1

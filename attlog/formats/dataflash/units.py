@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.formats.base import Table
 from attlog.formats.dataflash.content import is_integer, is_number, is_text
-from attlog.formats.dataflash.index import LETTER_SCALES, Index
+from attlog.formats.dataflash.index import LETTER_SCALES, RecordIndex
 from attlog.formats.dataflash.tables import Units, build_tables
 from attlog.formats.mapping import text_of
 from attlog.formats.mapping import texts_of as decoded
@@ -20,11 +20,11 @@ from attlog.formats.mapping import texts_of as decoded
 _PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
 
 
-def units_of(data: NDArray[np.uint8], index: Index) -> Units:
+def units_of(data: NDArray[np.uint8], index: RecordIndex) -> Units:
     """For each layout that FMTU describes: its unit ids, and the unit text of every column."""
     describes = np.array([f.name in ("FMTU", "UNIT", "MULT") for f in index.layouts])
     chosen = describes[index.layout].nonzero()[0]
-    some = Index(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64))
+    some = RecordIndex(index.layouts, index.offsets[chosen], index.layout[chosen], np.zeros(0, np.int64))
     tables = build_tables(data, some, by_instance=False)
     described = tables.get(("FMTU", 0))
     if described is None or not is_integer(described, "FmtType"):

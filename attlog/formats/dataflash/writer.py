@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from attlog.base.errors import UsageError
 from attlog.base.output import write_atomic
 from attlog.formats.dataflash.compiled import FMT_TYPE
-from attlog.formats.dataflash.index import FMT_FORMAT, HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, Format
+from attlog.formats.dataflash.index import FMT_FORMAT, HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, MessageFormat
 from attlog.formats.dataflash.tables import instance_column
 from attlog.formats.merge import merged
-from attlog.formats.recording import Columns, Layout, Recording, fitted, only
+from attlog.formats.recording import Columns, MessageLayout, Recording, fitted, only
 
 UNITS = {
     "-": "", "?": "UNKNOWN", "A": "A", "a": "Ah", "d": "deg", "b": "B", "B": "B/s", "k": "deg/s", "D": "deglatitude",
@@ -61,14 +61,14 @@ def write(path: Path | str, recording: Recording) -> None:
     only("info", recording.info, ())
     with_units = any(layout.units for layout in recording.layouts.values())
     formats = {
-        name: Format(0, 0, name, letters, columns, 0)
+        name: MessageFormat(0, 0, name, letters, columns, 0)
         for name, (letters, columns, _, _) in OWN.items()
         if with_units or name in ("PARM", "MSG")
     }
     for (name, instance), columns in recording.messages.items():
         if name in OWN or name == "FMT":
             raise UsageError(f"{name}: this DataFlash message is written by attlog itself")
-        layout = recording.layouts.get(name, Layout())
+        layout = recording.layouts.get(name, MessageLayout())
         fmt = _format(name, columns, layout)
         if (known := formats.setdefault(name, fmt)) != fmt:
             raise UsageError(f"{name}: all instances need the same columns ({known.columns} and {fmt.columns})")
@@ -90,7 +90,7 @@ def write(path: Path | str, recording: Recording) -> None:
     write_atomic(Path(path), head + merged(blocks, times, lengths))
 
 
-def _format(name: str, columns: Columns, layout: Layout) -> Format:
+def _format(name: str, columns: Columns, layout: MessageLayout) -> MessageFormat:
     """The format of a message; UsageError if DataFlash cannot hold it."""
     if _NAME.fullmatch(name) is None:
         raise UsageError(f"{name}: a DataFlash message has 1 to 4 capitals, digits or _")
@@ -108,10 +108,10 @@ def _format(name: str, columns: Columns, layout: Layout) -> Format:
     for ids, known, what in ((layout.units, UNITS, "units"), (layout.multipliers, MULTIPLIERS, "multipliers")):
         if (layout.units or ids) and (len(ids) != len(columns) or any(i not in known for i in ids)):
             raise UsageError(f"{name}: the {what} {ids!r} are not {len(columns)} known ids, one per column")
-    return Format(0, 0, name, letters, tuple(columns), 0)
+    return MessageFormat(0, 0, name, letters, tuple(columns), 0)
 
 
-def _check_instance(fmt: Format, units: str, instance: int, columns: Columns) -> None:
+def _check_instance(fmt: MessageFormat, units: str, instance: int, columns: Columns) -> None:
     """UsageError unless the records of an instance say that they are of this instance."""
     column = instance_column(fmt, units)
     if column is None and instance != 0:
@@ -132,21 +132,21 @@ def _letter(name: str, column: str, values: NDArray[Any]) -> str:
     return letter
 
 
-def _numbered(fmt: Format, kind: int) -> Format:
+def _numbered(fmt: MessageFormat, kind: int) -> MessageFormat:
     length = fmt.place(len(fmt.letters))
     if length > 255:
         raise UsageError(f"{fmt.name}: a DataFlash record holds 255 bytes, this one needs {length}")
-    return Format(kind, length, fmt.name, fmt.letters, fmt.columns, 0)
+    return MessageFormat(kind, length, fmt.name, fmt.letters, fmt.columns, 0)
 
 
-def _fmt_record(fmt: Format) -> bytes:
+def _fmt_record(fmt: MessageFormat) -> bytes:
     columns = ",".join(fmt.columns)
     return b"\xa3\x95" + struct.pack(
         "<BBB4s16s64s", FMT_TYPE, fmt.type, fmt.length, fmt.name.encode(), fmt.letters.encode(), columns.encode()
     )
 
 
-def _records(fmt: Format, columns: Columns) -> NDArray[np.uint8]:
+def _records(fmt: MessageFormat, columns: Columns) -> NDArray[np.uint8]:
     """The records of a message as (n, length) bytes."""
     kinds = [LETTER_DTYPES[letter] for letter in fmt.letters]
     record = np.dtype([("(header)", "u1", (HEADER_LENGTH,)), *zip(fmt.columns, kinds, strict=True)])
@@ -184,9 +184,11 @@ def _texts(recording: Recording, start: int) -> dict[str, Columns]:
     return {"MSG": columns}
 
 
-def _units(formats: Mapping[str, Format], layouts: Mapping[str, Layout], start: int) -> dict[str, Columns]:
+def _units(
+    formats: Mapping[str, MessageFormat], layouts: Mapping[str, MessageLayout], start: int
+) -> dict[str, Columns]:
     """UNIT, MULT, and FMTU for the messages that have units."""
-    own = {name: Layout(units=units, multipliers=ids) for name, (_, _, units, ids) in OWN.items()}
+    own = {name: MessageLayout(units=units, multipliers=ids) for name, (_, _, units, ids) in OWN.items()}
     told = {name: layout for name, layout in (own | dict(layouts)).items() if layout.units}
     return {
         "UNIT": _described(start, Id=[ord(u) for u in UNITS], Label=[t.encode() for t in UNITS.values()]),

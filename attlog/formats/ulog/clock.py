@@ -14,7 +14,7 @@ from attlog.base.limits import MAX_TIME_JUMP_S
 from attlog.formats.base import Offsets
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes, identifier_at
-from attlog.formats.ulog.layout import Layout
+from attlog.formats.ulog.layout import TopicLayout
 
 MAX_JUMP_US = MAX_TIME_JUMP_S * 1e6
 
@@ -30,7 +30,7 @@ class RecordClock:
         """Another log with its own definitions begins."""
         self._places.clear()
 
-    def subscribe(self, identifier: int, layout: Layout) -> None:
+    def subscribe(self, identifier: int, layout: TopicLayout) -> None:
         """Records of this id have this layout from now on."""
         self._places[identifier] = layout.time_at
 
@@ -46,7 +46,7 @@ class RecordClock:
         return now is None or not before or min(abs(now - t) for t in before) < MAX_JUMP_US
 
 
-def rise(data: Bytes, starts: Offsets, layout: Layout) -> bool:
+def rise(data: Bytes, starts: Offsets, layout: TopicLayout) -> bool:
     """Whether records, read by this layout, have times that rise and stay near each other; False without stamp."""
     if layout.time_at is None:
         return False

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from attlog.base.limits import MAX_FORMATS, MAX_REDEFINED, MAX_RESUBSCRIBED
 from attlog.formats.base import Remark
-from attlog.formats.ulog.layout import Formats, Layout
+from attlog.formats.ulog.layout import Formats, TopicLayout
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +15,7 @@ class Subscription:
 
     name: str
     multi: int
-    layout: Layout
+    layout: TopicLayout
 
 
 class Definitions:
@@ -26,7 +26,7 @@ class Definitions:
         self.why_not: dict[int, tuple[str, str]] = {}
         self._formats = Formats()
         self._redefined = self._resubscribed = self._too_many = 0
-        self._free_of_size: dict[int, list[tuple[str, Layout]]] | None = None
+        self._free_of_size: dict[int, list[tuple[str, TopicLayout]]] | None = None
 
     def declare(self, text: str) -> None:
         """Take in a format text; what is no text of a format is found out when it is used."""
@@ -57,14 +57,14 @@ class Definitions:
         self._resubscribed += 1
         return before if self._resubscribed > MAX_RESUBSCRIBED else now
 
-    def without_subscription(self, size: int) -> list[tuple[str, Layout]]:
+    def without_subscription(self, size: int) -> list[tuple[str, TopicLayout]]:
         """Formats that no id stands for, whose records have so many bytes behind the id. Asked at the log's end."""
         if self._free_of_size is None:
             self._free_of_size = {}
             subscribed = {subscription.name for subscription in self.by_id.values()}
             for name in sorted(self._formats.texts.keys() - subscribed):
                 layout = self._formats.layout(name)
-                if isinstance(layout, Layout):
+                if isinstance(layout, TopicLayout):
                     for length in {layout.size, layout.full_size}:
                         self._free_of_size.setdefault(length, []).append((name, layout))
         return self._free_of_size.get(size, [])

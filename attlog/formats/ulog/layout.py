@@ -61,7 +61,7 @@ class _Extent:
     why_not: str = ""
 
 
-class Layout:
+class TopicLayout:
     """The flattened message: fields with their byte positions behind the record's id.
 
     ``size`` is the payload without trailing padding, ``full_size`` with it; the logger
@@ -77,7 +77,7 @@ class Layout:
         """Whether records of both are read alike."""
         if self is other:
             return True
-        return isinstance(other, Layout) and self.size == other.size and self._placed == other._placed
+        return isinstance(other, TopicLayout) and self.size == other.size and self._placed == other._placed
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -114,13 +114,13 @@ class Formats:
         self.texts = dict(texts)
         self._members: dict[str, Members | None] = {}
         self._extents: dict[str, _Extent] = {}
-        self._layouts: dict[str, Layout | str] = {}
+        self._layouts: dict[str, TopicLayout | str] = {}
 
     def is_used(self, name: str) -> bool:
         """Whether something was concluded from this name's text, or from its lack."""
         return name in self._members
 
-    def layout(self, name: str) -> Layout | str:
+    def layout(self, name: str) -> TopicLayout | str:
         """The flattened layout of a message, or why there is none."""
         if name not in self._layouts:
             self._layouts[name] = self._layout(name)
@@ -144,7 +144,7 @@ class Formats:
             yield prefix + member, dtype, at
             at += dtype.itemsize
 
-    def _layout(self, name: str) -> Layout | str:
+    def _layout(self, name: str) -> TopicLayout | str:
         extent = self._extent(name)
         if extent.why_not:
             return extent.why_not
@@ -157,7 +157,7 @@ class Formats:
             shown = shown if member.startswith("_padding") else at
         if not shown:
             return "it holds nothing"
-        return Layout(name, self, shown, extent.size, extent.columns, time_at)
+        return TopicLayout(name, self, shown, extent.size, extent.columns, time_at)
 
     def _bytes(self, kind: str, count: int | None) -> int:
         return (_WIDTH[kind] if kind in _WIDTH else self._extents[kind].size) * (1 if count is None else count)

@@ -30,7 +30,7 @@ from attlog.formats.ulog.detect import ENCRYPTED
 from attlog.formats.ulog.doubt import doubtful
 from attlog.formats.ulog.framing import ANCHOR_RECORDS, DATA, KINDS, Framing
 from attlog.formats.ulog.index import HEADER, Bytes, Identifiers, Segments, Sizes, chain, identifier_at
-from attlog.formats.ulog.layout import Layout
+from attlog.formats.ulog.layout import TopicLayout
 from attlog.formats.ulog.records import FILE_HEADER, LARGEST_UNKNOWN, MAGIC, SYNC_MARK, text
 from attlog.formats.ulog.topic import Topic
 
@@ -318,11 +318,11 @@ class _Reader:
             said = {remark.text for remark in self.remarks}
             self.remarks += [remark for remark in self.definitions.remarks() if remark.text not in said]
 
-    def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, Layout] | None:
+    def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, TopicLayout] | None:
         """The one format without subscription that has this size and rising times, None if there are none or more."""
         if len(starts) < ANCHOR_RECORDS or (lengths != lengths[0]).any():
             return None
-        fitting: list[tuple[str, Layout]] = []
+        fitting: list[tuple[str, TopicLayout]] = []
         tried: dict[int | None, bool] = {}
         for name, layout in self.definitions.without_subscription(int(lengths[0]) - HEADER):
             if layout.time_at not in tried:
@@ -419,7 +419,7 @@ class _Reader:
             else:
                 self._add((meant.name, meant.multi), meant.layout, part)
 
-    def _add(self, key: tuple[str, int], layout: Layout, offsets: Offsets) -> None:
+    def _add(self, key: tuple[str, int], layout: TopicLayout, offsets: Offsets) -> None:
         if key not in self.topics:
             self.topics[key] = Topic([layout])
         self.topics[key].add(layout, offsets)

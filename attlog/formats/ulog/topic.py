@@ -14,19 +14,19 @@ from attlog.base.limits import MAX_LAYOUTS
 from attlog.formats.base import Field, Guard, Offsets, Table
 from attlog.formats.mapping import gather
 from attlog.formats.ulog.index import HEADER, Bytes
-from attlog.formats.ulog.layout import Layout
+from attlog.formats.ulog.layout import TopicLayout
 
 
 @dataclass(slots=True)
 class Topic:
     """A topic's records so far; another layout (a second log in the same file) starts a new part."""
 
-    layouts: list[Layout]
+    layouts: list[TopicLayout]
     parts: list[tuple[int, Offsets]] = field(default_factory=list)
     left_out: int = 0
     decoder: _Decoder | None = None
 
-    def add(self, layout: Layout, offsets: Offsets) -> None:
+    def add(self, layout: TopicLayout, offsets: Offsets) -> None:
         """Take in records of one layout, starts in file order."""
         if self.layouts[-1] != layout:
             if len(self.layouts) >= MAX_LAYOUTS:
@@ -71,7 +71,7 @@ class _Decoder:
     """
 
     def __init__(
-        self, data: Bytes, layouts: Sequence[Layout], starts: Offsets, which: NDArray[np.int8] | None = None
+        self, data: Bytes, layouts: Sequence[TopicLayout], starts: Offsets, which: NDArray[np.int8] | None = None
     ) -> None:
         self._data, self._layouts, self._starts, self._which = data, layouts, starts, which
         self._of: Offsets | None = None

@@ -34,7 +34,7 @@ LIMITS = {"smoother": f"{LIMIT}, or 3 sigma of the smoother", "truth": LIMIT}
 
 
 @dataclass(frozen=True, slots=True)
-class Off:
+class OnboardError:
     """How long (s) an angle of the onboard attitude is off, the longest span of it, its median and sigma there, deg.
     The sigma of truth is 0."""
 
@@ -122,7 +122,7 @@ def _usual(angle: str, size: Array, sigma: Array) -> str:
 
 def _off(
     angle: str, t: Array, size: Array, sigma: Array, counted: NDArray[np.bool_], segment: NDArray[np.int64]
-) -> Off | None:
+) -> OnboardError | None:
     """Where an angle (n,) is wrong for long, else where it is off for long; None if nowhere."""
     for limit_deg in (WRONG_DEG, OFF_DEG):
         limit = np.maximum(limit_deg[angle], SIGMAS * sigma)
@@ -133,5 +133,5 @@ def _off(
             part, longest = max(long, key=lambda found: found[1][1] - found[1][0])
             seconds = sum(b - a for _, (a, b) in long)
             sizes = float(np.median(size[part])), float(np.median(sigma[part]))
-            return Off(angle, seconds, longest, *sizes, limit_deg is WRONG_DEG)
+            return OnboardError(angle, seconds, longest, *sizes, limit_deg is WRONG_DEG)
     return None

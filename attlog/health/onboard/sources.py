@@ -59,7 +59,7 @@ def listed(names: list[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class SourceDifference:
     """Median tilt and heading difference in deg while beyond the limits: ``since`` s, None where it never is long."""
 
     tilt: float
@@ -67,7 +67,7 @@ class Difference:
     since: float | None
 
 
-def difference(flew: Attitude, other: Attitude, segments: Segments) -> Difference | None:
+def difference(flew: Attitude, other: Attitude, segments: Segments) -> SourceDifference | None:
     """How far two attitudes differ, in flight where there is flight; None without common time."""
     t = flew.t if flew.t_sample is None else flew.t_sample
     step = max(1, len(t) // 4000)
@@ -86,11 +86,11 @@ def difference(flew: Attitude, other: Attitude, segments: Segments) -> Differenc
     heading[np.degrees(rotation.inclination_angle(own)) > STEEP_DEG] = 0.0
     off = (tilt > TILT_DEG[0]) | (heading > HEADING_DEG[0])
     if off.mean() < SHARE:
-        return Difference(float(np.median(tilt)), float(np.median(heading)), None)
+        return SourceDifference(float(np.median(tilt)), float(np.median(heading)), None)
     share_after = np.cumsum(off[::-1])[::-1] / np.arange(len(off), 0, -1)
     lasting = np.flatnonzero(off & (share_after > LASTING))
     since = float(t[lasting[0]]) if len(lasting) else float(t[np.argmax(off)])
-    return Difference(float(np.median(tilt[off])), float(np.median(heading[off])), since)
+    return SourceDifference(float(np.median(tilt[off])), float(np.median(heading[off])), since)
 
 
 def heading_between(a: Array, b: Array) -> Array:

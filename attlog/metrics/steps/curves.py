@@ -15,7 +15,7 @@ from attlog.metrics.steps import evidence as step_evidence
 from attlog.metrics.steps.events import Event
 from attlog.metrics.steps.fit.columns import axis_of
 from attlog.metrics.steps.turning import Turning
-from attlog.reference.model import Errors, Row
+from attlog.reference.model import AttitudeErrors, Row
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -97,7 +97,7 @@ def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
     return [Curve(c.event, errors.t[c.own], c.turned, x) for c, x in zip(found, off, strict=True)]
 
 
-def _all_covered(case: Case, errors: Errors, events: list[Event]) -> list[Covered]:
+def _all_covered(case: Case, errors: AttitudeErrors, events: list[Event]) -> list[Covered]:
     """The events that a row and the reference show without a gap; most as any row without one at these times."""
     ref, whole = step_evidence.reference_turning(case), _without_gaps(case, errors.t)
     broken = np.zeros(len(errors.t), np.int64)
@@ -139,7 +139,7 @@ def _covered(t: Array, segment: Index, ref: Turning, event: Event) -> Covered | 
     return Covered(event, own, before, body, _turned(ref, event, body, at))
 
 
-def _means(errors: Errors, groups: list[Index]) -> Array:
+def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
     """The mean error rotation (k, 4) of each group of samples."""
     own = np.concatenate(groups)
     error = rotation.error(errors.q_est[own], errors.q_ref[own])

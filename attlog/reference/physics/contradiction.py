@@ -35,7 +35,7 @@ SAMPLES = 4000
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
-class Witnesses:
+class ReferenceCheck:
     """What rows that pass one by one say of a reference: each one's down at the reference's times, and no more.
 
     ``again`` gives the whole of a row that has passed, which is run once more: only where filters speak against the
@@ -66,8 +66,8 @@ class Witnesses:
 def contradicted(
     log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
 ) -> tuple[str, AlignmentStep] | None:
-    """What :class:`Witnesses` find in rows that are all at hand."""
-    witnesses = Witnesses(log, imu, reference, lambda row: row)
+    """What :class:`ReferenceCheck` find in rows that are all at hand."""
+    witnesses = ReferenceCheck(log, imu, reference, lambda row: row)
     for row in rows:
         witnesses.hear(row)
     return witnesses.contradicted()

@@ -27,7 +27,7 @@ FEWEST = 10
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
-def accelerometer_contradicted(seen: Dips | None, attitude: Attitude | None) -> str:
+def accelerometer_contradicted(seen: DipAngles | None, attitude: Attitude | None) -> str:
     """Why the accelerometer's down is none; empty where nothing tells, or it is right."""
     if seen is None or attitude is None:
         return ""
@@ -41,7 +41,7 @@ def accelerometer_contradicted(seen: Dips | None, attitude: Attitude | None) -> 
     )
 
 
-def compass_contradicted(seen: Dips | None, attitude: Attitude | None, source: str) -> str:
+def compass_contradicted(seen: DipAngles | None, attitude: Attitude | None, source: str) -> str:
     """Why the compass does not show the earth's field: it dips otherwise below the level of the accelerometer and below
     that of the attitude that flew, which agree; empty where nothing tells, or it is right."""
     if seen is None or attitude is None or abs(seen.by_force - seen.by_attitude) > RIGHT_DEG:
@@ -62,7 +62,7 @@ def _dips(angle: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Dips:
+class DipAngles:
     """How far (deg) the field points below the levels of the accelerometer and of an attitude, and on earth."""
 
     by_force: float
@@ -70,7 +70,7 @@ class Dips:
     on_earth: float
 
 
-def dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> Dips | None:
+def dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> DipAngles | None:
     """The median dips over the quiet segments of the first kind that the log has; None where nothing tells."""
     imu, model = log.replay_imu, declination.model(log)
     if imu is None or attitude is None or log.mag is None or model is None:
@@ -91,7 +91,7 @@ def dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> Dips 
         by_attitude.append(_dip_deg(down, field))
     if not by_force:
         return None
-    return Dips(float(np.median(by_force)), float(np.median(by_attitude)), model.inclination_deg)
+    return DipAngles(float(np.median(by_force)), float(np.median(by_attitude)), model.inclination_deg)
 
 
 def _mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:

@@ -29,7 +29,7 @@ WHERE = {"rest": "at rest", "idle": "on the ground with motors on", "hover": "in
 
 
 @dataclass(frozen=True, slots=True)
-class Quiet:
+class QuietSegment:
     """A quiet segment: tilt in deg between the reference's down and the mean force, and the force's size in m/s^2."""
 
     kind: str
@@ -64,7 +64,7 @@ def check(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[st
     return _sometimes(reference, quiet), [step]
 
 
-def _sometimes(reference: Reference, quiet: list[Quiet]) -> str:
+def _sometimes(reference: Reference, quiet: list[QuietSegment]) -> str:
     """The sentence where the reference is wrong in some of the quiet time while the accelerometer shows gravity."""
     begin = float(reference.t[0]) + ALIGNED_S
     sound = [q for q in quiet if q.t0 >= begin and abs(q.force - G) <= AS_LARGE_M_S2]
@@ -79,7 +79,7 @@ def _sometimes(reference: Reference, quiet: list[Quiet]) -> str:
     )
 
 
-def _quiet(reference: Reference, t: Array, force: Array, kind: str, t0: float, t1: float) -> Quiet | None:
+def _quiet(reference: Reference, t: Array, force: Array, kind: str, t0: float, t1: float) -> QuietSegment | None:
     """The mean specific force over a segment, turned to earth by the reference; None without both."""
     inside = spans.between(t, t0, t1)
     some = slice(inside.start, inside.stop, max(1, (inside.stop - inside.start) // ACC_SAMPLES))
@@ -94,4 +94,4 @@ def _quiet(reference: Reference, t: Array, force: Array, kind: str, t0: float, t
     if size == 0.0:
         return None
     tilt = float(np.degrees(np.arctan2(np.hypot(mean[0], mean[1]), -mean[2])))
-    return Quiet(kind, t0, t1 - t0, tilt, size)
+    return QuietSegment(kind, t0, t1 - t0, tilt, size)

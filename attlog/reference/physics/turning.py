@@ -45,14 +45,14 @@ LEAST_FIELD_DEG = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class TurningFault:
     """Which of the two is wrong (``of``: gyro, attitude, empty for none), and the sentence why."""
 
     of: Literal["gyro", "attitude", ""] = ""
     why: str = ""
 
 
-def contradiction(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: Mag | None) -> Fault:
+def contradiction(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: Mag | None) -> TurningFault:
     """Whether gyro and attitude turn differently, and which of them may then not be used.
 
     ``jumps`` are indices of the attitude's samples after resets. The magnetic field tells who is right.
@@ -60,18 +60,20 @@ def contradiction(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: M
     nothing tells then which is right, and all that is replayed is made of the gyro.
     """
     if len(attitude.t) < 3:
-        return Fault()
+        return TurningFault()
     by_gyro, by_attitude = rotations(imu, attitude, jumps)
     wrong = otherwise(by_gyro, by_attitude)
     if not wrong:
-        return Fault()
+        return TurningFault()
     said = f"the logged gyro ({imu.gyro.source}) and {attitude.source} turn differently: {wrong}"
     right = field_follows(imu, attitude, jumps, mag)
     if right:
-        return Fault("attitude" if right == "gyro" else "gyro", f"{said}; the magnetic field turns as the {right} does")
+        return TurningFault(
+            "attitude" if right == "gyro" else "gyro", f"{said}; the magnetic field turns as the {right} does"
+        )
     if attitude.rate < LEAST_HZ or not alike(by_gyro, by_attitude) or not otherwise(by_gyro, by_attitude, FAR_SLOPES):
-        return Fault()
-    return Fault("gyro", f"{said}; nothing tells which is right")
+        return TurningFault()
+    return TurningFault("gyro", f"{said}; nothing tells which is right")
 
 
 def rotations(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.formats import Layout
+from attlog.formats import MessageLayout
 from attlog.formats.recording import Columns
 
 RECORDS = {
@@ -48,7 +48,7 @@ RECORDS = {
 """Columns behind TimeUS, their letters, units and multipliers."""
 
 LAYOUTS = {
-    name: Layout("Q" + letters, "s" + units, "F" + mults) for name, (_, letters, units, mults) in RECORDS.items()
+    name: MessageLayout("Q" + letters, "s" + units, "F" + mults) for name, (_, letters, units, mults) in RECORDS.items()
 }
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from attlog import __version__
 from attlog.base.rotation import to_euler
-from attlog.formats import Layout, Recording
+from attlog.formats import MessageLayout, Recording
 from attlog.formats.recording import Columns, Key
 from attlog.simulate.flight import Flight, ImuStream
 from attlog.simulate.logs.px4_parameters import ACCS, BAROS, GNSS_ID, GYROS, MAGS, OFFSETS, parameters
@@ -64,7 +64,7 @@ def recording(flight: Flight) -> Recording:
             "simulated_scenario": flight.scenario.name or "unnamed",
         },
         START_US,
-        {"esc_status": Layout(nested={"esc": "esc_report"})} if flight.rpm is not None else {},
+        {"esc_status": MessageLayout(nested={"esc": "esc_report"})} if flight.rpm is not None else {},
     )  # fmt: skip
 
 

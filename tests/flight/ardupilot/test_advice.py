@@ -13,7 +13,7 @@ import pytest
 
 from attlog import flight
 from attlog.flight.advice import What
-from attlog.flight.ardupilot.advice import Settings
+from attlog.flight.ardupilot.advice import ArduPilotLogging
 
 COPTER = (
     "0:Fast Attitude,1:Medium Attitude,2:GPS,3:System Performance,4:Control Tuning,5:Navigation Tuning,6:RC input,"
@@ -45,8 +45,8 @@ def bits(family: str) -> dict[str, int]:
     return {name.lower(): int(bit) for bit, name in (item.split(":") for item in DOCUMENTED[family].split(","))}
 
 
-def settings(family: str, mask: int = 0, **values: float) -> Settings:
-    return Settings(family, "4.5.0", {"LOG_BITMASK": mask, "LOG_DISARMED": 0, **values})
+def settings(family: str, mask: int = 0, **values: float) -> ArduPilotLogging:
+    return ArduPilotLogging(family, "4.5.0", {"LOG_BITMASK": mask, "LOG_DISARMED": 0, **values})
 
 
 def named(sentence: str) -> dict[str, int]:
@@ -89,7 +89,10 @@ def test_one_missing_bit_is_what_is_advised() -> None:
 
 def test_a_compass_that_is_switched_off_is_switched_on_first() -> None:
     assert settings("plane", 0xFFFF, COMPASS_ENABLE=0).advice("mag") == "Set COMPASS_ENABLE to 1."
-    assert Settings("plane", "3.0.4", {"LOG_BITMASK": 0xFFFF, "MAG_ENABLE": 0}).advice("mag") == "Set MAG_ENABLE to 1."
+    assert (
+        ArduPilotLogging("plane", "3.0.4", {"LOG_BITMASK": 0xFFFF, "MAG_ENABLE": 0}).advice("mag")
+        == "Set MAG_ENABLE to 1."
+    )
 
 
 def test_limits_of_the_rate_are_named_where_they_are_the_reason() -> None:
@@ -118,26 +121,26 @@ def test_logging_before_arming_is_set_as_this_version_can() -> None:
     assert settings("plane").advice("rest").startswith("Set LOG_DISARMED to 1 and let")
     for version in ("Copter 3.1.1", "Copter 3.0.1", "Rover 2.46beta2", "Plane 3.0.4-beta3"):
         family = version.split()[0].lower()
-        old = Settings(family, version, {"LOG_BITMASK": -22530}).advice("rest")
+        old = ArduPilotLogging(family, version, {"LOG_BITMASK": -22530}).advice("rest")
         assert "LOG_" not in old, f"{version} has no setting for it"
     assert (
-        Settings("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006})
+        ArduPilotLogging("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006})
         .advice("rest")
         .startswith("Set bit 16 of LOG_BITMASK")
     )
-    on = Settings("copter", "Copter 3.3-dev", {"LOG_BITMASK": 131070}).advice("rest")
+    on = ArduPilotLogging("copter", "Copter 3.3-dev", {"LOG_BITMASK": 131070}).advice("rest")
     assert on.startswith("Bit 16 of LOG_BITMASK (log when disarmed) is set already")
 
 
 @pytest.mark.parametrize("what", ["imu", "fast_imu"])
 def test_bits_that_came_later_are_not_advised_to_old_versions(what: What) -> None:
-    old = Settings("copter", "Copter 3.1.1", {"LOG_BITMASK": 0}).advice(what, None)
+    old = ArduPilotLogging("copter", "Copter 3.1.1", {"LOG_BITMASK": 0}).advice(what, None)
     assert named(old) == {"imu": 7}
-    assert "3.4 and later" in Settings("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006}).advice(what, 49.0)
+    assert "3.4 and later" in ArduPilotLogging("copter", "Copter 3.2.1", {"LOG_BITMASK": 43006}).advice(what, 49.0)
 
 
 def test_an_unknown_vehicle_gets_no_number() -> None:
-    assert re.search(r"\d", Settings("", "", {}).advice("imu")) is None
+    assert re.search(r"\d", ArduPilotLogging("", "", {}).advice("imu")) is None
 
 
 CASES = {

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from attlog import flight
-from attlog.flight.px4.advice import Sdlog2Settings, Settings
+from attlog.flight.px4.advice import Px4Logging, Sdlog2Logging
 
 
 @pytest.mark.parametrize(
@@ -22,17 +22,17 @@ from attlog.flight.px4.advice import Sdlog2Settings, Settings
 )
 def test_a_topic_set_that_is_on_is_not_advised(version: str, profile: int, said: str) -> None:
     for rate in (None, 9.0):
-        assert Settings(version, {"SDLOG_PROFILE": profile}).advice("imu", rate).startswith(said)
+        assert Px4Logging(version, {"SDLOG_PROFILE": profile}).advice("imu", rate).startswith(said)
 
 
 def test_the_attitude_at_full_rate_is_bit_4() -> None:
-    assert "Set bit 4 of SDLOG_PROFILE" in Settings("1.15.0", {"SDLOG_PROFILE": 1}).advice("attitude", 4.0)
-    assert "set already" in Settings("1.15.0", {"SDLOG_PROFILE": 17}).advice("attitude", 4.0)
+    assert "Set bit 4 of SDLOG_PROFILE" in Px4Logging("1.15.0", {"SDLOG_PROFILE": 1}).advice("attitude", 4.0)
+    assert "set already" in Px4Logging("1.15.0", {"SDLOG_PROFILE": 17}).advice("attitude", 4.0)
 
 
 @pytest.mark.parametrize(("version", "values"), [("1.6.5", {"SDLOG_PROFILE": 0}), ("", {"SYS_LOGGER": 1})])
 def test_versions_without_topic_sets_have_a_file(version: str, values: dict[str, float]) -> None:
-    said = Settings(version, values).advice("attitude", 4.0)
+    said = Px4Logging(version, values).advice("attitude", 4.0)
     assert "vehicle_attitude" in said
     assert "logger_topics.txt" in said
     assert "SDLOG_PROFILE" not in said
@@ -40,20 +40,20 @@ def test_versions_without_topic_sets_have_a_file(version: str, values: dict[str,
 
 @pytest.mark.parametrize(("mode", "advised"), [(0, True), (1, False), (2, False), (-1, True), (3, True)])
 def test_logging_from_boot_is_advised_only_where_it_is_off(mode: int, advised: bool) -> None:
-    said = Settings("1.15.0", {"SDLOG_MODE": mode}).advice("rest")
+    said = Px4Logging("1.15.0", {"SDLOG_MODE": mode}).advice("rest")
     assert said.startswith("Set SDLOG_MODE to 1 and let" if advised else f"SDLOG_MODE is {mode} already: let")
 
 
 def test_versions_without_the_mode_are_not_told_to_set_it() -> None:
-    assert "SDLOG_MODE" not in Settings("", {"SYS_LOGGER": 0, "SDLOG_RATE": -1}).advice("rest")
+    assert "SDLOG_MODE" not in Px4Logging("", {"SYS_LOGGER": 0, "SDLOG_RATE": -1}).advice("rest")
 
 
 def test_sdlog2_has_one_rate_and_no_topic_sets() -> None:
-    assert Sdlog2Settings({"SDLOG_RATE": -1}).advice("imu", 45.0) == "Set SDLOG_RATE to 200 (sdlog2 start -r 200)."
-    assert "already" in Sdlog2Settings({"SDLOG_RATE": 250}).advice("imu", 45.0)
-    assert "SDLOG_RATE" not in Sdlog2Settings({}).advice("imu", 45.0)
+    assert Sdlog2Logging({"SDLOG_RATE": -1}).advice("imu", 45.0) == "Set SDLOG_RATE to 200 (sdlog2 start -r 200)."
+    assert "already" in Sdlog2Logging({"SDLOG_RATE": 250}).advice("imu", 45.0)
+    assert "SDLOG_RATE" not in Sdlog2Logging({}).advice("imu", 45.0)
     for what in ("imu", "attitude", "rest", "mag"):
-        said = Sdlog2Settings({"SDLOG_RATE": -1}).advice(what)  # type: ignore[arg-type]
+        said = Sdlog2Logging({"SDLOG_RATE": -1}).advice(what)  # type: ignore[arg-type]
         assert "SDLOG_MODE" not in said
         assert "SDLOG_PROFILE" not in said
 

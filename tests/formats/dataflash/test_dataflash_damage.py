@@ -13,7 +13,7 @@ from attlog.base.errors import LogUnreadable, LogUnusable
 from attlog.formats import Recording
 from attlog.formats.dataflash import reader
 from attlog.formats.dataflash.compiled import FMT_LENGTH
-from attlog.formats.dataflash.index import Index, index_records
+from attlog.formats.dataflash.index import RecordIndex, index_records
 from tests.conftest import SAMPLES
 from tests.formats.damage import KINDS, Damaged, damage
 
@@ -25,19 +25,19 @@ def raw(samples: Path) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def clean(raw: bytes) -> Index:
+def clean(raw: bytes) -> RecordIndex:
     return index_records(np.frombuffer(raw, np.uint8))
 
 
-def lengths_of(index: Index) -> np.ndarray:
+def lengths_of(index: RecordIndex) -> np.ndarray:
     return np.array([fmt.length for fmt in index.layouts], np.int64)[index.layout]
 
 
-def after_formats(index: Index) -> int:
+def after_formats(index: RecordIndex) -> int:
     return int(index.offsets[index.layout == 0].max()) + FMT_LENGTH
 
 
-def kept_and_false(clean: Index, log: Damaged) -> tuple[float, int]:
+def kept_and_false(clean: RecordIndex, log: Damaged) -> tuple[float, int]:
     """The share of intact records that are found, and how many found ones never were."""
     found = index_records(log.data)
     whole = log.whole(clean.offsets, lengths_of(clean))
@@ -48,7 +48,7 @@ def kept_and_false(clean: Index, log: Damaged) -> tuple[float, int]:
 
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "flipped bits"])
-def test_intact_records_are_kept_and_hardly_any_false_one_appears(raw: bytes, clean: Index, kind: str) -> None:
+def test_intact_records_are_kept_and_hardly_any_false_one_appears(raw: bytes, clean: RecordIndex, kind: str) -> None:
     false = []
     for seed in range(12):
         log = damage(raw, kind, 5, np.random.default_rng(seed), keep=after_formats(clean))
@@ -58,13 +58,13 @@ def test_intact_records_are_kept_and_hardly_any_false_one_appears(raw: bytes, cl
     assert np.mean(false) < 0.5
 
 
-def test_a_changed_bit_costs_at_most_its_record(raw: bytes, clean: Index) -> None:
+def test_a_changed_bit_costs_at_most_its_record(raw: bytes, clean: RecordIndex) -> None:
     for seed in range(12):
         log = damage(raw, "flipped bits", 5, np.random.default_rng(seed), keep=after_formats(clean))
         assert kept_and_false(clean, log)[0] > 0.999
 
 
-def test_a_record_with_a_changed_time_is_left_out(raw: bytes, clean: Index, tmp_path: Path) -> None:
+def test_a_record_with_a_changed_time_is_left_out(raw: bytes, clean: RecordIndex, tmp_path: Path) -> None:
     before = reader.read(written(tmp_path, raw))
     imu = before["IMU", 0]
     log = Damaged.of(raw)
@@ -79,7 +79,7 @@ def test_a_record_with_a_changed_time_is_left_out(raw: bytes, clean: Index, tmp_
 @pytest.mark.parametrize("run", [1, 2, 30])
 @pytest.mark.parametrize("moved_s", [7.0, -9.0, 3600.0])
 def test_runs_of_false_times_are_left_out_and_no_others(
-    raw: bytes, clean: Index, tmp_path: Path, message: str, run: int, moved_s: float
+    raw: bytes, clean: RecordIndex, tmp_path: Path, message: str, run: int, moved_s: float
 ) -> None:
     """Neighbours in the file tell; a pause and a restart of the clock are no contradiction."""
     before = reader.read(written(tmp_path, raw))
@@ -97,7 +97,7 @@ def test_runs_of_false_times_are_left_out_and_no_others(
     assert after.boots == before.boots
 
 
-def test_a_pause_of_the_logger_is_no_false_time(raw: bytes, clean: Index, tmp_path: Path) -> None:
+def test_a_pause_of_the_logger_is_no_false_time(raw: bytes, clean: RecordIndex, tmp_path: Path) -> None:
     before = reader.read(written(tmp_path, raw))
     log = Damaged.of(raw)
     half = len(raw) // 2
@@ -129,7 +129,7 @@ def written(folder: Path, raw: bytes) -> Path:
     return path
 
 
-def test_damage_is_told_with_its_bytes(raw: bytes, clean: Index, tmp_path: Path) -> None:
+def test_damage_is_told_with_its_bytes(raw: bytes, clean: RecordIndex, tmp_path: Path) -> None:
     at = int(clean.offsets[5000])
     log = Damaged.of(raw)
     log.insert(at, b"\xff" * 1000)
@@ -144,7 +144,7 @@ def test_damage_is_told_with_its_bytes(raw: bytes, clean: Index, tmp_path: Path)
 
 
 @pytest.mark.parametrize("cut", [1, 2, 3, 4, 50, 1000])
-def test_a_file_cut_anywhere_keeps_its_whole_records(raw: bytes, clean: Index, cut: int) -> None:
+def test_a_file_cut_anywhere_keeps_its_whole_records(raw: bytes, clean: RecordIndex, cut: int) -> None:
     end = len(raw) - cut
     found = index_records(np.frombuffer(raw[:end], np.uint8))
     whole = clean.offsets + lengths_of(clean) <= end
@@ -152,7 +152,7 @@ def test_a_file_cut_anywhere_keeps_its_whole_records(raw: bytes, clean: Index, c
     assert found.losses.bytes == end - int((clean.offsets + lengths_of(clean))[whole].max())
 
 
-def test_a_lost_format_costs_its_message_only(raw: bytes, clean: Index, tmp_path: Path) -> None:
+def test_a_lost_format_costs_its_message_only(raw: bytes, clean: RecordIndex, tmp_path: Path) -> None:
     kind = next(fmt for fmt in clean.layouts if fmt.name == "IMU")
     log = Damaged.of(raw)
     log.delete(kind.offset, FMT_LENGTH)
@@ -167,7 +167,7 @@ def test_a_lost_format_costs_its_message_only(raw: bytes, clean: Index, tmp_path
 
 
 def test_a_format_whose_letters_have_another_length_drops_its_message_and_keeps_framing(
-    raw: bytes, clean: Index, tmp_path: Path
+    raw: bytes, clean: RecordIndex, tmp_path: Path
 ) -> None:
     kind = next(fmt for fmt in clean.layouts if fmt.name == "IMU")
     log = Damaged.of(raw)
@@ -179,7 +179,9 @@ def test_a_format_whose_letters_have_another_length_drops_its_message_and_keeps_
     assert any("does not have" in d.lost and "IMU" in d.lost for d in after.damage)
 
 
-def test_a_file_that_starts_in_the_middle_is_refused_with_the_reason(raw: bytes, clean: Index, tmp_path: Path) -> None:
+def test_a_file_that_starts_in_the_middle_is_refused_with_the_reason(
+    raw: bytes, clean: RecordIndex, tmp_path: Path
+) -> None:
     with pytest.raises(LogUnusable, match="no FMT record"):
         reader.read(written(tmp_path, raw[after_formats(clean) + 7 :]))
 
@@ -233,7 +235,7 @@ def test_megabytes_of_nonsense_take_no_time(raw: bytes, tmp_path: Path, filler: 
     assert len(found["IMU", 0]) >= len(reader.read(written(tmp_path, raw))["IMU", 0]) - 1
 
 
-def test_a_clock_that_falls_is_a_new_boot_also_without_formats(raw: bytes, clean: Index, tmp_path: Path) -> None:
+def test_a_clock_that_falls_is_a_new_boot_also_without_formats(raw: bytes, clean: RecordIndex, tmp_path: Path) -> None:
     end = int((clean.offsets + lengths_of(clean))[-1])
     log = reader.read(written(tmp_path, raw[:end] + raw[after_formats(clean) :]))
     assert [boot.start for boot in log.boots] == [0, end]
@@ -241,7 +243,7 @@ def test_a_clock_that_falls_is_a_new_boot_also_without_formats(raw: bytes, clean
     assert all(np.all(np.diff(t) > 0) for t in imu)
 
 
-def test_formats_that_come_late_hold_for_what_lies_before(raw: bytes, clean: Index, tmp_path: Path) -> None:
+def test_formats_that_come_late_hold_for_what_lies_before(raw: bytes, clean: RecordIndex, tmp_path: Path) -> None:
     start = after_formats(clean)
     moved = raw[start:] + raw[:start]
     before = reader.read(written(tmp_path, raw))["IMU", 0]["GyrX"]

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from attlog import formats
 from attlog.base.errors import UsageError
-from attlog.formats import Layout, ParamChange, Recording, Text
+from attlog.formats import MessageLayout, ParamChange, Recording, Text
 from attlog.formats.dataflash import reader
 from tests.formats.dataflash.test_dataflash import differences, read_with_pymavlink
 
@@ -82,7 +82,7 @@ def flight(n: int = 50) -> dict[tuple[str, int], dict[str, np.ndarray]]:
 def test_printed_numbers_are_rounded_to_the_step_of_the_letter(tmp_path: Path) -> None:
     path = tmp_path / "scaled.bin"
     messages = flight()
-    formats.write(path, Recording(messages, layouts={"ATT": Layout("QcC")}))
+    formats.write(path, Recording(messages, layouts={"ATT": MessageLayout("QcC")}))
     table = reader.read(path)["ATT", 0]
     assert table["Roll"].dtype == np.int16
     np.testing.assert_allclose(table.value("Roll"), messages["ATT", 0]["Roll"], atol=0.00501)
@@ -95,7 +95,7 @@ def test_units_instances_parameters_and_texts_come_back(tmp_path: Path) -> None:
         flight(),
         [ParamChange("RATE_P", 0.25), ParamChange("RATE_P", 0.5, is_default=True), ParamChange("B", 2, 5_100_000)],
         [Text("ArduCopter V4.6.0 (12345678)", 6), Text("Crash", 2, 5_200_000)],
-        layouts={"IMU": Layout("", "s#E", "F-0"), "ATT": Layout("QcC", "sdh", "FBB")},
+        layouts={"IMU": MessageLayout("", "s#E", "F-0"), "ATT": MessageLayout("QcC", "sdh", "FBB")},
     )
     formats.write(path, written)
     log = reader.read(path)
@@ -142,4 +142,4 @@ def test_what_the_format_cannot_hold_is_refused(tmp_path: Path, messages: dict, 
 def test_a_value_beyond_its_letter_is_refused(tmp_path: Path) -> None:
     messages = {("ATT", 0): {"TimeUS": np.zeros(1, np.uint64), "Roll": np.array([400.0])}}
     with pytest.raises(UsageError, match=r"ATT.Roll \(letter c\): a value does not fit int16"):
-        formats.write(tmp_path / "x.bin", Recording(messages, layouts={"ATT": Layout("Qc")}))
+        formats.write(tmp_path / "x.bin", Recording(messages, layouts={"ATT": MessageLayout("Qc")}))

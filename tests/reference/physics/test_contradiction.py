@@ -8,7 +8,7 @@ import pytest
 from attlog import segments
 from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Gnss
-from attlog.reference import Options, Row, Witnesses, choose, contradicted
+from attlog.reference import ReferenceCheck, ReferenceOptions, Row, choose, contradicted
 from attlog.segments import Segment, Segments
 
 T = np.arange(0.0, 60.0, 0.02)
@@ -36,7 +36,7 @@ def rows(*attitudes: np.ndarray) -> list[Row]:
 
 def refusal(log: FlightLog, filters: list[Row]) -> str:
     phases = segments.Segments([Segment("continuous", 0.0, 60.0)])
-    found = contradicted(log, log.imus[0], choose(log, phases, Options()), filters)
+    found = contradicted(log, log.imus[0], choose(log, phases, ReferenceOptions()), filters)
     return "" if found is None else found[0]
 
 
@@ -54,7 +54,7 @@ def test_rows_that_have_passed_and_are_empty_refuse_it_as_well_and_one_is_run_ag
         asked.append(row.name)
         return whole[row.name]
 
-    witnesses = Witnesses(log, log.imus[0], choose(log, phases, Options()), again)
+    witnesses = ReferenceCheck(log, log.imus[0], choose(log, phases, ReferenceOptions()), again)
     for row in rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0)):
         witnesses.hear(row)
         row.let_go()
@@ -62,7 +62,7 @@ def test_rows_that_have_passed_and_are_empty_refuse_it_as_well_and_one_is_run_ag
     found = witnesses.contradicted()
     assert found is not None
     assert asked == ["f0"]
-    assert found == contradicted(log, log.imus[0], choose(log, phases, Options()), list(whole.values()))
+    assert found == contradicted(log, log.imus[0], choose(log, phases, ReferenceOptions()), list(whole.values()))
 
 
 def test_one_wrong_filter_among_others_changes_nothing() -> None:
