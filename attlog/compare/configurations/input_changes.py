@@ -13,9 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
+from attlog.base import biquad, rotation
 from attlog.base.errors import UsageError
-from attlog.compare.configurations import biquad
 from attlog.compare.configurations.settings import Value
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
 from attlog.segments import gaps

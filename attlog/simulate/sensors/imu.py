@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
+from attlog.base import biquad, rotation
 from attlog.simulate.flight import ImuStream
 from attlog.simulate.physics.kernel import function_of, kernel_of
 from attlog.simulate.physics.streams import generator
@@ -64,8 +64,8 @@ class ImuSensor:
                 s.acc.noise_ug_rthz * 1e-6 * G * math.sqrt(bandwidth[1]),
                 float(s.gyro.lowpass_hz > 0),
                 float(s.acc.lowpass_hz > 0),
-                *butterworth(s.gyro.lowpass_hz, raw_hz),
-                *butterworth(s.acc.lowpass_hz, raw_hz),
+                *low_pass(s.gyro.lowpass_hz, raw_hz),
+                *low_pass(s.acc.lowpass_hz, raw_hz),
                 float(s.sampling == "interval"),
                 hover,
             ]
@@ -207,11 +207,8 @@ def _vibration(s: Imu, seed: int, number: int) -> tuple[Array, Array, Array]:
     return np.array(s.vibration.harmonics, float), shake, phase
 
 
-def butterworth(cutoff_hz: float, rate_hz: float) -> tuple[float, float, float, float, float]:
-    """b0, b1, b2, a1, a2 of the second-order low-pass both firmwares use (bilinear transform, prewarped)."""
-    if not 0.0 < cutoff_hz < 0.5 * rate_hz:
-        return 1.0, 0.0, 0.0, 0.0, 0.0
-    w = math.tan(math.pi * cutoff_hz / rate_hz)
-    scale = 1.0 + math.sqrt(2.0) * w + w * w
-    b0 = w * w / scale
-    return b0, 2.0 * b0, b0, 2.0 * (w * w - 1.0) / scale, (1.0 - math.sqrt(2.0) * w + w * w) / scale
+def low_pass(cutoff_hz: float, rate_hz: float) -> tuple[float, float, float, float, float]:
+    """b0, b1, b2, a1, a2 of the low-pass ahead of the sampling; without one, or above half of the rate, what passes."""
+    inside = 0.0 < cutoff_hz < 0.5 * rate_hz
+    f = biquad.lowpass(cutoff_hz, rate_hz) if inside else biquad.PASSES
+    return f.b0, f.b1, f.b2, f.a1, f.a2

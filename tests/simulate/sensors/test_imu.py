@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal, stats
 from scipy.spatial.transform import Rotation
 
-from attlog.simulate.sensors.imu import ImuSensor, butterworth
+from attlog.simulate.sensors.imu import ImuSensor, low_pass
 from attlog.simulate.sensors.imu_kernel import imu_samples
 from tests.conftest import few
 from tests.simulate.still import G, flown, perfect, rows, scenario, unit
@@ -177,7 +177,7 @@ def test_vibration_stands_at_the_harmonics_of_the_rotors_speed() -> None:
 
 @pytest.mark.parametrize("cutoff", [20.0, 80.0, 300.0])
 def test_the_low_pass_is_scipys_butterworth(cutoff: float) -> None:
-    b0, b1, b2, a1, a2 = butterworth(cutoff, 2000.0)
+    b0, b1, b2, a1, a2 = low_pass(cutoff, 2000.0)
     b, a = signal.butter(2, cutoff, fs=2000.0)
     assert [b0, b1, b2] == pytest.approx(b, abs=1e-12)
     assert [1.0, a1, a2] == pytest.approx(a, abs=1e-12)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal  # type: ignore[import-untyped]
 
+from attlog.base import biquad
 from attlog.base.errors import UsageError
-from attlog.compare.configurations import biquad
 
 LOWPASSES = [(20.0, 250.0), (80.0, 1000.0), (5.0, 25.0), (99.0, 200.0)]
 NOTCHES = [(80.0, 20.0, 1000.0), (40.0, 5.0, 250.0), (90.0, 30.0, 200.0)]
