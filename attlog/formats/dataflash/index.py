@@ -103,7 +103,7 @@ def _length_of(letters: str) -> int | None:
 
 
 FMT_FORMAT = MessageFormat(
-    FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "MessageFormat", "Columns"), 0
+    FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"), 0
 )
 
 
