@@ -45,6 +45,11 @@ LOW_RATE_HZ = 45.0
 """Below the 50 Hz of a default log vibration is aliased and lags carry a low-rate mark."""
 
 
+def fast_enough(rate: float) -> bool:
+    """Whether a replay can be made of so many samples a second: judged as sentences show it, 9.96 Hz are 10.0."""
+    return round(rate, 1) >= REPLAY_MIN_HZ
+
+
 @dataclass(slots=True)
 class ImuCandidate:
     """Gyro (n, 3) rad/s and specific force (n, 3) m/s^2 of one unit from one message, stamps in us.
@@ -139,7 +144,7 @@ def best_per_unit(builder: LogBuilder, candidates: list[ImuCandidate]) -> list[I
     chosen = []
     for index in sorted({c.index for c in candidates}):
         mine = [c for c in candidates if c.index == index]
-        usable = [c for c in mine if c.usable and c.rate >= REPLAY_MIN_HZ]
+        usable = [c for c in mine if c.usable and fast_enough(c.rate)]
         longest = max((c.seconds for c in usable), default=0.0)
         usable = [c for c in usable if c.seconds >= COVERED_SHARE * longest]
         chosen.append(min(usable, key=lambda c: c.rank) if usable else max(mine, key=lambda c: c.rate))
@@ -199,8 +204,8 @@ def choose_unit(
     else:
         used = [k for k, u in enumerate(units) if u.index == flew]
         wanted, reason = (used[0], why) if used else (0, "the first in the log; nothing tells which one flew")
-    if units[wanted].rate < REPLAY_MIN_HZ and asked is None:
-        fast = [k for k, u in enumerate(units) if u.rate >= REPLAY_MIN_HZ and u.usable]
+    if not fast_enough(units[wanted].rate) and asked is None:
+        fast = [k for k, u in enumerate(units) if fast_enough(u.rate) and u.usable]
         if fast:
             builder.problem(
                 "imu_that_flew_too_slow",
@@ -226,7 +231,7 @@ def choose_unit(
             f"times; what is left shows no flight. {_left_out(builder)}",
         )
         return None
-    if unit.rate < REPLAY_MIN_HZ:
+    if not fast_enough(unit.rate):
         builder.problem(
             "imu_rate_too_low",
             "error",
@@ -254,7 +259,7 @@ def _tell_what_others_saw(builder: LogBuilder, units: list[ImuCandidate], wanted
     mine = units[wanted]
     first, last = int(mine.t_us[0]), int(mine.t_us[-1])
     for other in units:
-        if other is mine or not other.usable or other.rate < REPLAY_MIN_HZ or len(other.t_us) < REPLAY_MIN_SAMPLES:
+        if other is mine or not other.usable or not fast_enough(other.rate) or len(other.t_us) < REPLAY_MIN_SAMPLES:
             continue
         begin, end = int(other.t_us[0]), int(other.t_us[-1])
         missed = 1e-6 * (max(first - begin, 0) + max(end - last, 0))

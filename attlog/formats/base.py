@@ -208,14 +208,14 @@ class LazyList(Generic[T]):
         self._place = f"_{name}"
 
     @overload
-    def __get__(self, log: None, owner: type) -> type[list[T]]: ...
+    def __get__(self, log: None, owner: type) -> Callable[[Any], list[T]]: ...
 
     @overload
     def __get__(self, log: object, owner: type) -> list[T]: ...
 
-    def __get__(self, log: object | None, owner: type) -> list[T] | type[list[T]]:
+    def __get__(self, log: object | None, owner: type) -> list[T] | Callable[[Any], list[T]]:
         if log is None:
-            return list  # what a dataclass takes for the default: a function that makes an empty one
+            return lambda _: []  # what a dataclass takes for the default; ``list`` would list the log's own messages
         found = getattr(log, self._place)
         if callable(found):
             found = found(log)

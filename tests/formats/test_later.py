@@ -37,6 +37,12 @@ def test_lists_are_each_logs_own() -> None:
     assert log().params == [] == log().texts
 
 
+def test_a_log_without_parameters_and_texts_has_none_of_either() -> None:
+    """The default list was made of the log itself, which gives the names of its messages."""
+    held = Messages(Path("made.tlog"), "tlog", 1, {("HEARTBEAT", 1): None})  # type: ignore[dict-item]
+    assert held.params == [] == held.texts
+
+
 def test_opening_a_log_reads_no_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
     path = SAMPLES / "copter_yaw_turns.bin"
     monkeypatch.setattr(reader, "params", lambda *_: pytest.fail("parameters were read"))

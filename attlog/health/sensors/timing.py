@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight.clock.timing import gaps
-from attlog.flight.inertial import LOW_RATE_HZ, REPLAY_MIN_HZ
+from attlog.flight.inertial import LOW_RATE_HZ, REPLAY_MIN_HZ, fast_enough
 from attlog.flight.model import FlightLog
 from attlog.health.model import Check, graded
 
@@ -29,7 +29,7 @@ def checks(log: FlightLog) -> list[Check]:
 
 def rate_check(source: str, rate: float) -> Check:
     """Is the IMU logged fast enough?"""
-    verdict = "good" if rate >= FULL_HZ else "warn" if rate >= REPLAY_MIN_HZ else "bad"
+    verdict = "good" if rate >= FULL_HZ else "warn" if fast_enough(rate) else "bad"
     what = (
         "fast enough for every figure"
         if verdict == "good"

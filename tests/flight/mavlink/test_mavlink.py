@@ -15,6 +15,7 @@ from attlog.flight.mavlink import reader
 from attlog.flight.mavlink.clock import rising
 from attlog.flight.model import FlightLog
 from attlog.formats import Recording
+from attlog.health.sensors.timing import checks as rate_audit
 from tests.flight.fake import messages
 
 UNIX = 1_700_000_000_000_000
@@ -143,6 +144,30 @@ def test_a_rate_below_ten_hertz_is_refused_with_what_to_do() -> None:
     problem = next(p for p in log.problems if p.code == "imu_rate_too_low")
     assert "4.0 Hz" in problem.text
     assert "SD card" in problem.text
+
+
+@pytest.mark.parametrize(("hz", "replayed"), [(9.97, True), (9.9, False)])
+def test_a_rate_is_judged_as_it_is_shown(hz: float, replayed: bool) -> None:
+    """Refused was "logged at 10.0 Hz; a replay needs at least 10 Hz"."""
+    log = read({("RAW_IMU", ME): raw_imu(300, hz), ("ATTITUDE", ME): attitude(100, 4)})
+    assert (log.imu is not None) == replayed
+    assert all("10.0 Hz; a replay needs" not in p.text for p in log.problems)
+    rate = next(check for check in rate_audit(log) if check.name == "rate")
+    assert (rate.verdict != "bad") == replayed
+
+
+def test_a_ground_stations_file_without_a_vehicle_ends_with_65_and_that_sentence(attlog, tmp_path: Path) -> None:
+    from pymavlink.dialects.v20 import ardupilotmega as link
+
+    station = link.MAVLink(None, srcSystem=255, srcComponent=230)
+    with (tmp_path / "alone.tlog").open("wb") as file:
+        for k in range(50):
+            packet = station.heartbeat_encode(link.MAV_TYPE_GCS, link.MAV_AUTOPILOT_INVALID, 0, 0, 0).pack(station)
+            file.write((1_700_000_000_000_000 + 1_000_000 * k).to_bytes(8, "big") + packet)
+    for command in (["info"], ["analyze", "-o", tmp_path], ["extract", "-o", tmp_path]):
+        done = attlog(*command, tmp_path / "alone.tlog")
+        assert done.code == 65
+        assert "no vehicle in this MAVLink file" in done.err
 
 
 def test_an_unknown_system_and_a_file_without_vehicle_are_refused() -> None:
