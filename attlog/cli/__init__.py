@@ -16,10 +16,9 @@ import typer
 from attlog import __version__
 from attlog.base.errors import INTERRUPTED, AttlogError, exit_code, message
 from attlog.cli.registry import Commands
-from attlog.cli.shared import streams
-from attlog.cli.shared.common import to_stderr
-from attlog.cli.shared.guard import guarded
-from attlog.cli.shared.signals import ended_by_signals
+from attlog.cli.shared import process
+from attlog.cli.shared.printing import to_stderr
+from attlog.cli.shared.process import ended_by_signals, guarded
 
 app = typer.Typer(
     name="attlog",
@@ -60,7 +59,7 @@ def main() -> None:
     """Entry point: run the command, print expected errors as one message, end with the documented exit code."""
     gc.set_threshold(COLLECTED_AFTER)
     os.environ.setdefault(*ONE_THREAD)
-    streams.show_everything()
+    process.show_everything()
     code = guarded(_ended, sys.argv[1:])
     gc.freeze()  # all ends with the process: Python's last look for circles among it is a tenth of ``attlog info``
     sys.exit(code)
@@ -69,7 +68,7 @@ def main() -> None:
 def _ended() -> int:
     """The exit code; a signal that ends the program does so in order, temporary files removed."""
     with ended_by_signals():
-        return streams.flushed(_code())
+        return process.flushed(_code())
 
 
 def _code() -> int:
@@ -80,8 +79,8 @@ def _code() -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except Exception as error:
-        if isinstance(error, OSError) and streams.is_of_a_stream(error):
-            return streams.lost(error)
+        if isinstance(error, OSError) and process.is_of_a_stream(error):
+            return process.lost(error)
         if "-vv" in sys.argv and not isinstance(error, AttlogError):
             to_stderr(traceback.format_exc())
         to_stderr(message(error, __version__))

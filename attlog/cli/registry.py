@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-from attlog.cli.shared import streams
+from attlog.cli.shared import process
 from attlog.cli.shared.arguments import Group, Plain, WithGates, WithJson
 
 COMMANDS: dict[str, tuple[str, type[Plain]]] = {
@@ -50,6 +50,6 @@ class Commands(Group):
         try:
             return super().invoke(ctx)
         except OSError as error:
-            if streams.is_of_a_stream(error):  # typer would end with 1 where the reader went away
-                raise typer.Exit(streams.lost(error)) from None
+            if process.is_of_a_stream(error):  # typer would end with 1 where the reader went away
+                raise typer.Exit(process.lost(error)) from None
             raise

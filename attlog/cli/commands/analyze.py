@@ -16,8 +16,7 @@ from attlog.base.errors import BUG, INTERRUPTED, PluginError, PluginTimeout, exi
 from attlog.cli.shared import gates as gated
 from attlog.cli.shared import options
 from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.bar import Bar
-from attlog.cli.shared.common import (
+from attlog.cli.shared.printing import (
     Boot,
     Json,
     NoColor,
@@ -31,8 +30,8 @@ from attlog.cli.shared.common import (
     say,
     to_stderr,
 )
-from attlog.cli.shared.progress import progress
-from attlog.cli.shared.streams import is_of_a_stream
+from attlog.cli.shared.process import is_of_a_stream
+from attlog.cli.shared.progress import Bar, progress
 
 if TYPE_CHECKING:
     from attlog.config import Config
@@ -249,7 +248,7 @@ def _several(logs: Sequence[Source], commands: Sequence[str], task: _Task, jobs:
 
 
 def _say_summary(entries: Sequence[Entry], total: int, seconds: float, folder: Path, on_stderr: bool) -> None:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.fleet.pages.summary import summary
 
     out = console(stderr=on_stderr)
@@ -276,7 +275,7 @@ def _kept(reports: Sequence[str], total: int, folder: Path) -> str:
 
 
 def _show(result: Result, report: Path, settings: Config, on_stderr: bool, verbose: int) -> None:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.cli.shared.terminal import printed
     from attlog.report import bundle_notice
 

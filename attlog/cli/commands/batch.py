@@ -12,9 +12,9 @@ from attlog import __version__
 from attlog.base.errors import INTERRUPTED, UsageError, exit_code, message, worst
 from attlog.cli.shared import gates as gated
 from attlog.cli.shared import options
-from attlog.cli.shared.bar import Bar
-from attlog.cli.shared.common import Boot, NoColor, Places, Quiet, System, Verbose, console, finite, say, to_stderr
-from attlog.cli.shared.signals import ended_by_signals
+from attlog.cli.shared.printing import Boot, NoColor, Places, Quiet, System, Verbose, console, finite, say, to_stderr
+from attlog.cli.shared.process import ended_by_signals
+from attlog.cli.shared.progress import Bar
 
 if TYPE_CHECKING:
     from attlog.fleet.records.entry import Entry
@@ -189,7 +189,7 @@ class _Told:
 
 def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
     """The summary, and why not all logs were reached."""
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.fleet.pages.summary import summary
 
     if not quiet:

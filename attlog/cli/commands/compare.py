@@ -13,12 +13,12 @@ from attlog.base.errors import PluginError, PluginTimeout, UsageError, exit_code
 from attlog.base.file_names import file_name
 from attlog.cli.shared import completion
 from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
 from attlog.cli.shared.options import FilterTimeout, check_window
+from attlog.cli.shared.printing import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.compare.differences.comparison import Comparison
     from attlog.compare.differences.one_log import Measured
 
@@ -177,8 +177,7 @@ def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[L
 
     ``verbose`` tells why a log has no difference.
     """
-    from attlog.cli.shared.layout import Line
-    from attlog.cli.shared.terminal import wrapped
+    from attlog.cli.shared.printing import Line, wrapped
     from attlog.compare.tables.table import tables
     from attlog.present.text import clean, typeset
 
@@ -209,7 +208,7 @@ def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[L
 
 
 def _places(page: Path, tables: list[Path]) -> Iterator[Line]:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
 
     yield Line(f"page: {page}")
     for file in tables:

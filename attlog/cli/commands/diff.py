@@ -9,7 +9,7 @@ import typer
 
 from attlog import __version__
 from attlog.base.errors import UsageError, exit_code, message, worst
-from attlog.cli.shared.common import NoColor, Verbose, console, say, to_stderr
+from attlog.cli.shared.printing import NoColor, Verbose, console, say, to_stderr
 
 if TYPE_CHECKING:
     from attlog.compare.diff.diff import Difference
@@ -72,7 +72,7 @@ def _alone(found: Found) -> list[tuple[str, str]]:
 def _tell(differences: list[Difference], found: Found, form: str, output: Path | None, everything: bool) -> None:
     import json
 
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.compare.diff import text as diff_words
 
     alone = _alone(found)

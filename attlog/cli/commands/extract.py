@@ -10,8 +10,8 @@ import typer
 
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.cli.shared import completion
-from attlog.cli.shared.common import Boot, Log, NoColor, Quiet, System, finite, one_log, to_stderr, to_stdout
 from attlog.cli.shared.options import FilterTimeout
+from attlog.cli.shared.printing import Boot, Log, NoColor, Quiet, System, finite, one_log, to_stderr, to_stdout
 
 if TYPE_CHECKING:
     from attlog.extraction import Extract

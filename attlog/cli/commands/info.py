@@ -9,21 +9,22 @@ import typer
 
 from attlog import __version__
 from attlog.base.errors import BUG, exit_code, message, worst
-from attlog.cli.shared.common import (
+from attlog.cli.shared.printing import (
     Boot,
     Json,
+    Line,
     Logs,
     NoColor,
     Quiet,
     System,
     Verbose,
+    columns,
     console,
     json_line,
     json_to_stdout,
     say,
     to_stderr,
 )
-from attlog.cli.shared.layout import Line, columns
 
 DIFFERS = 1
 WORDS = {"good": "good", "warn": "warn", "bad": "bad", "cannot_judge": "cannot judge"}
@@ -43,7 +44,7 @@ def command(
     verbose: Verbose = 0,
 ) -> None:
     """Say what is in each LOG, check it against physics, and tell which questions it can answer."""
-    from attlog.cli.shared.streams import is_of_a_stream
+    from attlog.cli.shared.process import is_of_a_stream
     from attlog.fleet.sources.find import find
     from attlog.inspection import inspect
 

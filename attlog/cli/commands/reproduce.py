@@ -11,11 +11,11 @@ import typer
 
 from attlog.base.errors import AttlogError, LogUnreadable, UsageError
 from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
+from attlog.cli.shared.printing import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.reproduce.paper import Paper
 
 SEEDS = 20
@@ -83,8 +83,7 @@ def command(
 
 def printed(paper: Paper, place: Path, verbose: bool = False) -> Iterator[Line]:
     """The claims of a paper on the terminal; ``verbose`` adds how each was measured and its numbers."""
-    from attlog.cli.shared.layout import Line
-    from attlog.cli.shared.terminal import wrapped
+    from attlog.cli.shared.printing import Line, wrapped
     from attlog.present.text import typeset
     from attlog.reproduce.page import measured
 

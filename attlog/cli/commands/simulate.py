@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.base.errors import UsageError
-from attlog.cli.shared.common import Quiet, Verbose, to_stderr, to_stdout
 from attlog.cli.shared.completion import scenarios
 from attlog.cli.shared.options import FilterTimeout
+from attlog.cli.shared.printing import Quiet, Verbose, to_stderr, to_stdout
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:

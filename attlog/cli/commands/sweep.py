@@ -11,12 +11,12 @@ import typer
 from attlog import __version__
 from attlog.base.errors import AttlogError, UsageError, exit_code, message, worst
 from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
 from attlog.cli.shared.options import FilterTimeout
+from attlog.cli.shared.printing import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say, to_stderr
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.compare.configurations.configuration import Configuration
     from attlog.compare.sweep.many import OnLog, Wanted
     from attlog.compare.sweep.sweep import Sweep
@@ -224,8 +224,7 @@ def _written(found: Sweep, folder: Path, told: dict[str, Any], tables: Mapping[P
 
 
 def _told(found: Sweep, files: Sequence[Path], told: dict[str, Any], everything: bool) -> Iterator[Line]:
-    from attlog.cli.shared.layout import Line
-    from attlog.cli.shared.terminal import wrapped
+    from attlog.cli.shared.printing import Line, wrapped
     from attlog.compare.sweep import text as sweep_words
 
     for sentence in sweep_words.sentences(found, sweep_words.references_of(told)):
@@ -245,7 +244,7 @@ def _told(found: Sweep, files: Sequence[Path], told: dict[str, Any], everything:
 
 def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[Line]:
     """A table: words of the last and first column to the left, all between to the right."""
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
 
     widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
     for number, row in enumerate([head, *rows]):

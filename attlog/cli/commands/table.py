@@ -13,10 +13,10 @@ import typer
 from attlog import __version__
 from attlog.base import spreadsheet
 from attlog.base.errors import LogUnusable, OutputError, UsageError, exit_code, message, worst
-from attlog.cli.shared.common import NoColor, console, say, to_stderr
+from attlog.cli.shared.printing import NoColor, console, say, to_stderr
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.fleet.pages.across_logs import Across, Column
 
 FORMATS = ("table", "csv", "md", "tex", "parquet")
@@ -122,7 +122,7 @@ def _notes(found: Across, failed: int) -> None:
 
 def _write(found: Across, by: str | None, kind: str, output: Path | None) -> None:
     from attlog.base.output import write_atomic
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.compare.tables.files import latex, markdown
     from attlog.fleet.pages import across_table
 
@@ -150,7 +150,7 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
 
 def terminal(found: Across, by: str | None, width: int) -> Iterator[Line]:
     """A block for each metric, with as many columns as fit."""
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.present.numbers import unit_sign
 
     questions = dict.fromkeys((c.metric, c.window) for c in found.columns)
@@ -164,7 +164,7 @@ def terminal(found: Across, by: str | None, width: int) -> Iterator[Line]:
 
 
 def _block(found: Across, by: str | None, columns: Sequence[Column], width: int) -> Iterator[Line]:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.fleet.pages.across_table import words
     from attlog.present.text import clean
 

@@ -10,12 +10,12 @@ import typer
 
 from attlog.base.errors import UsageError
 from attlog.cli.commands.sweep import ConfigFile, Prepared, ReferenceName, aligned, analysis_settings, end, stem
-from attlog.cli.shared.common import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
 from attlog.cli.shared.options import FilterTimeout
+from attlog.cli.shared.printing import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.compare.sweep.many import OnLog
     from attlog.compare.tune.search import Free
     from attlog.compare.tune.tune import Tuned
@@ -147,8 +147,7 @@ def _written(
 
 
 def _told(found: Tuned, files: Sequence[Path], told: dict[str, Any], firmware: dict[str, str]) -> Iterator[Line]:
-    from attlog.cli.shared.layout import Line
-    from attlog.cli.shared.terminal import wrapped
+    from attlog.cli.shared.printing import Line, wrapped
     from attlog.compare.sweep.text import references_of
     from attlog.compare.tune import text as tune_words
 

@@ -11,13 +11,13 @@ import typer
 
 from attlog import __version__
 from attlog.base.errors import OutputError, UsageError, message
-from attlog.cli.shared.common import Piped, say, to_stderr
+from attlog.cli.shared.printing import Piped, say, to_stderr
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from attlog.base.errors import AttlogError
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.fleet.ci.gating import Gating
     from attlog.fleet.ci.judged import Judged
     from attlog.fleet.records.record import Record
@@ -131,7 +131,7 @@ class Gated:
 
 def lines(judged: Judged) -> list[Line]:
     """What gates said of one log, the worst first."""
-    from attlog.cli.shared.layout import Line
+    from attlog.cli.shared.printing import Line
     from attlog.present.numbers import counted
 
     total = judged.passed + judged.failed + judged.skipped

@@ -13,7 +13,7 @@ import typer
 
 from attlog.base.errors import PluginError, UsageError
 from attlog.cli.shared import completion
-from attlog.cli.shared.common import finite, number_or
+from attlog.cli.shared.printing import finite, number_or
 
 if TYPE_CHECKING:
     from attlog.config import Config

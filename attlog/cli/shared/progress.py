@@ -1,13 +1,21 @@
-"""What a run says while it works: stages on a terminal, compiling also with -v."""
+"""How far a command is, on standard error: the stage of one log, a bar over many."""
 
 from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from attlog.cli.shared.common import to_stderr
+from attlog.cli.shared.printing import terminal, to_stderr
+
+if TYPE_CHECKING:
+    from attlog.fleet.records.record import Record
+    from attlog.fleet.records.work import Work
 
 STAGES, COMPILING = "attlog.stages", "attlog.compiling"
 """Loggers: the stage an analysis is in, and filters that are compiled."""
@@ -67,3 +75,116 @@ def progress(quiet: bool, verbose: bool) -> Iterator[Shown]:
             logger.removeHandler(shown)
             logger.setLevel(logging.NOTSET)
             logger.propagate = True
+
+
+PER_LOG = 300_000
+"""Bytes of log that take as long as what each log costs whatever its size."""
+SHOWN = 40
+"""Characters of a log's name and stage beside the bar."""
+
+
+class Bar:
+    """Shown on standard error while the block runs, if that is a terminal and ``quiet`` is not asked for.
+
+    ``verbose``: filters that are compiled are told where there is no terminal too.
+    """
+
+    def __init__(self, quiet: bool = False, verbose: bool = False) -> None:
+        self._shown = sys.stderr.isatty() and not quiet
+        self._compiling = (self._shown or verbose) and not quiet
+        self._progress: Any = None
+        self._told: set[str] = set()
+        self._lock = threading.RLock()
+        self._weights: dict[str, float] = {}
+        self._all = self._done = self._failed = self._mine = 0
+        self._weight = 0.0
+        self._started = time.monotonic()
+
+    def __enter__(self) -> Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def planned(self, works: Sequence[Work]) -> None:
+        """Begin to show how far these are."""
+        self._weights = {work.name: _weight(work) for work in works}
+        self._all, self._started = len(works), time.monotonic()
+        if not self._shown:
+            return
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        self._progress = Progress(
+            BarColumn(30),
+            TextColumn("{task.completed}/{task.total} logs{task.fields[more]}", markup=False),
+            TextColumn("{task.fields[now]}", markup=False),
+            console=terminal(stderr=True),
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+            refresh_per_second=4,
+        )
+        self._task = self._progress.add_task("", total=len(works), more="", now="")
+        self._progress.start()
+
+    def heard(self, work: Work, told: dict[str, Any]) -> None:
+        """A log is at a stage, or compiles a filter, which is told once. Called from any thread."""
+        from attlog.present.text import for_terminal
+
+        compiling = told.get("compiling", "")
+        with self._lock:
+            if compiling and self._compiling and compiling not in self._told:
+                self._told.add(compiling)
+                with self.aside():
+                    to_stderr(f"attlog: {compiling}")
+            if self._progress is not None and "stage" in told:
+                self._progress.update(self._task, now=for_terminal(f"{work.name[-SHOWN:]}: {told['stage']}"))
+
+    def advance(self, record: Record) -> None:
+        """One log is done or has failed."""
+        self._done += 1
+        self._failed += not record.done
+        weight = self._weights.pop(record.name, 0.0)
+        if not record.again:
+            self._mine += 1
+            self._weight += weight
+        if self._progress is not None:
+            self._progress.update(self._task, completed=self._done, more=self._more(), now="")
+
+    def _more(self) -> str:
+        """Behind the count: what failed, how fast, how long still. Logs that were done before tell no speed."""
+        seconds = time.monotonic() - self._started
+        text = f", {self._failed} failed" if self._failed else ""
+        if self._mine and seconds > 0:
+            text += f"  {speed(self._mine / seconds)}"
+        if self._weight and self._done < self._all:
+            left = sum(self._weights.values()) * seconds / self._weight
+            text += f"  {left // 3600:.0f}:{left // 60 % 60:02.0f}:{left % 60:02.0f} left"
+        return text
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """A block that prints: the bar makes room for it."""
+        if self._progress is None:
+            yield
+            return
+        with self._lock:
+            self._progress.stop()
+            try:
+                yield
+            finally:
+                self._progress.start()
+
+
+def speed(per_second: float) -> str:
+    """Logs per second, or per minute where that is below 1."""
+    return f"{per_second:.1f} logs/s" if per_second >= 1 else f"{per_second * 60:.1f} logs/min"
+
+
+def _weight(work: Work) -> float:
+    """How much work a log is: its bytes, where they are known, and something for each log."""
+    try:
+        return PER_LOG + float(Path(work.source.place).stat().st_size) * (not work.source.member)
+    except OSError:
+        return PER_LOG

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli.shared import completion, options
-from attlog.cli.shared.common import NoColor, terminal
+from attlog.cli.shared.printing import NoColor, terminal
 
 if TYPE_CHECKING:
     from attlog.testing import Outcome

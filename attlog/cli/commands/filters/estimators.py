@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli.shared import completion
-from attlog.cli.shared.common import NoColor, console, say, to_stdout
-from attlog.cli.shared.layout import Line, columns
 from attlog.cli.shared.options import FilterTimeout
+from attlog.cli.shared.printing import Line, NoColor, columns, console, say, to_stdout
 
 if TYPE_CHECKING:
     from attlog.estimators import Estimator

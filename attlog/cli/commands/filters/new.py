@@ -137,7 +137,7 @@ def command(
     """Write a commented filter to start from; it passes the checks as it is."""
     from attlog.base.errors import OutputError, UsageError
     from attlog.base.output import write_atomic
-    from attlog.cli.shared.common import to_stdout
+    from attlog.cli.shared.printing import to_stdout
 
     if file.suffix != ".py":
         raise UsageError(f"{file}: a filter is a Python file; give it the suffix .py")

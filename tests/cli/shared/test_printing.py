@@ -9,8 +9,7 @@ import sys
 import pytest
 from rich.console import Console
 
-from attlog.cli.shared.common import Piped, console, say, terminal
-from attlog.cli.shared.layout import Line
+from attlog.cli.shared.printing import Line, Piped, console, say, terminal
 
 TEXTS = ["", "plain", "bold [red]no markup[/red]  ", "a\tb", "rings\a and\b moves\v\f\r on", "µ° ≥ → ✓", "x" * 300]
 

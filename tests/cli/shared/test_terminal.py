@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from attlog.cli.shared.filter_table import comparison
-from attlog.cli.shared.terminal import printed
+from attlog.cli.shared.terminal import comparison, printed
 from attlog.metrics.answer import missing
 from attlog.present.names import row_names
 from attlog.present.stand_ins import stand_in

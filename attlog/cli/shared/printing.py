@@ -1,4 +1,4 @@
-"""Options that several commands share, and how a command talks."""
+"""How a command prints: plain tables, lines to a terminal or a pipe, results on standard output, messages on error."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import errno
 import math
 import os
 import sys
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
@@ -17,7 +19,41 @@ from attlog.base.errors import UsageError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from attlog.cli.shared.layout import Line
+GAP = 2
+NARROWEST = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of text; ``style`` is empty, ``bold``, ``dim`` or a colour."""
+
+    text: str
+    style: str = ""
+
+
+SENTENCES = 100
+"""Columns over which sentences are laid out; longer lines are hard to read."""
+
+
+def wrapped(label: str, text: str, width: int) -> Iterator[Line]:
+    """A sentence after its label, broken between words."""
+    lines = textwrap.wrap(text, min(width, SENTENCES) - len(label), break_long_words=False, break_on_hyphens=False)
+    for i, line in enumerate(lines or [""]):
+        yield Line(((label if i == 0 else " " * len(label)) + line).rstrip())
+
+
+def columns(rows: Iterable[tuple[str, ...]], width: int, indent: str = "  ") -> list[list[str]]:
+    """The lines of each row; all but the last column are as wide as their longest cell."""
+    listed = list(rows)
+    widths = [max(len(row[i]) for row in listed) + GAP for i in range(len(listed[0]) - 1)] if listed else []
+    before = len(indent) + sum(widths)
+    room = max(width - before, NARROWEST)
+    found = []
+    for row in listed:
+        head = indent + "".join(cell.ljust(w) for cell, w in zip(row, widths, strict=False))
+        last = textwrap.wrap(row[-1], room, break_long_words=False, break_on_hyphens=False) or [""]
+        found.append([(head + last[0]).rstrip(), *(" " * before + line for line in last[1:])])
+    return found
 
 
 def _no_color(wanted: bool) -> None:
