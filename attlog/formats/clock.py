@@ -23,6 +23,9 @@ FALSE_TIME_US = 5_000_000
 LONGEST_FALSE = 64
 """Records in a row that can be false: what a damaged sector or a torn write changes; more is another clock or boot."""
 
+LONGEST_LATE = 256
+"""Records in a row that a task may write late."""
+
 RUNS_AHEAD = 8
 """Runs with different false times beside each other that are looked over."""
 
@@ -39,8 +42,8 @@ _NEIGHBOURS = 20  # records on either side whose medians must agree that the clo
 def restarts(time_us: NDArray[np.int64]) -> list[int]:
     """The indices of the first records after a restart of the clock, at most :data:`MAX_BOOTS`.
 
-    A single record with a false time is no restart: the medians of the
-    neighbours on both sides decide.
+    A single record with a false time is no restart: the medians of the neighbours on both sides decide. Nor are
+    records that a task wrote late, with the times at which it should have: the clock comes back behind them.
     """
     found: list[int] = []
     for k in _behind_steps(time_us, -STEP_US, np.iinfo(np.int64).max).tolist():
@@ -49,11 +52,27 @@ def restarts(time_us: NDArray[np.int64]) -> list[int]:
         half = len(after) // 2
         median = after[half] if len(after) % 2 else (after[half - 1] + after[half]) / 2
         # the lower median: one false time among few must not look like a fall
-        if median < before[(len(before) - 1) // 2] - STEP_US:
+        if median < before[(len(before) - 1) // 2] - STEP_US and not _written_late(
+            time_us, found[-1] if found else 0, k
+        ):
             found.append(k)
             if len(found) == MAX_BOOTS - 1:
                 break
     return found
+
+
+def _written_late(time_us: NDArray[np.int64], begin: int, k: int) -> bool:
+    """Whether the times from ``k`` on are old ones, in a boot that begins at ``begin``, and the clock goes on behind.
+
+    It then jumps to where it was before the fall. A new boot counts on from its own start, where no record of the
+    old one was late.
+    """
+    if int(time_us[k]) < int(time_us[begin]) + FALSE_TIME_US:
+        return False
+    before = int(np.median(time_us[max(begin, k - _NEIGHBOURS) : k]))
+    some = time_us[k : k + LONGEST_LATE + _NEIGHBOURS]
+    jumps = (np.diff(some[: LONGEST_LATE + 1]) > STEP_US).nonzero()[0] + 1
+    return any(abs(float(np.median(some[j : j + _NEIGHBOURS])) - before) <= FALSE_TIME_US for j in jumps.tolist())
 
 
 def false_times(time_us: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -102,9 +102,7 @@ def _length_of(letters: str) -> int | None:
     return HEADER_LENGTH + sum(map(_LETTER_SIZES.__getitem__, letters))
 
 
-FMT_FORMAT = MessageFormat(
-    FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"), 0
-)
+FMT_FORMAT = MessageFormat(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"), 0)
 
 
 @dataclass(slots=True)
