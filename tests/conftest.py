@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -17,6 +18,20 @@ from _pytest.mark import ParameterSet
 os.environ["ATTLOG_RAISE"] = "1"  # what the last barrier of attlog/barrier.py catches is a fault in tests
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_logs"
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Before several workers start: kernels that are not at hand are compiled once, and not by each of them."""
+    if not getattr(session.config.option, "numprocesses", None):
+        return
+    from attlog.kernels.obtain import at_hand, obtained
+    from attlog.prebuilt import kernels
+
+    missing = [kernel for kernel in kernels() if at_hand(kernel) is None]
+    if missing:
+        print(f"Compiling {len(missing)} kernels once, which takes 3 s each ...", flush=True)
+    for kernel in missing:
+        obtained(kernel)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -101,6 +116,18 @@ def attlog(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
         return Done(code, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Signals end this process and its children as from a terminal, also where pytest was started to ignore them."""
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)]
+    ignored = [number for number in numbers if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+    yield
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @pytest.fixture(scope="session")

@@ -51,6 +51,7 @@ def test_it_opens_without_a_complaint_or_a_request_and_says_what_is_wrong(index:
     assert tiles == {"": "6", "serious": "2", "gates": "1", "failed": "1", "none": "3"}
 
 
+@pytest.mark.slow
 def test_words_tiles_and_lists_filter(index: Any) -> None:
     page = index.page
     page.fill("#q", "BLOW 5.2")
@@ -75,6 +76,7 @@ def test_words_tiles_and_lists_filter(index: Any) -> None:
         drawn(index, 6)
 
 
+@pytest.mark.slow
 def test_a_heading_sorts_by_its_numbers_and_the_third_click_ends_it(index: Any) -> None:
     tilt = index.page.locator("thead button", has_text="Tilt error")
     worst_first = names(index)
@@ -89,6 +91,7 @@ def test_a_heading_sorts_by_its_numbers_and_the_third_click_ends_it(index: Any) 
     assert names(index) == worst_first
 
 
+@pytest.mark.slow
 def test_keys_alone_sort_open_and_filter(index: Any) -> None:
     page = index.page
     page.locator("thead button", has_text="Log").focus()
@@ -103,6 +106,7 @@ def test_keys_alone_sort_open_and_filter(index: Any) -> None:
     assert page.locator("tr.more").count() == 0
 
 
+@pytest.mark.slow
 def test_details_tell_every_reason_and_the_four_sentences(index: Any) -> None:
     row = index.page.locator("tr[data-log]", has_text="crash.ulg")
     assert "1 more reason" in row.inner_text()
@@ -114,6 +118,7 @@ def test_details_tell_every_reason_and_the_four_sentences(index: Any) -> None:
     assert "drive/crash.ulg" in told
 
 
+@pytest.mark.slow
 def test_a_view_stands_in_the_address(index: Any, visit: Any) -> None:
     index.page.click(".tile.serious")
     index.page.locator("thead button", has_text="Log").click()
@@ -125,6 +130,7 @@ def test_a_view_stands_in_the_address(index: Any, visit: Any) -> None:
     assert len(names(odd)) == 3
 
 
+@pytest.mark.slow
 def test_distribution_and_trend_follow_the_filter_and_lead_to_a_log(index: Any) -> None:
     page = index.page
     spread = page.locator("#spread tbody")
@@ -148,6 +154,7 @@ def test_distribution_and_trend_follow_the_filter_and_lead_to_a_log(index: Any) 
     assert "Open the report" in page.locator("tr.more").inner_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a \"b\" 'c'.ulg", "50%#1?&.bin", "Flüge 飛行.ulg"])
 def test_a_link_opens_the_report_of_a_strange_name(visit: Any, tmp_path: Path, name: str) -> None:
     (tmp_path / f"{name}.html").write_text("<!doctype html><title>the right one</title>", encoding="utf-8")
@@ -157,6 +164,7 @@ def test_a_link_opens_the_report_of_a_strange_name(visit: Any, tmp_path: Path, n
     assert page.title() == "the right one"
 
 
+@pytest.mark.slow
 def test_hostile_texts_are_only_text(visit: Any, tmp_path: Path) -> None:
     entries = [
         flown(
@@ -173,6 +181,7 @@ def test_hostile_texts_are_only_text(visit: Any, tmp_path: Path) -> None:
     assert page.complaints == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entries", [[], [failed("a.bin")], [flown("a.ulg")]], ids=["none", "failed", "one"])
 def test_small_batches_are_shown(visit: Any, tmp_path: Path, entries: list[Entry]) -> None:
     page = visit(write_index(tmp_path, entries))
@@ -180,6 +189,7 @@ def test_small_batches_are_shown(visit: Any, tmp_path: Path, entries: list[Entry
     assert len(names(page)) == len(entries)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [390, 768, 1280])
 def test_it_fits_the_screen(visit: Any, tmp_path: Path, width: int) -> None:
     page = visit(write_index(tmp_path, BATCH), viewport={"width": width, "height": 844}).page
@@ -200,12 +210,14 @@ def test_axe_finds_no_violation(visit: Any, tmp_path: Path, scheme: str, width: 
     assert [(v["id"], v["nodes"][0]["html"][:160]) for v in found.response["violations"]] == []
 
 
+@pytest.mark.slow
 def test_dark_follows_the_button(visit: Any, tmp_path: Path) -> None:
     page = visit(write_index(tmp_path, BATCH), color_scheme="light").page
     page.click("#theme")
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(18, 22, 28)"
 
 
+@pytest.mark.slow
 def test_without_javascript_the_worst_are_readable(visit: Any, tmp_path: Path) -> None:
     page = visit(write_index(tmp_path, BATCH), java_script_enabled=False).page
     assert "A blow of 5.2 g at 7.9 s." in page.inner_text("noscript")
@@ -230,6 +242,7 @@ def test_ten_thousand_logs_open_and_filter_in_two_seconds(visit: Any, tmp_path: 
     assert min(filtered) < 2.0
 
 
+@pytest.mark.slow
 def test_a_picture_tells_in_words_what_it_draws(visit: Any, tmp_path: Path) -> None:
     entry = flown("a.ulg")
     assert entry.row is not None

@@ -34,6 +34,7 @@ def test_it_opens_without_complaint_or_request_and_draws_every_figure(visit, rep
     assert [name for name, drawn in figures.items() if not drawn] == []
 
 
+@pytest.mark.slow
 def test_the_verdicts_stand_in_the_first_screen_without_script(visit, report):
     page = visit(report, java_script_enabled=False).page
     for card in page.query_selector_all(".card"):
@@ -47,6 +48,7 @@ def test_the_verdicts_stand_in_the_first_screen_without_script(visit, report):
     assert page.query_selector("#table").inner_text().count("\n") > 5
 
 
+@pytest.mark.slow
 def test_zoom_in_one_figure_moves_all_with_flight_time_and_double_click_returns(visit, report):
     page = visit(report)
     whole = page.range("attitude")
@@ -89,6 +91,7 @@ def drag(page: Visit, figure: str, start: float, end: float) -> None:
     page.page.wait_for_timeout(500)
 
 
+@pytest.mark.slow
 def test_the_legend_hides_a_filter_in_every_figure(visit, report):
     page = visit(report)
     page.page.click(".lg:has-text('vqf')")
@@ -101,6 +104,7 @@ def test_the_legend_hides_a_filter_in_every_figure(visit, report):
     assert page.visible("difference") == {"1": False, "2": False, "3": False, "4": False, "5": True}
 
 
+@pytest.mark.slow
 def test_the_table_sorts_with_empty_cells_last(visit, report):
     page = visit(report).page
     heading = page.locator("#table thead button", has_text="Lag")
@@ -114,6 +118,7 @@ def test_the_table_sorts_with_empty_cells_last(visit, report):
     assert set(names[-2:]) == {"Onboard", "Complementary, Fan"}
 
 
+@pytest.mark.slow
 def test_a_phone_never_scrolls_sideways(visit, report):
     page = visit(report, viewport={"width": 390, "height": 844}, has_touch=True).page
     assert page.evaluate("document.documentElement.scrollWidth") == 390
@@ -122,6 +127,7 @@ def test_a_phone_never_scrolls_sideways(visit, report):
     assert page.evaluate("document.documentElement.scrollWidth") == 390
 
 
+@pytest.mark.slow
 def test_print_holds_every_figure_and_cuts_none(visit, report, tmp_path):
     page = visit(report)
     page.page.emulate_media(media="print")
@@ -156,6 +162,7 @@ def test_axe_finds_no_violation(visit, report, scheme):
     assert [(v["id"], v["nodes"][0]["html"][:120]) for v in found.response["violations"]] == []
 
 
+@pytest.mark.slow
 def test_dark_follows_the_button_in_page_and_figures(visit, report):
     page = visit(report, color_scheme="light")
     colour = "() => document.getElementById('attitude')._fullLayout.font.color"
@@ -165,6 +172,7 @@ def test_dark_follows_the_button_in_page_and_figures(visit, report):
     assert page.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(18, 22, 28)"
 
 
+@pytest.mark.slow
 def test_what_a_figure_shows_can_be_chosen(visit, report):
     page = visit(report)
     title = "() => document.getElementById('spectrum').layout.yaxis.title.text"
@@ -176,6 +184,7 @@ def test_what_a_figure_shows_can_be_chosen(visit, report):
     assert page.complaints == []
 
 
+@pytest.mark.slow
 def test_a_figure_can_be_saved_with_its_legend_as_picture_and_numbers(visit, report, tmp_path):
     page = visit(report)
 
@@ -195,6 +204,7 @@ def test_a_figure_can_be_saved_with_its_legend_as_picture_and_numbers(visit, rep
     assert page.complaints == []
 
 
+@pytest.mark.slow
 def test_values_under_the_pointer_stand_in_the_margin_and_hide_no_line(visit, report):
     page = visit(report).page
     area = page.locator("#difference .nsewdrag").first
@@ -205,6 +215,7 @@ def test_values_under_the_pointer_stand_in_the_margin_and_hide_no_line(visit, re
     assert page.locator("#difference .hoverlayer .hovertext").count() == 0
 
 
+@pytest.mark.slow
 def test_the_result_can_be_saved_from_the_page(visit, report):
     import json
 

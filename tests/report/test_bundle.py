@@ -167,6 +167,7 @@ def test_the_full_bundle_draws_under_its_policy(visit, tmp_path):
     assert own_bytes(path) < 2_400_000
 
 
+@pytest.mark.slow
 def test_shared_reports_load_one_bundle_from_their_folder_and_nothing_else(visit, tmp_path):
     for name in ("a.html", "b.html"):
         write_report(make_result(), tmp_path / name, plotly="shared")

@@ -61,6 +61,7 @@ def test_what_was_only_skipped_is_not_green() -> None:
     assert "Gates: 0 checks passed, 1 skipped" in block(GOOD[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_page_with_gates_has_no_accessibility_violation(visit, page: Path, tmp_path: Path, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")

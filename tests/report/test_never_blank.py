@@ -115,6 +115,7 @@ POOR = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", POOR, ids=lambda f: f.__name__)
 def test_a_poor_log_gives_a_whole_page(visit, tmp_path, make):
     result = make()

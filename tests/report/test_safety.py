@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from attlog.flight.model import Problem
 from attlog.present.sentences import verdicts
 from attlog.present.text import clean
@@ -93,6 +95,7 @@ def test_a_browser_runs_and_fetches_nothing_from_a_hostile_log(visit, tmp_path):
     assert page.page.evaluate("document.querySelectorAll('.plot b').length") == 0
 
 
+@pytest.mark.slow
 def test_the_policy_stops_what_does_not_belong_to_the_page(visit, report, tmp_path):
     intruder = tmp_path / "intruder.html"
     text = report.read_text(encoding="utf-8")

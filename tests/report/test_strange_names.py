@@ -84,6 +84,7 @@ def page(request: pytest.FixtureRequest, browser: Any, tmp_path_factory: pytest.
     visit.close()
 
 
+@pytest.mark.slow
 def test_nothing_is_run_fetched_or_complained_of(page: Visit) -> None:
     page.page.evaluate(
         "document.querySelectorAll('.open, summary, .lg:nth-of-type(-n+3) input').forEach((e) => e.click())"
@@ -95,6 +96,7 @@ def test_nothing_is_run_fetched_or_complained_of(page: Visit) -> None:
     assert page.page.locator("main img, iframe, object, a[href^=javascript i]").count() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [390, 1280])
 def test_the_page_keeps_to_its_screen_and_long_names_leave_room_for_what_is_said(page: Visit, width: int) -> None:
     page.page.set_viewport_size({"width": width, "height": 844})
@@ -103,11 +105,13 @@ def test_the_page_keeps_to_its_screen_and_long_names_leave_room_for_what_is_said
     assert page.page.locator("main").bounding_box()["y"] < 700
 
 
+@pytest.mark.slow
 def test_what_is_hidden_or_turns_the_line_round_is_shown_as_a_mark(page: Visit) -> None:
     text = page.page.evaluate("document.body.textContent")
     assert not set(text) & set("\u202e\u2028\x00\x1b\x9b")
 
 
+@pytest.mark.slow
 def test_tables_saved_from_the_page_run_nothing(page: Visit) -> None:
     if page.page.locator("button.csv").count():
         button: Any = page.page.locator("button.csv").last
@@ -124,6 +128,7 @@ def test_tables_saved_from_the_page_run_nothing(page: Visit) -> None:
         assert [cell for cell in line if cell.startswith("=") or ";=" in cell] == []
 
 
+@pytest.mark.slow
 def test_the_script_quotes_cells_as_the_package_does(page: Visit, spreadsheet: Callable[[str], str]) -> None:
     from attlog.base.spreadsheet import cell
 

@@ -55,6 +55,7 @@ def test_it_opens_without_complaint_or_request_and_draws_every_figure(browser: A
     visit.close()
 
 
+@pytest.mark.slow
 def test_a_figure_shows_what_it_was_given(browser: Any, path: Path) -> None:
     visit = Visit(browser, path)
     drawn = visit.page.evaluate("() => document.getElementById('spread').data[0]")
@@ -66,6 +67,7 @@ def test_a_figure_shows_what_it_was_given(browser: Any, path: Path) -> None:
     visit.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_violation(browser: Any, path: Path, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
@@ -77,6 +79,7 @@ def test_axe_finds_no_violation(browser: Any, path: Path, scheme: str) -> None:
     visit.close()
 
 
+@pytest.mark.slow
 def test_a_phone_never_scrolls_sideways(browser: Any, path: Path) -> None:
     visit = Visit(browser, path, viewport={"width": 390, "height": 844}, has_touch=True)
     assert visit.page.evaluate("document.documentElement.scrollWidth") == 390

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from attlog.reproduce.lyu import claims as lyu
 from tests.conftest import SAMPLES
+from tests.reproduce.made import paper
 
 
-def test_a_paper_is_told_on_the_terminal_and_written_as_page_and_json(attlog, tmp_path: Path) -> None:
+@pytest.mark.parametrize("made", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_a_paper_is_told_on_the_terminal_and_written_as_page_and_json(
+    attlog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: bool
+) -> None:
+    if made:
+        monkeypatch.setattr(lyu, "paper", lambda options: replace(paper(), key="lyu", seeds=options.seeds))
     done = attlog("reproduce", "lyu", "--seeds", "2", "-j", "1", "-o", tmp_path)
     assert done.code == 0, done.err
     assert "does not hold" in done.out
@@ -21,6 +31,7 @@ def test_a_paper_is_told_on_the_terminal_and_written_as_page_and_json(attlog, tm
         assert claim["verdict"] in done.out
 
 
+@pytest.mark.slow
 def test_json_on_standard_output_is_the_file(attlog, tmp_path: Path) -> None:
     done = attlog("reproduce", "lyu", "--seeds", "2", "-j", "1", "-o", tmp_path, "-q", "--json")
     assert done.code == 0, done.err
@@ -44,6 +55,7 @@ def test_logs_for_a_paper_without_are_2(attlog, tmp_path: Path) -> None:
     assert (done.code, "--logs" in done.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_one_seed_alone_judges_nothing_by_an_interval(attlog, tmp_path: Path) -> None:
     done = attlog("reproduce", "lyu", "--seeds", "1", "-j", "1", "-o", tmp_path)
     assert done.code == 0, done.err

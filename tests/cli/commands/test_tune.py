@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
 from attlog.estimators import get
 from tests.conftest import SAMPLES
 
 LOGS = (SAMPLES / "px4_steps.ulg", SAMPLES / "copter_yaw_turns.bin")
 
 
+@pytest.mark.slow
 def test_gains_come_with_page_and_json_and_the_same_again(attlog, tmp_path: Path) -> None:
     arguments = (*LOGS, "mahony", "kp=0.1..2log", "--objective", "tilt", "--generations", "1")
     done = attlog("tune", *arguments, "-o", tmp_path, "--table", tmp_path / "t.md")

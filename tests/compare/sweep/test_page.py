@@ -17,6 +17,7 @@ from attlog.compare.sweep.sweep import Sweep, sweep
 from attlog.compare.tables.files import csv_text, latex, markdown
 from attlog.estimators import get
 from tests.compare.sweep.test_sweep import Made
+from tests.conftest import few
 from tests.report.browser import Visit
 from tests.report.test_safety import EVIL
 
@@ -40,11 +41,14 @@ def test_the_page_loads_nothing_and_shows_names_as_text() -> None:
 
 @pytest.mark.parametrize(
     ("axes", "kinds"),
-    [
-        (["kp=0.1,0.2,0.4"], ["along"]),
-        (["kp=0.1..2/4log", "ki=0,0.01"], ["cells", "along", "along"]),
-        (["kp=0.1,0.2", "mag_form=heading,vector", "ki=0,1"], ["cells", "along", "along", "along"]),
-    ],
+    few(
+        [
+            (["kp=0.1,0.2,0.4"], ["along"]),
+            (["kp=0.1..2/4log", "ki=0,0.01"], ["cells", "along", "along"]),
+            (["kp=0.1,0.2", "mag_form=heading,vector", "ki=0,1"], ["cells", "along", "along", "along"]),
+        ],
+        1,
+    ),
 )
 def test_every_figure_is_drawn_wide_and_narrow(axes: list[str], kinds: list[str], tmp_path: Path, browser: Any) -> None:
     found = swept(*axes)
@@ -61,6 +65,7 @@ def test_every_figure_is_drawn_wide_and_narrow(axes: list[str], kinds: list[str]
         visit.close()
 
 
+@pytest.mark.slow
 def test_words_stand_out_from_every_cell_in_light_and_dark(tmp_path: Path, browser: Any) -> None:
     """Contrast as WCAG 2.2 defines it, computed here from the drawn colours; 4.5 is its limit for text."""
     path = tmp_path / "sweep.html"
@@ -85,6 +90,7 @@ def _luminance(colour: str) -> float:
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
+@pytest.mark.slow
 def test_figures_and_tables_are_saved_as_numbers(tmp_path: Path, browser: Any) -> None:
     found = swept("kp=0.1,0.2,0.4", "ki=0,0.01")
     path = tmp_path / "sweep.html"
@@ -106,6 +112,7 @@ def test_figures_and_tables_are_saved_as_numbers(tmp_path: Path, browser: Any) -
     visit.close()
 
 
+@pytest.mark.slow
 def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
     about = {"attlog": {"version": "1"}, "command": EVIL, "logs": [dict.fromkeys(LOG, EVIL)]}
     path = tmp_path / "sweep.html"

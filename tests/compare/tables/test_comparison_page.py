@@ -85,6 +85,7 @@ def test_figures_are_drawn_in_a_browser_and_saved_as_numbers(tmp_path: Path, bro
     visit.close()
 
 
+@pytest.mark.slow
 def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
     found = made()
     for line in found.logs:

@@ -58,7 +58,7 @@ def tuned(
 
 @pytest.fixture(scope="module")
 def planted() -> Tuned:
-    return tuned([noisy(seed) for seed in range(4)], ["kp=0.05..20log"])
+    return tuned([noisy(seed, 100.0) for seed in range(4)], ["kp=0.05..20log"], generations=2)
 
 
 def test_a_planted_optimum_is_found(planted: Tuned) -> None:
@@ -79,6 +79,7 @@ def test_its_worth_on_logs_left_out_is_what_theory_gives(planted: Tuned) -> None
     assert np.exp(mean_left_out(planted)) == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.slow
 def test_no_gain_is_promised_where_the_filter_is_at_its_best_already() -> None:
     found = tuned([noisy(seed, 100.0) for seed in range(3)], ["kp=0.1..10log"], start=PLANTED, generations=2)
     assert told_side(found.judged[0].beside) == 0
@@ -88,6 +89,7 @@ def test_no_gain_is_promised_where_the_filter_is_at_its_best_already() -> None:
     assert "by -" not in said
 
 
+@pytest.mark.slow
 def test_one_log_alone_is_tuned_over_blocks_of_its_time() -> None:
     found = tuned([noisy(7, 300.0)], ["kp=0.05..20log"])
     assert [p.name for p in found.parts][1:] == ["86 to 157 s", "157 to 229 s", "229 to 300 s"]
@@ -96,8 +98,9 @@ def test_one_log_alone_is_tuned_over_blocks_of_its_time() -> None:
     assert "4 blocks of time of one log" in next(sentences(found, {}))
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_answer(planted: Tuned) -> None:
-    again = tuned([noisy(seed) for seed in range(4)], ["kp=0.05..20log"])
+    again = tuned([noisy(seed, 100.0) for seed in range(4)], ["kp=0.05..20log"], generations=2)
     assert document(again, {}, {}) == document(planted, {}, {})
 
 
@@ -114,6 +117,7 @@ def test_what_is_told_can_be_pasted_and_read(planted: Tuned) -> None:
     assert json.loads(json.dumps(document(planted, {}, {}), allow_nan=False))["schema"] == "attlog-tune/1"
 
 
+@pytest.mark.slow
 def test_every_setting_that_was_tried_is_drawn(planted: Tuned, tmp_path: Path, browser: Any) -> None:
     path = tmp_path / "tune.html"
     path.write_text(tune_page(planted, ABOUT, {}), encoding="utf-8")

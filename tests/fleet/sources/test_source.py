@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import gzip
 import hashlib
+import io
 import pickle
 import sys
 import tempfile
@@ -34,17 +36,24 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-@pytest.fixture
-def zipped(tmp_path: Path) -> Path:
+@functools.cache
+def packed() -> bytes:
     """An archive as people make them: folders, a packed log, what a Mac adds, notes, names that want to break out."""
-    path = tmp_path / "day.zip"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("flights/a.bin", LOG)
         file.writestr("flights/b.bin.gz", gzip.compress(LOG))
         file.writestr("flights/notes.txt", "windy")
         file.writestr("__MACOSX/flights/._a.ulg", b"\0")
         file.writestr("../../escaped.bin", LOG)
         file.writestr("/etc/absolute.bin", LOG)
+    return content.getvalue()
+
+
+@pytest.fixture
+def zipped(tmp_path: Path) -> Path:
+    path = tmp_path / "day.zip"
+    path.write_bytes(packed())
     return path
 
 

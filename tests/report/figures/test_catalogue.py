@@ -24,6 +24,7 @@ def figures(result):
     return {f.id: f for part in sections(result, looks(result), Store()).values() for f in part}
 
 
+@pytest.mark.slow
 def test_a_row_has_one_colour_and_dash_in_every_figure(visit, report):
     page = visit(report).page
     found = page.evaluate(
@@ -37,10 +38,14 @@ def test_a_row_has_one_colour_and_dash_in_every_figure(visit, report):
     assert len({c for cs in colours.values() for c in cs}) == len(colours)
 
 
-def test_figures_with_numbers_say_them_in_words(visit, report):
+def test_figures_with_numbers_say_them_in_words():
     names = [row_name(row) for row in make_result().estimators if row.kind == "replay"]
     for figure in ("attitude", "difference", "rest", "lag", "drifts", "bias"):
         assert any(name in figures(make_result())[figure].words for name in names), figure
+
+
+@pytest.mark.slow
+def test_what_is_said_in_words_is_there_for_those_who_do_not_see(visit, report):
     page = visit(report).page
     for plot in page.query_selector_all(".plot[aria-describedby]"):
         assert len(page.locator(f"#{plot.get_attribute('aria-describedby')}").inner_text()) > 10

@@ -71,12 +71,14 @@ def test_a_heading_that_is_late_by_30_ms_is_found_late_by_30_ms() -> None:
     assert rise == pytest.approx(0.0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_raw_is_worst_and_its_verdict_turns_with_the_numbers(found: Paper, seeds: list[Seed]) -> None:
     assert next(c for c in found.claims if c.id == "raw").verdict == "holds"
     swapped = [replace(s, spread=s.spread | {RAW: s.spread[FILTER], FILTER: s.spread[RAW]}) for s in seeds]
     assert fan._raw(swapped).verdict == "holds in part"
 
 
+@pytest.mark.slow
 def test_a_claim_that_hangs_on_the_noise_values_says_with_which_it_holds(seeds: list[Seed]) -> None:
     claim, by_walk = fan._but_yaw(seeds)
     assert by_walk == ["does not hold", "holds", "holds"]
@@ -95,11 +97,13 @@ def test_it_is_counted_how_many_claims_hold_at_once() -> None:
     assert "no set gives all 2" in fan._jointly([[held, not_held, not_held], [not_held, held, held]])
 
 
+@pytest.mark.slow
 def test_spikes_are_seen_in_the_complementary_filter_and_not_in_the_kalman_filter(seeds: list[Seed]) -> None:
     assert all(s.turned[FILTER].spikes > s.turned[EKF].spikes for s in seeds)
     assert all(s.turned[FILTER].peak_deg > 2 * s.turned[EKF].peak_deg for s in seeds)
 
 
+@pytest.mark.slow
 def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
     for figure in found.figures:
         assert figure.lines

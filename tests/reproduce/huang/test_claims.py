@@ -81,6 +81,7 @@ def test_flown_on_the_truth_there_is_no_error_and_it_returns_to_level(flight: Fl
         assert abs(one.left_deg) < 0.3
 
 
+@pytest.mark.slow
 def test_tracking_is_that_of_the_transfer_function(flight: Flight) -> None:
     found = huang_runs.measured(flight)
     for one, (_, period, axis) in zip(found.tracked, TRACKS, strict=True):

@@ -14,6 +14,7 @@ from attlog.reproduce.lyu import claims as lyu
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs as lyu_runs
 from attlog.reproduce.paper import Options, Paper
+from tests.conftest import few
 
 SEEDS = 3
 
@@ -39,9 +40,8 @@ def number(paper: Paper, claim: str, what: str) -> float:
     return hits[0].value
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("reading", ["second", "sample"])
-@pytest.mark.parametrize("seed", range(SEEDS))
+@pytest.mark.parametrize("reading", few(["second", "sample"], 1))
+@pytest.mark.parametrize("seed", few(range(SEEDS), 1))
 def test_at_rest_the_two_filters_are_one_to_the_last_bit(seed: int, reading: str) -> None:
     s = lyu_runs.at_rest(seed)
     gains = {"kp": 0.5, "ki": 0.001, "mag_gain": 0.0, "acc_form": "direction", "integrator": "first_order"}
@@ -80,6 +80,7 @@ def test_the_spread_at_rest_is_that_of_a_line_fitted_by_hand(found: Paper) -> No
     assert told == pytest.approx(np.mean(spreads), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_settling_after_a_wrong_start_is_that_of_the_differential_equation(found: Paper) -> None:
     """Per second ki is nothing: the error obeys x' = -kp sin x, whose solution is known."""
     rows = {row[0]: row[1:] for row in found.tables[0].rows}
@@ -89,6 +90,7 @@ def test_settling_after_a_wrong_start_is_that_of_the_differential_equation(found
         assert told == pytest.approx(ideal, abs=1.2)  # the gyro's bias moves the end by some tenths of a degree
 
 
+@pytest.mark.slow
 def test_a_better_filter_would_be_found_better() -> None:
     """The verdicts are not stuck: with the spreads of another filter the claim holds."""
     better = []
@@ -104,6 +106,7 @@ def test_a_better_filter_would_be_found_better() -> None:
     assert lyu._at_rest(worse).verdict == "holds in part"
 
 
+@pytest.mark.slow
 def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
     for figure in found.figures:
         assert figure.lines

@@ -62,6 +62,7 @@ def test_the_error_of_tilt_is_that_of_a_run_by_hand(seeds: list[Seed]) -> None:
     assert seeds[0].tilt[gain(1.1)] == pytest.approx(np.sqrt(np.mean(angle**2)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_papers_gains_are_its_presets() -> None:
     assert [gain(kp) for kp in (0.6, 1.1, 2.0)] == ["mahony@xu-0.6", "mahony@xu-1.1", "mahony@xu-2"]
     s = xu_runs.flown(0)
@@ -69,6 +70,7 @@ def test_the_papers_gains_are_its_presets() -> None:
     assert np.array_equal(other.q, xu_runs.run(gain(1.1), s).q)
 
 
+@pytest.mark.slow
 def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[Seed]) -> None:
     for s in seeds:
         for axis in (0, 1):
@@ -76,6 +78,7 @@ def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[Seed]
             assert rms == sorted(rms)
 
 
+@pytest.mark.slow
 def test_the_verdicts_follow_the_numbers(seeds: list[Seed]) -> None:
     runs = [xu._of_seeds(seeds)]
     assert xu._oscillates(runs).verdict == "holds"
@@ -87,6 +90,7 @@ def test_the_verdicts_follow_the_numbers(seeds: list[Seed]) -> None:
     assert xu._adaptive([xu._of_seeds(better)]).verdict == "holds"
 
 
+@pytest.mark.slow
 def test_the_best_gain_is_the_lowest_of_a_curve_that_is_known(seeds: list[Seed]) -> None:
     curve = {gain(kp): 1.0 + np.log(kp / 0.85) ** 2 for kp in SWEPT}
     known = [
@@ -123,6 +127,7 @@ def test_a_log_that_cannot_tell_says_why(tmp_path: Path) -> None:
     assert any("bad.bin" in note for note in found)
 
 
+@pytest.mark.slow
 def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
     for figure in found.figures:
         assert figure.lines
