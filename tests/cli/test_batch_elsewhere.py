@@ -15,6 +15,8 @@ import pytest
 from tests.conftest import ROOT, SAMPLES
 from tests.fleet.dask_processes import Cluster
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 OPTIONS = ("--estimators", "gyro", "--deterministic")
 PATIENCE_S = 120.0
 

@@ -9,6 +9,8 @@ import pytest
 
 from tests.fleet.harm import harm, installed
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 LOGS = ("px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog")
 
 

@@ -14,6 +14,8 @@ import pytest
 from attlog import formats
 from tests.conftest import SAMPLES, few
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 LOG = SAMPLES / "copter_yaw_turns.bin"
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="signals and limits as Linux knows them")
 MAPPED = """

@@ -18,6 +18,8 @@ from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.registry import from_file
 from tests.conftest import few
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 HOW = {
     "raise": "raise ValueError('no good')",
     "exit": "sys.exit(4)",

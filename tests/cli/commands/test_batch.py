@@ -16,6 +16,8 @@ from tests.cli.test_exit_codes import expect
 from tests.conftest import ROOT, SAMPLES
 from tests.fleet.schedulers.test_batch import content, cut
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 LOG = SAMPLES / "copter_yaw_turns.bin"
 GYRO = ("--estimators", "gyro", "--deterministic")
 

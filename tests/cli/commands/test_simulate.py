@@ -16,6 +16,8 @@ from attlog.simulate.scenario.overrides import overridden, seeds
 from attlog.simulate.scenario.scenario import build, load, names
 from attlog.simulate.scenario.text import as_toml
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 SHORT = ("--set", "seconds=3")
 
 

@@ -15,6 +15,8 @@ import pytest
 
 from tests.conftest import SAMPLES
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 LOG = SAMPLES / "copter_yaw_turns.bin"
 GYRO = ("--estimators", "gyro", "--reference", "onboard", "-q")
 POSIX = pytest.mark.skipif(os.name != "posix", reason="devices and pipes as POSIX knows them")

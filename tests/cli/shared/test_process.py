@@ -14,6 +14,8 @@ import pytest
 from attlog.cli.shared.process import ended_by_signals
 from tests.conftest import SAMPLES, few
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_signal_interrupts_and_is_told(number: signal.Signals) -> None:

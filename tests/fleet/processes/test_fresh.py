@@ -27,6 +27,8 @@ from tests.conftest import few
 from tests.fleet.harm import harm, installed
 from tests.fleet.processes.test_run import LOG, gone, plugin, work
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 ROOT = Path(__file__).parents[2]
 POSIX_ALONE = {
     os: ("fork", "killpg", "setsid", "wait4", "sched_getaffinity", "getuid"),
