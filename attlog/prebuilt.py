@@ -26,14 +26,14 @@ Keys = dict[str, dict[str, str]]
 
 def kernels() -> Iterator[Kernel]:
     """The loops of all built-in filters, readers and metrics and, where its packages are there, of the simulator."""
-    from attlog.base.rotation_loops import INTERPOLATED
+    from attlog.base.interpolation import INTERPOLATED
     from attlog.estimators import get
     from attlog.estimators.engine.loop import kernel_of
     from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
     from attlog.estimators.filters.inertial.recursion import RECURSION_KERNEL
     from attlog.estimators.filters.navigation.kernels import AHEAD_KERNEL, BACKWARD_KERNEL, CHAIN_KERNEL, FORWARD_KERNEL
     from attlog.estimators.registry import BUILT_IN
-    from attlog.formats import copying, grouping
+    from attlog.formats import grouping, mapping
     from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink import compiled as mavlink
     from attlog.formats.ulog import index
@@ -42,7 +42,7 @@ def kernels() -> Iterator[Kernel]:
     from attlog.metrics.noise import loops as noise_loop
     from attlog.metrics.steps import turning_loop
     from attlog.metrics.steps.fit import loops as step_loops
-    from attlog.segments import increments_loop
+    from attlog.segments import increments
 
     yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.step is not None)
     yield from (
@@ -52,7 +52,7 @@ def kernels() -> Iterator[Kernel]:
         CHAIN_KERNEL,
         RECORD_KERNEL,
         RECURSION_KERNEL,
-        copying.COPY,
+        mapping.COPY,
         grouping.COUNT,
         grouping.SCATTER,
         index.WALK,
@@ -70,8 +70,8 @@ def kernels() -> Iterator[Kernel]:
         turning_loop.SUMMED,
         turning_loop.ABOUT,
         INTERPOLATED,
-        increments_loop.SUMMED,
-        increments_loop.BETWEEN,
+        increments.SUMMED,
+        increments.BETWEEN,
     )
     try:
         from attlog.simulate.autopilot import controller

@@ -46,7 +46,7 @@ def _by_blocks(*shape: int) -> Callable[[Callable[P, Array]], Callable[P, Array]
 
 @_by_blocks(4)
 def normalize(q: ArrayLike) -> Array:
-    """Unit quaternions (..., 4); one of zero length, or of one beyond any number, becomes NaN."""
+    """Unit quaternions (n, 4) or (4,); one of zero length, or of one beyond any number, becomes NaN."""
     q = np.asarray(q, np.float64)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         norm = np.asarray(length(q))
@@ -66,7 +66,7 @@ def finite(x: Array) -> NDArray[np.bool_]:
 
 
 def length(x: Array) -> Array:
-    """Lengths (...) of (..., k): column by column, because numpy sums a short last axis many times slower."""
+    """Lengths (n,) of vectors (n, k): column by column, because numpy sums a short last axis many times slower."""
     square = x[..., 0] * x[..., 0]
     for k in range(1, x.shape[-1]):
         square = square + x[..., k] * x[..., k]
@@ -74,14 +74,14 @@ def length(x: Array) -> Array:
 
 
 def conjugate(q: ArrayLike) -> Array:
-    """The inverse rotation of unit quaternions (..., 4)."""
+    """The inverse rotation of unit quaternions (n, 4) or (4,)."""
     inverse: Array = np.asarray(q, np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
     return inverse
 
 
 @_by_blocks(4)
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """Hamilton product a (x) b: first b, then a."""
+    """Hamilton product (n, 4) of quaternions a (n, 4) and b (n, 4), or of single ones (4,): first b, then a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     a0, a1, a2, a3 = (a[..., k] for k in range(4))
     b0, b1, b2, b3 = (b[..., k] for k in range(4))
@@ -95,7 +95,7 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
-    """Vectors v (..., 3) turned by q: body to earth."""
+    """Vectors v (n, 3) turned by quaternions q (n, 4), body to earth; either may be a single one."""
     q = np.asarray(q, np.float64)
     v = np.asarray(v, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
@@ -109,13 +109,13 @@ def rotate(q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def rotate_inverse(q: ArrayLike, v: ArrayLike) -> Array:
-    """Vectors v (..., 3) turned back by q: earth to body."""
+    """Vectors v (n, 3) turned back by quaternions q (n, 4), earth to body; either may be a single one."""
     return rotate(conjugate(q), v)
 
 
 @_by_blocks(4)
 def from_rotvec(v: ArrayLike) -> Array:
-    """Quaternion of a rotation vector (..., 3) in rad."""
+    """Quaternions (n, 4) of rotation vectors (n, 3) in rad; (4,) of a single one."""
     v = np.asarray(v, np.float64)
     half = 0.5 * length(v)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -128,7 +128,7 @@ def from_rotvec(v: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def to_rotvec(q: ArrayLike) -> Array:
-    """Rotation vector (..., 3) in rad, length 0 to pi."""
+    """Rotation vectors (n, 3) in rad, length 0 to pi, of quaternions (n, 4); (3,) of a single one."""
     q = np.asarray(q, np.float64)
     w, s = q[..., 0], length(q[..., 1:])
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -158,7 +158,7 @@ def turns(before: Array, after: Array) -> Array:
 
 
 def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
-    """Quaternions (..., 4) of roll, pitch, yaw in rad (order z-y-x)."""
+    """Quaternions (n, 4) of roll, pitch, yaw (n,) in rad, order z-y-x; (4,) of single angles."""
     r, p, y = (0.5 * np.asarray(x, np.float64) for x in (roll, pitch, yaw))
     cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
     return np.stack(
@@ -174,7 +174,7 @@ def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
 
 @_by_blocks(3)
 def to_euler(q: ArrayLike) -> Array:
-    """Roll, pitch, yaw (..., 3) in rad; yaw in (-pi, pi]."""
+    """Roll, pitch, yaw (n, 3) in rad of quaternions (n, 4); yaw in (-pi, pi]."""
     q = np.asarray(q, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
     out = np.empty((*q.shape[:-1], 3))
@@ -186,7 +186,7 @@ def to_euler(q: ArrayLike) -> Array:
 
 @_by_blocks(3, 3)
 def to_matrix(q: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3), body to earth."""
+    """Rotation matrices (n, 3, 3), body to earth, of quaternions (n, 4)."""
     q = np.asarray(q, np.float64)
     w, x, y, z = (q[..., k] for k in range(4))
     xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
@@ -213,8 +213,8 @@ def interpolated(
 
     NaN and -1 where that is not to be had.
     """
-    from attlog.base.rotation_loops import INTERPOLATED, interpolated_at_once
-    from attlog.base.rotation_loops import interpolated as loop
+    from attlog.base.interpolation import INTERPOLATED, interpolated_at_once
+    from attlog.base.interpolation import interpolated as loop
     from attlog.kernels.loops import function_of
 
     t, q = np.ascontiguousarray(t, np.float64), np.ascontiguousarray(q, np.float64)
@@ -248,32 +248,32 @@ def means(q: Array, edges: NDArray[np.int64]) -> Array:
 
 
 def error(q_est: ArrayLike, q_ref: ArrayLike) -> Array:
-    """e = q_est (x) conj(q_ref): the error seen in earth axes (``docs/metrics.md``)."""
+    """The error (n, 4) seen in earth axes, q_est (n, 4) times the inverse of q_ref (n, 4) (``docs/metrics.md``)."""
     return multiply(q_est, conjugate(q_ref))
 
 
 def total_angle(e: ArrayLike) -> Array:
-    """Total error in rad, 0 to pi: 2 atan2(|e_vec|, |e0|)."""
+    """Total error (n,) in rad, 0 to pi, of e (n, 4): 2 atan2(|e_vec|, |e0|)."""
     e = np.asarray(e, np.float64)
     angle: Array = 2.0 * np.arctan2(length(e[..., 1:]), np.abs(e[..., 0]))
     return angle
 
 
 def heading_angle(e: ArrayLike) -> Array:
-    """Heading error in rad, -pi to pi: 2 atan2(e3, e0), wrapped."""
+    """Heading error (n,) in rad, -pi to pi, of e (n, 4): 2 atan2(e3, e0), wrapped."""
     e = np.asarray(e, np.float64)
     return wrap(2.0 * np.arctan2(e[..., 3], e[..., 0]))
 
 
 def inclination_angle(e: ArrayLike) -> Array:
-    """Tilt error in rad, 0 to pi: 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
+    """Tilt error (n,) in rad, 0 to pi, of e (n, 4): 2 atan2(hypot(e1, e2), hypot(e0, e3))."""
     e = np.asarray(e, np.float64)
     angle: Array = 2.0 * np.arctan2(length(e[..., 1:3]), length(e[..., ::3]))
     return angle
 
 
 def wrap(angle: ArrayLike) -> Array:
-    """Angles in rad wrapped to [-pi, pi)."""
+    """Angles (n,) in rad wrapped to [-pi, pi)."""
     return (np.asarray(angle, np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -283,7 +283,7 @@ def unwrap(angle: Array, period: float = 2 * np.pi) -> Array:
 
 
 def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
-    """Attitudes turned by ``angle`` rad about the earth's down axis (adds to the heading)."""
+    """Attitudes (n, 4) turned by ``angle`` (n,) rad, or one for all, about the earth's down axis: adds to the heading."""
     q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)
     out = np.empty((*np.broadcast_shapes(q.shape[:-1], half.shape), 4))
     if q.ndim == 2 and len(q) > BLOCK and half.shape in ((), (len(q),)):

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from attlog.base import limits
 from attlog.base.errors import LogUnreadable, LogUnusable
 from attlog.formats.base import Offsets
-from attlog.formats.compiled import if_cheap, is_ready
-from attlog.formats.copying import COPY
+from attlog.formats.compiled import if_cheap, is_ready, kernel_of
+
+SOURCE = "formats/mapping.py"
 
 
 def map_bytes(path: str | Path) -> NDArray[np.uint8]:
@@ -43,7 +44,7 @@ def map_bytes(path: str | Path) -> NDArray[np.uint8]:
 
 
 def map_open_file(file: BinaryIO, path: str | Path) -> NDArray[np.uint8]:
-    """The content of an open file, which may be closed afterwards; ``path`` is what errors call it."""
+    """The content of an open file, as uint8 (n,), which may be closed afterwards; ``path`` is what errors call it."""
     if file.seek(0, 2) == 0:
         raise LogUnusable(f"{path}: the file is empty.")
     return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
@@ -52,6 +53,46 @@ def map_open_file(file: BinaryIO, path: str | Path) -> NDArray[np.uint8]:
 def offset_type(size: int) -> type[np.int32] | type[np.int64]:
     """The narrowest integer for places in a file of ``size`` bytes and the ends of records that begin there."""
     return np.int32 if size < (1 << 31) - (1 << 16) else np.int64
+
+
+def copy(data, at, size, out):  # type: ignore[no-untyped-def]
+    """Copy ``size`` bytes from each place; returns how many, fewer where a place has no room."""
+    for i in range(len(at)):
+        begin, place = np.int64(at[i]), i * size
+        if begin < 0 or begin + size > len(data):
+            return i
+        copy_one(data, begin, size, out, place)
+    return len(at)
+
+
+def copy_one(data: Any, begin: Any, size: int, out: Any, place: int) -> None:
+    """Copy ``size`` bytes that are there, and up to 15 more: the record that is written next is to cover them."""
+    whole = (size + 15) // 16 * 16
+    if begin + whole > len(data) or place + whole > len(out):
+        for k in range(size):
+            out[place + k] = data[begin + k]
+        return
+    a, b, end = np.uint64(begin), np.uint64(place), np.uint64(place + size)
+    while b < end:
+        copy_sixteen(data, a, out, b)
+        a += np.uint64(16)
+        b += np.uint64(16)
+
+
+def copy_sixteen(data: Any, a: Any, out: Any, b: Any) -> None:
+    """Sixteen bytes; all are read before one is written, so that they become one instruction each."""
+    d0, d1, d2, d3 = data[a], data[a + np.uint64(1)], data[a + np.uint64(2)], data[a + np.uint64(3)]
+    d4, d5, d6, d7 = data[a + np.uint64(4)], data[a + np.uint64(5)], data[a + np.uint64(6)], data[a + np.uint64(7)]
+    d8, d9, d10, d11 = data[a + np.uint64(8)], data[a + np.uint64(9)], data[a + np.uint64(10)], data[a + np.uint64(11)]
+    d12, d13, d14 = data[a + np.uint64(12)], data[a + np.uint64(13)], data[a + np.uint64(14)]
+    d15 = data[a + np.uint64(15)]
+    out[b], out[b + np.uint64(1)], out[b + np.uint64(2)], out[b + np.uint64(3)] = d0, d1, d2, d3
+    out[b + np.uint64(4)], out[b + np.uint64(5)], out[b + np.uint64(6)], out[b + np.uint64(7)] = d4, d5, d6, d7
+    out[b + np.uint64(8)], out[b + np.uint64(9)], out[b + np.uint64(10)], out[b + np.uint64(11)] = d8, d9, d10, d11
+    out[b + np.uint64(12)], out[b + np.uint64(13)], out[b + np.uint64(14)], out[b + np.uint64(15)] = d12, d13, d14, d15
+
+
+COPY = kernel_of(copy, "i8((u1[::1]), (i4[::1]), i8, u1[::1])", SOURCE)
 
 
 def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -99,7 +140,7 @@ class Records:
 
 
 def cut_at_nul(text: NDArray[np.bytes_]) -> NDArray[np.bytes_]:
-    """The same strings without anything behind their first NUL byte."""
+    """The same strings (n,) without anything behind their first NUL byte."""
     width = text.dtype.itemsize
     if len(text) == 0 or width == 0:
         return text
@@ -109,7 +150,7 @@ def cut_at_nul(text: NDArray[np.bytes_]) -> NDArray[np.bytes_]:
 
 
 def texts_of(column: NDArray[np.bytes_]) -> list[str]:
-    """A column of strings, :func:`text_of` each; almost all are plain, and such are decoded together."""
+    """A column (n,) of strings, :func:`text_of` each; almost all are plain, and such are decoded together."""
     listed: list[bytes] = column.tolist()
     joined = b"\n".join(listed)
     if joined.isascii() and b"\0" not in joined:

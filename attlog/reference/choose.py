@@ -84,44 +84,71 @@ def _best(
 ) -> Reference:
     """The first of truth, smoother and onboard attitude that nothing speaks against; ``out``: those already refused.
 
-    ``broken``: what is wrong with the sensors. An accelerometer whose down the field contradicts accuses no attitude.
+    ``broken``: what is wrong with the sensors.
     """
     truth = None if "truth" in out else _truth(log, segments, options)
-    if truth is not None and sensor_faults.FRAME in broken:
-        truth.fault = frozen(truth, log.replay_imu)
-    if truth is not None and not truth.fault:
+    if _sound("truth", truth, log, out, broken):
+        assert truth is not None
         return truth
-    if truth is not None:
-        out["truth"] = truth.fault
-    found = second or (None if smooth is None or smoothed.NAME in out else _smoothed(log, segments, options, smooth))
-    if isinstance(found, str) or (found is not None and found.fault):
-        out[smoothed.NAME] = found if isinstance(found, str) else found.fault
-        found = None
-    unsure = "" if found is None else smoothed.unsure_of_tilt(found)
-    if found is not None and not unsure and smoothed.sure_of_heading(found):
-        return _taken(found, out)
+    smoother = _own_smoother(log, segments, options, smooth, out, second)
+    unsure = "" if smoother is None else smoothed.unsure_of_tilt(smoother)
+    if smoother is not None and not unsure and smoothed.sure_of_heading(smoother):
+        return _taken(smoother, out)
     onboard = None if "onboard" in out else _onboard(log, segments, options)
-    if onboard is not None and sensor_faults.FRAME in broken:
-        onboard.fault = frozen(onboard, log.replay_imu)
-    if onboard is not None and found is not None:
-        onboard.fault = onboard.fault or smoothed.contradicts(found, onboard)
-    sound = onboard is not None and not onboard.fault
-    if onboard is not None and not sound:
-        out["onboard"] = onboard.fault
-    if found is not None and not unsure:
-        return _taken(smoothed.with_heading_of(found, onboard if sound else None), out)
-    if onboard is not None and sound:
-        onboard.second = found
+    if not _sound("onboard", onboard, log, out, broken, smoother):
+        onboard = None
+    # a smoother that is sure of its tilt alone borrows a sound heading; one that is not stands back
+    if smoother is not None and (onboard is None or not unsure):
+        return _taken(smoothed.with_heading_of(smoother, onboard), out)
+    if onboard is not None:
+        onboard.second = smoother
         return _taken(onboard, out | ({smoothed.NAME: unsure} if unsure else {}))
-    if found is not None:
-        return _taken(smoothed.with_heading_of(found, None), out)
     return _nothing(log, segments, options, out)
 
 
+def _sound(
+    name: str,
+    attitude: Reference | None,
+    log: FlightLog,
+    out: dict[str, str],
+    broken: Mapping[str, SensorFault],
+    smoother: Reference | None = None,
+) -> bool:
+    """Whether there is this attitude and nothing speaks against it; why something does goes into ``out``.
+
+    An accelerometer whose down the field contradicts accuses no attitude: then only one that stands still is refused.
+    """
+    if attitude is None:
+        return False
+    if sensor_faults.FRAME in broken:
+        attitude.fault = frozen(attitude, log.replay_imu)
+    if smoother is not None:
+        attitude.fault = attitude.fault or smoothed.contradicts(smoother, attitude)
+    if attitude.fault:
+        out[name] = attitude.fault
+    return not attitude.fault
+
+
+def _own_smoother(
+    log: FlightLog,
+    segments: Segments,
+    options: ReferenceOptions,
+    smooth: Smooth | None,
+    out: dict[str, str],
+    second: Reference | None,
+) -> Reference | None:
+    """The smoother, run where it was not yet (``second``); None where it is refused, with the reason in ``out``."""
+    found = second or (None if smooth is None or smoothed.NAME in out else _smoothed(log, segments, options, smooth))
+    if isinstance(found, str) or (found is not None and found.fault):
+        out[smoothed.NAME] = found if isinstance(found, str) else found.fault
+        return None
+    return found
+
+
 def _taken(reference: Reference, refused: dict[str, str]) -> Reference:
-    """A reference that tells what better attitude was not taken, and why."""
-    told = "".join(f"; {name} refused: {why}" for name, why in refused.items())
-    reference.steps[0] = replace(reference.steps[0], text=reference.steps[0].text + told)
+    """A reference whose first step names the better attitudes that were not taken, and why."""
+    why_not = "".join(f"; {name} refused: {why}" for name, why in refused.items())
+    reference.steps[0] = replace(reference.steps[0], text=reference.steps[0].text + why_not)
     reference.refused = refused
     return reference
 

@@ -1,4 +1,7 @@
-"""How far the gyro turned between given instants: the yardstick for jumps and delays of an attitude."""
+"""How far the gyro turned between given instants: the yardstick for jumps and delays of an attitude.
+
+The two loops are compiled; their twins in numpy serve where little data is looked at.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.flight.model import Imu
-from attlog.kernels.loops import function_of
+from attlog.kernels.loops import function_of, kernel_of
+from attlog.kernels.search import before
 from attlog.segments import gaps
-from attlog.segments.increments_loop import BETWEEN, SUMMED, gyro_between, summed_gyro
 from attlog.segments.once import asked_once
 
 Array = NDArray[np.float64]
@@ -21,6 +24,10 @@ CHUNK = 1 << 18
 
 LOOKED_UP = 1 << 12
 """Intervals per pass: what they need stays in the processor's cache."""
+
+SOURCES = ("segments/increments.py", "kernels")
+SUMMED_SIGNATURE = "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), i8)"
+BETWEEN_SIGNATURE = "void(f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[::1]), (f8[::1]))"
 
 
 class GyroIncrements:
@@ -50,11 +57,11 @@ class GyroIncrements:
         """
         if len(self.t) == 0:
             return np.zeros(len(start), bool)
-        before = np.searchsorted(self.t, start, side="right") - 1
-        after = np.searchsorted(self.t, end, side="left")
-        last = len(self.t) - 1
-        same = self.segment[np.maximum(before, 0)] == self.segment[np.minimum(after, last)]
-        return np.asarray((before >= 0) & (after <= last) & same)
+        first = np.searchsorted(self.t, start, side="right") - 1
+        last = np.searchsorted(self.t, end, side="left")
+        end_of_log = len(self.t) - 1
+        same = self.segment[np.maximum(first, 0)] == self.segment[np.minimum(last, end_of_log)]
+        return np.asarray((first >= 0) & (last <= end_of_log) & same)
 
     def between(self, start: Array, end: Array) -> Array:
         """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
@@ -71,8 +78,51 @@ def of(imu: Imu) -> GyroIncrements:
     return GyroIncrements(*gaps.rising(imu.gyro.t_best, imu.gyro.x), imu.gyro.sampling)
 
 
+def summed_gyro(out: Array, t: Array, rate: Array, interval: int) -> None:
+    """Fill ``out`` (n, 6) with sums of the angle increments of ``rate`` (n, 3) at ``t`` (n,) and of their coning term.
+
+    Sample k acts since the one before, without ``interval`` its mean with that one.
+    """
+    ax, ay, az, cx, cy, cz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(t)):
+        if i > 0:
+            h = t[i] - t[i - 1]
+            x, y, z = rate[i, 0], rate[i, 1], rate[i, 2]
+            if interval == 0:
+                x, y, z = 0.5 * (rate[i - 1, 0] + x), 0.5 * (rate[i - 1, 1] + y), 0.5 * (rate[i - 1, 2] + z)
+            x, y, z = x * h, y * h, z * h
+            cx, cy, cz = cx + ay * z - az * y, cy + az * x - ax * z, cz + ax * y - ay * x
+            ax, ay, az = ax + x, ay + y, az + z
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = ax, ay, az, cx, cy, cz
+
+
+def sum_at(sums: Array, column: int, i: int, share: float) -> float:
+    """A sum (n, 6) so far beyond sample i."""
+    return float(sums[i, column] + share * (sums[i + 1, column] - sums[i, column]))
+
+
+def gyro_between(out: Array, t: Array, sums: Array, start: Array, end: Array) -> None:
+    """Fill ``out`` (m, 3) with rotation vectors from ``start`` (m,) to ``end`` (m,) by ``sums`` (n, 6) at ``t`` (n,).
+
+    Linear between samples, two at least; outside the gyro stands still. Times that ascend are found by walking on.
+    """
+    i, j, last_but_one, first, last = 0, 0, len(t) - 2, t[0], t[len(t) - 1]
+    for k in range(len(start)):
+        a, b = start[k], end[k]
+        a = first if a < first else last if a > last else a
+        b = first if b < first else last if b > last else b
+        i, j = before(t, a, i, last_but_one), before(t, b, j, last_but_one)
+        p, r = (a - t[i]) / (t[i + 1] - t[i]), (b - t[j]) / (t[j + 1] - t[j])
+        ax, ay, az = sum_at(sums, 0, i, p), sum_at(sums, 1, i, p), sum_at(sums, 2, i, p)
+        x, y, z = sum_at(sums, 0, j, r) - ax, sum_at(sums, 1, j, r) - ay, sum_at(sums, 2, j, r) - az
+        cx = sum_at(sums, 3, j, r) - sum_at(sums, 3, i, p) - (ay * z - az * y)
+        cy = sum_at(sums, 4, j, r) - sum_at(sums, 4, i, p) - (az * x - ax * z)
+        cz = sum_at(sums, 5, j, r) - sum_at(sums, 5, i, p) - (ax * y - ay * x)
+        out[k, 0], out[k, 1], out[k, 2] = x + 0.5 * cx, y + 0.5 * cy, z + 0.5 * cz
+
+
 def summed_at_once(out: Array, t: Array, rate: Array, interval: int) -> None:
-    """:func:`summed_gyro` in numpy."""
+    """:func:`summed_gyro` in numpy: ``out`` (n, 6), ``t`` (n,) s, ``rate`` (n, 3) rad/s."""
     out[:1] = 0.0
     angle, coning = out[:, :3], out[:, 3:]
     for a in range(0, len(t) - 1, CHUNK):
@@ -84,7 +134,7 @@ def summed_at_once(out: Array, t: Array, rate: Array, interval: int) -> None:
 
 
 def between_at_once(out: Array, t: Array, sums: Array, start: Array, end: Array) -> None:
-    """:func:`gyro_between` in numpy."""
+    """:func:`gyro_between` in numpy: ``out`` (m, 3) rad, ``t`` (n,) s, ``sums`` (n, 6), ``start`` and ``end`` (m,) s."""
     for i in range(0, len(start), LOOKED_UP):
         a, b = (_at(t, sums, x[i : i + LOOKED_UP]) for x in (start, end))
         whole = b[:, :3] - a[:, :3]
@@ -92,14 +142,14 @@ def between_at_once(out: Array, t: Array, sums: Array, start: Array, end: Array)
 
 
 def _at(t: Array, sums: Array, at: Array) -> Array:
-    """The sums (m, 6) at times, linear between samples."""
+    """The sums (m, 6) at times ``at`` (m,) s, linear between samples."""
     at = np.clip(at, t[0], t[-1])
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
-    before, since, found = sums.take(i, axis=0), t.take(i), sums.take(i + 1, axis=0)
-    found -= before
+    start, since, found = sums.take(i, axis=0), t.take(i), sums.take(i + 1, axis=0)
+    found -= start
     found /= (t.take(i + 1) - since)[:, None]
     found *= (at - since)[:, None]
-    found += before
+    found += start
     return found
 
 
@@ -109,3 +159,7 @@ def _cross(a: Array, b: Array) -> Array:
     for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
         out[:, k] = a[:, i] * b[:, j] - a[:, j] * b[:, i]
     return out
+
+
+SUMMED = kernel_of(summed_gyro, SUMMED_SIGNATURE, "segments", "the sums of a gyro", SOURCES)
+BETWEEN = kernel_of(gyro_between, BETWEEN_SIGNATURE, "segments", "the rotation between two times", SOURCES)

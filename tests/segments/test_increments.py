@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.kernels.loops import briefly
-from attlog.segments import increments_loop
+from attlog.segments import increments
 from attlog.segments.increments import GyroIncrements
 from tests.conftest import few
 
@@ -73,12 +73,12 @@ def test_the_plain_loops_say_what_the_compiled_ones_do():
     at = rng.uniform(-0.1, t[-1] + 0.1, 40)
     for interval, sampling in enumerate(("instant", "interval")):
         sums, out = np.empty((300, 6)), np.empty((39, 3))
-        increments_loop.summed_gyro(sums, t, rate, interval)
-        increments_loop.gyro_between(out, t, sums, at[:-1], at[1:])
+        increments.summed_gyro(sums, t, rate, interval)
+        increments.gyro_between(out, t, sums, at[:-1], at[1:])
         np.testing.assert_allclose(out, GyroIncrements(t, rate, sampling).between(at[:-1], at[1:]), atol=1e-13)
 
 
 def test_the_loops_are_among_what_is_compiled_when_the_package_is_built():
     from attlog import prebuilt
 
-    assert {increments_loop.SUMMED.name, increments_loop.BETWEEN.name} <= {k.name for k in prebuilt.kernels()}
+    assert {increments.SUMMED.name, increments.BETWEEN.name} <= {k.name for k in prebuilt.kernels()}

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from attlog.formats import compiled
 from attlog.formats.base import Offsets
 from attlog.formats.compiled import at_any_cost, if_cheap, kernel_of
-from attlog.formats.copying import SOURCE as COPYING
-from attlog.formats.copying import copy_one
-from attlog.formats.mapping import offset_type
+from attlog.formats.mapping import SOURCE as COPYING
+from attlog.formats.mapping import copy_one, offset_type
 from attlog.formats.mavlink.crc import slicing_tables
 
 WORTH_COMPILED = 12 << 20

@@ -106,5 +106,5 @@ def _of_rows(x: Array) -> Array:
 
 
 INTERPOLATED = kernel_of(
-    interpolated, SIGNATURE, "rotation", "the interpolation of attitudes", ("base/rotation_loops.py", "kernels")
+    interpolated, SIGNATURE, "rotation", "the interpolation of attitudes", ("base/interpolation.py", "kernels")
 )
