@@ -283,7 +283,7 @@ def unwrap(angle: Array, period: float = 2 * np.pi) -> Array:
 
 
 def turn_about_down(q: ArrayLike, angle: ArrayLike) -> Array:
-    """Attitudes (n, 4) turned by ``angle`` (n,) rad, or one for all, about the earth's down axis: adds to the heading."""
+    """Attitudes (n, 4) turned by ``angle`` (n,) rad, or one for all, about the earth's down axis."""
     q, half = np.asarray(q, np.float64), 0.5 * np.asarray(angle, np.float64)
     out = np.empty((*np.broadcast_shapes(q.shape[:-1], half.shape), 4))
     if q.ndim == 2 and len(q) > BLOCK and half.shape in ((), (len(q),)):

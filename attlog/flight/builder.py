@@ -20,7 +20,7 @@ from attlog.base.barrier import guarded
 from attlog.base.limits import READ_BYTES
 from attlog.flight import physics
 from attlog.flight.clock.corroboration import times_alone
-from attlog.flight.clock.timing import LATEST_US, Stamps, plausible
+from attlog.flight.clock.timing import LATEST_US, Stamps, ValidRecords, plausible
 from attlog.flight.model import Array, Attitude, Problem, Severity, Stream, TimeLine
 from attlog.flight.physics import Quantity
 from attlog.formats.base import Messages, Table
@@ -131,34 +131,7 @@ class LogBuilder:
             )
         whole = np.asarray(t_us, np.int64)
         kept = plausible(whole[index], partial(times_alone, self.messages), whole)
-        if kept.duplicates:
-            self.problem(
-                "duplicate_times",
-                "note",
-                f"{source}: left out {kept.duplicates} of {len(t_us)} records, which repeat a time stamp.",
-                count=kept.duplicates,
-            )
-        if kept.backward:
-            self.problem(
-                "time_backward",
-                "warning",
-                f"{source}: left out {kept.backward} of {len(t_us)} records, which go back in time.",
-                count=kept.backward,
-            )
-        if kept.unset:
-            self.problem(
-                "unset_times",
-                "warning",
-                f"{source}: left out {kept.unset:,} of {len(t_us):,} records, whose time stamp was never set (0).",
-                count=kept.unset,
-            )
-        if kept.false:
-            self.problem(
-                "false_times",
-                "warning",
-                f"{source}: left out {kept.false} of {len(t_us)} records: nothing else in the log has such times.",
-                count=kept.false,
-            )
+        self._report_false_stamps(kept, source, len(t_us))
         index = index[kept.index]
         if self.t0_us:
             near = self.near(np.asarray(t_us, np.int64)[index])
@@ -176,6 +149,20 @@ class LogBuilder:
             self.problem("rate_impossible", "warning", text, count=len(index))
             return np.zeros(0, np.int64)
         return index
+
+    def _report_false_stamps(self, kept: ValidRecords, source: str, records: int) -> None:
+        """A problem for each reason why stamps of a message, of so many records, are not used."""
+        reasons: tuple[tuple[str, Severity, int, str], ...] = (
+            ("duplicate_times", "note", kept.duplicates, "which repeat a time stamp"),
+            ("time_backward", "warning", kept.backward, "which go back in time"),
+            ("unset_times", "warning", kept.unset, "whose time stamp was never set (0)"),
+            ("false_times", "warning", kept.false, ""),
+        )
+        for code, severity, count, why in reasons:
+            if count:
+                left_out = f"{source}: left out {count:,} of {records:,} records"
+                text = f"{left_out}, {why}." if why else f"{left_out}: nothing else in the log has such times."
+                self.problem(code, severity, text, count=count)
 
     def stream(
         self,

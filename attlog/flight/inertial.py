@@ -194,27 +194,54 @@ def choose_unit(
         )
         builder.problem("no_imu", "error", text)
         return None
-    if asked is not None:
-        named = [k for k, u in enumerate(units) if u.index == asked]
-        if not named:
-            have = ", ".join(str(u.index) for u in units)
-            builder.problem("imu_not_in_log", "error", f"There is no IMU {asked} in this log; it holds IMU {have}.")
-            return None
-        wanted, reason = named[0], "asked for"
-    else:
-        used = [k for k, u in enumerate(units) if u.index == flew]
-        wanted, reason = (used[0], why) if used else (0, "the first in the log; nothing tells which one flew")
-    if not fast_enough(units[wanted].rate) and asked is None:
-        fast = [k for k, u in enumerate(units) if fast_enough(u.rate) and u.usable]
-        if fast:
-            builder.problem(
-                "imu_that_flew_too_slow",
-                "warning",
-                f"The IMU that flew ({units[wanted].source}) is logged at {units[wanted].rate:.1f} Hz; "
-                f"{units[fast[0]].source} is replayed instead. {logging.advice('imu', units[wanted].rate)}",
-            )
-            wanted, reason = fast[0], "the only one logged fast enough"
-    unit = units[wanted]
+    wanted, reason = _asked_unit(builder, units, asked) if asked is not None else _flown_unit(units, flew, why)
+    if wanted is None:
+        return None
+    if asked is None and not fast_enough(units[wanted].rate):
+        wanted, reason = _faster_unit(builder, units, wanted, logging) or (wanted, reason)
+    if not _replayable(builder, units[wanted], logging):
+        return None
+    beside = [p for k, other in enumerate(units) if k != wanted for p in other.problems if p.code == "imu_decimated"]
+    builder.problems = [replace(p, severity="note") if p in beside else p for p in builder.problems]
+    if asked is None:
+        _report_wider_logging(builder, units, wanted)
+    builder.choices["imu"] = sentence(reason)
+    return wanted
+
+
+def _asked_unit(builder: LogBuilder, units: list[ImuCandidate], asked: int) -> tuple[int | None, str]:
+    """Position of the unit that the user asked for, None (and a problem) where the log does not hold it; the reason."""
+    named = [k for k, u in enumerate(units) if u.index == asked]
+    if not named:
+        have = ", ".join(str(u.index) for u in units)
+        builder.problem("imu_not_in_log", "error", f"There is no IMU {asked} in this log; it holds IMU {have}.")
+    return (named[0] if named else None), "asked for"
+
+
+def _flown_unit(units: list[ImuCandidate], flew: int | None, why: str) -> tuple[int | None, str]:
+    """Position of the unit that flew, else of the first, and why it is the one."""
+    used = [k for k, u in enumerate(units) if u.index == flew]
+    return (used[0], why) if used else (0, "the first in the log; nothing tells which one flew")
+
+
+def _faster_unit(
+    builder: LogBuilder, units: list[ImuCandidate], slow: int, logging: LoggingAdvice
+) -> tuple[int, str] | None:
+    """Position of a unit that is logged fast enough where the one that flew is not, and why; None without one."""
+    fast = [k for k, u in enumerate(units) if fast_enough(u.rate) and u.usable]
+    if not fast:
+        return None
+    builder.problem(
+        "imu_that_flew_too_slow",
+        "warning",
+        f"The IMU that flew ({units[slow].source}) is logged at {units[slow].rate:.1f} Hz; "
+        f"{units[fast[0]].source} is replayed instead. {logging.advice('imu', units[slow].rate)}",
+    )
+    return fast[0], "the only one logged fast enough"
+
+
+def _replayable(builder: LogBuilder, unit: ImuCandidate, logging: LoggingAdvice) -> bool:
+    """Whether a unit has enough good samples at a sufficient rate; a problem says what it lacks."""
     if len(unit.t_us) < REPLAY_MIN_SAMPLES:
         builder.problem(
             "imu_too_short",
@@ -222,7 +249,7 @@ def choose_unit(
             f"{unit.source} is too short: {len(unit.t_us)} of the {REPLAY_MIN_SAMPLES} samples that a replay needs. "
             f"{_left_out(builder, len(unit.t_us))}",
         )
-        return None
+        return False
     if unit.refused > REFUSED_SHARE:
         builder.problem(
             "imu_mostly_refused",
@@ -230,7 +257,7 @@ def choose_unit(
             f"{unit.source}: {100 * unit.refused:.0f} % of its records hold values that no sensor can give or false "
             f"times; what is left shows no flight. {_left_out(builder)}",
         )
-        return None
+        return False
     if not fast_enough(unit.rate):
         builder.problem(
             "imu_rate_too_low",
@@ -238,7 +265,7 @@ def choose_unit(
             f"{unit.source} is logged at {unit.rate:.1f} Hz; a replay needs at least {REPLAY_MIN_HZ:.0f} Hz. "
             f"{_left_out(builder, len(unit.t_us)) or logging.advice('imu', unit.rate)}",
         )
-        return None
+        return False
     if unit.rate < LOW_RATE_HZ:
         builder.problem(
             "imu_low_rate",
@@ -246,15 +273,10 @@ def choose_unit(
             f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and quick movements are coarse. "
             f"{logging.advice('fast_imu', unit.rate)}",
         )
-    beside = [p for k, other in enumerate(units) if k != wanted for p in other.problems if p.code == "imu_decimated"]
-    builder.problems = [replace(p, severity="note") if p in beside else p for p in builder.problems]
-    if asked is None:
-        _tell_what_others_saw(builder, units, wanted)
-    builder.choices["imu"] = sentence(reason)
-    return wanted
+    return True
 
 
-def _tell_what_others_saw(builder: LogBuilder, units: list[ImuCandidate], wanted: int) -> None:
+def _report_wider_logging(builder: LogBuilder, units: list[ImuCandidate], wanted: int) -> None:
     """A warning where another unit was logged before the one to replay begins, or after it ends."""
     mine = units[wanted]
     first, last = int(mine.t_us[0]), int(mine.t_us[-1])

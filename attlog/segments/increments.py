@@ -134,7 +134,7 @@ def summed_at_once(out: Array, t: Array, rate: Array, interval: int) -> None:
 
 
 def between_at_once(out: Array, t: Array, sums: Array, start: Array, end: Array) -> None:
-    """:func:`gyro_between` in numpy: ``out`` (m, 3) rad, ``t`` (n,) s, ``sums`` (n, 6), ``start`` and ``end`` (m,) s."""
+    """:func:`gyro_between` in numpy: ``out`` (m, 3) rad, ``t`` (n,) and ``start``, ``end`` (m,) s, ``sums`` (n, 6)."""
     for i in range(0, len(start), LOOKED_UP):
         a, b = (_at(t, sums, x[i : i + LOOKED_UP]) for x in (start, end))
         whole = b[:, :3] - a[:, :3]
