@@ -7,7 +7,15 @@ import numpy as np
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.health.model import Check, graded, not_judged
 from attlog.health.reason import as_sentence
-from attlog.reference.physics.turning import LEAST_DPS, LEAST_HZ, LEAST_INTERVALS, centred, other_axes, rotations
+from attlog.reference.physics.turning import (
+    LEAST_DPS,
+    LEAST_HZ,
+    LEAST_INTERVALS,
+    centred,
+    other_axes,
+    reversed_slowly,
+    rotations,
+)
 from attlog.segments import resets
 from attlog.segments.model import Segments
 
@@ -47,12 +55,13 @@ def against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments: Segm
         return not_judged("gyro against attitude", f"{name} has too few intervals with inertial data.", limit)
     g, a = centred(by_gyro), centred(by_attitude)
     moving = np.degrees(g.std(axis=0)) >= LEAST_DPS
-    if not moving.any():
+    slowly = reversed_slowly(g, a, moving)
+    if not moving.any() and not slowly:
         text = (
             f"The vehicle hardly turns: {', '.join(f'{s:.1f}' for s in np.degrees(g.std(axis=0)))} deg/s about x, y, z."
         )
         return not_judged("gyro against attitude", text, limit)
-    wrong = other_axes(g, a, moving)
+    wrong = (other_axes(g, a, moving) if moving.any() else "") or slowly
     if wrong:
         return Check("gyro against attitude", "bad", f"{imu.gyro.source} against {name}: {wrong}", wrong, "", limit)
     slopes = np.sum(g * a, axis=0) / np.sum(g * g, axis=0)

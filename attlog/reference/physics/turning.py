@@ -24,6 +24,8 @@ from attlog.segments import gaps, increments
 
 LEAST_DPS = 3.0
 """An axis that turns less than this (standard deviation) tells nothing about its scale."""
+LEAST_SIGN_DPS = 0.5
+"""About its sign it does down to here, where what goes with it is the same turn the other way (yaw in a hover)."""
 LEAST_INTERVALS = 30
 SPAN_S = 0.06
 """Turns are compared over so long at least: in single samples a gyro's noise and vibration look like turns that the
@@ -108,7 +110,8 @@ def otherwise(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] =
     g, a = centred(by_gyro), centred(by_attitude)
     by_the_gyro, by_the_attitude = (np.degrees(x.std(axis=0)) for x in (g, a))
     moving = by_the_gyro >= LEAST_DPS
-    if moving.any() and (axes := other_axes(g, a, moving)):
+    axes = (other_axes(g, a, moving) if moving.any() else "") or reversed_slowly(g, a, moving)
+    if axes:
         return axes.rstrip(".")
     blind = ~moving & (by_the_attitude >= LEAST_DPS) & (by_the_gyro < BLIND * by_the_attitude)
     if blind.any():
@@ -193,6 +196,32 @@ def field_changes(mag: Mag) -> tuple[Array, Array, Array, Array]:
     near = t[end] - t[start] < 2.0 * STEP_S
     start, end = start[near], end[near]
     return t[start], t[end], field[start], field[end]
+
+
+def reversed_slowly(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
+    """Which axes that turn little are reversed, empty for none. ``g``, ``a``: rates (n, 3) of gyro and attitude.
+
+    What the attitude's axis has of the gyro's, the share of the other two (an askew mount) taken out of both, is then
+    the same turn with the other sign, in each half of the log. On 198 attitudes of real and simulated logs no axis
+    had a correlation below -0.3.
+    """
+    found = []
+    for k in np.flatnonzero(~moving & (np.degrees(g.std(axis=0)) >= LEAST_SIGN_DPS)).tolist():
+        others = np.delete(g, k, axis=1)
+        x, y = (v - others @ np.linalg.lstsq(others, v, rcond=None)[0] for v in (g[:, k], a[:, k]))
+        slope = float(x @ y) / max(float(x @ x), 1e-30)
+        halves = (slice(None, len(x) // 2), slice(len(x) // 2, None))
+        if (
+            SLOPES[0] <= -slope <= SLOPES[1]
+            and _correlation(x, y) < -LEAST_CORRELATION
+            and all(_correlation(x[half], y[half]) < -0.5 for half in halves)
+        ):
+            found.append("xyz"[k])
+    return f"reversed sign about {', '.join(found)}." if found else ""
+
+
+def _correlation(x: Array, y: Array) -> float:
+    return float(x @ y) / max(math.sqrt(float(x @ x) * float(y @ y)), 1e-30)
 
 
 def other_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
