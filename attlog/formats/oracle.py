@@ -8,20 +8,23 @@ stands in each format's ``oracle.py``.
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from attlog.base.limits import VERIFY_S, VERIFY_S_PER_BYTE
+from attlog.base.limits import VERIFY_S, VERIFY_S_PER_BYTE, VERIFY_WAITS
 from attlog.formats.base import Messages, Table
 
 Key = tuple[str, int | None]
@@ -54,10 +57,14 @@ class OracleFailed(Exception):
     """The library raised or ended the process; the message is its own."""
 
 
+class OracleLate(OracleFailed):
+    """The library took more time than it was given."""
+
+
 def read(path: Path, log_format: str) -> Columns:
     """The log as the format's official library reads it. ``log_format`` as in ``Messages.format``.
 
-    OracleFailed if the library gives up, with its words.
+    OracleFailed if the library gives up, with its words; OracleLate if it is not done in its time.
     """
     from attlog.formats.compression import is_gzip, unpack
 
@@ -72,8 +79,8 @@ def read(path: Path, log_format: str) -> Columns:
             with log.open("w+b") as file:
                 unpack(path, file)
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(p or os.curdir for p in sys.path)}
-        command = [sys.executable, "-P", "-m", __name__, log_format, str(log), str(answer)]
-        patience = VERIFY_S + VERIFY_S_PER_BYTE * log.stat().st_size
+        patience = max(math.ceil(VERIFY_S + VERIFY_S_PER_BYTE * log.stat().st_size), 1)
+        command = [sys.executable, "-P", "-m", __name__, log_format, str(log), str(answer), str(patience)]
         with printed.open("wb") as sink:
             try:
                 done = subprocess.run(
@@ -83,10 +90,12 @@ def read(path: Path, log_format: str) -> Columns:
                     stderr=sink,
                     env=environment,
                     check=False,
-                    timeout=patience,
+                    timeout=VERIFY_WAITS * patience,
                 )
             except subprocess.TimeoutExpired:
-                raise OracleFailed(f"it is not done after {patience:.0f} s") from None
+                raise OracleLate(f"it is not done after {VERIFY_WAITS * patience:.0f} s") from None
+        if hasattr(signal, "SIGXCPU") and done.returncode == -signal.SIGXCPU:
+            raise OracleLate(f"it is not done after {patience} s of CPU time")
         if done.returncode != 0 or not answer.exists():
             last = printed.read_bytes().decode("utf-8", "replace").strip().rpartition("\n")[2]
             raise OracleFailed(f"its process ended with code {done.returncode}: {last}")
@@ -96,6 +105,14 @@ def read(path: Path, log_format: str) -> Columns:
         raise OracleFailed(failure)
     found: Columns = columns
     return found
+
+
+def limit_cpu(seconds: int) -> None:
+    """Have the system end this process after so much of its time; on Windows, which cannot, the parent's clock does."""
+    with suppress(ImportError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
 
 
 def answer_to(log_format: str, path: Path, answer: Path) -> None:
@@ -149,4 +166,5 @@ def as_printed(tables: list[Table], spell: Callable[[bytes], str]) -> dict[str, 
 
 
 if __name__ == "__main__":
+    limit_cpu(int(sys.argv[4]))
     answer_to(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]))

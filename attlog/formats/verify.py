@@ -25,13 +25,14 @@ from attlog.formats.mapping import text_of
 class Verification:
     """What comparing two readings of one log gave.
 
-    ``agrees`` is False where a difference is not ``explained``. ``differences`` and
+    ``agrees`` is False where a difference is not ``explained``, None where nothing was compared, because the official
+    library cannot read the log or (``late``) took more time than it was given. ``differences`` and
     ``explained`` are sentences with counts; ``text`` sums up. ``only_ours`` and ``only_theirs`` count records that one
     reader has and the other has not, ``unequal`` values, all without what damage explains.
     """
 
     oracle: str
-    agrees: bool
+    agrees: bool | None
     text: str
     messages: int = 0
     records: int = 0
@@ -41,6 +42,7 @@ class Verification:
     only_ours: int = 0
     only_theirs: int = 0
     unequal: int = 0
+    late: bool = False
 
 
 def verify(path: Path | str) -> Verification:
@@ -54,7 +56,9 @@ def verify(path: Path | str) -> Verification:
     try:
         theirs = oracle.read(path, log.format)
     except oracle.OracleFailed as error:
-        return Verification(official.library, False, f"it cannot read this log ({error}); not compared")
+        late = isinstance(error, oracle.OracleLate)
+        text = str(error) if late else f"it cannot read this log ({error})"
+        return Verification(official.library, None, text, late=late)
     found = Verification(f"{official.library} {version(official.library)}", True, "")
     incomparable = official.why_not_comparable(log) or {}
     for key in dict.fromkeys([*official.keys(log), *theirs]):

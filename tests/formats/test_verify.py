@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import signal
+import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,12 +132,31 @@ def test_a_short_packet_of_the_first_version_behind_one_of_the_second_is_no_diff
     assert (result.agrees, result.records, result.differences) == (True, 120, [])
 
 
-def test_a_library_that_never_ends_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_library_that_never_ends_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, attlog: Any) -> None:
     monkeypatch.setattr(oracle, "VERIFY_S", 0.0)
     monkeypatch.setattr(oracle, "VERIFY_S_PER_BYTE", 0.0)
-    result = verify(SAMPLES / "copter_steps_stabilize.tlog")
-    assert not result.agrees
-    assert "not done after 0 s" in result.text
+    path = tmp_path / "long.tlog"
+    path.write_bytes(20 * (SAMPLES / "copter_steps_stabilize.tlog").read_bytes())
+    found = verify(path)
+    assert (found.agrees, found.late) == (None, True)  # no difference was found
+    assert found.text == "it is not done after 1 s of CPU time"
+    done = attlog("info", "--verify", path)
+    assert done.code == 75
+    assert "Not compared with pymavlink: it is not done after" in done.out
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGXCPU"), reason="no limit of CPU time on this system")
+def test_time_in_which_the_library_does_not_run_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit on the clock called a log different because the machine was busy: here its process waits 3 s of 2."""
+    monkeypatch.setattr(oracle, "VERIFY_S", 2.0)
+    monkeypatch.setattr(oracle, "VERIFY_S_PER_BYTE", 0.0)
+    run = subprocess.run
+
+    def slowly(command: list[str], **options: Any) -> Any:
+        return run(["sh", "-c", 'sleep 3; exec "$@"', "sh", *command], **options)
+
+    monkeypatch.setattr(subprocess, "run", slowly)
+    assert verify(SAMPLES / "px4_hover.ulg").agrees
 
 
 def test_records_that_only_one_reader_has_are_told_with_who_is_right(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ from attlog.cli.shared.printing import (
     to_stderr,
 )
 
-DIFFERS = 1
+DIFFERS, LATE = 1, 75
 WORDS = {"good": "good", "warn": "warn", "bad": "bad", "cannot_judge": "cannot judge"}
 STYLES = {"good": "", "warn": "yellow", "bad": "red", "cannot_judge": "dim"}
 
@@ -62,7 +62,7 @@ def command(
                 say([Line("")] * (number > 0), out)
                 say(lines(printable(report), out.width, verbose), out)
             if verify and not report["verify"]["agrees"]:
-                codes.add(DIFFERS)
+                codes.add(LATE if report["verify"]["late"] else DIFFERS)
         except Exception as error:
             if is_of_a_stream(error) or (verbose > 1 and exit_code(error) == BUG):
                 raise
@@ -119,7 +119,8 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
     if report["verify"] is not None:
         v = report["verify"]
         yield Line("")
-        yield Line(f"{'Agrees with' if v['agrees'] else 'Differs from'} {v['oracle']}: {v['text']}", "bold")
+        head = {True: "Agrees with", False: "Differs from", None: "Not compared with"}[v["agrees"]]
+        yield Line(f"{head} {v['oracle']}: {v['text']}", "bold")
         yield from (Line(f"  {line}") for line in v["differences"])
 
 
