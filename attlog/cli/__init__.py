@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from attlog import __version__
-from attlog.base.errors import INTERRUPTED, AttlogError, exit_code, message
+from attlog.base.errors import INTERRUPTED, AttlogError, UsageError, exit_code, message
 from attlog.cli.registry import Commands
 from attlog.cli.shared import process
 from attlog.cli.shared.printing import to_stderr
@@ -84,5 +84,9 @@ def _code() -> int:
         if "-vv" in sys.argv and not isinstance(error, AttlogError):
             to_stderr(traceback.format_exc())
         to_stderr(message(error, __version__))
+        if isinstance(error, UsageError):
+            from attlog.cli.shared.gates import tell_refused
+
+            tell_refused(str(error), sys.argv[1:])
         return exit_code(error)
     return 0

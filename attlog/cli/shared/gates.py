@@ -55,6 +55,26 @@ ANYWHERE = "-"
 """The value of a bare ``--summary``."""
 
 
+def tell_refused(why: str, words: Sequence[str]) -> None:
+    """Tell CI systems, where one asks, what was wrong with gates or options; ``words``: of the command line.
+
+    They are read before any log, so nothing else would be told: the step was red with an empty summary.
+    """
+    given = [k for k, word in enumerate(words) if word.partition("=")[0] == "--summary"]
+    if not given and not os.environ.get("GITHUB_ACTIONS"):
+        return
+    from attlog.fleet.ci.gating import tell_refused as tell
+
+    file = ""
+    for k in given:
+        behind = words[k + 1] if k + 1 < len(words) else ""
+        file = words[k].partition("=")[2] or behind
+    try:
+        tell(why, Path(file) if file.endswith(".md") else bool(given))
+    except OutputError as error:
+        to_stderr(message(error, __version__))
+
+
 class Gated:
     """The gates of a command: read before any log, told after the last."""
 

@@ -42,7 +42,18 @@ def write(logs: Sequence[Judged], path: Path | None, environment: Mapping[str, s
     Returns the text that is left to be printed: all of it where it was written nowhere. OutputError if a file cannot
     be written.
     """
-    text = summary(logs)
+    return publish(summary(logs), path, environment)
+
+
+def not_run(why: str) -> str:
+    """The summary of a run that was refused before it looked at a log."""
+    return "\n".join(
+        ["## ❌ attlog: nothing was analysed", "", *(f"- {escaped(line)}" for line in why.splitlines()), ""]
+    )
+
+
+def publish(text: str, path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
+    """Bring a summary to its places, as :func:`write`."""
     step = environment.get("GITHUB_STEP_SUMMARY")
     if path is not None:
         write_atomic(path, text)

@@ -97,6 +97,19 @@ def gating(path: Path | None, strict: bool | None = None, output: Path | None = 
     return Gating(found, baseline.read_all(places))
 
 
+def tell_refused(
+    why: str, summary: Path | bool = False, *, environment: Mapping[str, str] = os.environ, out: TextIO | None = None,
+    err: TextIO | None = None,
+) -> None:  # fmt: skip
+    """What CI systems read of a run that was refused for its gates or options: else its step is red without a word."""
+    if github.on_github(environment):
+        for line in github.refused(why):
+            print(line, file=err or sys.stderr)
+    if summary is not False:
+        path = summary if isinstance(summary, Path) else None
+        print(gate_summary.publish(gate_summary.not_run(why), path, environment), end="", file=out or sys.stdout)
+
+
 def _overlap(one: Path, other: Path) -> bool:
     return one.is_relative_to(other) or other.is_relative_to(one)
 

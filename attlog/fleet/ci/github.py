@@ -43,6 +43,12 @@ def commands(logs: Sequence[Judged], root: Path | None = None) -> Iterator[str]:
         yield f"::notice title=attlog::{rest}, of which the worst {SHOWN} are marked; the reports show all of them"
 
 
+def refused(why: str) -> Iterator[str]:
+    """A line for each thing that is wrong with what was asked, so that nothing was run."""
+    for line in why.splitlines()[:SHOWN]:
+        yield f"::error title={_property('attlog, nothing was analysed')}::{_message(line)}"
+
+
 def _command(kind: str, log: str, title: str, message: str, root: Path | None) -> str:
     place = _inside(log, root)
     file = f"file={_property(place)}," if place else ""

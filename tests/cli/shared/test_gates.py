@@ -142,6 +142,30 @@ def test_the_summary_goes_to_a_file_to_the_step_or_to_the_terminal(
     assert attlog(*args, tmp_path / "d", "--summary=s.txt").code == 2
 
 
+@pytest.mark.parametrize("wrong", ["gates", "config"])
+def test_what_is_wrong_with_gates_and_options_is_told_where_ci_looks(
+    attlog, command: str, gates, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
+) -> None:
+    """The step was red, with no annotation and an empty summary."""
+    (tmp_path / "c.toml").write_text("imuu = 0\n")
+    option = ["--gates", gates("overshot = { max = 5 }")] if wrong == "gates" else ["--config", tmp_path / "c.toml"]
+    word = "overshot" if wrong == "gates" else "imuu"
+    step = tmp_path / "step"
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(step))
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    done = attlog(command, LOG, *option, "-o", tmp_path / "out", "--summary")
+    assert done.code == 2
+    annotation = next(line for line in done.err.splitlines() if line.startswith("::error "))
+    assert word in annotation
+    assert step.read_text(encoding="utf-8").startswith("## ❌ attlog: nothing was analysed")
+    assert word in step.read_text(encoding="utf-8")
+    monkeypatch.delenv("GITHUB_ACTIONS")
+    monkeypatch.delenv("GITHUB_STEP_SUMMARY")
+    done = attlog(command, LOG, *option, "-o", tmp_path / "out", "--summary", tmp_path / "s.md")
+    assert "::error" not in done.err
+    assert word in (tmp_path / "s.md").read_text(encoding="utf-8")
+
+
 @pytest.mark.slow
 def test_json_lines_stay_json(attlog, gates, tmp_path: Path) -> None:
     args = ("analyze", LOG, SAMPLES / "px4_hover.ulg", *FAST, "-o", tmp_path / "out", "--json", "--gates")
