@@ -1,16 +1,21 @@
-"""Which kernels are compiled when the package is built, so that a fresh machine has them at once.
+"""Which kernels are compiled before they are run, so that a fresh machine has them at once.
 
-``python -m attlog.prebuilt FOLDER`` (the build hook runs it) writes object files for every level of processor that is
-shipped here, ``--here`` for this machine's own level alone, and the index that knows them by the state of the sources.
+``python -m attlog.prebuilt [FOLDER] [--here] [--all]`` (the build hook and ``make`` run it) writes object files into
+the package or ``FOLDER``, and the index that knows them by the state of the sources: for every level of processor that
+is shipped here, with ``--here`` for this machine's own level alone; those that ``analyze`` needs with its defaults,
+with ``--all`` all of them. What is left out is compiled at its first use, which says so. What is there already stays.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from attlog.kernels import emit, processor, sources, store
@@ -20,19 +25,17 @@ from attlog.kernels.obtain import made_object
 
 LEVEL = "NUMBA_CPU_NAME"
 """numba's own variable: the processor to compile for. numba takes no features of this machine where it is set."""
-Keys = dict[str, dict[str, str]]
-"""Keys of objects by the state of the sources and the kernel's name."""
+MADE = "made"
+"""What a compiling process says of each object."""
 
 
-def kernels() -> Iterator[Kernel]:
-    """The loops of all built-in filters, readers and metrics and, where its packages are there, of the simulator."""
+def of_defaults() -> Iterator[Kernel]:
+    """What ``analyze`` runs where nothing else is asked for: its filters, the smoother, all readers and metrics."""
     from attlog.base.interpolation import INTERPOLATED
     from attlog.estimators import get
+    from attlog.estimators.api import DEFAULT
     from attlog.estimators.engine.loop import kernel_of
-    from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
-    from attlog.estimators.filters.inertial.recursion import RECURSION_KERNEL
     from attlog.estimators.filters.navigation.kernels import AHEAD_KERNEL, BACKWARD_KERNEL, CHAIN_KERNEL, FORWARD_KERNEL
-    from attlog.estimators.registry import BUILT_IN
     from attlog.formats import grouping, mapping
     from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink import compiled as mavlink
@@ -44,14 +47,12 @@ def kernels() -> Iterator[Kernel]:
     from attlog.metrics.steps.fit import loops as step_loops
     from attlog.segments import increments
 
-    yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.step is not None)
+    yield from (kernel_of(e) for e in map(get, DEFAULT) if e.step is not None)
     yield from (
         FORWARD_KERNEL,
         BACKWARD_KERNEL,
         AHEAD_KERNEL,
         CHAIN_KERNEL,
-        RECORD_KERNEL,
-        RECURSION_KERNEL,
         mapping.COPY,
         grouping.COUNT,
         grouping.SCATTER,
@@ -73,6 +74,20 @@ def kernels() -> Iterator[Kernel]:
         increments.SUMMED,
         increments.BETWEEN,
     )
+
+
+def kernels() -> Iterator[Kernel]:
+    """Those, then of all built-in filters, of the smoother without GNSS and of the simulator."""
+    from attlog.estimators import get
+    from attlog.estimators.api import DEFAULT
+    from attlog.estimators.engine.loop import kernel_of
+    from attlog.estimators.filters.inertial.backward import RECORD_KERNEL
+    from attlog.estimators.filters.inertial.recursion import RECURSION_KERNEL
+    from attlog.estimators.registry import BUILT_IN
+
+    yield from of_defaults()
+    yield from (kernel_of(e) for e in map(get, BUILT_IN) if e.name not in DEFAULT and e.step is not None)
+    yield from (RECORD_KERNEL, RECURSION_KERNEL)
     try:
         from attlog.simulate.autopilot import controller
         from attlog.simulate.physics import rigid_body, wind
@@ -82,50 +97,98 @@ def kernels() -> Iterator[Kernel]:
     yield from (controller.KERNEL, rigid_body.KERNEL, wind.KERNEL, imu.KERNEL)
 
 
-def build(target: Path, levels: tuple[str, ...]) -> None:
-    """Write objects for the levels and the index, in as many processes as there are processors.
+def build(target: Path, levels: tuple[str, ...], every: bool = True) -> None:
+    """Write objects for the levels and the index, in as many processes as there are processors; tell how far it is.
 
-    RuntimeError with the last line of what a compiler said that failed.
+    ``every``: of all kernels, else of those of the defaults. RuntimeError with the last line of what a compiler said
+    that failed.
     """
-    parts = max((os.cpu_count() or 1) // len(levels), 1)
-    running = []
-    for level in levels:
-        for part in range(parts):
-            command = [sys.executable, "-m", "attlog.prebuilt", str(target), f"{part}/{parts}"]
-            # The order in which numba goes through sets shows in the code: unfixed, two builds differ in some bytes.
-            environment = {**os.environ, LEVEL: level, "PYTHONHASHSEED": "0"}
-            environment.pop("NUMBA_CPU_FEATURES", None)
-            running.append(subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE))
-    told = [(process, *process.communicate()) for process in running]
-    keys: Keys = {}
-    for process, out, err in told:
-        if process.returncode:
-            raise RuntimeError((err.decode(errors="replace").strip().splitlines() or ["no reason given"])[-1])
-        for state, found in json.loads(out).items():
-            keys.setdefault(state, {}).update(found)
-    kept = {f"{key}.o" for found in keys.values() for key in found.values()}
+    target.mkdir(parents=True, exist_ok=True)
+    known = {kernel.name: (kernel, store.key_of(kernel)) for kernel in kernels()}
+    chosen = list(kernels() if every else of_defaults())
+    waiting = sum(_lacks(_place(target, level) / f"{known[k.name][1]}.o") for level in levels for k in chosen)
+    if waiting:
+        parts = max((os.cpu_count() or 1) // len(levels), 1)
+        print(f"compiling {waiting} loops of filters, readers and metrics, half a minute to two:", end="", flush=True)
+        _compile_in_processes(target, levels, parts, every)
+    valid = {f"{key}.o" for _, key in known.values()}
     for old in target.glob("*/*.o"):
-        if old.name not in kept:
+        if old.name not in valid:
             old.unlink()
+    keys: dict[str, dict[str, str]] = {}
+    for kernel, key in known.values():
+        if any(target.glob(f"*/{key}.o")):
+            keys.setdefault(sources.state(kernel.sources), {})[kernel.name] = key
     index = {"format": store.FORMAT, "keys": keys}
     _write(target / store.INDEX, json.dumps(index, indent=1, sort_keys=True).encode())
 
 
-def compiled(place: Path, part: int, parts: int) -> Keys:
-    """Write one part of the objects for the processor that :data:`LEVEL` names, where they are not there yet."""
-    keys: Keys = {}
+def _compile_in_processes(target: Path, levels: tuple[str, ...], parts: int, every: bool) -> None:
+    """One process for each level and part; each object that it says it made is counted on the line that stands."""
+    counted, count = threading.Lock(), 0
+
+    def run(level: str, part: int) -> tuple[int, str]:
+        nonlocal count
+        command = [sys.executable, "-m", "attlog.prebuilt", str(target), "--share", str(part), str(parts)]
+        command += ["--all"] if every else []
+        # The order in which numba goes through sets shows in the code: unfixed, two builds differ in some bytes.
+        environment = {**os.environ, LEVEL: level, "PYTHONHASHSEED": "0"}
+        environment.pop("NUMBA_CPU_FEATURES", None)
+        with subprocess.Popen(
+            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+        ) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            for line in process.stdout:
+                if line.startswith(MADE):
+                    with counted:
+                        count += 1
+                        print(f" {count}", end="", flush=True)
+            said = process.stderr.read()
+        return process.returncode, said
+
+    jobs = [(level, part) for level in levels for part in range(parts)]
+    with ThreadPoolExecutor(len(jobs)) as pool:
+        ended = list(pool.map(run, *zip(*jobs, strict=True)))
+    print(flush=True)
+    for code, said in ended:
+        if code:
+            raise RuntimeError((said.strip().splitlines() or ["no reason given"])[-1])
+        print(said, end="", file=sys.stderr)
+
+
+def compile_share(place: Path, part: int, parts: int, every: bool) -> None:
+    """Write the objects of one share for the processor that :data:`LEVEL` names, where they are not there yet."""
     place.mkdir(parents=True, exist_ok=True)
-    for kernel in list(kernels())[part::parts]:
+    for kernel in _share(list(kernels() if every else of_defaults()), part, parts):
         key = store.key_of(kernel)
         path = place / f"{key}.o"
-        if not path.is_file() or store.unpacked(path.read_bytes()) is None:
+        if _lacks(path):
             try:
                 _write(path, made_object(kernel, key).packed())
+                print(MADE, kernel.name, flush=True)
             except emit.NotAlone as error:
                 print(f"{kernel.what} will be compiled at its first use: {error}", file=sys.stderr)
-                continue
-        keys.setdefault(sources.state(kernel.sources), {})[kernel.name] = key
-    return keys
+
+
+def _share(chosen: list[Kernel], part: int, parts: int) -> list[Kernel]:
+    """What one of several processes compiles: the longest text goes to the one that has least so far."""
+    shares: list[list[Kernel]] = [[] for _ in range(parts)]
+    load = [0] * parts
+    for kernel in sorted(chosen, key=lambda k: len(k.text()), reverse=True):
+        least = load.index(min(load))
+        shares[least].append(kernel)
+        load[least] += len(kernel.text())
+    return shares[part]
+
+
+def _place(target: Path, level: str) -> Path:
+    return target / f"{processor.machine()}-{level}"
+
+
+def _lacks(path: Path) -> bool:
+    """Whether there is no sound object at ``path``."""
+    return not path.is_file() or store.unpacked(path.read_bytes()) is None
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -134,18 +197,20 @@ def _write(path: Path, content: bytes) -> None:
     path.chmod(0o644)
 
 
-def main(arguments: list[str]) -> None:
+def main() -> None:
     """See the head of this file."""
-    target = Path(arguments[0])
-    asked = arguments[1] if len(arguments) > 1 else ""
-    if "/" in asked:
-        part, parts = map(int, asked.split("/"))
-        place = target / f"{processor.machine()}-{os.environ[LEVEL]}"
-        print(json.dumps(compiled(place, part, parts)))
+    options = argparse.ArgumentParser(prog="python -m attlog.prebuilt", description=__doc__)
+    options.add_argument("folder", nargs="?", type=Path, default=store.SHIPPED)
+    options.add_argument("--here", action="store_true")
+    options.add_argument("--all", action="store_true")
+    options.add_argument("--share", nargs=2, type=int, metavar=("PART", "PARTS"), help="of a process of its own")
+    asked = options.parse_args()
+    if asked.share:
+        part, parts = asked.share
+        compile_share(_place(asked.folder, os.environ[LEVEL]), part, parts, asked.all)
     else:
-        target.mkdir(parents=True, exist_ok=True)
-        build(target, processor.levels()[:1] if asked == "--here" else processor.portable())
+        build(asked.folder, processor.levels()[:1] if asked.here else processor.portable(), asked.all)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib
 import importlib.util
 import inspect
+import io
 import json
 import os
 import platform
@@ -23,6 +25,7 @@ from attlog import prebuilt
 from attlog.kernels import obtain, processor, sources, store
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.obtain import at_hand
+from tests.conftest import SAMPLES
 
 ROOT = Path(attlog.__file__).parent.parent
 KERNELS = {k.name: k for k in prebuilt.kernels()}
@@ -111,14 +114,15 @@ def test_objects_of_each_level_are_written_found_and_agree_to_the_bit(
     chosen = "simulate filtered"
     code = (
         "import sys; from attlog import prebuilt; every = list(prebuilt.kernels());"
-        f"prebuilt.kernels = lambda: iter([k for k in every if k.name == {chosen!r}]); prebuilt.main(sys.argv[1:])"
+        f"prebuilt.kernels = lambda: iter([k for k in every if k.name == {chosen!r}]); prebuilt.main()"
     )
-    told = ""
     for level in processor.levels():
-        command = [sys.executable, "-c", code, str(tmp_path), "0/1"]
+        command = [sys.executable, "-c", code, str(tmp_path), "--share", "0", "1", "--all"]
         environment = {**os.environ, prebuilt.LEVEL: level}
-        told = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
-    (tmp_path / store.INDEX).write_text(json.dumps({"format": store.FORMAT, "keys": json.loads(told)}))
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout == f"{prebuilt.MADE} {chosen}\n"
+    keys = {sources.state(KERNELS[chosen].sources): {chosen: store.key_of(KERNELS[chosen])}}
+    (tmp_path / store.INDEX).write_text(json.dumps({"format": store.FORMAT, "keys": keys}))
     monkeypatch.setattr(store, "SHIPPED", tmp_path)
     monkeypatch.setattr(store, "folder", lambda: None)
     monkeypatch.setattr(obtain, "made_object", lambda *_: pytest.fail("compiled"))
@@ -147,13 +151,57 @@ def test_two_builds_go_through_sets_in_the_same_order(tmp_path: Path, monkeypatc
     class Compiler(subprocess.Popen[bytes]):
         def __init__(self, command: list[str], env: dict[str, str], **how: Any) -> None:
             told.append(env)
-            super().__init__([sys.executable, "-c", "print({})"], env=env, **how)
+            super().__init__([sys.executable, "-c", ""], env=env, **how)
 
     monkeypatch.setattr(prebuilt.subprocess, "Popen", Compiler)
     monkeypatch.setenv("PYTHONHASHSEED", "17")
-    prebuilt.build(tmp_path, processor.portable())
+    prebuilt.build(tmp_path, processor.portable(), every=False)
     assert {env["PYTHONHASHSEED"] for env in told} == {"0"}
     assert {env[prebuilt.LEVEL] for env in told} == set(processor.portable())
+
+
+def test_a_build_counts_what_it_makes_and_keeps_what_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of two kernels one is asked for first: the second build makes the other, the third nothing."""
+    two = [KERNELS["simulate filtered"], KERNELS["segments summed_gyro"]]
+    monkeypatch.setattr(prebuilt, "kernels", lambda: iter(two))
+    monkeypatch.setattr(prebuilt, "of_defaults", lambda: iter(two[1:]))
+
+    def here(command: list[str], **how: Any) -> Any:
+        monkeypatch.setenv(prebuilt.LEVEL, how["env"][prebuilt.LEVEL])
+        part, parts = map(int, command[command.index("--share") + 1 :][:2])
+        capsys.readouterr()
+        prebuilt.compile_share(prebuilt._place(tmp_path, processor.levels()[0]), part, parts, "--all" in command)
+        said = SimpleNamespace(stdout=capsys.readouterr().out.splitlines(True), stderr=io.StringIO(), returncode=0)
+        return contextlib.nullcontext(said)
+
+    monkeypatch.setattr(prebuilt.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(prebuilt.subprocess, "Popen", here)
+    made = []
+    for every in (False, True, True):
+        prebuilt.build(tmp_path, processor.levels()[:1], every)
+        files = {file.stem for file in tmp_path.glob("*/*.o")}
+        index = json.loads((tmp_path / store.INDEX).read_text())["keys"]
+        assert {key for found in index.values() for key in found.values()} == files
+        made.append((len(files), capsys.readouterr().out.strip()))
+    assert made == [(1, "1"), (2, "1"), (2, "")]
+
+
+@pytest.mark.parametrize("log", ["px4_hover.ulg", "copter_steps_stabilize.tlog", "copter_yaw_turns.bin"])
+def test_an_analysis_with_defaults_runs_only_kernels_that_were_made_for_it(
+    log: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a fresh process, since one that runs knows its kernels already."""
+    code = (
+        "import sys; from attlog.kernels import obtain, calling; load, names = calling.load, set();"
+        "calling.load = lambda kernel, *more: (names.add(kernel.name), load(kernel, *more))[1];"
+        "import attlog; attlog.analyze(sys.argv[1]); print(*sorted(names), sep='\\n')"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(SAMPLES / log)], capture_output=True, text=True, check=True)
+    ran = set(done.stdout.splitlines())
+    assert {"loop attlog.estimators.filters.mekf 4 9 False False", "navigation forward"} <= ran
+    assert ran <= {kernel.name for kernel in prebuilt.of_defaults()}
 
 
 def test_the_shipped_index_tells_what_the_sources_say() -> None:
