@@ -61,6 +61,7 @@ def test_a_filter_gets_the_same_answers_alone_as_among_others(case: Case) -> Non
     assert sum(v is not None for v, _ in values.values()) > 10
 
 
+@pytest.mark.slow
 def test_two_evaluations_of_one_name_with_other_parameters_do_not_mix(case: Case, tmp_path: Path) -> None:
     """Nothing is remembered by a row's name: a tuned file keeps its name and changes its filter."""
     file = tmp_path / "mine.py"

@@ -13,6 +13,7 @@ import pytest
 from tests.conftest import few
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "darwin", reason="its file systems keep UTF-8 names only")
 @pytest.mark.parametrize(("encoding", "sign"), few([("ascii", b" deg"), ("cp1252", "°".encode("cp1252"))], 1))
 def test_analyze_works_where_signs_and_names_cannot_be_shown(samples, tmp_path, encoding, sign):

@@ -244,6 +244,7 @@ def test_no_command_prints_help(attlog):
     assert "analyze" in done.out + done.err
 
 
+@pytest.mark.slow
 def test_an_interrupt_says_what_was_kept(attlog, samples, tmp_path, monkeypatch, harmful):
     out, filter_file = tmp_path / "out", harmful(LOGS[1], INTERRUPT)
     done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", out, "--estimators", filter_file)

@@ -39,6 +39,7 @@ def attlog(*words: object, before: str = "", **how: object) -> subprocess.Comple
     return subprocess.run(command, stderr=subprocess.PIPE, text=True, **how)  # type: ignore[call-overload, no-any-return]
 
 
+@pytest.mark.slow
 @LINUX
 @pytest.mark.parametrize("command", few(["analyze", "extract"], 1))
 def test_a_large_log_that_is_cut_while_it_is_mapped_is_66(tmp_path: Path, command: str) -> None:
@@ -50,6 +51,7 @@ def test_a_large_log_that_is_cut_while_it_is_mapped_is_66(tmp_path: Path, comman
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @LINUX
 def test_a_log_that_is_cut_while_it_is_analysed_is_66(tmp_path: Path) -> None:
     log = tmp_path / "a.bin"

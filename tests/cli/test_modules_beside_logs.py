@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, few
 
 NAMED_LIKE_MODULES = ("numpy", "signal", "struct", "pickle", "json", "socket", "subprocess", "multiprocessing")
 RAN = "from pathlib import Path\nPath(__file__).with_suffix('.ran').touch()\nraise SystemExit(5)\n"
@@ -26,14 +26,19 @@ COMMAND = "from attlog.__main__ import main; main()"
 
 @pytest.mark.parametrize(
     "words",
-    [
-        pytest.param(["info", "--verify", "log.ulg"], id="official reader"),
-        pytest.param(["check-estimator", "mine.py"], id="filter of a file"),
-        pytest.param(
-            ["batch", "log.ulg", "-o", "out", "--estimators", "mine.py", "--reference", "onboard"], id="batch"
-        ),
-        pytest.param(["compare", "log.ulg", "again.ulg", "gyro", "mahony", "-o", "out", "-j", "2"], id="several logs"),
-    ],
+    few(
+        [
+            pytest.param(["info", "--verify", "log.ulg"], id="official reader"),
+            pytest.param(["check-estimator", "mine.py"], id="filter of a file"),
+            pytest.param(
+                ["batch", "log.ulg", "-o", "out", "--estimators", "mine.py", "--reference", "onboard"], id="batch"
+            ),
+            pytest.param(
+                ["compare", "log.ulg", "again.ulg", "gyro", "mahony", "-o", "out", "-j", "2"], id="several logs"
+            ),
+        ],
+        1,
+    ),
 )
 @pytest.mark.parametrize("start", [["-c", DROPPED + COMMAND], ["-m", "attlog"]], ids=["attlog", "-m attlog"])
 def test_no_child_process_imports_a_file_of_the_current_folder(

@@ -11,6 +11,7 @@ import attlog
 from attlog.estimators import Aids, Estimate, estimate
 from attlog.estimators.engine.loop import joined_aux
 from attlog.testing import still
+from tests.conftest import few
 
 PLUGIN = '''"""Says what it was told."""
 import numpy as np
@@ -31,7 +32,7 @@ def plugin(tmp_path: Path) -> str:
     return str(file)
 
 
-@pytest.mark.parametrize("sampling", ["interval", "instant"])
+@pytest.mark.parametrize("sampling", few(["interval", "instant"], 1))
 def test_a_whole_run_knows_how_its_samples_were_taken(plugin: str, sampling: str) -> None:
     m = still(2.0)
     assert estimate(plugin, m.t, m.gyr, m.acc, sampling=sampling, aids=Aids()).quality["sampling"] == sampling

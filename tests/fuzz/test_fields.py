@@ -55,6 +55,7 @@ def test_every_value_changes_a_field_of_any_type(kind: str) -> None:
         assert not np.array_equal(changed, x), value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", few(LOGS, 1))
 def test_fields_as_no_sensor_gives_them_end_as_documented(name: str, tmp_path: Path) -> None:
     campaign.warm()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from attlog.metrics.answer import Answer, missing
 from attlog.present.sentences import verdicts
 from attlog.result import EstimatorRow, Result
-from tests.conftest import corpus_logs
+from tests.conftest import corpus_logs, few
 from tests.present.contradictions import contradictions
 from tests.present.made import DRIFT_AIR, DRIFT_REST, HEADING, LAG, NOISE, STEP, STEP_PCT, TILT, merged, result, row
 
@@ -79,10 +79,14 @@ def results(draw: st.DrawFn) -> Result:
     return made
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
-@given(results())
-def test_no_made_result_contradicts_itself(made):
-    assert contradictions(made) == []
+@pytest.mark.parametrize("examples", few([40, 400], 1))
+def test_no_made_result_contradicts_itself(examples):
+    @settings(max_examples=examples, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(results())
+    def consistent(made):
+        assert contradictions(made) == []
+
+    consistent()
 
 
 def told() -> Result:

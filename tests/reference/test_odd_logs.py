@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -69,6 +70,7 @@ def logs(draw: st.DrawFn) -> FlightLog:
     return log
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(log=logs(), e=st.data())
 def test_nothing_in_a_log_breaks_the_comparison(log, e):

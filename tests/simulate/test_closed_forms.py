@@ -47,6 +47,7 @@ def errors_deg(flight: Flight, name: str, field: bool = True, **params: Any) -> 
     return np.degrees(rotation.to_rotvec(e))
 
 
+@pytest.mark.slow
 def test_a_gyro_alone_is_off_by_its_bias_and_a_random_walk() -> None:
     """Error after T s: bias T on top of a normal variable of variance N^2 T (IEEE Std 952-1997)."""
     ends = []
@@ -72,6 +73,7 @@ def test_single_samples_of_gravity_and_field_are_off_by_their_noise() -> None:
     assert e[:, 2].std() == pytest.approx(math.hypot(field, acc * down / level), rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kp", few([0.3, 1.0, 3.0], 1))
 def test_a_proportional_filter_is_off_by_bias_over_gain_and_by_filtered_noise(kp: float) -> None:
     """x' = -kp x + bias + gyro noise + kp accelerometer noise: mean bias / kp, variance (N^2 + kp^2 n^2) / (2 kp)."""

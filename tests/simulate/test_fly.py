@@ -49,6 +49,7 @@ def everything(flight: Flight) -> dict[str, bytes]:
     return found
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not() -> None:
     one, again, other = fly(hop(), 7), fly(hop(), 7), fly(hop(), 8)
     assert everything(one) == everything(again)

@@ -72,6 +72,7 @@ def test_each_scenario_shows_what_its_title_promises() -> None:
     assert np.degrees(np.abs(drifting[-1] - drifting[0])).max() > 0.1
 
 
+@pytest.mark.slow
 def test_static_and_prescribed_motion_hold_their_angles() -> None:
     still = fly(load("static").changed(seconds=20.0), 3).truth
     assert np.degrees(rotation.to_euler(still.q[[0, -1]])) == pytest.approx(np.array([[2, 1, 0]] * 2), abs=1e-9)

@@ -61,6 +61,7 @@ def test_a_folder_with_a_batch_asks_what_to_do(attlog, small, tmp_path):
     assert "; 1 done before" in done.out
 
 
+@pytest.mark.slow
 def test_a_finished_batch_counts_what_failed_before_and_tells_what_fails_anew(attlog, small, tmp_path):
     """A nightly job with one unusable log ended with 65 every night and printed the same line."""
     (small.parent / "bad.ulg").write_bytes(b"x" * 500)
@@ -81,6 +82,7 @@ def test_a_finished_batch_counts_what_failed_before_and_tells_what_fails_anew(at
     expect(attlog(*again), 65, "bad.ulg: not a flight log")
 
 
+@pytest.mark.slow
 def test_a_log_that_takes_too_long_each_night_is_news_once(attlog, samples, tmp_path):
     again = ("batch", samples / "copter_yaw_turns.bin", "-o", tmp_path / "out", "--resume", "--timeout", "0.05")
     expect(attlog(*again), 75, "took longer than 0.05 s")

@@ -55,7 +55,7 @@ ONE_BY_ONE = {"mekf"}
 """Covariances too large to stand side by side in vector registers, and branches that part the sets."""
 
 
-@pytest.mark.parametrize("name", [n for n in BUILT_IN if get(n).step is not None])
+@pytest.mark.parametrize("name", few([n for n in BUILT_IN if get(n).step is not None], 4))
 def test_every_built_in_filter_gives_in_a_batch_what_it_gives_alone(name: str) -> None:
     """The numbers of every filter differ between the sets, so that mixed up columns would show."""
     x = flight(600)

@@ -94,7 +94,7 @@ class Dense:
 
 def test_attitude_bias_and_covariance_equal_an_independent_dense_filter() -> None:
     """From 40 deg off, where the points lie far apart, with a field in every fifth sample."""
-    m = flight(4.0, 200.0, noise=NOISE)
+    m = flight(1.5, 200.0, noise=NOISE)
     params = packed(**PLAIN)
     q0 = rotation.multiply(m.q[0], rotation.from_rotvec((0.5, -0.4, 0.3)))
     state = ukf.start(params, m.acc[0], m.mag[0], q0)

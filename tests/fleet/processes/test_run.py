@@ -162,6 +162,7 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, nursery: Nurser
     assert f"{LOG.name}.html: cannot be written" in record.message
 
 
+@pytest.mark.slow
 def test_the_death_of_the_nursery_costs_its_children_alone(tmp_path: Path) -> None:
     with installed():
         nursery = Nursery()

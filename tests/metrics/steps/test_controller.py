@@ -97,6 +97,7 @@ def test_a_vehicle_that_follows_at_once_has_no_delay_and_answers_never_come_befo
     assert abs(response[0]) < 0.02
 
 
+@pytest.mark.slow
 def test_an_attitude_that_ignores_its_set_point_has_no_response():
     case, row = flight()
     case.log.attitudes["ATT"].q = np.roll(case.log.attitudes["ATT"].q, 4000, axis=0)
@@ -106,6 +107,7 @@ def test_an_attitude_that_ignores_its_set_point_has_no_response():
     assert found["tracking_rms_deg"].value > 3.0
 
 
+@pytest.mark.slow
 def test_modes_that_command_no_attitude_and_times_disarmed_are_left_out():
     case, row = flight()
     whole = controller.compute(case, row, "all")["setpoint_delay_ms"].seconds

@@ -138,6 +138,7 @@ def test_the_docs_list_every_scenario_and_their_example_is_one() -> None:
     assert scenario.fault[0].part == "mag"
 
 
+@pytest.mark.slow
 def test_the_python_of_the_docs_runs() -> None:
     page = (ROOT / "docs" / "simulate.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
