@@ -168,10 +168,6 @@ def evaluate(
         best=ranking.best,
         worst=ranking.worst,
         ranked=ranking.ranked,
-        definitions={
-            name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
-            for name, m in metrics.definitions().items()
-        },
         traces=drawn,
     )
     result.timing = clock.seconds

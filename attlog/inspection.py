@@ -10,6 +10,7 @@ from typing import Any
 
 from attlog import formats, reference, segments
 from attlog.base.freed import give_back
+from attlog.base.plain import plain
 from attlog.flight import flight_in
 from attlog.flight import memory as room
 from attlog.flight.clock.record_time import ends_of
@@ -20,7 +21,6 @@ from attlog.health.findings import contradiction, findings
 from attlog.kernels.loops import briefly
 from attlog.metrics import Case
 from attlog.metrics.evidence.common_bias import common_bias
-from attlog.plain import plain
 from attlog.reference.model import Reference
 from attlog.segments import Segments
 from attlog.segments.once import once

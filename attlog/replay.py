@@ -278,24 +278,23 @@ def table_row(
         row.name,
         row.kind,
         estimator,
-        preset,
-        parameters or {},
-        {},
-        row.skipped,
-        row.ns_per_update,
         row.status,
         row.reason,
+        title,
+        preset,
+        parameters or {},
         row.is_reference,
         row.causal,
         row.uses_mag,
         row.start,
-        title,
+        row.skipped,
         row.quality,
+        row.ns_per_update,
     )
 
 
 def _failed(name: str, error: AttlogError) -> EstimatorRow:
-    return EstimatorRow(name, "replay", name, None, {}, {}, {}, None, "failed", str(error))
+    return EstimatorRow(name, "replay", name, "failed", str(error))
 
 
 def batch(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import subprocess
@@ -14,8 +13,8 @@ import pytest
 
 import attlog
 from attlog.base.errors import LogUnreadable, UsageError
-from attlog.plain import Misfit, plain, restored
-from attlog.result import SCHEMA, Result
+from attlog.base.plain import plain
+from attlog.result import SCHEMA, Answer, Result
 from tests.conftest import SAMPLES, few
 
 LOGS = [p for p in sorted(SAMPLES.iterdir()) if p.suffix in (".ulg", ".bin", ".tlog")]
@@ -77,14 +76,14 @@ def test_another_schema_is_refused_in_words(written: Path, tmp_path: Path, schem
     ("content", "says"),
     [
         (b"", "line 1, column 1 .the file ends there"),
-        (b'{"schema": "attlog-result/3",\n "log": {"a": [1, 2', "line 2, column .* cut off"),
+        (b'{"schema": "attlog-result/4",\n "log": {"a": [1, 2', "line 2, column .* cut off"),
         (b'{"schema": ]}', "line 1, column 12"),
         (b"[1, 2]", "no schema"),
         (b'"text"', "no schema"),
         (b"\xff\xfe{}", "no UTF-8 text at byte 0"),
         (b'{"schema": NaN}', "NaN is no number of JSON"),
         (b"[" * 200_000, "not a result"),
-        (b'{"schema": "attlog-result/3"}', "attlog: is missing"),
+        (b'{"schema": "attlog-result/4"}', "attlog: is missing"),
     ],
 )
 def test_what_is_no_result_is_refused_with_the_place(tmp_path: Path, content: bytes, says: str) -> None:
@@ -112,14 +111,14 @@ def test_a_file_that_is_not_there_cannot_be_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "value", "says"),
     [
-        (("estimators", 0, "name"), 3, r"estimators\[0\].name: a whole number instead of a text"),
-        (("estimators", 0, "causal"), 1, r"estimators\[0\].causal: a whole number instead of true or false"),
-        (("estimators", 0, "metrics", "rest", "noise_roll_deg", "value"), "1", "noise_roll_deg.value: a text instead"),
-        (("estimators", 0, "metrics", "rest", "noise_roll_deg", "ci95"), [1.0], "ci95: a list instead of a list of 2"),
-        (("estimators", 0, "metrics", "rest", "noise_roll_deg", "extra"), 1, "noise_roll_deg.extra: unknown key"),
-        (("segments", 0), [], r"segments\[0\]: a list instead of an object"),
-        (("verdicts",), {}, "verdicts: an object instead of a list"),
-        (("best", "rest"), 1, "best.rest: a whole number instead of an object"),
+        (("estimators", 0, "name"), 3, r"estimators\[0\].name: must be a valid string"),
+        (("estimators", 0, "causal"), 1, r"estimators\[0\].causal: must be a valid boolean"),
+        (("segments", 0, "t0"), "1", r"segments\[0\].t0: must be a number"),
+        (("estimators", 0, "metrics", "all", "noise_roll_deg", "ci95"), [1.0], r"ci95\[1\]: is missing"),
+        (("estimators", 0, "metrics", "all", "noise_roll_deg", "extra"), 1, "unknown key estimators.*deg.extra"),
+        (("segments", 0), [], r"segments\[0\]: must be a table"),
+        (("verdicts",), {}, "verdicts: must be a valid array"),
+        (("attlog", "numpy"), 1, "attlog.numpy: must be a valid string"),
     ],
 )
 def test_a_wrong_value_is_told_with_its_place(
@@ -153,45 +152,71 @@ def test_reading_a_result_imports_nothing_heavy(written: Path) -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
 
 
-@dataclasses.dataclass
-class Made:
-    """All kinds of fields."""
+def test_a_null_for_a_number_is_no_number(written: Path, tmp_path: Path) -> None:
+    document = json.loads(written.read_text())
+    document["reference"]["rate_hz"] = None
+    (tmp_path / "null.json").write_text(json.dumps(document))
+    found = Result.load(tmp_path / "null.json")
+    assert found.reference is not None
+    assert math.isnan(found.reference.rate_hz)
+    assert found.to_dict()["reference"]["rate_hz"] is None
 
-    number: float
-    pairs: dict[str, tuple[int, str]]
-    maybe: float | str | None = None
+
+def test_a_result_without_anything_but_its_log_reads_back(tmp_path: Path) -> None:
+    Result({"version": "1"}, "", {}, {"name": "x.ulg"}).to_json(tmp_path / "x.json")
+    assert len((tmp_path / "x.json").read_text()) < 120
+    assert Result.load(tmp_path / "x.json") == Result({"version": "1"}, "", {}, {"name": "x.ulg"})
 
 
-def test_a_null_for_a_number_is_no_number() -> None:
-    found = restored(Made, plain(Made(math.inf, {"a": (1, "x")})))
-    assert math.isnan(found.number)
-    assert found == Made(found.number, {"a": (1, "x")}, None)
-    for wrong, place in (
-        ({"number": 1, "pairs": {"a": [1, 2]}, "maybe": None}, r"pairs.a\[1\]"),
-        ({"number": True, "pairs": {}, "maybe": None}, "number"),
-        ({"number": 1, "pairs": {}, "maybe": []}, "maybe: a list instead of a number and a list instead of a text"),
-        ([], "the document"),
-    ):
-        with pytest.raises(Misfit, match=place):
-            restored(Made, wrong)
+def answers(found: Result) -> dict[tuple[str, str, str], Answer]:
+    return {(r.name, w, m): a for r in found.estimators for w, kept in r.metrics.items() for m, a in kept.items()}
+
+
+def test_every_answer_reads_back_whole_though_the_file_tells_it_once(tmp_path: Path) -> None:
+    result = attlog.evaluate(attlog.prepare(SAMPLES / "copter_yaw_turns.bin"), ["mahony", "madgwick"])
+    result.to_json(tmp_path / "a.json")
+    back, made = answers(Result.load(tmp_path / "a.json")), answers(result)
+    assert back.keys() == made.keys()
+    assert [key for key in made if plain(back[key]) != plain(made[key])] == []
+    row = json.loads((tmp_path / "a.json").read_text())["estimators"][1]["metrics"]
+    assert row["airborne"]["lag_ms"] == {"value": row["all"]["lag_ms"]["value"], "as_in": "all"}
+    assert (tmp_path / "a.json").stat().st_size < 300_000
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        ({"as_in": "hover"}, "as_in: there is no such answer in 'hover'"),
+        ({"as_in": "rest"}, "as_in: there is no such answer in 'rest'"),
+        ({"as_in": "idle"}, "as_in: there is no such answer in 'idle'"),
+        ({"value": 1.0, "as_in": "all"}, "value: differs from that in 'all'"),
+        ({"value": 1.0, "reason": 1000}, "reason: there is no sentence 1000"),
+        ({"value": 1.0, "method": -1}, "method: there is no sentence -1"),
+    ],
+)
+def test_what_an_answer_points_to_must_be_there(
+    written: Path, tmp_path: Path, answer: dict[str, Any], says: str
+) -> None:
+    document = json.loads(written.read_text())
+    document["estimators"][0]["metrics"]["rest"]["noise_roll_deg"] = answer
+    (tmp_path / "x.json").write_text(json.dumps(document))
+    with pytest.raises(UsageError, match=rf"estimators\[0\].metrics.rest.noise_roll_deg.{says}"):
+        Result.load(tmp_path / "x.json")
+
+
+def test_a_file_of_the_schema_before_reads_the_same(tmp_path: Path) -> None:
+    """Schema 3 told every field, defaults and definitions included, and fields that are gone."""
+    result = attlog.evaluate(attlog.prepare(SAMPLES / "copter_steps_stabilize.bin"), ["mahony"])
+    gone = {"comparisons": [], "health": [], "definitions": result.definitions}
+    old = json.dumps(plain(result) | gone | {"schema": "attlog-result/3"}, indent=1)
+    (tmp_path / "old.json").write_text(old)
+    found = Result.load(tmp_path / "old.json")
+    assert found.schema == "attlog-result/3"
+    assert found.to_dict() == result.to_dict()
 
 
 def test_the_schema_names_the_version_that_is_read() -> None:
-    from attlog.schema import schema
+    from attlog.result.schema import schema
 
     assert schema()["properties"]["schema"] == {"const": SCHEMA}
     assert "traces" not in schema()["properties"]
-
-
-def test_an_array_may_be_named_by_a_type_statement() -> None:
-    """As numpy 2.5 names ``NDArray`` on Python 3.12 and later: there nothing could be read back."""
-    from typing import TypeVar
-
-    import numpy as np
-    from typing_extensions import TypeAliasType
-
-    kind = TypeVar("kind", bound=np.generic)
-    named = TypeAliasType("named", np.ndarray[tuple[Any, ...], np.dtype[kind]], type_params=(kind,))
-    made: Any = dataclasses.make_dataclass("Made", [("x", named[np.int64]), ("y", named[np.float64] | None)])
-    found: Any = restored(made, {"x": [1, 2], "y": [0.5]})
-    assert (found.x.dtype, found.x.tolist(), found.y.dtype) == (np.int64, [1, 2], np.float64)

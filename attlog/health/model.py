@@ -15,7 +15,7 @@ class Check:
     name: str
     verdict: str
     text: str
-    value: float | str | None = None
+    value: int | float | str | None = None
     unit: str = ""
     threshold: str = ""
     t: float | None = None

@@ -67,9 +67,9 @@ class Answer:
     - ``units``: the pieces of evidence by which the answer is paired with another on the same log
     """
 
-    value: float | None
-    unit: str
-    window: str
+    value: float | None = None
+    unit: str = ""
+    window: str = ""
     n: int = 0
     seconds: float = 0.0
     ci95: tuple[float, float] | None = None

@@ -125,7 +125,7 @@ def render(
         messages=[(t, level_name(level), alarming(level, text), text) for t, level, text in messages(result)],
         config=toml(result.config),
         firmware=firmware(result),
-        columns=columns,
+        definitions={m: d for m, d in result.definitions.items() if not (deterministic and m in MEASURED_TIMES)},
         data=store.pack(header),
         json=packed(text.encode("utf-8", "replace")),
         bundle=None if shared else base64.b64encode(plot.packed).decode(),
@@ -149,7 +149,6 @@ def timeless(result: Result) -> Result:
         command="",
         timing={},
         estimators=rows,
-        definitions=left(result.definitions),
         best=by_window(result.best),
         worst=by_window(result.worst),
         ranked=by_window(result.ranked),
@@ -184,8 +183,3 @@ def without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(k): without_none(v) for k, v in value.items() if v is not None}
     return [without_none(v) for v in value if v is not None] if isinstance(value, (list, tuple)) else value
-
-
-def columns(entries: list[dict[str, Any]]) -> list[str]:
-    """The keys of a list of dictionaries, in the order they first appear."""
-    return list(dict.fromkeys(str(key) for entry in entries for key in entry))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from attlog.plain import plain
+from attlog.base.plain import plain
 from attlog.reproduce.paper import Paper
 
 

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.plain import IN_JSON
+from attlog.base.plain import IN_JSON
 
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]

@@ -7,13 +7,6 @@ from typing import Any
 from attlog.result import EstimatorRow, ParameterValue, Result
 from tests.present.made import Metrics, row
 
-DEFINITIONS = {
-    "inclination_rmse_deg": {"unit": "deg", "better": "low"},
-    "noise_tilt_deg": {"unit": "deg", "better": "low"},
-    "lag_ms": {"unit": "ms", "better": "zero"},
-    "cost_ns": {"unit": "ns", "better": "low"},
-}
-
 
 def result(*rows: EstimatorRow, sha: str = "a", version: str = "1", **changes: Any) -> Result:
     """A result of a log with this hash."""
@@ -24,10 +17,7 @@ def result(*rows: EstimatorRow, sha: str = "a", version: str = "1", **changes: A
         "params": {"P": 1.0, "Q": 2.0},
     }
     values = {"config": {"window": "all"}, "log": log | changes.pop("log", {})} | changes
-    definitions = {n: {"title": n, "text": n, **d} for n, d in DEFINITIONS.items()}
-    return Result(
-        {"version": version}, "", values["config"], values["log"], estimators=list(rows), definitions=definitions
-    )
+    return Result({"version": version}, "", values["config"], values["log"], estimators=list(rows))
 
 
 def filtered(metrics: Metrics, name: str = "mahony", kp: float = 0.6, **changes: Any) -> EstimatorRow:

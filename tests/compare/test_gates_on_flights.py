@@ -84,5 +84,5 @@ def test_a_changed_gain_is_paired_with_the_run_before(tmp_path: Path, gain: floa
     run(0.5).to_json(tmp_path / "main.json")
     (tmp_path / "gates.toml").write_text('[gates]\nbaseline="main.json"\ninclination_rmse_deg={baseline=true}\n')
     read = gate_file.read(tmp_path / "gates.toml")
-    outcomes = judge(read, run(gain).to_dict(), baseline.read_all(gate.baseline for gate in read.gates))
+    outcomes = judge(read, run(gain), baseline.read_all(gate.baseline for gate in read.gates))
     assert [o.status for o in outcomes if o.check != "status"] == ["passed" if passes else "failed"], outcomes

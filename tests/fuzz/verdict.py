@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from attlog.flight import physics
-from attlog.schema import schema
+from attlog.result.document import expanded
+from attlog.result.schema import schema
 
 DAY_S = physics.LONGEST_S
 BY_UNIT = {
@@ -38,7 +39,7 @@ def wrong(text: str) -> list[str]:
     except ValueError as error:
         return [f"no JSON: {error}"]
     found = [f"schema: {e.json_path}: {e.message[:200]}" for e in _validator().iter_errors(document)]
-    return found + list(unphysical(document))
+    return found + list(unphysical(expanded(document)))
 
 
 def unphysical(value: Any, path: str = "", name: str = "", unit: str = "") -> Iterator[str]:

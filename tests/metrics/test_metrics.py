@@ -8,11 +8,11 @@ import pytest
 
 from attlog import metrics
 from attlog.base import rotation
+from attlog.base.plain import plain
 from attlog.flight.model import Imu, Stream
 from attlog.metrics.answer import CODES
 from attlog.metrics.figures.traces import traces
 from attlog.metrics.steps import events as steps
-from attlog.plain import plain
 from attlog.segments.model import WINDOWS, Segment
 from tests.conftest import ROOT
 from tests.metrics import flights

@@ -14,8 +14,8 @@ def named(spec: str, suffix: str = "") -> EstimatorRow:
     found = select(spec)[0]
     parameters = {k: ParameterValue(v, origin) for k, (v, origin) in found.resolved().items()}
     return EstimatorRow(
-        found.name + suffix, "replay", found.estimator.name, found.preset, parameters, {}, {}, None, "ok",
-        title=found.estimator.title,
+        found.name + suffix, "replay", found.estimator.name, "ok",
+        title=found.estimator.title, preset=found.preset, parameters=parameters,
     )  # fmt: skip
 
 
@@ -59,10 +59,10 @@ def test_a_row_of_another_imu_says_so():
     ],
 )
 def test_onboard_rows_say_where_they_come_from(key, title, name):
-    row = EstimatorRow(key, "onboard", "", None, {}, {}, {}, None, "ok", title=title)
+    row = EstimatorRow(key, "onboard", "", "ok", title=title)
     assert row_name(row) == name
 
 
 def test_two_rows_are_never_called_the_same():
-    rows = [EstimatorRow(k, "replay", "mine", None, {}, {}, {}, None, "ok") for k in ("mine", "mine-2")]
+    rows = [EstimatorRow(k, "replay", "mine", "ok") for k in ("mine", "mine-2")]
     assert row_names(Result({}, "", {}, {}, estimators=rows)) == {"mine": "Mine [mine]", "mine-2": "Mine [mine-2]"}

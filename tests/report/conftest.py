@@ -290,14 +290,6 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
             scoring_start_s=15.0,
         ),
         estimators=rows,
-        definitions={
-            "noise_roll_deg": {
-                "unit": "deg",
-                "better": "low",
-                "text": "Standard deviation of roll in 5 s windows of rest.",
-            },
-            "lag_ms": {"unit": "ms", "better": "zero", "text": "How late the estimate follows a quick movement."},
-        },
         best={
             "rest": {
                 "noise_tilt_deg": ["vqf", "mahony@xu-0.6"],

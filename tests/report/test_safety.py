@@ -36,8 +36,6 @@ def hostile() -> Result:
     result.problems = [Problem(EVIL, "error", EVIL, 3.0)]
     result.command = EVIL
     result.config = {"estimators": [EVIL]}
-    result.health = [{EVIL: EVIL}]
-    result.definitions[EVIL] = {"unit": EVIL, "better": EVIL, "text": EVIL, "title": EVIL}
     for row in result.estimators:
         row.reason = EVIL
         row.parameters[EVIL] = ParameterValue(EVIL, EVIL, EVIL, EVIL)

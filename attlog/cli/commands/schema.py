@@ -9,6 +9,6 @@ def command() -> None:
     """Print the JSON schema of what analyze writes."""
     import json
 
-    from attlog.schema import schema
+    from attlog.result.schema import schema
 
     typer.echo(json.dumps(schema(), indent=1))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from attlog import plain
+from attlog.base import plain
 from attlog.compare.diff.diff import ABSENT, Changed, Difference, Moved
 from attlog.present.numbers import MINUS, counted, half_width, quantity, unit_sign
 from attlog.present.table.markdown import escaped

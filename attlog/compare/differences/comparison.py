@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from attlog.base.errors import UsageError
-from attlog.base.json_text import indented
 from attlog.base.limits import MAX_RESULT_BYTES
+from attlog.base.plain import plain
 from attlog.base.settings_file import bytes_of
+from attlog.base.validation import lines
 from attlog.compare.differences.paired import Direction, Scale
-from attlog.plain import Misfit, plain, restored
 
 SCHEMA = "attlog-comparison/1"
 
@@ -150,10 +150,11 @@ class Comparison:
     verdicts: list[Said] = field(default_factory=list)
     definitions: dict[str, str] = field(default_factory=dict)
     schema: str = SCHEMA
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid"}
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be."""
-        text = indented(plain(self)) + "\n"
+        text = json.dumps(plain(self), ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
         text = text.encode("utf-8", "surrogatepass").decode("utf-8", "replace")
         if path is not None:
             from attlog.base.output import write_atomic
@@ -168,10 +169,12 @@ class Comparison:
             document = json.loads(bytes_of(Path(path), MAX_RESULT_BYTES).decode("utf-8"))
         except (ValueError, RecursionError) as error:
             raise UsageError(f"{path}: not a comparison of attlog: no valid JSON: {error}") from None
+        from pydantic import TypeAdapter, ValidationError
+
         schema = document.get("schema") if isinstance(document, dict) else None
         if schema != SCHEMA:
             raise UsageError(f"{path}: not a comparison of attlog: its schema is {schema!r}, not {SCHEMA}")
         try:
-            return restored(cls, document)
-        except Misfit as misfit:
-            raise UsageError(f"{path}: not a comparison of attlog: {misfit}") from None
+            return TypeAdapter(cls).validate_json(json.dumps(document))
+        except ValidationError as error:
+            raise UsageError(f"{path}: not a comparison of attlog: {'; '.join(lines(error, cls))}") from None

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from attlog.base.errors import UsageError
-from attlog.result import OLDEST, SCHEMA_NAME, SCHEMA_NUMBER
+from attlog.result import Result
+from attlog.result.document import SCHEMA_NAME
 
 HEAD = 64 * 1024
 """Bytes in which a result tells its log, unless its configuration is longer."""
@@ -32,10 +33,10 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class BaselineResult:
     """The result that belongs to a log. ``same_log``: of the same bytes, so that evidence can be paired."""
 
-    document: Mapping[str, Any]
+    result: Result
     same_log: bool
 
 
@@ -47,9 +48,9 @@ class Baseline:
     by_sha256: dict[str, Place] = field(default_factory=dict)
     by_name: dict[str, Place] = field(default_factory=dict)
     only: Place | None = None
-    last: tuple[Place, dict[str, Any]] | None = None
+    last: tuple[Place, Result] | None = None
 
-    def of(self, log: Mapping[str, Any]) -> Beside | str:
+    def of(self, log: Mapping[str, Any]) -> BaselineResult | str:
         """The result of the same log, else that of a log of the same name, else the only one; or why there is none."""
         same = self.by_sha256.get(str(log.get("sha256")))
         place = same or self.by_name.get(str(log.get("name"))) or self.only
@@ -57,10 +58,10 @@ class Baseline:
             return f"the baseline {self.name} has no result of this log"
         try:
             if self.last is None or self.last[0] != place:
-                self.last = place, _document(place)
-        except (OSError, ValueError) as error:
+                self.last = place, _result(place)
+        except (OSError, UsageError) as error:
             return f"the baseline {self.name} cannot be read: {error}"
-        return Beside(self.last[1], same is not None)
+        return BaselineResult(self.last[1], same is not None)
 
 
 def read(path: Path) -> Baseline:
@@ -129,19 +130,14 @@ def _log(place: Place) -> tuple[str, str | None] | None:
     if found is not None:
         return str(json.loads(found[1])), found[2].decode()
     try:
-        log = _document(place).get("log") or {}
-    except ValueError:
+        log = _result(place).log
+    except UsageError:
         return None
     return str(log.get("name")), log.get("sha256")
 
 
-def _document(place: Place) -> dict[str, Any]:
-    """The document at a place. ValueError for what is none that this version reads."""
+def _result(place: Place) -> Result:
+    """The result at a place. UsageError for what is none that this version reads."""
     with open(place.path, "rb") as file:
         file.seek(place.start)
-        document = json.loads(file.read(place.length))
-    number = str(document.get("schema", "") if isinstance(document, dict) else "").removeprefix(SCHEMA_NAME)
-    if not (number.isdecimal() and OLDEST <= int(number) <= SCHEMA_NUMBER):
-        raise ValueError(f"{place.path.name} is no result that this attlog reads")
-    found: dict[str, Any] = document
-    return found
+        return Result.read(file.read(place.length), place.path.name)

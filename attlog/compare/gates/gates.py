@@ -1,4 +1,4 @@
-"""Which of a log's numbers are beyond what was allowed? Gates, judged on the plain JSON document of a result.
+"""Which of a log's numbers are beyond what was allowed? Gates, judged on a result.
 
 A gate asks one metric in one window of every row that it means (:mod:`attlog.compare.gates.rows`) for one or more
 limits (:mod:`attlog.compare.gates.limits`). It fails a row that failed or diverged, whatever its numbers; it fails an
@@ -12,16 +12,17 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from attlog.compare.gates import answers as gate_answers
 from attlog.compare.gates import limits as gate_limits
 from attlog.compare.gates import rows as gate_rows
 from attlog.compare.gates import text as gate_words
 from attlog.compare.gates.answers import LOST
-from attlog.compare.gates.baseline import Baseline, Beside
+from attlog.compare.gates.baseline import Baseline, BaselineResult
 from attlog.compare.gates.limits import Limit
 from attlog.metrics.answer import Answer
+from attlog.result import EstimatorRow, Result
 
 Status = Literal["passed", "failed", "skipped"]
 Cause = Literal["row", "limit", "unanswered", "no_row"]
@@ -80,24 +81,22 @@ class GateOutcome:
     excused: bool = False
 
 
-def judge(
-    gates: Gates, document: Mapping[str, Any], baselines: Mapping[Path, Baseline] | None = None
-) -> list[GateOutcome]:
-    """What the gates say of one result, given as the JSON document that ``Result.to_dict`` makes: worst first.
+def judge(gates: Gates, result: Result, baselines: Mapping[Path, Baseline] | None = None) -> list[GateOutcome]:
+    """What the gates say of one result: worst first.
 
     ``baselines``: of :func:`attlog.compare.gates.baseline.read_all`, for gates that look into one.
     """
-    rows, log = gate_answers.rows_of(document), document.get("log") or {}
+    rows = result.estimators
     found: list[GateOutcome] = []
     for gate in gates.gates:
         baseline = (baselines or {}).get(gate.baseline) if gate.baseline is not None else None
-        beside = "no baseline was given" if baseline is None else baseline.of(log)
+        beside = "no baseline was given" if baseline is None else baseline.of(result.log)
         meant, unmatched = gate_rows.meant(rows, gate.filters)
         if gate.filters is None and not meant:
             unmatched = ["*"]
         for limit in gate.limits:
             for pattern in unmatched:
-                names = [str(row.get("name")) for row in rows]
+                names = [row.name for row in rows]
                 text = gate_words.no_filter(names) if gate.filters is None else gate_words.no_row(pattern, names)
                 found.append(_without_value(gate, limit, pattern, "no_row", text))
             found += [_of_limit(gate, limit, row, rows, beside) for row in meant]
@@ -112,11 +111,11 @@ def worst_first(outcomes: Iterable[GateOutcome]) -> list[GateOutcome]:
 
 
 def _of_limit(
-    gate: Gate, limit: Limit, row: Mapping[str, Any], rows: list[Mapping[str, Any]], beside: Beside | str
+    gate: Gate, limit: Limit, row: EstimatorRow, rows: list[EstimatorRow], beside: BaselineResult | str
 ) -> GateOutcome:
     """One limit on one row."""
-    name = str(row.get("name"))
-    if row.get("status") in LOST:
+    name = row.name
+    if row.status in LOST:
         return _without_value(gate, limit, name, "row", gate_words.lost(row))
     window, answer = gate_answers.answer(row, gate.metric, gate_rows.windows(gate.metric, gate.window))
     why = gate_words.unanswered(row, gate.metric, gate.window, answer)
@@ -131,7 +130,7 @@ def _of_limit(
         mine = gate_answers.answer(row, known.decided_by, (window,))[1]
         theirs, _ = _other(limit, gate, known.decided_by, row, rows, beside, window)
         decided = None if mine is None or theirs is None else (theirs, mine)
-    alike = limit.against != "baseline" or (isinstance(beside, Beside) and beside.same_log)
+    alike = limit.against != "baseline" or (isinstance(beside, BaselineResult) and beside.same_log)
     told = gate_limits.judged(limit, gate.metric, known.better, answer, other, same_log=alike, decided=decided)
     return GateOutcome(
         name,
@@ -153,9 +152,9 @@ def _other(
     limit: Limit,
     gate: Gate,
     metric: str,
-    row: Mapping[str, Any],
-    rows: list[Mapping[str, Any]],
-    beside: Beside | str,
+    row: EstimatorRow,
+    rows: list[EstimatorRow],
+    beside: BaselineResult | str,
     window: str,
 ) -> tuple[Answer | None, str]:
     """What a relative limit compares with; (None, "") for an absolute one."""
@@ -163,8 +162,8 @@ def _other(
         return gate_answers.of_onboard(rows, metric, window)
     if limit.against == "baseline":
         place = gate.baseline.name if gate.baseline is not None else ""
-        document = beside if isinstance(beside, str) else beside.document
-        return gate_answers.of_baseline(document, place, row, metric, window)
+        baseline = beside if isinstance(beside, str) else beside.result
+        return gate_answers.of_baseline(baseline, place, row, metric, window)
     return None, ""
 
 
@@ -186,10 +185,10 @@ def _without_value(gate: Gate, limit: Limit, row: str, cause: Cause, why: str, w
     )
 
 
-def _of_row(row: Mapping[str, Any]) -> GateOutcome:
+def _of_row(row: EstimatorRow) -> GateOutcome:
     """Whether a row ran to its end."""
-    name, lost = str(row.get("name")), row.get("status") in LOST
-    sentence = gate_words.lost(row) if lost else f"{name}: {row.get('status')}"
+    name, lost = row.name, row.status in LOST
+    sentence = gate_words.lost(row) if lost else f"{name}: {row.status}"
     status: Status = "failed" if lost else "passed"
     excess = math.inf if lost else 0.0
     return GateOutcome(name, STATUS, STATUS, "", status, "row" if lost else None, None, "", None, excess, sentence)

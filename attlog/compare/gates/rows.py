@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
-from typing import Any
 
 from attlog.compare.differences.questions import asked
+from attlog.result import EstimatorRow
 
 BASELINES = ("gyro", "accel_mag")
 """Estimators that are drawn beside the others and are not meant to be good: they diverge on any long flight."""
 WILD = frozenset("*?[")
 
 
-def meant(
-    rows: Sequence[Mapping[str, Any]], filters: Iterable[str] | None
-) -> tuple[list[Mapping[str, Any]], list[str]]:
+def meant(rows: Sequence[EstimatorRow], filters: Iterable[str] | None) -> tuple[list[EstimatorRow], list[str]]:
     """The rows that patterns name, each once, in the order of the table; and the patterns that name none.
 
     A pattern means a row's whole name or what stands before ``/imuN`` in it. Onboard attitudes, baselines and the
@@ -35,12 +33,11 @@ def windows(metric: str, window: str | None) -> tuple[str, ...]:
     return (window,) if window is not None else asked((metric,))[0].windows
 
 
-def _by_name_only(row: Mapping[str, Any]) -> bool:
-    return row.get("kind") != "replay" or row.get("estimator") in BASELINES or bool(row.get("is_reference"))
+def _by_name_only(row: EstimatorRow) -> bool:
+    return row.kind != "replay" or row.estimator in BASELINES or row.is_reference
 
 
-def _fits(row: Mapping[str, Any], pattern: str) -> bool:
+def _fits(row: EstimatorRow, pattern: str) -> bool:
     if _by_name_only(row) and pattern[:1] in WILD:
         return False
-    name = str(row.get("name"))
-    return fnmatchcase(name, pattern) or fnmatchcase(name.partition("/imu")[0], pattern)
+    return fnmatchcase(row.name, pattern) or fnmatchcase(row.name.partition("/imu")[0], pattern)

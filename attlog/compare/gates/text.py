@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from attlog.compare.gates.limits import Limit, Told
 from attlog.metrics.answer import Answer
 from attlog.present.numbers import quantity, unit_sign
+from attlog.result import EstimatorRow
 from attlog.segments.model import WINDOWS
 
 
@@ -22,22 +22,21 @@ def no_filter(names: Sequence[str]) -> str:
     return f"the result has no filter to be judged: {held}"
 
 
-def lost(row: Mapping[str, Any]) -> str:
+def lost(row: EstimatorRow) -> str:
     """A row that failed or diverged."""
-    reason = row.get("reason")
-    return f"{row.get('name')} {row.get('status')}{f': {reason}' if reason else ''}"
+    return f"{row.name} {row.status}{f': {row.reason}' if row.reason else ''}"
 
 
-def unanswered(row: Mapping[str, Any], metric: str, window: str | None, answer: Answer | None) -> str:
+def unanswered(row: EstimatorRow, metric: str, window: str | None, answer: Answer | None) -> str:
     """Why nothing can be judged; empty where there is a value that can."""
-    name, place = row.get("name"), f" ({answer.window if answer is not None else window or 'any window'})"
-    if row.get("status") == "not_judged":
-        return f"{name} cannot be judged: {row.get('reason')}"
+    name, place = row.name, f" ({answer.window if answer is not None else window or 'any window'})"
+    if row.status == "not_judged":
+        return f"{name} cannot be judged: {row.reason}"
     if answer is not None:
         return "" if answer.value is not None else f"{name}: no {metric}{place}: {answer.reason}"
-    if row.get("is_reference"):
+    if row.is_reference:
         return f"{name} is what the others are compared with: it has no {metric}{place}"
-    if window is not None and window not in (row.get("metrics") or {}):
+    if window is not None and window not in row.metrics:
         how = "" if window in WINDOWS else f"; analyse with --window {window}"
         return f"{name}: the result has no window {window}{how}"
     return f"{name}: {metric} means nothing there{place}"

@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from attlog import plain
-from attlog.base import spreadsheet
+from attlog.base import plain, spreadsheet
 from attlog.compare.sweep.grid import Setting, text_of
 from attlog.compare.sweep.many import Settled, Wanted
 from attlog.compare.sweep.sweep import Beside, Column, Sweep

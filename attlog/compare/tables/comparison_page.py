@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
+from attlog.base.plain import plain
 from attlog.compare.differences.comparison import Beside, Comparison, Over, Question
 from attlog.compare.differences.wording import scale_title, seen, signed, span
 from attlog.compare.tables.table import Table, tables
-from attlog.plain import plain
 from attlog.report import shell
 from attlog.report.bundle import bundle
 from attlog.report.figures.figure import Figure

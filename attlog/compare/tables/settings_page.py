@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from attlog.plain import plain
+from attlog.base.plain import plain
 from attlog.report import shell
 from attlog.report.figures.figure import Figure
 from attlog.report.pack import Store

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from attlog import plain
+from attlog.base import plain
 from attlog.compare.sweep.grid import text_of
 from attlog.compare.sweep.sweep import Beside
 from attlog.compare.sweep.text import named, only_agreement

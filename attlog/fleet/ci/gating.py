@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from attlog.base.errors import LogUnreadable, OutputError, UsageError
 from attlog.compare.gates import baseline
@@ -19,6 +18,7 @@ from attlog.fleet.ci import gate_summary, github, junit
 from attlog.fleet.ci.judged import Judged, judged
 from attlog.fleet.records.record import Record, write_record, written
 from attlog.report import gates
+from attlog.result import Result
 
 
 @dataclass(slots=True)
@@ -29,14 +29,12 @@ class Gating:
     baselines: Mapping[Path, Baseline] = field(default_factory=dict)
     logs: dict[str, Judged] = field(default_factory=dict)
 
-    def document(
-        self, log: str, name: str, document: Mapping[str, Any], seconds: float = 0.0, report: Path | None = None
-    ) -> Judged:
-        """Judge the result of a log, as a plain document; ``name``: of its report. Shown in the file ``report``.
+    def result(self, log: str, name: str, found: Result, seconds: float = 0.0, report: Path | None = None) -> Judged:
+        """Judge the result of a log; ``name``: of its report. Shown in the file ``report``.
 
         OutputError if that cannot be written.
         """
-        outcomes = judge(self.gates, document, self.baselines)
+        outcomes = judge(self.gates, found, self.baselines)
         self.logs[name] = judged(log, name, outcomes, seconds=seconds)
         if report is not None and outcomes:
             gates.show(report, [(o.status, f"{o.row}: {o.check}", o.sentence) for o in outcomes])
@@ -45,10 +43,10 @@ class Gating:
     def file(self, log: str, name: str, path: Path, seconds: float = 0.0, report: Path | None = None) -> Judged:
         """Judge the JSON file of a log's result. A file that cannot be read is an error of the log, never passed."""
         try:
-            document = json.loads(path.read_bytes())
-        except (OSError, ValueError) as error:
-            return self.broken(log, name, LogUnreadable.exit_code, f"{path}: cannot be read ({error})")
-        return self.document(log, name, document, seconds, report)
+            found = Result.load(path)
+        except (LogUnreadable, UsageError) as error:
+            return self.broken(log, name, LogUnreadable.exit_code, str(error))
+        return self.result(log, name, found, seconds, report)
 
     def record(self, record: Record, folder: Path, timed: bool = True) -> Judged:
         """Judge the result that a record of a batch in a folder is of, and show it in its report.

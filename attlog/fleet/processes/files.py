@@ -53,7 +53,7 @@ def analyze_to_files(
     document = result.to_dict(deterministic)  # large: made once for both
     with staged(folder) as stage:
         result.to_html(stage / written.report.name, plotly=plotly, deterministic=deterministic, document=document)
-        result.to_json(stage / written.json.name, document=document)
+        result.to_json(stage / written.json.name, whole=document)
     return written
 
 

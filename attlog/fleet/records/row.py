@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from attlog.base.plain import plain
 from attlog.fleet.pages.thumbnail import thumbnail
 from attlog.fleet.records import answers
 from attlog.fleet.records.trouble import reasons, trouble
-from attlog.plain import plain
 from attlog.present.flight import firmware
 from attlog.present.names import row_names
 from attlog.present.table.table import main_table

@@ -65,7 +65,7 @@ def records(case: Case, row: Row, window: str) -> list[drift.Drift]:
     found = []
     for (t0, t1), usable in rests(case, row, window):
         one = drift.slope(rest_blocks(case, row, usable), DRIFT_REST_S)
-        seconds = sum(b - a for a, b in usable)
+        seconds = sum((b - a for a, b in usable), 0.0)
         reason = None if one.value is not None else _too_short(one, seconds)
         one.records = [Record(t0, t1, seconds, one.value, one.ci95, reason)]
         found.append(one)

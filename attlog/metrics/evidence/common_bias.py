@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
+from attlog.base.plain import IN_JSON
 from attlog.flight.model import FlightLog, Imu, Stream
 from attlog.metrics.statistics import intervals as interval
-from attlog.plain import IN_JSON
 from attlog.segments import gaps
 from attlog.segments.model import Segments
 from attlog.segments.spans import Span, between, intersect

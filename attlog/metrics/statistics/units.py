@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.plain import DIGITS, IN_JSON
+from attlog.base.plain import DIGITS, IN_JSON, NumberArray
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -39,8 +39,8 @@ class UnitValues:
     """
 
     kind: Kind
-    ids: Ids
-    values: Array = field(metadata={DIGITS: 6})
+    ids: Annotated[Ids, NumberArray(int)]
+    values: Annotated[Array, NumberArray(float)] = field(metadata={DIGITS: 6})
     on: Callable[[Ids], Summary] | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
 
     def of(self, ids: Ids) -> Summary:

@@ -20,10 +20,10 @@ from pydantic.dataclasses import dataclass
 
 from attlog.base.errors import UsageError, suggestion
 from attlog.base.settings_file import text_of, toml_of
+from attlog.base.validation import lines
 from attlog.simulate.autopilot.loop import Controller, Estimator, Logging, Loop
 from attlog.simulate.fault import Fault
 from attlog.simulate.scenario.commands import Command, Motion
-from attlog.simulate.scenario.errors import lines
 from attlog.simulate.scenario.place import Anomaly, Place, Wind
 from attlog.simulate.scenario.vehicle import Vehicle
 from attlog.simulate.sensors.settings import STRICT, Sensors

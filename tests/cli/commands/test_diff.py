@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from attlog.base.plain import plain
+from attlog.result import Result
 from tests.compare.made import filtered, result
 from tests.present.made import lag
 
@@ -58,7 +60,7 @@ def test_wrong_usage_is_2_and_files_that_cannot_be_used_are_65_and_66(
 
 
 def test_a_result_of_an_older_schema_is_compared(attlog, two: tuple[Path, Path]) -> None:
-    document = json.loads(two[0].read_text()) | {"schema": "attlog-result/1"}
+    document = plain(Result.load(two[0])) | {"schema": "attlog-result/1"}
     for key in ("worst", "ranked"):
         del document[key]
     del document["log"]["params"]

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from attlog.base.errors import UsageError
-from attlog.compare.gates.baseline import Baseline, Beside, read, read_all
+from attlog.compare.gates.baseline import Baseline, BaselineResult, read, read_all
+from attlog.result import SCHEMA
 from tests.compare.made import filtered, result
 from tests.present.made import lag
 
@@ -17,9 +18,9 @@ def document(name: str, sha: str, value: float) -> str:
     return result(filtered(lag(value)), sha=sha * 64, log={"name": name, "sha256": sha * 64}).to_json()
 
 
-def lag_of(found: Beside | str) -> tuple[float, bool]:
-    assert isinstance(found, Beside)
-    return found.document["estimators"][0]["metrics"]["airborne"]["lag_ms"]["value"], found.same_log
+def lag_of(found: BaselineResult | str) -> tuple[float, bool]:
+    assert isinstance(found, BaselineResult)
+    return found.result.estimators[0].metrics["airborne"]["lag_ms"].value or 0.0, found.same_log
 
 
 def three(folder: Path, form: str) -> Path:
@@ -80,8 +81,8 @@ def test_a_result_that_was_damaged_later_is_a_reason_and_no_crash(tmp_path: Path
     file.write_text(file.read_text()[:300])
     assert "cannot be read" in str(found.of({"name": "one.ulg"}))
     newer = Baseline("x", by_name={"one.ulg": found.by_name["one.ulg"]})
-    file.write_text(document("one.ulg", "a", 1.0).replace("attlog-result/3", "attlog-result/99"))
-    assert "no result that this attlog reads" in str(newer.of({"name": "one.ulg"}))
+    file.write_text(document("one.ulg", "a", 1.0).replace(SCHEMA, "attlog-result/99"))
+    assert "a newer attlog wrote it" in str(newer.of({"name": "one.ulg"}))
 
 
 def test_a_folder_with_one_result_says_nothing_of_other_logs(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.compare.gates.baseline import Baseline, Beside
+from attlog.compare.gates.baseline import Baseline, BaselineResult
 from attlog.compare.gates.gates import Gate, GateOutcome, Gates, judge
 from attlog.compare.gates.limits import Limit, at_least, judged
 from attlog.metrics.answer import Answer, missing
@@ -22,13 +22,9 @@ from tests.present.made import Metrics, lag, merged, noise, row, tilt
 AIR = "airborne"
 
 
-def document(*rows: EstimatorRow, **changes: Any) -> dict[str, Any]:
-    return result(*rows, **changes).to_dict()
-
-
 def outcomes(gate: Gate | list[Gate], *rows: EstimatorRow, strict: bool = False) -> list[GateOutcome]:
     gates = gate if isinstance(gate, list) else [gate]
-    return judge(Gates(tuple(gates), strict), document(*rows))
+    return judge(Gates(tuple(gates), strict), result(*rows))
 
 
 def failed(found: list[GateOutcome]) -> list[GateOutcome]:
@@ -189,14 +185,14 @@ def blocks(rmse: float, spread: float = 0.2, n: int = 24, seed: int = 0) -> Answ
 def beside(now: Answer, before: Answer, limit: Limit, *, same_log: bool = True) -> str:
     """The status of a row whose baseline is the same row of another run."""
     metric = "inclination_rmse_deg"
-    old = document(row("a", {AIR: {metric: before}}))
+    old = result(row("a", {AIR: {metric: before}}))
 
     class One(Baseline):
-        def of(self, log: Any) -> Beside | str:
-            return Beside(old, same_log)
+        def of(self, log: Any) -> BaselineResult | str:
+            return BaselineResult(old, same_log)
 
     gate = Gate(metric, (limit,), baseline=Path("x"))
-    (found,) = judge(Gates((gate,), False), document(row("a", {AIR: {metric: now}})), {Path("x"): One("x")})
+    (found,) = judge(Gates((gate,), False), result(row("a", {AIR: {metric: now}})), {Path("x"): One("x")})
     return found.status
 
 
@@ -266,7 +262,7 @@ def test_without_intervals_the_size_decides_but_two_flights_tell_nothing_of_not_
 
 def test_a_baseline_without_the_log_or_the_row_leaves_a_gate_unanswered() -> None:
     gate = Gate("lag_ms", (Limit("baseline", 0.0),), baseline=Path("main.json"))
-    now = document(row("a", lag(1.0)), row("b", lag(1.0)))
+    now = result(row("a", lag(1.0)), row("b", lag(1.0)))
     place = Baseline("main.json")
     (a, b) = judge(Gates((gate,), False), now, {Path("main.json"): place})
     assert (a.cause, b.cause) == ("unanswered", "unanswered")
@@ -282,14 +278,14 @@ def test_the_excess_of_a_limit_of_zero_is_finite_only_at_zero() -> None:
 
 def test_the_row_of_the_baseline_bears_the_same_name_or_is_the_only_one_of_that_filter() -> None:
     def against(name: str, *before: EstimatorRow) -> GateOutcome:
-        old = document(*before)
+        old = result(*before)
 
         class One(Baseline):
-            def of(self, log: Any) -> Beside | str:
-                return Beside(old, True)
+            def of(self, log: Any) -> BaselineResult | str:
+                return BaselineResult(old, True)
 
         gate = Gate("lag_ms", (Limit("max_above_baseline", 0.5),), baseline=Path("x"))
-        now = document(row(name, lag(1.0), estimator="mahony"))
+        now = result(row(name, lag(1.0), estimator="mahony"))
         return judge(Gates((gate,), False), now, {Path("x"): One("x")})[0]
 
     default, eager = row("mahony", lag(1.0)), row("mahony:kp=3", lag(9.0), estimator="mahony")

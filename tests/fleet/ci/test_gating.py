@@ -45,7 +45,7 @@ def test_a_result_that_cannot_be_read_is_an_error_and_never_passed(tmp_path: Pat
 
 
 def test_strict_has_the_last_word_on_the_command_line(tmp_path: Path) -> None:
-    crashed = result(row("mekf", lag(1.0)), row("mine", {}, status="failed", reason="ImportError")).to_dict()
+    crashed = result(row("mekf", lag(1.0)), row("mine", {}, status="failed", reason="ImportError"))
     for text, strict, failed in (
         (GATES, None, 2),
         (GATES, False, 1),
@@ -54,10 +54,10 @@ def test_strict_has_the_last_word_on_the_command_line(tmp_path: Path) -> None:
     ):
         found = gating(gate_file(tmp_path, text), strict)
         assert found is not None
-        assert found.document("x", "x", crashed).failed == failed, (text, strict)
+        assert found.result("x", "x", crashed).failed == failed, (text, strict)
     alone = gating(None, True)
     assert alone is not None
-    assert alone.document("x", "x", crashed).sentences == ("mine failed: ImportError",)
+    assert alone.result("x", "x", crashed).sentences == ("mine failed: ImportError",)
     assert gating(None) is None
     assert gating(None, False) is None
 
@@ -69,8 +69,8 @@ def test_baselines_are_read_beforehand(tmp_path: Path) -> None:
     result(row("mekf", lag(1.0))).to_json(tmp_path / "main.json")
     found = gating(gate_file(tmp_path, text))
     assert found is not None
-    assert found.document("x", "x", result(row("mekf", lag(2.0))).to_dict()).failed == 0
-    assert found.document("x", "x", result(row("mekf", lag(9.0))).to_dict()).failed == 1
+    assert found.result("x", "x", result(row("mekf", lag(2.0)))).failed == 0
+    assert found.result("x", "x", result(row("mekf", lag(9.0)))).failed == 1
 
 
 def test_everybody_who_asks_is_told(tmp_path: Path) -> None:

@@ -1,25 +1,22 @@
 """The result of an analysis: the dataclasses that are the JSON contract.
 
-``Result.to_json`` writes one document without NaN (null with a code instead),
-keys sorted by meaning as declared here, angles in degrees, times in s or ms.
-``traces`` are arrays for the figures; they go packed into the page, not into the
-JSON file.
+``Result.to_json`` writes one document without NaN (null with a code instead), keys in the order of the fields here,
+angles in degrees, times in s or ms; :mod:`attlog.result.document` tells what it leaves out. ``traces`` are arrays for
+the figures; they go packed into the page, not into the JSON file.
 """
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from attlog.base.errors import UsageError
-from attlog.base.json_text import indented
 from attlog.base.limits import MAX_RESULT_BYTES
+from attlog.base.plain import IN_JSON, NotANumber
 from attlog.base.settings_file import bytes_of
 from attlog.flight.model import Problem
 from attlog.health.model import Check
@@ -27,48 +24,13 @@ from attlog.metrics.answer import Answer
 from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.metrics.figures.trace import Trace
 from attlog.metrics.ranking.alike import Alike
-from attlog.metrics.statistics.units import UnitValues
-from attlog.plain import IN_JSON, Misfit, plain, restored, without
 from attlog.reference.model import AlignmentStep
+from attlog.result import document
+from attlog.result.document import SCHEMA
 from attlog.segments.model import Segment
 
 if TYPE_CHECKING:
     import pandas
-
-__all__ = [
-    "AlignmentStep",
-    "Alike",
-    "Answer",
-    "Check",
-    "CommonBias",
-    "EstimatorRow",
-    "ParameterValue",
-    "Problem",
-    "ReferenceSummary",
-    "Result",
-    "Segment",
-    "Trace",
-    "Verdict",
-]
-"""The whole contract: what stands in a result comes from here for those above it, wherever it is defined."""
-
-SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 3
-SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
-OLDEST = 1
-"""Schemas from this number on are read."""
-WORDS_BEFORE = {("verdict", "look"): "warn", ("kind", "run"): "continuous", ("code", "bent"): "not_a_pure_delay"}
-"""(key, value) of older schemas, and what the value is called now."""
-NOT_UTF8 = re.compile("[\ud800-\udfff]")
-"""Bytes of a file name that are not UTF-8, as Python keeps them: UTF-8 cannot hold them, a JSON escape can."""
-
-MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
-"""What differs between two runs of the same log; ``--deterministic`` leaves it out."""
-KEPT_OUT = {
-    kind.__name__: tuple(f.name for f in fields(kind) if not f.metadata.get(IN_JSON, True))
-    for kind in (Answer, CommonBias, UnitValues)
-}
-"""Fields that are not in the JSON, by class."""
-
 
 TIMED_OUT = "estimator_timed_out"
 """The code of the problem that a user's filter took longer than it was given; its row has failed."""
@@ -96,19 +58,19 @@ class EstimatorRow:
     name: str
     kind: str
     estimator: str
-    preset: str | None
-    parameters: dict[str, ParameterValue]
-    metrics: dict[str, dict[str, Answer]]
-    skipped: dict[str, int]
-    ns_per_update: float | None
     status: str
     reason: str = ""
+    title: str = ""
+    preset: str | None = None
+    parameters: dict[str, ParameterValue] = field(default_factory=dict)
     is_reference: bool = False
     causal: bool = True
     uses_mag: bool = True
     start_s: float = 0.0
-    title: str = ""
+    skipped: dict[str, int] = field(default_factory=dict)
     quality: dict[str, float | str] = field(default_factory=dict)
+    ns_per_update: float | None = None
+    metrics: dict[str, dict[str, Answer]] = field(default_factory=dict)
 
 
 def nothing_ran(rows: Iterable[EstimatorRow]) -> str:
@@ -147,8 +109,8 @@ class ReferenceSummary:
 
     choice: str
     source: str
-    rate_hz: float
-    floor_deg: float
+    rate_hz: Annotated[float, NotANumber()]
+    floor_deg: Annotated[float, NotANumber()]
     text: str
     alignment: list[AlignmentStep] = field(default_factory=list)
     scoring_start_s: float = 0.0
@@ -186,7 +148,6 @@ class Result:
     estimators: list[EstimatorRow] = field(default_factory=list)
     alike: list[Alike] = field(default_factory=list)
     """Rows that share an equation, or whose attitudes are equal."""
-    comparisons: list[dict[str, Any]] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
     best: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     """window -> metric -> rows that no row is told apart from as better; absent where that is everybody."""
@@ -194,28 +155,26 @@ class Result:
     """window -> metric -> the one row that is worst; absent where nobody is."""
     ranked: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     """window -> metric -> rows that were compared."""
-    definitions: dict[str, dict[str, str]] = field(default_factory=dict)
-    health: list[dict[str, Any]] = field(default_factory=list)
     timing: dict[str, float] = field(default_factory=dict)
     schema: str = SCHEMA
     traces: list[Trace] = field(default_factory=list, metadata={IN_JSON: False})
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid", "arbitrary_types_allowed": True}
 
     def to_dict(self, deterministic: bool = False) -> dict[str, Any]:
         """The JSON document as plain Python; ``deterministic`` drops measured times and how the command was spelled."""
-        document: dict[str, Any] = {"schema": self.schema} | plain(self)
-        return without(document, MEASURED_TIMES) | {"command": ""} if deterministic else document
+        return document.document(self, deterministic)
 
     def to_json(
-        self, path: str | Path | None = None, deterministic: bool = False, *, document: dict[str, Any] | None = None
+        self, path: str | Path | None = None, deterministic: bool = False, *, whole: dict[str, Any] | None = None
     ) -> str:
-        """The JSON text; also written to ``path`` (atomically) where given. OutputError if it cannot be.
+        """The JSON text, one line; also written to ``path`` (atomically) where given. OutputError if it cannot be.
 
-        ``document``: what ``to_dict`` gave for it, where somebody has it already.
+        ``whole``: what ``to_dict`` gave for it, where somebody has it already.
         """
-        whole = self.to_dict(deterministic) if document is None else document
-        text = indented(whole, "\n")
-        if NOT_UTF8.search(text):  # a copy of all of it is not made for nothing
-            text = NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+        whole = self.to_dict(deterministic) if whole is None else whole
+        text = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
+        if document.NOT_UTF8.search(text):  # a copy of all of it is not made for nothing
+            text = document.NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
             from attlog.base.output import write_atomic
 
@@ -231,14 +190,25 @@ class Result:
         with none: ``to_json(deterministic=True)`` gives its text again. Of an older schema its values are
         read; what it did not tell takes its default, and ``schema`` tells which it was.
         """
-        document = _document(Path(path))
-        older = document["schema"] != SCHEMA
-        try:
-            return restored(cls, _renamed(document) if older else document, may_lack=MEASURED_TIMES, older=older)
-        except Misfit as misfit:
-            raise UsageError(f"{path}: not a result of attlog: {misfit}") from None
-        except RecursionError:
-            raise UsageError(f"{path}: not a result of attlog: nested too deeply") from None
+        return cls.read(bytes_of(Path(path), MAX_RESULT_BYTES), str(path))
+
+    @classmethod
+    def read(cls, content: bytes, name: str) -> Result:
+        """The result that a JSON text is; errors as of :meth:`load` begin with ``name``."""
+        from attlog.result.reading import read
+
+        return read(cls, content, name)
+
+    @property
+    def definitions(self) -> dict[str, dict[str, str]]:
+        """What each metric of this version means: title, unit, better and text by its id; ``attlog schema`` tells
+        them too."""
+        from attlog import metrics
+
+        return {
+            name: {"title": m.title, "unit": m.unit, "better": m.better, "text": m.definition}
+            for name, m in metrics.definitions().items()
+        }
 
     def to_html(self, path: str | Path, **options: Any) -> None:
         """Write the self-contained report. OutputError if it cannot be written."""
@@ -259,40 +229,3 @@ class Result:
             for r in self.estimators
         }
         return pandas.DataFrame.from_dict(rows, orient="index")
-
-
-def _document(path: Path) -> dict[str, Any]:
-    """The JSON object in a file, of the schema that this version writes. Errors as in ``Result.load``."""
-    try:
-        text = bytes_of(path, MAX_RESULT_BYTES).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path}: not a result of attlog: no UTF-8 text at byte {error.start}") from None
-    try:
-        document = json.loads(text, parse_constant=_no_number)
-    except json.JSONDecodeError as error:
-        cut = " (the file ends there: it was cut off)" if error.pos >= len(text.rstrip()) else ""
-        where = f"line {error.lineno}, column {error.colno}"
-        raise UsageError(f"{path}: not valid JSON: {error.msg} in {where}{cut}") from None
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path}: not a result of attlog: {error}") from None
-    schema = document.get("schema") if isinstance(document, dict) else None
-    if not isinstance(schema, str) or not schema.startswith(SCHEMA_NAME):
-        raise UsageError(f"{path}: not a result of attlog: it has no schema {SCHEMA_NAME}N")
-    number = schema.removeprefix(SCHEMA_NAME)
-    if not (number.isdecimal() and OLDEST <= int(number) <= SCHEMA_NUMBER):
-        newer = number.isdecimal() and int(number) > SCHEMA_NUMBER
-        what = "a newer attlog wrote it; update attlog" if newer else "analyse the log again with this version"
-        raise UsageError(f"{path}: holds {schema[:40]} and this attlog reads {SCHEMA}: {what}")
-    found: dict[str, Any] = document
-    return found
-
-
-def _no_number(word: str) -> float:
-    raise ValueError(f"{word} is no number of JSON")
-
-
-def _renamed(value: Any) -> Any:
-    """A document of an older schema in today's words."""
-    if isinstance(value, dict):
-        return {k: WORDS_BEFORE.get((k, v), v) if isinstance(v, str) else _renamed(v) for k, v in value.items()}
-    return [_renamed(v) for v in value] if isinstance(value, list) else value

@@ -1,0 +1,38 @@
+"""The contract: everything that an analysis found, as dataclasses, as a JSON document, and read back.
+
+What stands in a result comes from here for those above it, wherever it is defined.
+"""
+
+from __future__ import annotations
+
+from attlog.flight.model import Problem
+from attlog.health.model import Check
+from attlog.metrics.answer import Answer
+from attlog.metrics.evidence.common_bias import CommonBias
+from attlog.metrics.figures.trace import Trace
+from attlog.metrics.ranking.alike import Alike
+from attlog.reference.model import AlignmentStep
+from attlog.result.document import MEASURED_TIMES, SCHEMA, SCHEMA_NAME
+from attlog.result.model import TIMED_OUT, EstimatorRow, ParameterValue, ReferenceSummary, Result, Verdict, nothing_ran
+from attlog.segments.model import Segment
+
+__all__ = [
+    "MEASURED_TIMES",
+    "SCHEMA",
+    "SCHEMA_NAME",
+    "TIMED_OUT",
+    "AlignmentStep",
+    "Alike",
+    "Answer",
+    "Check",
+    "CommonBias",
+    "EstimatorRow",
+    "ParameterValue",
+    "Problem",
+    "ReferenceSummary",
+    "Result",
+    "Segment",
+    "Trace",
+    "Verdict",
+    "nothing_ran",
+]

@@ -1,0 +1,95 @@
+"""The JSON schema of a result document, made from the dataclasses of ``model.py``: they cannot drift apart."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from typing import Any
+
+from pydantic.json_schema import GenerateJsonSchema
+
+from attlog import metrics
+from attlog.base.plain import IN_JSON
+from attlog.metrics.answer import Answer
+from attlog.metrics.evidence.common_bias import CommonBias
+from attlog.metrics.statistics.units import UnitValues
+from attlog.result.document import MEASURED_TIMES, SCHEMA, SENTENCES
+from attlog.result.model import Result
+from attlog.result.reading import adapter
+
+
+class DocumentSchema(GenerateJsonSchema):
+    """Accepts functions and arrays of figures, which only fields hold that stay out of the document."""
+
+    def handle_invalid_for_json_schema(self, schema: Any, error_info: str) -> dict[str, Any]:
+        """Anything."""
+        return {}
+
+    def is_instance_schema(self, schema: Any) -> dict[str, Any]:
+        """Anything."""
+        return {}
+
+
+def schema() -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of a result document, with what each metric means.
+
+    What has its default is not in the document, and the figures' traces never are. Non-finite numbers are null.
+    """
+    document: dict[str, Any] = adapter(Result).json_schema(schema_generator=DocumentSchema)
+    document["$defs"]["Answers"] = {"type": "object", "properties": _metrics(), "additionalProperties": False}
+    _drop_hidden(document)
+    del document["properties"]["schema"]
+    document["properties"] = {"schema": {"const": SCHEMA}} | document["properties"]
+    document["properties"]["sentences"] = {
+        "type": "array",
+        "items": {"type": "string"},
+        "description": "Reasons and methods of answers, each once; an answer has their number here, from 0 on.",
+    }
+    document["required"] = ["schema", *document["required"]]
+    _name_answers(document["$defs"])
+    for part in (document, *document["$defs"].values()):
+        if "properties" in part:
+            part["required"] = [name for name in part.get("required", []) if name not in MEASURED_TIMES]
+            part["additionalProperties"] = False
+    document["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    document["title"] = "attlog result"
+    return document
+
+
+def _metrics() -> dict[str, Any]:
+    """Every metric by its id: an answer, and what its value means."""
+    return {
+        name: {
+            "$ref": "#/$defs/Answer",
+            "title": metric.title,
+            "unit": metric.unit,
+            "better": metric.better,
+            "description": metric.definition,
+        }
+        for name, metric in metrics.definitions().items()
+    }
+
+
+def _name_answers(parts: dict[str, Any]) -> None:
+    """Answers as they are shortened: sentences by their number, and those of an earlier window by its name."""
+    answer = parts["Answer"]["properties"]
+    for name in SENTENCES:
+        answer[name] = {"type": "integer", "minimum": 0, "description": "Which of the document's sentences."}
+    answer["as_in"] = {"type": "string", "description": "The earlier window of the row whose answer this is, too."}
+    parts["EstimatorRow"]["properties"]["metrics"] = {
+        "type": "object",
+        "description": "window -> metric -> answer",
+        "additionalProperties": {"$ref": "#/$defs/Answers"},
+    }
+
+
+def _drop_hidden(document: dict[str, Any]) -> None:
+    """Take out the fields that are not in the JSON, and the definitions that only they use."""
+    parts = document["$defs"]
+    for kind in (Result, Answer, CommonBias, UnitValues):
+        properties = (document if kind is Result else parts[kind.__name__])["properties"]
+        for name in [f.name for f in fields(kind) if not f.metadata.get(IN_JSON, True)]:
+            del properties[name]
+    while unused := [name for name in parts if name != "Answers" and f'"#/$defs/{name}"' not in json.dumps(document)]:
+        for name in unused:
+            del parts[name]
