@@ -73,7 +73,7 @@ def test_a_force_that_vibration_takes_away_is_told_by_the_barometer() -> None:
     assert found.t == pytest.approx(start, abs=vibration.FORCE_S + 1.0)
 
 
-@pytest.mark.parametrize(("share", "verdict"), [(0.05, "good"), (0.2, "warn"), (0.5, "bad")])
+@pytest.mark.parametrize(("share", "verdict"), [(0.05, "good"), (0.2, "warn"), (0.5, "bad"), (-0.2, "warn")])
 def test_a_field_that_follows_the_throttle_is_told_in_percent(share: float, verdict: str) -> None:
     rng = np.random.default_rng(2)
     t = np.arange(0.0, 60.0, 0.1)
@@ -86,7 +86,7 @@ def test_a_field_that_follows_the_throttle_is_told_in_percent(share: float, verd
     phases = segments.Segments([segments.Segment("armed", 0.0, 60.0)])
     (found,) = interference.checks(log, phases)
     assert found.verdict == verdict
-    assert found.value == pytest.approx(100 * share, rel=0.1)
+    assert found.value == pytest.approx(100 * abs(share) / min(1.0, 1.0 + share), rel=0.1)
 
 
 def test_a_field_that_does_not_follow_the_throttle_is_good_however_it_varies() -> None:

@@ -86,11 +86,12 @@ def test_the_model_goes_before_the_parameter_both_are_told_and_the_user_decides(
     assert "1.5 deg by COMPASS_DEC" in text_of(both, "declination")
     assert chosen(log, declination="param").declination_deg == pytest.approx(1.5)
     assert chosen(log, declination="model").declination_deg == both.declination_deg
+    assert chosen(ardupilot(flight(), COMPASS_DEC=0.2), declination="model").declination_deg is None
     assert chosen(log, declination=-7).declination_deg == -7.0
     assert chosen(log, declination="-7.5").declination_deg == -7.5
 
 
-@pytest.mark.parametrize("gnss", [receiver(0.0, 0.0), receiver(fix=1), receiver(lat=float("nan"))])
+@pytest.mark.parametrize("gnss", [receiver(0.0, 0.0), receiver(fix=1), receiver(fix=2), receiver(lat=float("nan"))])
 def test_a_receiver_without_a_fix_gives_no_place(gnss):
     log = flight()
     log.gnss = [gnss]

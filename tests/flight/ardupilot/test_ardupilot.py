@@ -262,6 +262,20 @@ def test_gps_week_time_is_not_taken_for_the_boot_clock() -> None:
     assert log.utc_offset == pytest.approx(315_964_800 + 1815 * 604_800 + 7959.2 - 16)
 
 
+def test_accuracies_belong_to_their_fix_and_a_heading_of_zero_is_none() -> None:
+    """GPA comes with each GPS record until it stops after 5 s; a receiver without two antennas writes a yaw of 0."""
+    n, t = 50, micros(50, 5.0)
+    one = np.ones(n)
+    fixes = {"TimeUS": t, "Status": np.full(n, 3, np.uint8), "Lat": 47 * one, "Lng": 8 * one, "Alt": 400 * one,
+             "Spd": 2 * one, "GCrs": 90 * one, "VZ": 0 * one, "Yaw": 270.0 * (np.arange(n) >= 10)}  # fmt: skip
+    told = {"TimeUS": t[:25]} | {c: np.full(25, v) for c, v in (("HAcc", 0.8), ("VAcc", 1.2), ("SAcc", 0.3))}
+    gnss = read({("IMU", 0): imu(), ("GPS", 0): fixes, ("GPA", 0): told}).gnss[0]
+    assert np.flatnonzero(np.isfinite(gnss.h_acc)).tolist() == list(range(27))  # two more within 0.5 s
+    assert (gnss.h_acc[0], gnss.v_acc[0], gnss.s_acc[0]) == (0.8, 1.2, 0.3)
+    assert np.isnan(gnss.yaw[:10]).all()
+    np.testing.assert_allclose(gnss.yaw[10:], np.radians(-90.0))
+
+
 def test_gps_week_and_leap_seconds_give_the_calendar() -> None:
     # 2016-12-31 23:59:59 and 2017-01-01 00:00:00 UTC lie two GPS seconds apart: a leap second between them
     week, before, after = np.array([1930]), np.array([17_000]), np.array([18_000])

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
-from attlog.flight.px4.calibration import calibrate
+from attlog.flight.px4.calibration import board, calibrate
 from tests.flight.fake import gravity, level, messages, micros
 
 N, RATE = 1000, 200.0
@@ -251,6 +252,13 @@ def test_calibration_is_rotation_times_symmetric_gain_times_offset_corrected() -
     body, known = calibrate("MAG", values, 5, np.array([[0.3, 0.4, 0.5]]))
     assert known
     np.testing.assert_allclose(body[0], expected, atol=1e-12)
+
+
+def test_the_fine_offsets_of_a_board_turn_after_its_rotation_as_px4_multiplies_them() -> None:
+    """PX4 (sensor_calibration/Utilities.cpp): Dcmf(Eulerf(x, y, z)) * get_rot_matrix(SENS_BOARD_ROT)."""
+    values = {"SENS_BOARD_ROT": 2.0, "SENS_BOARD_X_OFF": 5.0, "SENS_BOARD_Y_OFF": 3.0, "SENS_BOARD_Z_OFF": -2.0}
+    expected = Rotation.from_euler("ZYX", [-2.0, 3.0, 5.0], degrees=True) * Rotation.from_euler("z", 90.0, degrees=True)
+    np.testing.assert_allclose(board(values), expected.as_matrix(), atol=1e-9)
 
 
 def test_a_compass_inside_sensor_combined_counts_only_new_values_at_their_own_time() -> None:

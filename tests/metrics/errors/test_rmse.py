@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy import stats
 
 from attlog.base import rotation
 from attlog.metrics.errors import rmse
@@ -226,6 +227,16 @@ def test_the_95th_percentile_is_not_known_better_than_the_size_of_the_errors():
         assert low / value <= least / size * (1 + 1e-9)
         assert high / value >= most / size * (1 - 1e-9)
         assert low < value < high
+
+
+def test_the_interval_of_a_root_is_that_of_its_mean_square_by_half():
+    """Groups of 3 and 3.3 deg in turn: Student's t over their mean squares, and half of its relative width."""
+    size = np.tile([3.0, 3.3], 10)
+    value, ci95 = rmse.root_mean_square(np.repeat(size, 50), [slice(50 * k, 50 * k + 50) for k in range(20)])
+    low, high = stats.t.interval(0.95, 19, np.mean(size**2), stats.sem(size**2))
+    assert value == pytest.approx(np.sqrt(np.mean(size**2)))
+    assert ci95 == pytest.approx((np.sqrt(low), np.sqrt(high)), rel=2e-3)
+    assert ci95[1] - ci95[0] == pytest.approx(np.sqrt(high) - np.sqrt(low), rel=0.02)
 
 
 def test_no_interval_of_an_error_ends_beyond_half_a_turn():
