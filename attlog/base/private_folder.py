@@ -10,6 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+TRUSTED = (0, 65_534)
+"""Owners of the folders above: root, and whom a container shows in the place of an owner that it does not know."""
 
 
 def private_folder(kind: str, version: str) -> Path | None:
@@ -51,14 +53,29 @@ def usable(folder: Path) -> bool:
     try:
         # One by one: folders made on the way get the rights of the umask, and with that of many systems (002) the
         # user's own group could write into them.
-        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for above in reversed([path for path in folder.parents if not path.exists()]):
+            above.mkdir(mode=0o700, exist_ok=True)
         _close(folder.parent)  # earlier versions left it open
         folder.mkdir(mode=0o700, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder):
             pass
-        return _private(folder) and _private(folder.parent)
+        return _private(folder) and _private(folder.parent) and all(map(_firm, folder.resolve().parents))
     except OSError:
         return False
+
+
+def _firm(above: Path) -> bool:
+    """True if nobody else can put another folder in the place of one that lies here (POSIX; elsewhere True).
+
+    Who may write to a folder may rename what is in it, also what belongs to others, unless its sticky bit is set.
+    """
+    if not hasattr(os, "getuid"):
+        return True
+    info = above.stat()
+    if info.st_uid not in (os.getuid(), *TRUSTED):
+        return False
+    by_group = info.st_mode & stat.S_IWGRP and info.st_gid not in (os.getgid(), 0)
+    return bool(info.st_mode & stat.S_ISVTX) or not (info.st_mode & stat.S_IWOTH or by_group)
 
 
 def _close(folder: Path) -> None:

@@ -51,6 +51,19 @@ def test_a_folder_that_others_can_write_to_is_refused(tmp_path: Path, open_to: i
     assert not usable(folder)
 
 
+def test_a_folder_below_one_that_others_can_write_to_is_refused_unless_its_sticky_bit_is_set(tmp_path: Path) -> None:
+    """Whoever may write there may put a folder of his own in the place of the user's."""
+    shared = tmp_path / "shared"
+    folder = shared / "cache" / "attlog" / "kernels" / "1"
+    assert usable(folder)
+    for mode, found in [(0o777, False), (0o1777, True), (0o757, False), (0o755, True)]:
+        shared.chmod(mode)
+        assert usable(folder) == found, oct(mode)
+    shared.chmod(0o777)
+    (tmp_path / "link").symlink_to(shared)
+    assert not usable(tmp_path / "link" / "cache" / "attlog" / "kernels" / "1")
+
+
 @pytest.mark.parametrize("open_to", [0o770, 0o707])
 def test_the_folder_above_is_closed_to_others(tmp_path: Path, open_to: int) -> None:
     folder = tmp_path / "kind" / "version"

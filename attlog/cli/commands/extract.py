@@ -86,6 +86,9 @@ def command(
     if not whole:
         raise LogUnusable(f"{log}: nothing to extract")
     tables = [table.between(start, end) for table in whole]
+    if not any(map(len, tables)):
+        why = dict.fromkeys(f"{table.name}: no row {_why_empty(table, start, end)}" for table in whole)
+        raise LogUnusable("\n".join([f"{log}: nothing to extract", *why]))
     for table, cut in zip(whole, tables, strict=True):
         if not len(cut) and not quiet:
             to_stderr(f"attlog: {table.name}: no row {_why_empty(table, start, end)}")

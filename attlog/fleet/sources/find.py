@@ -27,10 +27,20 @@ def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
     wrong: list[AttlogError] = []
     for path in given:
         try:
+            _refuse_url(path)
             logs |= dict.fromkeys(Path(source.place) for source in _meant(path, False, wrong))
         except AttlogError as error:
             wrong.append(error)
     return list(logs), wrong
+
+
+def _refuse_url(path: Path) -> None:
+    """UsageError for a URL, of which a path has lost a slash."""
+    url = str(path).replace(":/", "://", 1)
+    if is_url(url) and not os.path.lexists(path):
+        raise UsageError(
+            f"{shown(url)}: is a URL, and this command reads files: download it first; analyze and batch read URLs"
+        )
 
 
 def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError]]:

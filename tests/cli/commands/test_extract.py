@@ -162,9 +162,14 @@ def test_every_unknown_name_is_told_at_once(attlog, samples, tmp_path, asked, to
 def test_a_range_without_rows_is_told_with_the_times_there_are(attlog, samples, tmp_path):
     log = samples / "copter_steps_stabilize.bin"
     done = attlog("extract", log, "ATT", "--from", "5000", "-o", tmp_path / "a.csv")
-    assert done.code == 0
+    assert done.code == 65
     assert "ATT: no row from 5000 s: its times are 0.0 to" in done.err
-    assert len(pandas.read_csv(tmp_path / "a.csv")) == 0
+    assert not (tmp_path / "a.csv").exists()  # an empty file looks like an answer
+    assert attlog("extract", log, "--streams", "--from", "5000", "-o", tmp_path / "all").code == 65
+    assert not (tmp_path / "all").exists()
+    done = attlog("extract", log, "ATT", "GPS", "--to", "0.1", "-o", tmp_path / "some")
+    assert done.code == 0  # what has rows is written
+    assert "GPS: no row to 0.1 s" in done.err
 
 
 def test_without_pyarrow_parquet_is_73_and_says_what_is_needed(attlog, samples, tmp_path, monkeypatch):

@@ -114,3 +114,14 @@ def test_a_link_to_nothing_among_logs_is_told_where_it_has_the_name_of_one(folde
     logs, wrong = find([str(folder)])
     assert logs == whole[0]
     assert [str(error) for error in wrong] == [f"{folder / 'lost.ulg'}: is a link to nothing"]
+
+
+@pytest.mark.parametrize("url", ["https://example.org/a.ulg", "s3://bucket/a.ulg?X-Amz-Signature=secret", "ftp://h/*"])
+def test_a_url_where_files_are_read_is_told_whole_and_with_what_reads_it(url: str) -> None:
+    """A path has lost a slash of it: "https:/example.org/a.ulg: no such file"."""
+    found, (wrong,) = find([Path(url)])
+    assert found == []
+    assert isinstance(wrong, UsageError)
+    assert str(wrong).startswith(url.partition("?")[0] + ": is a URL")
+    assert "analyze and batch read URLs" in str(wrong)
+    assert "secret" not in str(wrong)
