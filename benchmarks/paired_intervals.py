@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from attlog.analysis import evaluate, prepare
 from attlog.base.errors import AttlogError
 from attlog.compare.configurations.configuration import parse
-from attlog.compare.configurations.run import Run
+from attlog.compare.configurations.run import ConfiguredFilter
 from attlog.compare.differences import pooled
 from attlog.compare.differences.one_log import place
 from attlog.compare.differences.paired import estimate
@@ -42,7 +42,7 @@ DRAWS, SETS = 10, 200
 
 def units_of(flight: Path) -> dict[tuple[str, str], UnitValues]:
     """The units of evidence of a flight by question and configuration."""
-    result = evaluate(prepare(flight), [Run(parse(text)) for text in (FIRST, *OTHERS)])
+    result = evaluate(prepare(flight), [ConfiguredFilter(parse(text)) for text in (FIRST, *OTHERS)])
     rows = [row for row in result.estimators if row.kind == "replay" and row.status == "ok"]
     found = {}
     for question in asked():

@@ -20,7 +20,7 @@ from attlog import replay
 from attlog.compare.configurations.configuration import parse
 from attlog.compare.sweep import text as sweep_words
 from attlog.compare.sweep.grid import grid, text_of
-from attlog.compare.sweep.many import OnLog, wanted
+from attlog.compare.sweep.many import SettingsOnLog, wanted
 from attlog.compare.sweep.page import sweep_page
 from attlog.compare.sweep.sweep import sweep
 from attlog.metrics.errors import rmse
@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> None:
         case = attlog.prepare(path)
         some = [f"mahony:{text_of(s)}" for s in list(settings)[1 :: len(settings) // FEW]]
         attlog.evaluate(case, some[:1])
-        OnLog(case, base, asked)(list(settings)[:2])
+        SettingsOnLog(case, base, asked)(list(settings)[:2])
         begin = time.process_time()
         for one in some:
             attlog.evaluate(case, [one])
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
             rmse.compute(case, replay.run_rows(case, [one])[0], "all", only={a.metric for a in asked})
         alone = (time.process_time() - begin) / len(some)
         begin = time.process_time()
-        found = sweep("mahony", settings, [OnLog(case, base, asked)])
+        found = sweep("mahony", settings, [SettingsOnLog(case, base, asked)])
         told = {"attlog": {"version": attlog.__version__}, "command": "", "logs": []}
         len(sweep_page(found, told) + str(sweep_words.document(found, told)) + sweep_words.csv_text(found))
         many = (time.process_time() - begin) / len(settings)

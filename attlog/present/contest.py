@@ -16,7 +16,7 @@ NOT_COMPARED = "too little of what it was measured on is shared with the other f
 
 
 @dataclass(slots=True)
-class Judged:
+class RankedValue:
     """One row with an answer that has a value. ``ranked``: it was compared with others."""
 
     row: EstimatorRow
@@ -72,7 +72,7 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True)
-class Absent:
+class MissingValue:
     """One row without a value: why."""
 
     row: EstimatorRow
@@ -81,7 +81,7 @@ class Absent:
 
 
 @dataclass(slots=True)
-class Contest:
+class ColumnRanking:
     """One metric in one window: rows with a value, the least first, and rows without.
 
     ``best`` are the rows that no row is told apart from as better, empty where that is
@@ -91,44 +91,44 @@ class Contest:
 
     metric: str
     window: str
-    judged: list[Judged] = field(default_factory=list)
-    absent: list[Absent] = field(default_factory=list)
-    best: list[Judged] = field(default_factory=list)
-    worst: Judged | None = None
+    judged: list[RankedValue] = field(default_factory=list)
+    absent: list[MissingValue] = field(default_factory=list)
+    best: list[RankedValue] = field(default_factory=list)
+    worst: RankedValue | None = None
 
     @property
-    def ranked(self) -> list[Judged]:
+    def ranked(self) -> list[RankedValue]:
         """The rows that were compared, the least first."""
         return [j for j in self.judged if j.ranked]
 
     @property
-    def filters(self) -> list[Judged]:
+    def filters(self) -> list[RankedValue]:
         """Replayed rows with a value, the baseline left out."""
         return [j for j in self.judged if j.replay and not is_baseline(j.row)]
 
     @property
-    def onboard(self) -> Judged | None:
+    def onboard(self) -> RankedValue | None:
         """The attitude that flew, unless this column compares all rows with it."""
         by_itself = self.metric.startswith(BY_ITSELF)
         return next((j for j in self.judged if j.row.name == "onboard" and (by_itself or not j.row.is_reference)), None)
 
-    def of(self, row: EstimatorRow) -> Judged | None:
+    def of(self, row: EstimatorRow) -> RankedValue | None:
         """The value of a row, None without."""
         return next((j for j in self.judged if j.row.name == row.name), None)
 
 
-def contest(result: Result, metric: str, windows: tuple[str, ...]) -> Contest:
+def contest(result: Result, metric: str, windows: tuple[str, ...]) -> ColumnRanking:
     """The column of a metric in the first of the windows in which a filter has a value."""
     window = window_of(result, metric, windows)
-    found = Contest(metric, window)
+    found = ColumnRanking(metric, window)
     for row in result.estimators:
         answer = row.metrics.get(window, {}).get(metric)
         if answer is None:
             continue
         if has_value(answer):
-            found.judged.append(Judged(row, answer, is_ranked(result, row, metric, window)))
+            found.judged.append(RankedValue(row, answer, is_ranked(result, row, metric, window)))
         else:
-            found.absent.append(Absent(row, answer.code or "", answer.reason or ""))
+            found.absent.append(MissingValue(row, answer.code or "", answer.reason or ""))
     found.judged.sort(key=lambda j: j.size if j.answer.unit in SIGNED else j.value)
     found.best = [j for j in found.ranked if is_best(result, j.row, metric, window)]
     worst = result.worst.get(window, {}).get(metric, ())
@@ -136,7 +136,7 @@ def contest(result: Result, metric: str, windows: tuple[str, ...]) -> Contest:
     return found
 
 
-def why_unranked(judged: Judged) -> str:
+def why_unranked(judged: RankedValue) -> str:
     """Why a value is shown and not ranked."""
     if is_baseline(judged.row):
         return THE_BASELINE

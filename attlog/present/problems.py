@@ -22,7 +22,7 @@ SEVERITY = {
 
 
 @dataclass(slots=True)
-class Said:
+class ProblemText:
     """A problem as it is shown: ``where`` in words, ``t`` seconds or None, how often it came.
 
     ``more``: why it came, what to do, and what it means for the comparison, each with its label.
@@ -37,18 +37,18 @@ class Said:
     more: tuple[tuple[str, str], ...] = ()
 
 
-def problems(result: Result) -> list[Said]:
+def problems(result: Result) -> list[ProblemText]:
     """What is wrong with a log as it is shown."""
     return said(result.problems)
 
 
-def said(found: Iterable[Problem]) -> list[Said]:
+def said(found: Iterable[Problem]) -> list[ProblemText]:
     """Problems, the worst first, equal sentences once with their count."""
     order = {name: i for i, name in enumerate(SEVERITY)}
-    gathered: dict[tuple[str, str], Said] = {}
+    gathered: dict[tuple[str, str], ProblemText] = {}
     for problem in sorted(found, key=lambda p: order.get(p.severity, 9)):
         label, style = SEVERITY.get(problem.severity, ("Note", "note"))
-        first = Said(label, style, problem.text, where(problem), shown_time(problem), more=more(problem))
+        first = ProblemText(label, style, problem.text, where(problem), shown_time(problem), more=more(problem))
         gathered.setdefault((problem.severity, problem.text), first).count += problem.count
     return list(gathered.values())
 
@@ -60,7 +60,7 @@ def more(problem: Problem) -> tuple[tuple[str, str], ...]:
     return tuple((label, text) for label, text in known if text)
 
 
-def nothing_wrong(said: list[Said], hidden: int = 0) -> str:
+def nothing_wrong(said: list[ProblemText], hidden: int = 0) -> str:
     """What stands where no problem is listed; ``hidden`` notes are not."""
     if said:
         return ""

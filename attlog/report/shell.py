@@ -11,7 +11,7 @@ from typing import Any
 from attlog.present.numbers import counted, duration
 from attlog.present.text import cleaned, typeset
 from attlog.report.bundle import bundle
-from attlog.report.figures.figure import Figure
+from attlog.report.figures.figure import PageFigure
 from attlog.report.pack import Store, packed
 from attlog.report.page import SCRIPTS, WEB, policy
 
@@ -35,7 +35,7 @@ def render(
     folder: Path,
     *,
     rows: Sequence[dict[str, Any]],
-    figures: Iterable[Figure],
+    figures: Iterable[PageFigure],
     store: Store,
     document: Any,
     scripts: Sequence[str] = (),

@@ -37,7 +37,7 @@ def template(name: str, filters: Mapping[str, Callable[..., Any]], folder: Path 
         finalize=shown,
         trim_blocks=True,
         lstrip_blocks=True,
-        bytecode_cache=None if kept is None else Kept(kept),
+        bytecode_cache=None if kept is None else TemplateCache(kept),
     )
     environment.filters |= filters
     return environment.get_template(name)
@@ -48,7 +48,7 @@ def shown(value: Any) -> Any:
     return value if hasattr(value, "__html__") or not isinstance(value, str) else clean(value)
 
 
-class Kept(BytecodeCache):
+class TemplateCache(BytecodeCache):
     """Compiled templates as files of a folder; a missing or damaged one is made again, a full disk is no error.
 
     They are code: one that is not as it was written (a checksum stands before it) is never run.

@@ -11,43 +11,43 @@ import math
 from collections.abc import Sequence
 
 from attlog.compare.differences.pooled import pool
-from attlog.reproduce.paper import Number, Verdict
+from attlog.reproduce.paper import PaperNumber, Verdict
 
 
-def mean(what: str, values: Sequence[float], unit: str) -> Number:
+def mean(what: str, values: Sequence[float], unit: str) -> PaperNumber:
     """The mean of a number over seeds with Student's interval. Seeds without one (NaN) are left out and not counted."""
     return _pooled(what, [v for v in values if math.isfinite(v)], unit)
 
 
-def difference(what: str, ours: Sequence[float], other: Sequence[float], unit: str) -> Number:
+def difference(what: str, ours: Sequence[float], other: Sequence[float], unit: str) -> PaperNumber:
     """The mean of ``ours - other``, seed by seed."""
     return mean(what, [a - b for a, b in zip(ours, other, strict=True)], unit)
 
 
-def ratio(what: str, ours: Sequence[float], other: Sequence[float]) -> Number:
+def ratio(what: str, ours: Sequence[float], other: Sequence[float]) -> PaperNumber:
     """The geometric mean of ``ours / other``, seed by seed. Pairs in which either is not positive are left out."""
     pairs = [(a, b) for a, b in zip(ours, other, strict=True) if a > 0.0 and b > 0.0]
     logs = _pooled(what, [math.log(a / b) for a, b in pairs], "ratio")
     if logs.value is None:
         return logs
     ends = None if logs.ci95 is None else (math.exp(logs.ci95[0]), math.exp(logs.ci95[1]))
-    return Number(what, math.exp(logs.value), "ratio", ends, logs.n)
+    return PaperNumber(what, math.exp(logs.value), "ratio", ends, logs.n)
 
 
-def share(what: str, hits: Sequence[bool]) -> Number:
+def share(what: str, hits: Sequence[bool]) -> PaperNumber:
     """The percentage of seeds on which something is so, with Wilson's interval (1927)."""
     n = len(hits)
     if n == 0:
-        return Number(what, None, "pct", None, 0)
+        return PaperNumber(what, None, "pct", None, 0)
     p, z2 = sum(hits) / n, 1.959964**2
     middle, half = (
         (p + z2 / (2 * n)) / (1 + z2 / n),
         math.sqrt(z2 * (p * (1 - p) / n + z2 / (4 * n * n))) / (1 + z2 / n),
     )
-    return Number(what, 100 * p, "pct", (100 * max(0.0, middle - half), 100 * min(1.0, middle + half)), n)
+    return PaperNumber(what, 100 * p, "pct", (100 * max(0.0, middle - half), 100 * min(1.0, middle + half)), n)
 
 
-def below(number: Number, limit: float) -> Verdict:
+def below(number: PaperNumber, limit: float) -> Verdict:
     """Whether a number is smaller than a limit."""
     if number.value is None or number.ci95 is None:
         return "cannot be judged"
@@ -55,7 +55,7 @@ def below(number: Number, limit: float) -> Verdict:
     return "holds" if high < limit else "does not hold" if low >= limit else "cannot be judged"
 
 
-def above(number: Number, limit: float) -> Verdict:
+def above(number: PaperNumber, limit: float) -> Verdict:
     """Whether a number is larger than a limit."""
     if number.value is None or number.ci95 is None:
         return "cannot be judged"
@@ -87,8 +87,8 @@ def alternatives(verdicts: Sequence[Verdict]) -> Verdict:
     return "holds in part" if found & {"holds", "holds in part"} else "cannot be judged"
 
 
-def _pooled(what: str, values: Sequence[float], unit: str) -> Number:
+def _pooled(what: str, values: Sequence[float], unit: str) -> PaperNumber:
     if not values:
-        return Number(what, None, unit, None, 0)
+        return PaperNumber(what, None, unit, None, 0)
     found = pool(values, [None] * len(values))
-    return Number(what, found.value, unit, found.ci95 if len(values) > 1 else None, len(values))
+    return PaperNumber(what, found.value, unit, found.ci95 if len(values) > 1 else None, len(values))

@@ -13,10 +13,10 @@ from attlog.base.plain import plain
 from attlog.present.numbers import interval, quantity, unit_sign
 from attlog.present.text import typeset
 from attlog.report import shell
-from attlog.report.figures.figure import Figure as Place
+from attlog.report.figures.figure import PageFigure as Place
 from attlog.report.figures.figure import listed
 from attlog.report.pack import Store
-from attlog.reproduce.paper import TRUTH, Figure, Line, Number, Paper
+from attlog.reproduce.paper import TRUTH, FigureLine, Paper, PaperFigure, PaperNumber
 
 OWN = Path(__file__).parent / "web"
 COLOURS = 8
@@ -67,7 +67,7 @@ def looks(names: Iterable[str]) -> list[dict[str, Any]]:
     ]
 
 
-def measured(number: Number) -> str:
+def measured(number: PaperNumber) -> str:
     """A number with its interval and how many flights it stands on: ``0.42° (0.40 to 0.44; 20)``."""
     if number.value is None:
         return "not measurable"
@@ -82,7 +82,7 @@ def unit_of(title: str) -> str:
     return title.rpartition(", ")[2] if ", " in title else ""
 
 
-def _place(figure: Figure, names: list[str], store: Store) -> Place:
+def _place(figure: PaperFigure, names: list[str], store: Store) -> Place:
     panels = [_titled(title) for title in figure.panels]
     x = np.concatenate([np.asarray(line.x, np.float64) for line in figure.lines])
     low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
@@ -119,7 +119,7 @@ def _place(figure: Figure, names: list[str], store: Store) -> Place:
     )
 
 
-def _dots(line: Line, names: list[str]) -> dict[str, Any]:
+def _dots(line: FigureLine, names: list[str]) -> dict[str, Any]:
     ends = None if line.low is None or line.high is None else [listed(line.low), listed(line.high)]
     return {"r": names.index(line.name), "panel": line.panel, "x": listed(line.x), "y": listed(line.y), "ci": ends}
 
@@ -135,7 +135,7 @@ def _sign(title: str) -> str:
     return unit if unit.startswith("°") or not unit else f" {unit}"
 
 
-def _reach(line: Line, figure: Figure) -> str:
+def _reach(line: FigureLine, figure: PaperFigure) -> str:
     """What a line shows in words: its smallest and largest value."""
     y = np.asarray(line.y, np.float64)
     good = y[np.isfinite(y)]

@@ -25,7 +25,7 @@ TRUTH = "truth"
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class PaperNumber:
     """One measured number: mean or ratio over ``n`` independent flights (seeds or logs), 95 % interval or None.
 
     ``unit`` as in :mod:`attlog.present.numbers` (``deg``, ``s``, ``pct``, ``ratio``); ``value`` None: not measurable.
@@ -50,14 +50,14 @@ class Claim:
     says: str
     where: str
     measured: str
-    numbers: tuple[Number, ...]
+    numbers: tuple[PaperNumber, ...]
     verdict: Verdict
     by: str
     paper: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class FigureLine:
     """A line of a figure: ``x`` and ``y`` (n,), NaN breaks it; lines of one name share colour and legend.
 
     ``low`` and ``high`` (n,): ends of intervals of the points of a figure of kind ``points``.
@@ -72,7 +72,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class PaperFigure:
     """A figure redrawn from our own run. ``kind``: ``curves`` (dense lines) or ``points`` (with intervals).
 
     ``x_title`` and each of ``panels`` (titles of the y axes, stacked, sharing x) end with their unit after a comma
@@ -86,7 +86,7 @@ class Figure:
     caption: str
     x_title: str
     panels: tuple[str, ...]
-    lines: tuple[Line, ...] = field(metadata={IN_JSON: False})
+    lines: tuple[FigureLine, ...] = field(metadata={IN_JSON: False})
     kind: Literal["curves", "points"] = "curves"
     ticks: tuple[str, ...] = ()
     height: int = 380
@@ -94,7 +94,7 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class PaperTable:
     """Numbers in rows, as text; the first column names the row."""
 
     title: str
@@ -104,7 +104,7 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class PaperSetting:
     """A setting of the run; ``origin``: ``paper`` where the paper states it, ``ours`` where it does not."""
 
     name: str
@@ -119,10 +119,10 @@ class Paper:
     key: str
     title: str
     citation: str
-    settings: tuple[Setting, ...]
+    settings: tuple[PaperSetting, ...]
     claims: tuple[Claim, ...]
-    figures: tuple[Figure, ...]
-    tables: tuple[Table, ...] = ()
+    figures: tuple[PaperFigure, ...]
+    tables: tuple[PaperTable, ...] = ()
     notes: tuple[str, ...] = ()
     seeds: int = 0
     logs: tuple[str, ...] = ()
@@ -132,7 +132,7 @@ class Paper:
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class PaperOptions:
     """What a run may be told: how many seeds (0, 1, ... are flown), how many processes, logs for the paper that wants
     some."""
 

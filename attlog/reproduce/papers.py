@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import cast
 
 from attlog.base.errors import UsageError, suggestion
-from attlog.reproduce.paper import Options, Paper
+from attlog.reproduce.paper import Paper, PaperOptions
 
 PAPERS = ("lyu", "fan", "huang", "xu")
 WITH_LOGS = {"xu"}
@@ -22,7 +22,7 @@ def chosen(names: list[str]) -> list[str]:
     return [name for name in PAPERS if name in names or "all" in names]
 
 
-def reproduce(name: str, options: Options, command: str = "") -> Paper:
+def reproduce(name: str, options: PaperOptions, command: str = "") -> Paper:
     """Run one paper's experiments."""
     from attlog.analysis import versions
 

@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.base import rotation
 from attlog.estimators.engine.samples import Sampling
-from attlog.simulate.autopilot.loop import Estimator
+from attlog.simulate.autopilot.loop import EstimatorChoice
 
 if TYPE_CHECKING:
     from attlog.simulate.flight import Flight
 
 Array = NDArray[np.float64]
 AXES = ("roll", "pitch", "heading")
-NOBODY = Estimator("truth")
+NOBODY = EstimatorChoice("truth")
 """On the bench nothing flies on an estimate: filters are run over the samples afterwards."""
 
 
 @dataclass(frozen=True, slots=True)
-class Samples:
+class FlightSamples:
     """What a filter gets: ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` T (n, 3; NaN rows without a new one) at ``t`` (n,) s;
     and what it should find, ``q`` (n, 4). Heading counts from true north, ``declination_deg`` east of it is the field.
     """
@@ -39,7 +39,7 @@ class Samples:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FilterOutput:
     """What a filter found: ``q`` (n, 4) at ``t`` (n,) s and ``truth`` (n, 4) at the same times."""
 
     t: Array
@@ -67,7 +67,7 @@ class Found:
         return np.asarray(np.degrees(rotation.heading_angle(rotation.error(self.q, self.truth))))
 
 
-def samples(flight: Flight, *, mag: bool = True) -> Samples:
+def samples(flight: Flight, *, mag: bool = True) -> FlightSamples:
     """The first inertial unit of a flight, with the first magnetometer placed on its times unless ``mag`` is False."""
     imu = flight.imus[0]
     t = imu.t_sample
@@ -75,18 +75,18 @@ def samples(flight: Flight, *, mag: bool = True) -> Samples:
     if mag and flight.mags:
         field = estimators.place(t, flight.mags[0].t_sample, flight.mags[0].field)
     q = rotation.slerp(flight.truth.t, flight.truth.q, np.minimum(t, flight.truth.t[-1]))
-    return Samples(t, imu.gyro, imu.acc, field, imu.dt, imu.sampling, q, flight.declination_deg)
+    return FlightSamples(t, imu.gyro, imu.acc, field, imu.dt, imu.sampling, q, flight.declination_deg)
 
 
-def run(row: str, s: Samples, q0: Array | None = None) -> Found:
+def run(row: str, s: FlightSamples, q0: Array | None = None) -> FilterOutput:
     """A filter (``mahony@xu-0.6``) over the samples, from its own start or from ``q0`` (4,)."""
     found = estimators.estimate(
         row, s.t, s.gyr, s.acc, s.mag, sampling=s.sampling, dt=s.dt, q0=q0, declination=s.declination_deg
     )
-    return Found(found.t, found.q, s.q[np.searchsorted(s.t, found.t)])
+    return FilterOutput(found.t, found.q, s.q[np.searchsorted(s.t, found.t)])
 
 
-def gravity_error(s: Samples, found: Found) -> Array:
+def gravity_error(s: FlightSamples, found: FilterOutput) -> Array:
     """|e| (n,): the sine of the angle between measured gravity and that of the attitude found (Lyu 13-15)."""
     acc = s.acc[np.searchsorted(s.t, found.t)]
     seen = -acc / np.linalg.norm(acc, axis=1, keepdims=True)

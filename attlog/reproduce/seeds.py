@@ -8,13 +8,13 @@ from typing import Any, TypeVar
 
 from attlog.base.errors import AttlogError
 from attlog.base.processes import Died, in_processes
-from attlog.reproduce.paper import Options
+from attlog.reproduce.paper import PaperOptions
 
 R = TypeVar("R")
 STAGES = logging.getLogger("attlog.stages")
 
 
-def each_seed(what: str, experiment: Callable[..., R], options: Options, *arguments: Any) -> list[R]:
+def each_seed(what: str, experiment: Callable[..., R], options: PaperOptions, *arguments: Any) -> list[R]:
     """``experiment(seed, *arguments)`` for seeds 0, 1, ... as ``options`` say. AttlogError if a process dies.
 
     ``experiment`` is a function of a module and its result pickles; ``what`` is said while it works.
@@ -22,7 +22,7 @@ def each_seed(what: str, experiment: Callable[..., R], options: Options, *argume
     return each(what, experiment, [(seed, *arguments) for seed in range(options.seeds)], options)
 
 
-def each(what: str, experiment: Callable[..., R], work: Sequence[tuple[Any, ...]], options: Options) -> list[R]:
+def each(what: str, experiment: Callable[..., R], work: Sequence[tuple[Any, ...]], options: PaperOptions) -> list[R]:
     """``experiment(*arguments)`` for each of ``work``, in its order."""
     if options.processes <= 1 or len(work) <= 1:
         found: dict[int, R] = {}

@@ -14,7 +14,7 @@ Kind = Literal["stuck", "silent", "zero", "offset", "scale", "noise", "spikes", 
 
 
 @dataclass(frozen=True, config=STRICT)
-class Fault:
+class PlantedFault:
     """From ``t`` for ``seconds`` (None: to the end), ``part`` number ``instance`` is
 
     ``stuck`` at its last value, ``silent`` (no samples), ``zero``, ``offset`` by ``value`` (SI; T for mag, m and

@@ -144,7 +144,7 @@ class Onboard:
 
 
 @dataclass(slots=True)
-class Battery:
+class BatteryStream:
     """The battery's monitor: ``t voltage current`` (n,) s, V, A; ``used`` (n,) Ah."""
 
     t: Array
@@ -154,7 +154,7 @@ class Battery:
 
 
 @dataclass(slots=True)
-class Rpm:
+class RpmStream:
     """Rotor speeds as told: ``rpm`` (n, 4) at ``t`` (n,) s."""
 
     t: Array
@@ -176,8 +176,8 @@ class Flight:
     gnss: list[GnssStream]
     baro: list[BaroStream]
     onboard: Onboard
-    battery: Battery | None
-    rpm: Rpm | None
+    battery: BatteryStream | None
+    rpm: RpmStream | None
     events: list[tuple[float, str]] = field(default_factory=list)
     extra: dict[str, Any] = field(default_factory=dict)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.estimators import Estimator, Row
-from attlog.simulate.autopilot.autopilot import Autopilot, Maker, Measured
+from attlog.simulate.autopilot.autopilot import Autopilot, Maker, SensorInputs
 from attlog.simulate.flight import Flight, Truth
 from attlog.simulate.happenings import events
 from attlog.simulate.physics.environment import Environment, environment, field_at
@@ -94,13 +94,13 @@ class _Sensors:
         for sensor in self.slow:
             sensor.advance(truth, now)
 
-    def measured(self, truth: Truth, row: int) -> Measured:
+    def measured(self, truth: Truth, row: int) -> SensorInputs:
         """What arrived since it was last asked."""
         now = float(truth.t[row])
         mag = self.mags[0].arrived(now) if self.mags else None
         baro = self.baro[0].arrived(now) if self.baro else None
         gnss = self.gnss[0].arrived(now) if self.gnss else None
-        return Measured(
+        return SensorInputs(
             imu=self.imus[0].arrived(now),
             mag=None if mag is None else self.mags[0].field[mag],
             height=None if baro is None else self.baro[0].height(baro),

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 
 from attlog.compare.configurations.configuration import Configuration, parse
-from attlog.compare.differences.comparison import Beside, Cell, Comparison, LogLine
-from attlog.compare.differences.one_log import Measured
+from attlog.compare.differences.comparison import Comparison, ConfigurationAnswer, LogDifference, LogLine
+from attlog.compare.differences.one_log import LogComparison
 from attlog.compare.differences.over_logs import gathered
-from attlog.compare.differences.questions import Asked, asked
+from attlog.compare.differences.questions import ComparedMetric, asked
 
 CONFIGURATIONS = [parse("mahony:kp=0.3"), parse("mahony:kp=0.6")]
 FIRST, SECOND = (c.name for c in CONFIGURATIONS)
 
 
-def beside(log: str, question: Asked, change: float, half: float) -> Beside:
+def beside(log: str, question: ComparedMetric, change: float, half: float) -> LogDifference:
     """A difference (of the logarithm for ratios) with its interval; told where that excludes none."""
     told = abs(change) > half
     direction = "same" if change == half == 0.0 else "not told" if not told else "better" if change < 0.0 else "worse"
@@ -24,7 +24,7 @@ def beside(log: str, question: Asked, change: float, half: float) -> Beside:
     else:
         value = change
     p = 1.0 if direction in ("same", "not told") else 0.001
-    return Beside(log, value, ends, p, 9, 2.0, 2.0 * value, half / 2.0, 0.0, direction, question.windows[0])
+    return LogDifference(log, value, ends, p, 9, 2.0, 2.0 * value, half / 2.0, 0.0, direction, question.windows[0])
 
 
 def comparison(
@@ -38,15 +38,17 @@ def comparison(
     count = max(len(each) for each in changes.values())
     logs = []
     for k in range(count):
-        one = Measured(LogLine(f"flight{k + 1}.ulg", f"flight{k + 1}.ulg"))
+        one = LogComparison(LogLine(f"flight{k + 1}.ulg", f"flight{k + 1}.ulg"))
         for q in questions:
             name = chosen[1].name
             each = changes[q.metric]
             found = (
-                beside(one.line.name, q, *each[k]) if k < len(each) else Beside(one.line.name, None, reason="no steps")
+                beside(one.line.name, q, *each[k])
+                if k < len(each)
+                else LogDifference(one.line.name, None, reason="no steps")
             )
-            one.cells[q.id] = {c.name: Cell(1.0, (0.9, 1.1), 9, q.windows[0]) for c in chosen}
+            one.cells[q.id] = {c.name: ConfigurationAnswer(1.0, (0.9, 1.1), 9, q.windows[0]) for c in chosen}
             one.beside[q.id] = {name: found}
         logs.append(one)
-    logs += [Measured(line) for line in broken or []]
+    logs += [LogComparison(line) for line in broken or []]
     return gathered(chosen, logs, questions, attlog={"version": "0"}, command="attlog compare")

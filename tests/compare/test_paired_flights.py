@@ -9,7 +9,7 @@ import pytest
 
 from attlog.analysis import evaluate, prepare
 from attlog.compare.configurations.configuration import parse
-from attlog.compare.configurations.run import Run
+from attlog.compare.configurations.run import ConfiguredFilter
 from attlog.compare.differences.one_log import place
 from attlog.compare.differences.paired import estimate
 from attlog.compare.differences.questions import asked
@@ -22,7 +22,7 @@ SPECS = ("mahony:kp=0.6", "mahony:kp=0.3", "mahony:kp=1.1", "madgwick", "vqf")
 def test_paired_intervals_hold_the_other_half_in_nine_of_ten() -> None:
     rng, held = np.random.default_rng(0), []
     for log in ("copter_steps_stabilize.bin", "px4_steps.ulg"):
-        result = evaluate(prepare(SAMPLES / log), [Run(parse(text)) for text in SPECS])
+        result = evaluate(prepare(SAMPLES / log), [ConfiguredFilter(parse(text)) for text in SPECS])
         rows = [row for row in result.estimators if row.kind == "replay" and row.status == "ok"]
         for question in asked():
             metric, window = place(question, rows)

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from attlog.reproduce import judge
-from attlog.reproduce.paper import Number, Verdict
+from attlog.reproduce.paper import PaperNumber, Verdict
 
 VALUES = list(np.random.default_rng(1).normal(3.0, 0.5, 20))
 OTHERS = list(np.random.default_rng(2).normal(4.0, 0.5, 20))
@@ -25,7 +25,7 @@ def test_a_mean_has_students_interval() -> None:
 def test_seeds_without_a_number_are_not_counted() -> None:
     found = judge.mean("rise", [*VALUES, math.nan], "s")
     assert found == judge.mean("rise", VALUES, "s")
-    assert judge.mean("rise", [math.nan], "s") == Number("rise", None, "s", None, 0)
+    assert judge.mean("rise", [math.nan], "s") == PaperNumber("rise", None, "s", None, 0)
 
 
 def test_a_ratio_is_paired_and_has_the_interval_of_its_logarithm() -> None:
@@ -38,7 +38,7 @@ def test_a_ratio_is_paired_and_has_the_interval_of_its_logarithm() -> None:
 
 
 def test_equal_runs_have_a_ratio_of_one_without_width() -> None:
-    assert judge.ratio("spread", VALUES, VALUES) == Number("spread", 1.0, "ratio", (1.0, 1.0), 20)
+    assert judge.ratio("spread", VALUES, VALUES) == PaperNumber("spread", 1.0, "ratio", (1.0, 1.0), 20)
 
 
 def test_a_difference_of_pairs_knows_nothing_of_what_both_share() -> None:
@@ -65,7 +65,7 @@ def test_a_share_has_wilsons_interval(hits: int) -> None:
     ],
 )
 def test_a_claim_about_a_size_needs_the_whole_interval(ends: tuple[float, float] | None, smaller: str, larger: str):
-    number = Number("ratio", 1.0, "ratio", ends, 20)
+    number = PaperNumber("ratio", 1.0, "ratio", ends, 20)
     assert judge.below(number, 1.0) == smaller
     assert judge.above(number, 1.0) == larger
 

@@ -8,7 +8,7 @@ import pytest
 
 from attlog.base.errors import AttlogError
 from attlog.reproduce.lyu import runs as lyu_runs
-from attlog.reproduce.paper import Options
+from attlog.reproduce.paper import PaperOptions
 from attlog.reproduce.samples import samples
 from attlog.reproduce.seeds import each_seed
 from attlog.simulate.fly import fly
@@ -29,7 +29,7 @@ def gone(seed: int) -> int:
 
 @pytest.mark.slow
 def test_the_same_seeds_give_the_same_numbers_in_several_processes() -> None:
-    alone, both = (each_seed("seconds", second, Options(seeds=3, processes=n), 20.0) for n in (1, 2))
+    alone, both = (each_seed("seconds", second, PaperOptions(seeds=3, processes=n), 20.0) for n in (1, 2))
     assert alone == both
     assert len(set(alone)) == 3
     assert alone[2] == second(2, 20.0)
@@ -38,4 +38,4 @@ def test_the_same_seeds_give_the_same_numbers_in_several_processes() -> None:
 @pytest.mark.slow
 def test_a_process_that_dies_is_told_with_its_number() -> None:
     with pytest.raises(AttlogError, match="seeds, number 1"):
-        each_seed("seeds", gone, Options(seeds=3, processes=2))
+        each_seed("seeds", gone, PaperOptions(seeds=3, processes=2))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.autopilot.autopilot import Measured
+from attlog.simulate.autopilot.autopilot import SensorInputs
 from attlog.simulate.flight import Flight, ImuStream, Onboard
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario.scenario import Scenario, build
@@ -28,9 +28,9 @@ class Idle:
     """An autopilot that commands nothing and keeps what it was handed."""
 
     def __init__(self, *_: object) -> None:
-        self.got: list[tuple[float, Measured]] = []
+        self.got: list[tuple[float, SensorInputs]] = []
 
-    def step(self, t: float, measured: Measured) -> Array:
+    def step(self, t: float, measured: SensorInputs) -> Array:
         self.got.append((t, measured))
         return np.zeros(4)
 

@@ -20,7 +20,7 @@ from attlog.cli.shared.progress import progress
 if TYPE_CHECKING:
     from attlog.cli.shared.printing import Line
     from attlog.compare.differences.comparison import Comparison
-    from attlog.compare.differences.one_log import Measured
+    from attlog.compare.differences.one_log import LogComparison
 
 
 def command(
@@ -112,7 +112,7 @@ def command(
     codes: set[int] = set()
     with progress(quiet, verbose > 0) as shown:
 
-        def tell(one: Measured) -> None:
+        def tell(one: LogComparison) -> None:
             nonlocal done
             done += 1
             shown.clear()

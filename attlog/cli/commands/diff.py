@@ -12,8 +12,8 @@ from attlog.base.errors import UsageError, exit_code, message, worst
 from attlog.cli.shared.printing import NoColor, Verbose, console, say, to_stderr
 
 if TYPE_CHECKING:
-    from attlog.compare.diff.diff import Difference
-    from attlog.compare.diff.result_files import Found
+    from attlog.compare.diff.diff import RunDifference
+    from attlog.compare.diff.result_files import ResultPairs
 
 FORMATS = ("table", "markdown", "json")
 
@@ -64,12 +64,14 @@ def command(
         raise typer.Exit(code)
 
 
-def _alone(found: Found) -> list[tuple[str, str]]:
+def _alone(found: ResultPairs) -> list[tuple[str, str]]:
     """Logs that one side has alone, and which side."""
     return [(n, "new" if a is None else "old") for n, (a, b) in found.pairs.items() if a is None or b is None]
 
 
-def _tell(differences: list[Difference], found: Found, form: str, output: Path | None, everything: bool) -> None:
+def _tell(
+    differences: list[RunDifference], found: ResultPairs, form: str, output: Path | None, everything: bool
+) -> None:
     import json
 
     from attlog.cli.shared.printing import Line

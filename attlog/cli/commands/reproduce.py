@@ -54,7 +54,7 @@ def command(
     from attlog.fleet.sources.find import find
     from attlog.reproduce import page
     from attlog.reproduce.document import as_json
-    from attlog.reproduce.paper import Options
+    from attlog.reproduce.paper import PaperOptions
     from attlog.reproduce.papers import WITH_LOGS, chosen, reproduce
 
     names = chosen(papers)
@@ -67,7 +67,7 @@ def command(
         raise errors[0]
     if found_logs and not WITH_LOGS & set(names):
         raise UsageError(f"--logs: only {', '.join(sorted(WITH_LOGS))} looks at logs, not {', '.join(names)}")
-    options = Options(seeds, jobs or cores(), tuple(found_logs))
+    options = PaperOptions(seeds, jobs or cores(), tuple(found_logs))
     for name in names:
         with progress(quiet, verbose > 0) as shown:
             shown.before = f"{name}: "

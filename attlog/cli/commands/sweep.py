@@ -18,7 +18,7 @@ from attlog.cli.shared.progress import progress
 if TYPE_CHECKING:
     from attlog.cli.shared.printing import Line
     from attlog.compare.configurations.configuration import Configuration
-    from attlog.compare.sweep.many import OnLog, Wanted
+    from attlog.compare.sweep.many import SettingsOnLog, SweptMetric
     from attlog.compare.sweep.sweep import Sweep
     from attlog.config import Config
     from attlog.metrics.base import Case
@@ -123,12 +123,12 @@ def analysis_settings(config: Path | None, reference: str | None) -> Config:
     return found
 
 
-def _asked(logs: Prepared, base: Configuration, metrics: Sequence[Wanted]) -> Iterator[OnLog]:
+def _asked(logs: Prepared, base: Configuration, metrics: Sequence[SweptMetric]) -> Iterator[SettingsOnLog]:
     """The logs with what is asked of them; each is let go of with the one who takes it."""
-    from attlog.compare.sweep.many import OnLog
+    from attlog.compare.sweep.many import SettingsOnLog
 
     for case in logs:
-        yield OnLog(case, base, metrics)
+        yield SettingsOnLog(case, base, metrics)
         del case
 
 

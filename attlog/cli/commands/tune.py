@@ -16,9 +16,9 @@ from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
     from attlog.cli.shared.printing import Line
-    from attlog.compare.sweep.many import OnLog
-    from attlog.compare.tune.search import Free
-    from attlog.compare.tune.tune import Tuned
+    from attlog.compare.sweep.many import SettingsOnLog
+    from attlog.compare.tune.search import FreeParameter
+    from attlog.compare.tune.tune import Tuning
 
 EXAMPLE = "attlog tune *.bin mahony kp=0.05..5log ki=0.001..0.1log"
 ELSEWHERE = (
@@ -105,8 +105,8 @@ def command(
     with progress(quiet, verbose > 0):
         prepared = Prepared(given.logs, settings)
         cases = list(prepared)
-        logs = [many.OnLog(c, base, [t.metric for t in terms], guarded=True) for c in cases]
-        others = [many.OnLog(c, base, many.wanted(ELSEWHERE)) for c in cases]
+        logs = [many.SettingsOnLog(c, base, [t.metric for t in terms], guarded=True) for c in cases]
+        others = [many.SettingsOnLog(c, base, many.wanted(ELSEWHERE)) for c in cases]
         found = tune(given.filter, free, terms, logs, others, _start(free, logs[0]), generations, seed)
         told = prepared.about()
         tables = {} if table is None else {table: text(table, *tune_words.judged_rows(found))}
@@ -118,14 +118,14 @@ def command(
     end(prepared.errors)
 
 
-def _start(free: Sequence[Free], log: OnLog) -> dict[str, float | str]:
+def _start(free: Sequence[FreeParameter], log: SettingsOnLog) -> dict[str, float | str]:
     """The gains as they are on the first log."""
     values = log.values
     return {f.name: values[f.name] for f in free}
 
 
 def _written(
-    found: Tuned, folder: Path, told: dict[str, Any], firmware: dict[str, str], tables: Mapping[Path, str]
+    found: Tuning, folder: Path, told: dict[str, Any], firmware: dict[str, str], tables: Mapping[Path, str]
 ) -> tuple[Path, Path]:
     """The page and the JSON, written together with other tables."""
     import json
@@ -146,7 +146,7 @@ def _written(
     return paths
 
 
-def _told(found: Tuned, files: Sequence[Path], told: dict[str, Any], firmware: dict[str, str]) -> Iterator[Line]:
+def _told(found: Tuning, files: Sequence[Path], told: dict[str, Any], firmware: dict[str, str]) -> Iterator[Line]:
     from attlog.cli.shared.printing import Line, wrapped
     from attlog.compare.sweep.text import references_of
     from attlog.compare.tune import text as tune_words

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from attlog.cli.shared.printing import Line, wrapped
-from attlog.present.problems import Said, nothing_wrong, problems
+from attlog.present.problems import ProblemText, nothing_wrong, problems
 from attlog.present.stand_ins import stand_in
 from attlog.present.text import clean, typeset
 
 if TYPE_CHECKING:
-    from attlog.present.table.cells import Cell
+    from attlog.present.table.cells import TableCell
     from attlog.present.table.table import Heading
     from attlog.result import EstimatorRow, Result
 
@@ -49,7 +49,7 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
         yield from wrapped("", shown(typeset(sentence)), width)
 
 
-def wrong(found: list[Said], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[Line]:
+def wrong(found: list[ProblemText], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[Line]:
     """What is wrong with the log, the worst first, each with cause, remedy and meaning; notes only if ``verbose``."""
     listed = [p for p in found if verbose or p.style != "note"]
     yield Line(shown("What is wrong with this log"), "bold")
@@ -123,7 +123,7 @@ def comparison(result: Result, window: str, width: int, shown: Shown = str) -> l
 
 def laid_out(
     headings: list[Heading],
-    rows: list[tuple[EstimatorRow, list[Cell]]],
+    rows: list[tuple[EstimatorRow, list[TableCell]]],
     names: dict[str, str],
     room: Room,
     shown: Shown,
@@ -156,7 +156,7 @@ def titled(title: str, unit: str, cells: list[str]) -> tuple[list[str], list[str
     return lines + ([unit] if unit else []), cells
 
 
-def text(cell: Cell, room: Room) -> str:
+def text(cell: TableCell, room: Room) -> str:
     """What a cell says: its value and mark, or a word."""
     if cell.missing:
         return (cell.text if room.words else cell.brief) + " "

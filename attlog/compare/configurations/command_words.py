@@ -18,22 +18,22 @@ KEYS = re.compile(r"[^:]*:[A-Za-z_]\w*=")
 
 
 @dataclass(slots=True)
-class Words:
+class ComparisonRequest:
     """Logs (files, folders, patterns) and configurations, in the order given, with what a TOML file asks for."""
 
     logs: list[Path] = field(default_factory=list)
     again: list[str] = field(default_factory=list)
     """Sentences on words that name a configuration which another word names already."""
-    wanted: toml_file.Wanted = field(default_factory=toml_file.Wanted)
+    wanted: toml_file.ConfigurationFile = field(default_factory=toml_file.ConfigurationFile)
 
 
-def sorted_out(words: Sequence[str]) -> Words:
+def sorted_out(words: Sequence[str]) -> ComparisonRequest:
     """The logs and configurations of a command line. UsageError tells everything wrong with the configurations.
 
     A configuration is a filter's name, alone or with ``@`` or ``:``, a ``.py`` or ``.csv`` file, or a ``.toml`` file of
     them; everything else is a log. A file that is called like a filter is meant with ``./`` before it.
     """
-    found, filters = Words(), frozenset(estimators.names())
+    found, filters = ComparisonRequest(), frozenset(estimators.names())
     problems: list[str] = []
     names: dict[str, Configuration] = {}
     as_given: dict[str, str] = {}

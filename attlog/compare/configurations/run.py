@@ -17,7 +17,7 @@ from attlog.result import EstimatorRow, ParameterValue
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ConfiguredFilter:
     """What :func:`attlog.analysis.evaluate` takes in place of a filter's name."""
 
     configuration: Configuration

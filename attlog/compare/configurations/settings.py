@@ -20,7 +20,7 @@ MANY_HZ = 1e5
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class InputSetting:
     """One thing that can be done to the samples. ``sizes``: how many numbers, with slashes between; ``words`` instead.
 
     Without sizes and words the value is a file.
@@ -87,26 +87,26 @@ class Setting:
 
 
 THREE = (3,)
-SETTINGS: dict[str, Setting] = {
+SETTINGS: dict[str, InputSetting] = {
     s.name: s
     for s in (
-        Setting("lowpass", "Hz", "second-order Butterworth low-pass on gyro and accelerometer", low=0.01),
-        Setting("gyro_lowpass", "Hz", "the same on the gyro alone", low=0.01),
-        Setting("acc_lowpass", "Hz", "the same on the accelerometer alone", low=0.01),
-        Setting("notch", "Hz", "notch on gyro and accelerometer: centre / width", (2,), low=0.01),
-        Setting(
+        InputSetting("lowpass", "Hz", "second-order Butterworth low-pass on gyro and accelerometer", low=0.01),
+        InputSetting("gyro_lowpass", "Hz", "the same on the gyro alone", low=0.01),
+        InputSetting("acc_lowpass", "Hz", "the same on the accelerometer alone", low=0.01),
+        InputSetting("notch", "Hz", "notch on gyro and accelerometer: centre / width", (2,), low=0.01),
+        InputSetting(
             "rpm_notch",
             "Hz",
             "notches that follow the logged rotor speeds: width / harmonics (1 if not given)",
             (1, 2),
             low=0.01,
         ),
-        Setting("rate", "Hz", "means of so many IMU samples that this rate comes out", low=0.01),
-        Setting("pick", "Hz", "one of so many IMU samples that this rate comes out, the others dropped", low=0.01),
-        Setting("mag", "", "off: the filter runs without magnetometer", (), words=("on", "off")),
-        Setting("mag_rate", "Hz", "one of so many magnetometer samples that this rate comes out", low=0.001),
-        Setting("latency", "ms", "all samples come so much later", low=0.0, high=10_000.0),
-        Setting(
+        InputSetting("rate", "Hz", "means of so many IMU samples that this rate comes out", low=0.01),
+        InputSetting("pick", "Hz", "one of so many IMU samples that this rate comes out, the others dropped", low=0.01),
+        InputSetting("mag", "", "off: the filter runs without magnetometer", (), words=("on", "off")),
+        InputSetting("mag_rate", "Hz", "one of so many magnetometer samples that this rate comes out", low=0.001),
+        InputSetting("latency", "ms", "all samples come so much later", low=0.0, high=10_000.0),
+        InputSetting(
             "gyro_offset",
             "deg/s",
             "taken off the gyro, body axes; a bias that rest shows is taken off after it",
@@ -114,12 +114,12 @@ SETTINGS: dict[str, Setting] = {
             -2000.0,
             2000.0,
         ),
-        Setting("acc_offset", "m/s^2", "taken off the accelerometer, body axes", THREE, -200.0, 200.0),
-        Setting("mag_offset", "uT", "taken off the magnetometer, body axes", THREE, -1000.0, 1000.0),
-        Setting("gyro_scale", "", "the gyro without its offset times this", (1, 3), 0.01, 100.0),
-        Setting("acc_scale", "", "the accelerometer without its offset times this", (1, 3), 0.01, 100.0),
-        Setting("mag_scale", "", "the magnetometer without its offset times this", (1, 3), 0.01, 100.0),
-        Setting(
+        InputSetting("acc_offset", "m/s^2", "taken off the accelerometer, body axes", THREE, -200.0, 200.0),
+        InputSetting("mag_offset", "uT", "taken off the magnetometer, body axes", THREE, -1000.0, 1000.0),
+        InputSetting("gyro_scale", "", "the gyro without its offset times this", (1, 3), 0.01, 100.0),
+        InputSetting("acc_scale", "", "the accelerometer without its offset times this", (1, 3), 0.01, 100.0),
+        InputSetting("mag_scale", "", "the magnetometer without its offset times this", (1, 3), 0.01, 100.0),
+        InputSetting(
             "imu_rotation",
             "deg",
             "gyro and accelerometer turned by roll / pitch / yaw, after offset and scale",
@@ -127,8 +127,10 @@ SETTINGS: dict[str, Setting] = {
             -360.0,
             360.0,
         ),
-        Setting("mag_rotation", "deg", "the magnetometer turned by roll / pitch / yaw", THREE, -360.0, 360.0),
-        Setting("params", "", "firmware parameters of this file in place of the log's, for filters that take them", ()),
+        InputSetting("mag_rotation", "deg", "the magnetometer turned by roll / pitch / yaw", THREE, -360.0, 360.0),
+        InputSetting(
+            "params", "", "firmware parameters of this file in place of the log's, for filters that take them", ()
+        ),
     )
 }
 """What may stand before a filter, by name."""

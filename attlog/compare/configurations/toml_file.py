@@ -29,7 +29,7 @@ TABLE = "configuration"
 
 
 @dataclass(slots=True)
-class Wanted:
+class ConfigurationFile:
     """What a file asks for."""
 
     configurations: list[Configuration] = field(default_factory=list)
@@ -37,12 +37,12 @@ class Wanted:
     options: dict[str, Any] = field(default_factory=dict)
 
 
-def read(path: Path) -> Wanted:
+def read(path: Path) -> ConfigurationFile:
     """The configurations, metrics and options of a file. LogUnreadable if it cannot be opened; UsageError tells
     everything that is wrong in it."""
     text = text_of(path)
     values = toml_of(text, path)
-    lines, problems, found = text.splitlines(), [], Wanted()
+    lines, problems, found = text.splitlines(), [], ConfigurationFile()
     tables = values.pop(TABLE, None)
     found.metrics, wrong = _metrics(values.pop("metrics", []))
     problems += [f"{_at(path, lines, 'metrics')}: {w}" for w in wrong]

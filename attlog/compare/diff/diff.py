@@ -22,7 +22,7 @@ ABSENT = "(absent)"
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
+class NumberChange:
     """A number that differs. ``closer``: the newer value is the better one; None where neither is.
 
     ``verdict``: ``beyond`` the tolerance, ``within``, ``not_told`` (two flights whose intervals do not tell it, or
@@ -47,7 +47,7 @@ class Moved:
 
 
 @dataclass(frozen=True, slots=True)
-class Changed:
+class TextChange:
     """A setting, text or state that differs; ``(absent)`` where one side does not have it."""
 
     name: str
@@ -56,7 +56,7 @@ class Changed:
 
 
 @dataclass(slots=True)
-class Difference:
+class RunDifference:
     """Two results side by side. ``counts``: whether appeared and vanished values count as differences.
 
     ``made_by``: versions of attlog; ``log``: firmware, vehicle and what else describes the flight; ``config``: options;
@@ -67,19 +67,19 @@ class Difference:
 
     name: str
     same_log: bool
-    made_by: list[Changed] = field(default_factory=list)
-    log: list[Changed] = field(default_factory=list)
-    config: list[Changed] = field(default_factory=list)
-    parameters: list[Changed] | None = None
-    gains: list[Changed] = field(default_factory=list)
+    made_by: list[TextChange] = field(default_factory=list)
+    log: list[TextChange] = field(default_factory=list)
+    config: list[TextChange] = field(default_factory=list)
+    parameters: list[TextChange] | None = None
+    gains: list[TextChange] = field(default_factory=list)
     rows_appeared: list[str] = field(default_factory=list)
     rows_vanished: list[str] = field(default_factory=list)
-    status: list[Changed] = field(default_factory=list)
-    moved: list[Moved] = field(default_factory=list)
+    status: list[TextChange] = field(default_factory=list)
+    moved: list[NumberChange] = field(default_factory=list)
     equal: int = 0
 
     @property
-    def beyond(self) -> list[Moved]:
+    def beyond(self) -> list[NumberChange]:
         """The numbers that count as different."""
         gone = ("appeared", "vanished") if self.same_log else ()
         return [m for m in self.moved if m.verdict == "beyond" or m.verdict in gone]
@@ -96,10 +96,10 @@ def units_of(*results: Result) -> dict[str, str]:
     return {name: unit for name, unit in found.items() if name not in MEASURED_TIMES}
 
 
-def difference(name: str, old: Result, new: Result, tolerances: Tolerances, window: str | None = None) -> Difference:
+def difference(name: str, old: Result, new: Result, tolerances: Tolerances, window: str | None = None) -> RunDifference:
     """What differs between two results; ``window`` limits the numbers to one."""
     sha = [r.log.get("sha256") for r in (old, new)]
-    found = Difference(name, same_log=sha[0] is not None and sha[0] == sha[1])
+    found = RunDifference(name, same_log=sha[0] is not None and sha[0] == sha[1])
     found.made_by = _changed({"attlog": old.attlog.get("version")}, {"attlog": new.attlog.get("version")})
     told = ("name", "firmware", "vehicle", "format")
     found.log = [] if found.same_log else _changed(*(_flat({k: r.log.get(k) for k in told}) for r in (old, new)))
@@ -132,7 +132,7 @@ def _moved(
     same_log: bool,
     better: Mapping[str, str],
     only: str | None,
-) -> Iterator[Moved | None]:
+) -> Iterator[NumberChange | None]:
     """The numbers of a row that differ, None for each that does not."""
     for window in dict.fromkeys([*old.metrics, *new.metrics]):
         if only is not None and window != only:
@@ -159,7 +159,7 @@ def _compared(
     tolerances: Tolerances,
     same_log: bool,
     better: str,
-) -> Moved:
+) -> NumberChange:
     a, b = _value(old), _value(new)
     unit = next((x.unit for x in (new, old) if x is not None), "")
     ends = (None if old is None else old.ci95, None if new is None else new.ci95)
@@ -167,7 +167,7 @@ def _compared(
         gone = new if b is None else old
         reason = "" if gone is None else gone.reason or ""
         kind: Verdict = "vanished" if b is None else "appeared"
-        return Moved(row, window, metric, unit, a, b, *ends, None, None, None, kind, reason=reason)
+        return NumberChange(row, window, metric, unit, a, b, *ends, None, None, None, kind, reason=reason)
     apart = b - a
     limit = tolerances.of(metric, unit, a)
     span = None if same_log else interval(a, ends[0], b, ends[1])
@@ -178,7 +178,7 @@ def _compared(
         verdict = "beyond" if told else "not_told"
     sizes = distance(a, better), distance(b, better)
     closer = None if sizes[0] == sizes[1] else sizes[1] < sizes[0]
-    return Moved(row, window, metric, unit, a, b, *ends, apart, span, limit, verdict, closer)
+    return NumberChange(row, window, metric, unit, a, b, *ends, apart, span, limit, verdict, closer)
 
 
 def interval(a: float, a_ci95: Interval | None, b: float, b_ci95: Interval | None) -> Interval | None:
@@ -201,11 +201,11 @@ def _value(answer: Answer | None) -> float | None:
     return None if answer is None else answer.value
 
 
-def _changed(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Changed]:
+def _changed(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[TextChange]:
     """Entries that differ, those of one side only included, in the order of names."""
     names = sorted(old.keys() | new.keys())
     pairs = [(n, old.get(n, ABSENT), new.get(n, ABSENT)) for n in names]
-    return [Changed(n, a, b) for n, a, b in pairs if a != b]
+    return [TextChange(n, a, b) for n, a, b in pairs if a != b]
 
 
 def _flat(value: Mapping[str, Any], before: str = "") -> dict[str, Any]:

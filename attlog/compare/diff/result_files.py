@@ -14,14 +14,14 @@ HEAD = 200
 
 
 @dataclass(slots=True)
-class Found:
+class ResultPairs:
     """Results by the name that both sides share; None where one side has none. ``wrong``: files that cannot be used."""
 
     pairs: dict[str, tuple[Result | None, Result | None]] = field(default_factory=dict)
     wrong: list[AttlogError] = field(default_factory=list)
 
 
-def found(old: Path, new: Path) -> Found:
+def found(old: Path, new: Path) -> ResultPairs:
     """The results in two files or two folders. LogUnreadable, LogUnusable for a file or folder that has none.
 
     UsageError for a file beside a folder. In folders a broken file is left out and told in ``wrong``.
@@ -29,8 +29,8 @@ def found(old: Path, new: Path) -> Found:
     if os.path.isdir(old) != os.path.isdir(new) and os.path.exists(old) and os.path.exists(new):
         raise UsageError(f"{old} and {new}: give two files or two folders")
     if not os.path.isdir(old):
-        return Found({new.name: (loaded(old), loaded(new))})
-    answer = Found()
+        return ResultPairs({new.name: (loaded(old), loaded(new))})
+    answer = ResultPairs()
     sides = [_of_folder(folder, answer.wrong) for folder in (old, new)]
     names = {name: name for name in sides[0] if name in sides[1]}
     for name in (n for n in sides[0] if n not in names):

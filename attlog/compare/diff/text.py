@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from attlog.base import plain
-from attlog.compare.diff.diff import ABSENT, Changed, Difference, Moved
+from attlog.compare.diff.diff import ABSENT, NumberChange, RunDifference, TextChange
 from attlog.present.numbers import MINUS, counted, half_width, quantity, unit_sign
 from attlog.present.table.markdown import escaped
 from attlog.present.text import clean
@@ -21,7 +21,7 @@ SIGNS = {"appeared": "new", "vanished": "gone", "not_told": "not told apart", "w
 Table = list[tuple[str, ...]]
 
 
-def document(differences: Sequence[Difference], alone: Sequence[tuple[str, str]]) -> dict[str, Any]:
+def document(differences: Sequence[RunDifference], alone: Sequence[tuple[str, str]]) -> dict[str, Any]:
     """The JSON: every number that differs, and ``count`` of the differences that matter; ``alone``: (name, side)."""
     logs = []
     for d in differences:
@@ -31,7 +31,7 @@ def document(differences: Sequence[Difference], alone: Sequence[tuple[str, str]]
     return {"schema": SCHEMA, "count": sum(d.count for d in differences) + len(alone), "only_in": only, "logs": logs}
 
 
-def lines(differences: Sequence[Difference], alone: Sequence[tuple[str, str]], everything: bool) -> Iterator[str]:
+def lines(differences: Sequence[RunDifference], alone: Sequence[tuple[str, str]], everything: bool) -> Iterator[str]:
     """The text for a terminal; ``everything`` also lists what stays within its tolerance."""
     for d in differences:
         yield clean(f"{d.name}: {summary(d)}")
@@ -46,7 +46,7 @@ def lines(differences: Sequence[Difference], alone: Sequence[tuple[str, str]], e
         yield clean(f"{name}: only in {side.upper()}")
 
 
-def markdown(differences: Sequence[Difference], alone: Sequence[tuple[str, str]], everything: bool) -> Iterator[str]:
+def markdown(differences: Sequence[RunDifference], alone: Sequence[tuple[str, str]], everything: bool) -> Iterator[str]:
     """The same as Markdown."""
     for d in differences:
         yield from (f"### {escaped(d.name)}", "", escaped(summary(d)), "")
@@ -65,7 +65,7 @@ def markdown(differences: Sequence[Difference], alone: Sequence[tuple[str, str]]
         yield from (f"- {escaped(name)}: only in {side.upper()}" for name, side in alone)
 
 
-def summary(d: Difference) -> str:
+def summary(d: RunDifference) -> str:
     """What was compared and how much differs, in one sentence."""
     versions = [e.old if e.old == e.new else f"{e.old} → {e.new}" for e in d.made_by]
     what = "the same log" if d.same_log else "two logs"
@@ -81,9 +81,9 @@ def summary(d: Difference) -> str:
     return f"{what}{by}: {', '.join(parts)}" if d.moved or more else f"{what}{by}: no difference in {total:,} values"
 
 
-def _settings(d: Difference) -> Iterator[tuple[str, list[Changed | str]]]:
+def _settings(d: RunDifference) -> Iterator[tuple[str, list[TextChange | str]]]:
     """What differs beside the numbers, each list under its title."""
-    lists: tuple[tuple[str, Sequence[Changed | str]], ...] = (
+    lists: tuple[tuple[str, Sequence[TextChange | str]], ...] = (
         ("log", d.log),
         ("options", d.config),
         ("parameters of the log", d.parameters or []),
@@ -97,7 +97,7 @@ def _settings(d: Difference) -> Iterator[tuple[str, list[Changed | str]]]:
         yield "parameters of the log", ["not compared: a result was written before results told them; analyse it again"]
 
 
-def _numbers(d: Difference, everything: bool) -> tuple[Table, int]:
+def _numbers(d: RunDifference, everything: bool) -> tuple[Table, int]:
     """The table with its heading, and how many numbers it leaves out."""
     counting = {id(m) for m in d.beyond}
     chosen = d.moved if everything else [m for m in d.moved if id(m) in counting]
@@ -106,7 +106,7 @@ def _numbers(d: Difference, everything: bool) -> tuple[Table, int]:
     return [HEAD, *(_row(m, id(m) in counting) for m in shown)] if shown else [], len(ordered) - len(shown)
 
 
-def _row(m: Moved, counts: bool) -> tuple[str, ...]:
+def _row(m: NumberChange, counts: bool) -> tuple[str, ...]:
     sign = SIGNS.get(m.verdict, "")
     if m.verdict == "beyond":
         sign = "" if m.closer is None else "better" if m.closer else "worse"
@@ -129,7 +129,7 @@ def _value(value: float | None, ci95: tuple[float, float] | None, unit: str) -> 
     return " ".join(x for x in (quantity(value, unit, signed=None), half_width(ci95, unit)) if x)
 
 
-def _told(entry: Changed | str) -> str:
+def _told(entry: TextChange | str) -> str:
     if isinstance(entry, str):
         return clean(entry)
     ends = entry.old, entry.new

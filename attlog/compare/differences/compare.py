@@ -11,9 +11,9 @@ from attlog.base.errors import UsageError
 from attlog.base.processes import Died, in_processes
 from attlog.compare.configurations.configuration import Configuration
 from attlog.compare.differences.comparison import Comparison
-from attlog.compare.differences.one_log import Measured, Plan, failed, measured
+from attlog.compare.differences.one_log import LogComparison, Plan, failed, measured
 from attlog.compare.differences.over_logs import gathered
-from attlog.compare.differences.questions import Asked, asked
+from attlog.compare.differences.questions import asked
 from attlog.config import Config
 
 
@@ -25,7 +25,7 @@ def compare(
     metrics: Sequence[str] = (),
     jobs: int = 1,
     command: str = "",
-    tell: Callable[[Measured], None] | None = None,
+    tell: Callable[[LogComparison], None] | None = None,
 ) -> Comparison:
     """What each configuration is worth beside the first, on every log and over all of them.
 
@@ -42,7 +42,7 @@ def compare(
     questions = asked(metrics, config.window)
     names = log_names(logs)
     plan = Plan(tuple((c.name, c.text) for c in configurations), tuple(questions), config.resolved())
-    found: dict[str, Measured] = {}
+    found: dict[str, LogComparison] = {}
     work: dict[str, tuple[Any, ...]] = {name: (log, name, plan) for log, name in zip(logs, names, strict=True)}
     if jobs == 1 or len(logs) == 1:
         results = ((name, measured(*arguments)) for name, arguments in work.items())
@@ -68,4 +68,4 @@ def log_names(logs: Sequence[Path]) -> list[str]:
     return [n if names.count(n) == 1 else f"{n}-{names[: k + 1].count(n)}" for k, n in enumerate(names)]
 
 
-__all__ = ["Asked", "compare", "log_names"]
+__all__ = ["compare", "log_names"]

@@ -18,7 +18,7 @@ SCHEMA = "attlog-comparison/1"
 
 
 @dataclass(slots=True)
-class Configured:
+class ConfigurationSummary:
     """A configuration: ``name`` as its rows are called, ``label`` in sentences, ``text`` for the command line.
 
     ``parameters`` are those set by hand, ``before`` what comes before the filter.
@@ -47,7 +47,7 @@ class LogLine:
 
 
 @dataclass(slots=True)
-class Cell:
+class ConfigurationAnswer:
     """A configuration on a log: the answer as ``attlog analyze`` gives it, or the reason for none."""
 
     value: float | None
@@ -59,7 +59,7 @@ class Cell:
 
 
 @dataclass(slots=True)
-class Beside:
+class LogDifference:
     """A configuration beside the first on one log, on ``n`` common units of evidence.
 
     ``value`` is the ratio or the difference of sizes (below one, below zero: nearer to perfect), ``first``
@@ -82,7 +82,7 @@ class Beside:
 
 
 @dataclass(slots=True)
-class Over:
+class PooledDifference:
     """The same over all logs that have a value: ``better``, ``worse``, ``same`` count logs by sign, told or not.
 
     ``tau`` is the scatter of the true difference from log to log (of the logarithm for ratios).
@@ -107,8 +107,8 @@ class Contrast:
     """One configuration beside the first: log by log, and over all of them (None where no log has a value)."""
 
     configuration: str
-    logs: list[Beside] = field(default_factory=list)
-    over: Over | None = None
+    logs: list[LogDifference] = field(default_factory=list)
+    over: PooledDifference | None = None
 
 
 @dataclass(slots=True)
@@ -123,13 +123,13 @@ class Question:
     better: str
     scale: Scale
     main: bool
-    cells: dict[str, dict[str, Cell]] = field(default_factory=dict)
+    cells: dict[str, dict[str, ConfigurationAnswer]] = field(default_factory=dict)
     """log -> configuration -> cell"""
     contrasts: list[Contrast] = field(default_factory=list)
 
 
 @dataclass(slots=True)
-class Said:
+class ConfigurationSentences:
     """What a configuration is worth beside the first, in sentences: the lead, and one for each further question."""
 
     configuration: str
@@ -144,10 +144,10 @@ class Comparison:
     attlog: dict[str, str]
     command: str
     config: dict[str, Any]
-    configurations: list[Configured] = field(default_factory=list)
+    configurations: list[ConfigurationSummary] = field(default_factory=list)
     logs: list[LogLine] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
-    verdicts: list[Said] = field(default_factory=list)
+    verdicts: list[ConfigurationSentences] = field(default_factory=list)
     definitions: dict[str, str] = field(default_factory=dict)
     schema: str = SCHEMA
     __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid"}

@@ -12,10 +12,10 @@ from attlog import __version__
 from attlog.analysis import evaluate, prepare
 from attlog.base.errors import BUG, exit_code, message
 from attlog.compare.configurations.configuration import parse
-from attlog.compare.configurations.run import Run
-from attlog.compare.differences.comparison import Beside, Cell, LogLine
-from attlog.compare.differences.paired import Paired, Scale, paired
-from attlog.compare.differences.questions import Asked
+from attlog.compare.configurations.run import ConfiguredFilter
+from attlog.compare.differences.comparison import ConfigurationAnswer, LogDifference, LogLine
+from attlog.compare.differences.paired import PairedDifference, Scale, paired
+from attlog.compare.differences.questions import ComparedMetric
 from attlog.metrics.ranking import best as ranking
 from attlog.present.heading import DRIFT_AIR, QUOTED
 from attlog.present.table.rows import has_value
@@ -27,17 +27,17 @@ class Plan:
     """How every log is treated: configurations as (name, text), questions, options. It pickles."""
 
     configurations: tuple[tuple[str, str], ...]
-    questions: tuple[Asked, ...]
+    questions: tuple[ComparedMetric, ...]
     options: dict[str, Any]
 
 
 @dataclass(slots=True)
-class Measured:
+class LogComparison:
     """What became of one log: its line, cells by question and configuration, differences by question."""
 
     line: LogLine
-    cells: dict[str, dict[str, Cell]] = field(default_factory=dict)
-    beside: dict[str, dict[str, Beside]] = field(default_factory=dict)
+    cells: dict[str, dict[str, ConfigurationAnswer]] = field(default_factory=dict)
+    beside: dict[str, dict[str, LogDifference]] = field(default_factory=dict)
     trace: str = ""
     late: tuple[str, ...] = ()
     """Sentences on filters from files that took longer than they were given."""
@@ -45,7 +45,7 @@ class Measured:
     """Why the first configuration failed, where all of them did."""
 
 
-def measured(log: Path, name: str, plan: Plan) -> Measured:
+def measured(log: Path, name: str, plan: Plan) -> LogComparison:
     """One log measured; whatever goes wrong with it, a bug too, is told by its line."""
     try:
         return _measured(log, name, plan)
@@ -53,18 +53,18 @@ def measured(log: Path, name: str, plan: Plan) -> Measured:
         return failed(log, name, error)
 
 
-def failed(log: Path, name: str, error: Exception) -> Measured:
+def failed(log: Path, name: str, error: Exception) -> LogComparison:
     """The line of a log that could not be measured."""
     import traceback
 
     code = exit_code(error)
     text = message(error, __version__).removeprefix("attlog: ")
     line = LogLine(name, str(log), code=code, reason=text.removeprefix(f"{log}: "))
-    return Measured(line, trace="".join(traceback.format_exception(error)) if code == BUG else "")
+    return LogComparison(line, trace="".join(traceback.format_exception(error)) if code == BUG else "")
 
 
-def _measured(log: Path, name: str, plan: Plan) -> Measured:
-    runs = [Run(parse(text, called)) for called, text in plan.configurations]
+def _measured(log: Path, name: str, plan: Plan) -> LogComparison:
+    runs = [ConfiguredFilter(parse(text, called)) for called, text in plan.configurations]
     result = evaluate(prepare(log, plan.options), runs, only={question.metric for question in plan.questions})
     told = result.log
     line = LogLine(
@@ -79,14 +79,16 @@ def _measured(log: Path, name: str, plan: Plan) -> Measured:
     rows = {row.name: row for row in result.estimators}
     late = tuple(problem.text for problem in result.problems if problem.code == TIMED_OUT)
     return read_off(
-        Measured(line, late=late, nothing_ran=nothing_ran(result.estimators)),
+        LogComparison(line, late=late, nothing_ran=nothing_ran(result.estimators)),
         result,
         [rows[called] for called, _ in plan.configurations],
         plan.questions,
     )
 
 
-def read_off(found: Measured, result: Result, rows: Sequence[EstimatorRow], questions: Iterable[Asked]) -> Measured:
+def read_off(
+    found: LogComparison, result: Result, rows: Sequence[EstimatorRow], questions: Iterable[ComparedMetric]
+) -> LogComparison:
     """The cells and differences of some rows of a result that was just evaluated (its answers still have units)."""
     first = rows[0]
     for question in questions:
@@ -103,7 +105,7 @@ def read_off(found: Measured, result: Result, rows: Sequence[EstimatorRow], ques
     return found
 
 
-def place(question: Asked, rows: Sequence[EstimatorRow]) -> tuple[str, str]:
+def place(question: ComparedMetric, rows: Sequence[EstimatorRow]) -> tuple[str, str]:
     """Metric and window in which the most rows have a value, of equal ones the first; of drifts in the air the
     heading reference that a report would quote."""
     metrics = [question.metric]
@@ -117,10 +119,14 @@ def place(question: Asked, rows: Sequence[EstimatorRow]) -> tuple[str, str]:
     return max(places, key=filled)
 
 
-def _cell(row: EstimatorRow, answer: Answer | None, window: str) -> Cell:
+def _cell(row: EstimatorRow, answer: Answer | None, window: str) -> ConfigurationAnswer:
     if answer is None:
-        return Cell(None, window=window, status=row.status, reason=row.reason or "not asked in this window")
-    return Cell(answer.value, answer.ci95, answer.n, window, row.status, row.reason or answer.reason or "")
+        return ConfigurationAnswer(
+            None, window=window, status=row.status, reason=row.reason or "not asked in this window"
+        )
+    return ConfigurationAnswer(
+        answer.value, answer.ci95, answer.n, window, row.status, row.reason or answer.reason or ""
+    )
 
 
 def _beside(
@@ -132,29 +138,31 @@ def _beside(
     better: str,
     window: str,
     scale: Scale,
-) -> Beside:
+) -> LogDifference:
     for one in (first, row):
         if one.status != "ok":
-            return Beside(log, None, window=window, reason=f"{one.name}: {one.status.replace('_', ' ')}, {one.reason}")
+            return LogDifference(
+                log, None, window=window, reason=f"{one.name}: {one.status.replace('_', ' ')}, {one.reason}"
+            )
     if a is None or b is None:
-        return Beside(log, None, window=window, reason="not asked in this window")
+        return LogDifference(log, None, window=window, reason="not asked in this window")
     for one, answer in ((first, a), (row, b)):
         if answer.value is not None and not answer.ranked:
-            return Beside(log, None, window=window, reason=f"{one.name}: {answer.reason}")
+            return LogDifference(log, None, window=window, reason=f"{one.name}: {answer.reason}")
     found = paired(a, b, better)
     if isinstance(found, str) or found.scale != scale:
-        return Beside(
+        return LogDifference(
             log, None, window=window, reason=found if isinstance(found, str) else "nothing to pair on this log"
         )
     return _shown(log, found, ranking.floor(a, b), window)
 
 
-def _shown(log: str, found: Paired, floor: float, window: str) -> Beside:
+def _shown(log: str, found: PairedDifference, floor: float, window: str) -> LogDifference:
     value, ci95 = found.value, found.ci95
     if found.scale == "ratio":
         value = math.exp(value)
         ci95 = None if ci95 is None else (math.exp(ci95[0]), math.exp(ci95[1]))
         floor = math.log1p(floor / found.first) if found.first > 0.0 else 0.0
-    return Beside(
+    return LogDifference(
         log, value, ci95, found.p, found.n, found.first, found.second, found.error, floor, found.direction, window
     )

@@ -9,19 +9,26 @@ from typing import Any
 
 from attlog.compare.configurations.configuration import Configuration, labels
 from attlog.compare.configurations.settings import written
-from attlog.compare.differences.comparison import Beside, Comparison, Configured, Contrast, Over, Question
-from attlog.compare.differences.one_log import Measured
+from attlog.compare.differences.comparison import (
+    Comparison,
+    ConfigurationSummary,
+    Contrast,
+    LogDifference,
+    PooledDifference,
+    Question,
+)
+from attlog.compare.differences.one_log import LogComparison
 from attlog.compare.differences.paired import ALPHA, Direction, Scale
 from attlog.compare.differences.pooled import pool
-from attlog.compare.differences.questions import Asked
+from attlog.compare.differences.questions import ComparedMetric
 from attlog.compare.differences.sentences import verdicts
 from attlog.metrics import definitions
 
 
 def gathered(
     configurations: Sequence[Configuration],
-    logs: Sequence[Measured],
-    questions: Sequence[Asked],
+    logs: Sequence[LogComparison],
+    questions: Sequence[ComparedMetric],
     *,
     attlog: dict[str, str],
     command: str = "",
@@ -56,7 +63,7 @@ def gathered(
     return found
 
 
-def over(each: Sequence[Beside], scale: Scale) -> Over | None:
+def over(each: Sequence[LogDifference], scale: Scale) -> PooledDifference | None:
     """Differences of several logs as one; None where no log has any."""
     usable = [b for b in each if b.value is not None]
     if not usable:
@@ -67,7 +74,7 @@ def over(each: Sequence[Beside], scale: Scale) -> Over | None:
     pooled = pool([forward(b.value or 0.0) for b in usable], [b.error for b in usable], (own, alone.p))
     floor = median(b.floor for b in usable)
     ci95 = None if pooled.ci95 is None else (back(pooled.ci95[0]), back(pooled.ci95[1]))
-    return Over(
+    return PooledDifference(
         back(pooled.value),
         ci95,
         pooled.p,
@@ -92,7 +99,7 @@ def direction(value: float, p: float | None, same: bool, floor: float) -> Direct
     return "better" if value < 0.0 else "worse"
 
 
-def _configured(c: Configuration, label: str) -> Configured:
+def _configured(c: Configuration, label: str) -> ConfigurationSummary:
     parameters = {k: f"{v:g}" if isinstance(v, float) else str(v) for k, v in c.row.params.items()}
     before = {k: written(k, v).partition("=")[2] for k, v in c.before.items()}
-    return Configured(c.name, label, c.text, parameters, before)
+    return ConfigurationSummary(c.name, label, c.text, parameters, before)

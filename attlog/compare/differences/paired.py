@@ -45,7 +45,7 @@ OWN_SCATTER = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Paired:
+class PairedDifference:
     """What the second answer is beside the first, on ``n`` common units.
 
     ``value`` on the scale it is averaged on: the logarithm of the ratio, or the difference of
@@ -67,7 +67,7 @@ class Paired:
     direction: Direction
 
 
-def paired(a: Answer, b: Answer, better: str) -> Paired | str:
+def paired(a: Answer, b: Answer, better: str) -> PairedDifference | str:
     """The second answer beside the first, or the sentence why they cannot be compared. ``better`` as the metric's."""
     for answer in (a, b):
         if answer.value is None:
@@ -85,13 +85,13 @@ def paired(a: Answer, b: Answer, better: str) -> Paired | str:
     p = _p_value(a.units, b.units, common)
     if not np.any(a.units.at(common) != b.units.at(common)):
         shown = typical(a.units, common, first)
-        return Paired(scale, 0.0, (0.0, 0.0), error, 1.0, len(common), shown, shown, "same")
+        return PairedDifference(scale, 0.0, (0.0, 0.0), error, 1.0, len(common), shown, shown, "same")
     apart = _size(second, better) - _size(first, better)
     told = p < ALPHA and (ci95 is None or not ci95[0] <= 0.0 <= ci95[1])
     told = told and abs(apart) > ranking.floor(a, b) and (apart < 0.0) == (value < 0.0)
     direction: Direction = ("better" if apart < 0.0 else "worse") if told else "not told"
     first, second = (typical(u, common, v) for u, v in ((a.units, first), (b.units, second)))
-    return Paired(scale, value, ci95, error, p, len(common), first, second, direction)
+    return PairedDifference(scale, value, ci95, error, p, len(common), first, second, direction)
 
 
 def typical(units: UnitValues, common: NDArray[np.int64], value: float) -> float:
@@ -101,18 +101,18 @@ def typical(units: UnitValues, common: NDArray[np.int64], value: float) -> float
     return math.exp(0.5 * float(np.mean(_logarithms(units.at(common)))))
 
 
-def _without_units(a: Answer, b: Answer, better: str) -> Paired:
+def _without_units(a: Answer, b: Answer, better: str) -> PairedDifference:
     """Two answers that no common units tell apart: different where their intervals lie apart."""
     first, second = float(a.value or 0.0), float(b.value or 0.0)
     apart = _size(second, better) - _size(first, better)
     if first == second:
-        return Paired("difference", 0.0, None, None, None, 0, first, second, "same")
+        return PairedDifference("difference", 0.0, None, None, None, 0, first, second, "same")
     near_a, _, far_a = ranking.distance(a, better)
     near_b, _, far_b = ranking.distance(b, better)
     known = a.ci95 is not None and b.ci95 is not None
     told = known and (far_a < near_b or far_b < near_a) and abs(apart) > ranking.floor(a, b)
     direction: Direction = ("better" if apart < 0.0 else "worse") if told else "not told"
-    return Paired("difference", apart, None, None, None, 0, first, second, direction)
+    return PairedDifference("difference", apart, None, None, None, 0, first, second, direction)
 
 
 def _size(value: float, better: str) -> float:
@@ -121,7 +121,7 @@ def _size(value: float, better: str) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class DifferenceEstimate:
     """A difference over units: its scale, value, interval and standard error."""
 
     scale: Scale
@@ -130,7 +130,7 @@ class Estimate:
     error: float
 
 
-def estimate(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> Estimate:
+def estimate(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> DifferenceEstimate:
     """The difference of the second to the first over common units (k,), as the module's table says."""
     x, y = a.at(common), b.at(common)
     kind = a.kind
@@ -139,12 +139,12 @@ def estimate(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> Estimat
         if len(d) < OWN_SCATTER:  # the prior is that of twice this, of logarithms of variances
             prior = moderated.Prior(pairs.PRIORS[kind].variance / 4.0, pairs.PRIORS[kind].dof)
             value, low, high, error = moderated_mean(d, prior)
-            return Estimate("ratio", value, (low, high), error)
-        return Estimate("ratio", *_mean(d))
+            return DifferenceEstimate("ratio", value, (low, high), error)
+        return DifferenceEstimate("ratio", *_mean(d))
     if kind == "step_event":
-        return Estimate("difference", *hodges_lehmann(y - x))
+        return DifferenceEstimate("difference", *hodges_lehmann(y - x))
     d = np.copysign(1.0, np.mean(y)) * y - np.copysign(1.0, np.mean(x)) * x
-    return Estimate("difference", *_mean(d))
+    return DifferenceEstimate("difference", *_mean(d))
 
 
 def _mean(d: Array) -> tuple[float, tuple[float, float], float]:

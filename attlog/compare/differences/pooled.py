@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Pooled:
+class PooledMean:
     """The mean of ``logs`` differences, its interval and p (None for one log alone whose own are not known).
 
     ``tau`` is the scatter of the true difference from log to log, ``i2_pct`` the share of the scatter that is not
@@ -45,7 +45,7 @@ def pool(
     values: Sequence[float],
     errors: Sequence[float | None],
     alone: tuple[tuple[float, float] | None, float | None] = (None, None),
-) -> Pooled:
+) -> PooledMean:
     """The differences of k logs as one; negative counts as better.
 
     ``errors`` are standard errors; where one is not known (None) all logs weigh the same. One log is
@@ -57,9 +57,9 @@ def pool(
         raise ValueError("no log to pool")
     signs = int(np.sum(y < 0.0)), int(np.sum(y > 0.0)), int(np.sum(y == 0.0))
     if not np.any(y):
-        return Pooled(0.0, (0.0, 0.0), 1.0, k, *signs, 0.0, 0.0, "equal on every log")
+        return PooledMean(0.0, (0.0, 0.0), 1.0, k, *signs, 0.0, 0.0, "equal on every log")
     if k == 1:
-        return Pooled(float(y[0]), alone[0], alone[1], 1, *signs, 0.0, 0.0, "one log")
+        return PooledMean(float(y[0]), alone[0], alone[1], 1, *signs, 0.0, 0.0, "one log")
     known = [e for e in errors if e is not None and e > 0.0]
     if len(known) == 0 or any(e is None for e in errors):
         mean, error = float(np.mean(y)), float(np.std(y, ddof=1)) / math.sqrt(k)
@@ -71,7 +71,7 @@ def pool(
         method, tau = f"random effects over {k} logs (DerSimonian-Laird, Hartung-Knapp)", math.sqrt(tau2)
     half = student(0.975, k - 1) * error
     p = student_two_sided(mean / error, k - 1) if error > 0.0 else 0.0
-    return Pooled(mean, (mean - half, mean + half), p, k, *signs, tau, i2, method)
+    return PooledMean(mean, (mean - half, mean + half), p, k, *signs, tau, i2, method)
 
 
 def between(y: Array, variance: Array) -> tuple[float, float]:

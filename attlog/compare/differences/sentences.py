@@ -7,8 +7,8 @@ The subject of a lead is who is better; where nothing is told apart that is said
 
 from __future__ import annotations
 
-from attlog.compare.differences.comparison import Comparison, Said
-from attlog.compare.differences.wording import Seen, clause, seen
+from attlog.compare.differences.comparison import Comparison, ConfigurationSentences
+from attlog.compare.differences.wording import DirectedDifference, clause, seen
 from attlog.present.contest import BY_ITSELF
 from attlog.present.names import AGREEMENT
 from attlog.present.numbers import counted, listed
@@ -24,12 +24,12 @@ STATUS = {
 """What a row's state is called after its name."""
 
 
-def verdicts(found: Comparison) -> list[Said]:
+def verdicts(found: Comparison) -> list[ConfigurationSentences]:
     """The sentences of a comparison, one entry for each configuration after the first."""
     return [_said(found, c.name) for c in found.configurations[1:]]
 
 
-def _said(found: Comparison, name: str) -> Said:
+def _said(found: Comparison, name: str) -> ConfigurationSentences:
     called = {c.name: c.label for c in found.configurations}
     first = found.configurations[0].name
     a, b, lost = called[first], called[name], _lost(found, name)
@@ -40,10 +40,12 @@ def _said(found: Comparison, name: str) -> Said:
         if q.main and c.configuration == name and c.over is not None and (view := seen(q, c.over)) is not None
     ]
     if not views:
-        return Said(name, f"{b} and {a} cannot be compared: {_why(found, name)}.", lost)
+        return ConfigurationSentences(name, f"{b} and {a} cannot be compared: {_why(found, name)}.", lost)
     if all(view.direction == "same" for view in views):
         logs = counted(max(view.logs for view in views), "log")
-        return Said(name, f"No difference: {b} and {a} give the same in every question, on {logs}.", lost)
+        return ConfigurationSentences(
+            name, f"No difference: {b} and {a} give the same in every question, on {logs}.", lost
+        )
     leading = _leading(views)
     subject, other = (b, a) if leading.direction != "worse" else (a, b)
     sides = [view.turned if subject == a else view for view in views]
@@ -56,17 +58,17 @@ def _said(found: Comparison, name: str) -> Said:
         lead += f", {joint} {clause(lag, other)}"
         used.add(lag.question.id)
     rest = [_sentence(view, a, b) for view in views if view.question.id not in used]
-    return Said(name, lead + ".", [*rest, *lost])
+    return ConfigurationSentences(name, lead + ".", [*rest, *lost])
 
 
-def _sentence(view: Seen, first: str, second: str) -> str:
+def _sentence(view: DirectedDifference, first: str, second: str) -> str:
     """One question on its own: about the better one where one is told, with the numbers as the table shows them."""
     if view.direction == "worse":
         return f"{first} {clause(view.turned, second)}."
     return f"{second} {clause(view, first)}."
 
 
-def _leading(views: list[Seen]) -> Seen:
+def _leading(views: list[DirectedDifference]) -> DirectedDifference:
     in_order = sorted(views, key=lambda v: LEADS.index(v.question.metric) if v.question.metric in LEADS else len(LEADS))
     told = [v for v in in_order if v.direction in ("better", "worse")]
     return (told or in_order)[0]

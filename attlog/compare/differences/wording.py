@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from attlog.compare.differences.comparison import Beside, Over, Question
+from attlog.compare.differences.comparison import LogDifference, PooledDifference, Question
 from attlog.compare.differences.paired import Direction
 from attlog.present.numbers import MINUS, decimals, number, unit_sign
 
@@ -15,7 +15,7 @@ TURNED: dict[Direction, Direction] = {"better": "worse", "worse": "better", "sam
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class DirectedDifference:
     """A difference as one of the two sees it: a ratio below one or a difference below zero is in its favour.
 
     ``better`` and ``worse`` count the ``logs`` by sign. ``flipped``: it is the first that looks, while
@@ -33,10 +33,10 @@ class Seen:
     flipped: bool = False
 
     @property
-    def turned(self) -> Seen:
+    def turned(self) -> DirectedDifference:
         """The same as the other one sees it."""
         ci95 = None if self.ci95 is None else (self._back(self.ci95[1]), self._back(self.ci95[0]))
-        return Seen(
+        return DirectedDifference(
             self.question,
             self._back(self.value),
             ci95,
@@ -54,16 +54,16 @@ class Seen:
         return -x if x else 0.0
 
 
-def seen(question: Question, found: Beside | Over) -> Seen | None:
+def seen(question: Question, found: LogDifference | PooledDifference) -> DirectedDifference | None:
     """A difference as the second configuration sees it; None where there is none."""
     if found.value is None:
         return None
-    if isinstance(found, Over):
+    if isinstance(found, PooledDifference):
         logs = found.logs, found.better, found.worse
     else:
         even = 1.0 if question.scale == "ratio" else 0.0
         logs = 1, int(found.value < even), int(found.value > even)
-    return Seen(question, found.value, found.ci95, found.direction, *logs, found.floor)
+    return DirectedDifference(question, found.value, found.ci95, found.direction, *logs, found.floor)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,14 +142,14 @@ def scale_title(question: Question, first: str) -> str:
     return f"beside {first}, {unit}" if unit else f"beside {first}"
 
 
-def span(view: Seen) -> str:
+def span(view: DirectedDifference) -> str:
     """The interval of a difference as it stands in the table: ``−31 % to −15 %``; empty without one."""
     if view.ci95 is None:
         return ""
     return f"{signed(view.ci95[0], view.question)} to {signed(view.ci95[1], view.question)}"
 
 
-def favour(view: Seen) -> str:
+def favour(view: DirectedDifference) -> str:
     """A told difference as the better one sees it: ``24 % closer (15 % to 31 %, better on 8 of 9 logs)``."""
     inside = (
         [] if view.ci95 is None else [f"{amount(view.ci95[1], view.question)} to {amount(view.ci95[0], view.question)}"]
@@ -159,7 +159,7 @@ def favour(view: Seen) -> str:
     return f"{amount(view.value, view.question)} {wording(view.question).more}{tail}"
 
 
-def clause(view: Seen, other: str) -> str:
+def clause(view: DirectedDifference, other: str) -> str:
     """What one does beside the other, without subject and full stop."""
     words, question = wording(view.question), view.question
     if view.direction == "same":
@@ -181,7 +181,7 @@ def clause(view: Seen, other: str) -> str:
     return f"{words.doing} {amount(view.value, question)} {word} than {other}{tail}"
 
 
-def _no_later(view: Seen) -> str:
+def _no_later(view: DirectedDifference) -> str:
     """How sure it is that there is no lag to speak of: both ends are small, or the one that counts."""
     low, high = view.ci95 or (0.0, 0.0)
     largest = max(abs(low), abs(high))

@@ -24,7 +24,7 @@ OF_LOG = re.compile(rb'"log":\s*\{\s*"name":\s*("(?:[^"\\]|\\.)*"),\s*"sha256":\
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class DocumentPlace:
     """Where a document stands: a whole file, or the line of one that begins at a byte."""
 
     path: Path
@@ -45,10 +45,10 @@ class Baseline:
     """Results by the SHA-256 and by the name of their log; ``only``: there is just one, which is compared with all."""
 
     name: str
-    by_sha256: dict[str, Place] = field(default_factory=dict)
-    by_name: dict[str, Place] = field(default_factory=dict)
-    only: Place | None = None
-    last: tuple[Place, Result] | None = None
+    by_sha256: dict[str, DocumentPlace] = field(default_factory=dict)
+    by_name: dict[str, DocumentPlace] = field(default_factory=dict)
+    only: DocumentPlace | None = None
+    last: tuple[DocumentPlace, Result] | None = None
 
     def of(self, log: Mapping[str, Any]) -> BaselineResult | str:
         """The result of the same log, else that of a log of the same name, else the only one; or why there is none."""
@@ -67,7 +67,7 @@ class Baseline:
 def read(path: Path) -> Baseline:
     """What a file or folder holds. UsageError where it cannot be read or holds no result."""
     try:
-        places = [Place(p) for p in sorted(path.rglob("*.json"))] if os.path.isdir(path) else _lines(path)
+        places = [DocumentPlace(p) for p in sorted(path.rglob("*.json"))] if os.path.isdir(path) else _lines(path)
         found = Baseline(path.name)
         count = 0
         for place in places:
@@ -102,15 +102,15 @@ def read_all(paths: Iterable[Path | None]) -> dict[Path, Baseline]:
     return found
 
 
-def _lines(path: Path) -> list[Place]:
+def _lines(path: Path) -> list[DocumentPlace]:
     """The documents of a file: itself, or its lines where it has one a line."""
-    starts: list[Place] = []
+    starts: list[DocumentPlace] = []
     at = 0
     with open(path, "rb") as file:
         for line in file:
             if not starts and not _is_document(line):
-                return [Place(path)]
-            starts.append(Place(path, at, len(line)))
+                return [DocumentPlace(path)]
+            starts.append(DocumentPlace(path, at, len(line)))
             at += len(line)
     return [place for place in starts if place.length > 1]
 
@@ -119,7 +119,7 @@ def _is_document(line: bytes) -> bool:
     return line.startswith(b"{") and line.rstrip().endswith(b"}")
 
 
-def _log(place: Place) -> tuple[str, str | None] | None:
+def _log(place: DocumentPlace) -> tuple[str, str | None] | None:
     """Name and SHA-256 of the log that a document is of; None for what is no result."""
     with open(place.path, "rb") as file:
         file.seek(place.start)
@@ -136,7 +136,7 @@ def _log(place: Place) -> tuple[str, str | None] | None:
     return str(log.get("name")), log.get("sha256")
 
 
-def _result(place: Place) -> Result:
+def _result(place: DocumentPlace) -> Result:
     """The result at a place. UsageError for what is none that this version reads."""
     with open(place.path, "rb") as file:
         file.seek(place.start)

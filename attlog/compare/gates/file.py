@@ -20,7 +20,7 @@ from typing import Any
 from attlog.base.errors import LogUnreadable, UsageError, suggestion
 from attlog.base.settings_file import text_of, toml_of
 from attlog.compare.gates.gates import Gate, Gates
-from attlog.compare.gates.limits import KINDS, Limit
+from attlog.compare.gates.limits import KINDS, GateLimit
 from attlog.compare.gates.rows import windows
 from attlog.metrics import definitions
 from attlog.segments.model import WINDOWS, Segments
@@ -108,14 +108,14 @@ def _gate(metric: str, table: Any, path: Path, baseline: str | None) -> Gate:
     limits, place = [], table.get("baseline")
     for kind in (k for k in KINDS if k != "baseline" and k in table):
         try:
-            limits.append(Limit(kind, _number(kind, table[kind], metric)))
+            limits.append(GateLimit(kind, _number(kind, table[kind], metric)))
         except ValueError as error:
             wrong.append((kind, str(error)))
     if place is not None and place is not True and not isinstance(place, str):
         wrong.append(("baseline", f"baseline={place!r}: give true, or the name of a file or folder"))
         place = None
     if place is not None and not any(limit.against == "baseline" for limit in limits):
-        limits.append(Limit("baseline", 0.0))
+        limits.append(GateLimit("baseline", 0.0))
     low, high = (next((v.value for v in limits if v.kind == k), None) for k in ("min", "max"))
     if low is not None and high is not None and low > high:
         wrong.append(("min", f"min={low:g} is above max={high:g}"))

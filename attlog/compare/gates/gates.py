@@ -20,7 +20,7 @@ from attlog.compare.gates import rows as gate_rows
 from attlog.compare.gates import text as gate_words
 from attlog.compare.gates.answers import LOST
 from attlog.compare.gates.baseline import Baseline, BaselineResult
-from attlog.compare.gates.limits import Limit
+from attlog.compare.gates.limits import GateLimit
 from attlog.metrics.answer import Answer
 from attlog.result import EstimatorRow, Result
 
@@ -42,7 +42,7 @@ class Gate:
     """
 
     metric: str
-    limits: tuple[Limit, ...]
+    limits: tuple[GateLimit, ...]
     window: str | None = None
     filters: tuple[str, ...] | None = None
     optional: bool = False
@@ -111,7 +111,7 @@ def worst_first(outcomes: Iterable[GateOutcome]) -> list[GateOutcome]:
 
 
 def _of_limit(
-    gate: Gate, limit: Limit, row: EstimatorRow, rows: list[EstimatorRow], beside: BaselineResult | str
+    gate: Gate, limit: GateLimit, row: EstimatorRow, rows: list[EstimatorRow], beside: BaselineResult | str
 ) -> GateOutcome:
     """One limit on one row."""
     name = row.name
@@ -149,7 +149,7 @@ def _of_limit(
 
 
 def _other(
-    limit: Limit,
+    limit: GateLimit,
     gate: Gate,
     metric: str,
     row: EstimatorRow,
@@ -167,7 +167,7 @@ def _other(
     return None, ""
 
 
-def _without_value(gate: Gate, limit: Limit, row: str, cause: Cause, why: str, window: str = "") -> GateOutcome:
+def _without_value(gate: Gate, limit: GateLimit, row: str, cause: Cause, why: str, window: str = "") -> GateOutcome:
     """No number that could pass: failed, or skipped where nothing was answered and the gate is optional."""
     skipped = gate.optional and cause == "unanswered"
     return GateOutcome(
@@ -194,6 +194,6 @@ def _of_row(row: EstimatorRow) -> GateOutcome:
     return GateOutcome(name, STATUS, STATUS, "", status, "row" if lost else None, None, "", None, excess, sentence)
 
 
-def _check(gate: Gate, limit: Limit) -> str:
+def _check(gate: Gate, limit: GateLimit) -> str:
     window = f"@{gate.window}" if gate.window else ""
     return f"{gate.metric}{window} {limit}"

@@ -45,7 +45,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class GateLimit:
     """One limit. ``value`` in the metric's unit, as a ratio, or 0 for not worse than the baseline."""
 
     kind: Kind
@@ -61,7 +61,7 @@ class Limit:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class LimitVerdict:
     """Whether an answer keeps a limit. ``allowed``: the size up to (or from) which it does; ``excess``: times beyond.
 
     ``size``, ``other``: the sizes that were compared. ``at_least``: the smallest size that the evidence allows beside
@@ -78,7 +78,7 @@ class Told:
 
 
 def judged(
-    limit: Limit,
+    limit: GateLimit,
     metric: str,
     better: str,
     answer: Answer,
@@ -86,7 +86,7 @@ def judged(
     *,
     same_log: bool = True,
     decided: tuple[Answer, Answer] | None = None,
-) -> Told:
+) -> LimitVerdict:
     """An answer with a value against one limit.
 
     ``other``: the onboard attitude's or the baseline's answer, with a value. ``decided``: (other, own) answers of the
@@ -105,13 +105,13 @@ def judged(
     unknown = least is None and limit.kind == "baseline" and not same_log
     told = beyond and not unknown and (least is None or least > min(before, allowed))
     excess = size / allowed if allowed > 0.0 else math.inf if size > 0.0 else 0.0
-    return Told(not told, allowed, excess, size, before, least, beyond and not told)
+    return LimitVerdict(not told, allowed, excess, size, before, least, beyond and not told)
 
 
-def _absolute(limit: Limit, size: float) -> Told:
+def _absolute(limit: GateLimit, size: float) -> LimitVerdict:
     low, high = (limit.value, size) if limit.kind == "min" else (size, limit.value)
     excess = low / high if high > 0.0 else math.inf if low > high else 1.0
-    return Told(low <= high + ROUNDING * abs(high), limit.value, excess, size)
+    return LimitVerdict(low <= high + ROUNDING * abs(high), limit.value, excess, size)
 
 
 def at_least(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from attlog.compare.gates.limits import Limit, Told
+from attlog.compare.gates.limits import GateLimit, LimitVerdict
 from attlog.metrics.answer import Answer
 from attlog.present.numbers import quantity, unit_sign
 from attlog.result import EstimatorRow
@@ -42,7 +42,9 @@ def unanswered(row: EstimatorRow, metric: str, window: str | None, answer: Answe
     return f"{name}: {metric} means nothing there{place}"
 
 
-def measured(row: str, metric: str, window: str, answer: Answer, limit: Limit, other: Answer | None, told: Told) -> str:
+def measured(
+    row: str, metric: str, window: str, answer: Answer, limit: GateLimit, other: Answer | None, told: LimitVerdict
+) -> str:
     """A value beside its limit."""
     unit, sign, shown = answer.unit, _with(answer.unit), quantity(answer.value, answer.unit)
     if limit.kind in ("min", "max"):

@@ -12,7 +12,7 @@ from attlog.compare.sweep.grid import is_axis
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class SearchRequest:
     """Logs (files, folders, patterns), the filter's text and the axes' texts."""
 
     logs: list[Path]
@@ -20,7 +20,7 @@ class Words:
     axes: list[str]
 
 
-def told_apart(words: Sequence[str], example: str) -> Words:
+def told_apart(words: Sequence[str], example: str) -> SearchRequest:
     """``LOG... FILTER NAME=VALUES...``: an axis is NAME=... that is no file, the filter is the last of the others.
 
     UsageError with the ``example`` where logs or filter are missing.
@@ -32,4 +32,4 @@ def told_apart(words: Sequence[str], example: str) -> Words:
         raise UsageError(f"{missing} missing; give logs, then a filter, then what to vary: {example}")
     if os.path.isdir(others[-1]) or (os.path.isfile(others[-1]) and not others[-1].endswith(".py")):
         raise UsageError(f"{others[-1]} is a file or folder; the filter comes after the logs: {example}")
-    return Words([Path(w) for w in others[:-1]], others[-1], axes)
+    return SearchRequest([Path(w) for w in others[:-1]], others[-1], axes)

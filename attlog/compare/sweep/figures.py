@@ -9,22 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from attlog.compare.sweep.grid import Axis
-from attlog.compare.sweep.sweep import Column, Sweep
+from attlog.compare.sweep.grid import GridAxis
+from attlog.compare.sweep.sweep import Sweep, SweepColumn
 from attlog.compare.sweep.text import beside_text, named
 from attlog.present.numbers import number, quantity, unit_sign
-from attlog.report.figures.figure import Figure, listed
+from attlog.report.figures.figure import PageFigure, listed
 
 DARKEST = 3.0
 """Cells three times as far from perfect as the best, and beyond, are the darkest."""
 
 
-def figures(s: Sweep) -> list[Figure]:
+def figures(s: Sweep) -> list[PageFigure]:
     """Every figure, metric by metric."""
     return list(_numbered(s))
 
 
-def _numbered(s: Sweep) -> Iterator[Figure]:
+def _numbered(s: Sweep) -> Iterator[PageFigure]:
     free = [a for a in s.grid.axes if len(a.values) > 1]
     for m, column in enumerate(s.columns):
         if column.single is None:
@@ -35,7 +35,7 @@ def _numbered(s: Sweep) -> Iterator[Figure]:
             yield _curve(s, column, axis, f"along{m}_{k}", alone=len(free) == 1)
 
 
-def _heat_map(s: Sweep, c: Column, free: list[Axis], name: str) -> Figure:
+def _heat_map(s: Sweep, c: SweepColumn, free: list[GridAxis], name: str) -> PageFigure:
     """Cells of the first two parameters; of settings that share both the best is shown."""
     down, across = free[:2]
     lowest = float(np.nanmin(c.score[: s.base]))
@@ -78,10 +78,10 @@ def _heat_map(s: Sweep, c: Column, free: list[Axis], name: str) -> Figure:
         "dot: cannot be told from it; empty: no value on every log."
     )
     title = f"{c.metric.title} over {down.name} and {across.name}{_at_best(others)}"
-    return Figure(name, "cells", title, caption, 96 + 34 * len(down.values), data, True, _described(s, c))
+    return PageFigure(name, "cells", title, caption, 96 + 34 * len(down.values), data, True, _described(s, c))
 
 
-def _curve(s: Sweep, c: Column, axis: Axis, name: str, *, alone: bool) -> Figure:
+def _curve(s: Sweep, c: SweepColumn, axis: GridAxis, name: str, *, alone: bool) -> PageFigure:
     """Values along one parameter, all others each at its best; the mean over the logs and each log."""
     best = [_best(c, [k for k in range(s.base) if s.settings[k][axis.name] == v]) for v in axis.values]
     mean = [math.nan if k is None else float(c.score[k]) for k in best]
@@ -106,7 +106,7 @@ def _curve(s: Sweep, c: Column, axis: Axis, name: str, *, alone: bool) -> Figure
         "table": _table(s, c, near),
     }
     lines = " Thin lines: each log." if each else ""
-    return Figure(
+    return PageFigure(
         name,
         "along",
         f"{c.metric.title} along {axis.name}{'' if alone else _at_best('all others')}",
@@ -122,19 +122,19 @@ def _at_best(others: str) -> str:
     return f", {others} each at its best" if others else ""
 
 
-def _words(s: Sweep, c: Column, k: int) -> str:
+def _words(s: Sweep, c: SweepColumn, k: int) -> str:
     """What the pointer is told of a setting."""
     value = quantity(float(c.score[k]), c.metric.unit, False) or "no value"
     return f"{named(s.settings[k])}: {value}, {beside_text(c.beside[k], c.metric.unit)}"
 
 
-def _described(s: Sweep, c: Column) -> str:
+def _described(s: Sweep, c: SweepColumn) -> str:
     """What a figure shows, for those who do not see it: the best, and what cannot be told from it."""
     first = [] if c.single is None else [_words(s, c, c.single)]
     return "; ".join([*first, *(_words(s, c, k) for k in c.near if k != c.single)])
 
 
-def _table(s: Sweep, c: Column, near: set[int]) -> list[list[Any]]:
+def _table(s: Sweep, c: SweepColumn, near: set[int]) -> list[list[Any]]:
     """The figure's numbers to be saved: every setting of the grid."""
     names = [a.name for a in s.grid.axes]
     rows: list[list[Any]] = [[*names, f"{c.metric.metric} [{c.metric.unit}]", "told from the best"]]
@@ -145,13 +145,13 @@ def _table(s: Sweep, c: Column, near: set[int]) -> list[list[Any]]:
     return rows
 
 
-def _best(c: Column, numbers: list[int]) -> int | None:
+def _best(c: SweepColumn, numbers: list[int]) -> int | None:
     """Of these settings the one with the smallest score, None where none has one."""
     known = [k for k in numbers if math.isfinite(c.score[k])]
     return min(known, key=lambda k: (float(c.score[k]), k)) if known else None
 
 
-def _places(axis: Axis) -> tuple[list[float], str]:
+def _places(axis: GridAxis) -> tuple[list[float], str]:
     """Where the values of an axis stand, and on which scale: ``log`` or ``linear`` by size, else ``side by side``.
 
     Words stand side by side, and so do lists that hold very different sizes.
@@ -173,5 +173,5 @@ def _label(value: float | str) -> str:
     return f"{value:.3g}" if isinstance(value, float) else value
 
 
-def _titled(axis: Axis) -> str:
+def _titled(axis: GridAxis) -> str:
     return f"{axis.name}, {unit_sign(axis.unit)}" if unit_sign(axis.unit) else axis.name

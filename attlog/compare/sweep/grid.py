@@ -37,7 +37,7 @@ LOG_DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class GridAxis:
     """A parameter and the values it takes. ``spacing`` says how they follow each other, for drawing."""
 
     name: str
@@ -47,10 +47,10 @@ class Axis:
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
+class SettingGrid:
     """All combinations of the axes' values; the last axis changes fastest."""
 
-    axes: tuple[Axis, ...]
+    axes: tuple[GridAxis, ...]
 
     def __len__(self) -> int:
         return prod(len(axis.values) for axis in self.axes)
@@ -70,9 +70,9 @@ def is_axis(word: str) -> bool:
     return re.match(r"[A-Za-z_]\w*=", word) is not None
 
 
-def grid(texts: Iterable[str], estimator: Estimator) -> Grid:
+def grid(texts: Iterable[str], estimator: Estimator) -> SettingGrid:
     """The grid that texts such as ``kp=0.6,1.1,2`` name. UsageError tells everything that is wrong in them."""
-    axes: dict[str, Axis] = {}
+    axes: dict[str, GridAxis] = {}
     wrong: list[str] = []
     for text in texts:
         try:
@@ -84,7 +84,7 @@ def grid(texts: Iterable[str], estimator: Estimator) -> Grid:
             wrong.append(str(error))
     if not axes and not wrong:
         raise UsageError(f"nothing to sweep; give values such as {_example(estimator)}")
-    made = Grid(tuple(axes.values()))
+    made = SettingGrid(tuple(axes.values()))
     if len(made) > MAX_SETS:
         sizes = " x ".join(map(str, made.shape))
         wrong.append(
@@ -96,7 +96,7 @@ def grid(texts: Iterable[str], estimator: Estimator) -> Grid:
     return made
 
 
-def axis(text: str, estimator: Estimator) -> Axis:
+def axis(text: str, estimator: Estimator) -> GridAxis:
     """The axis that ``NAME=VALUES`` names. UsageError with the text and what is wrong in it."""
     name, _, values = (part.strip() for part in text.partition("="))
     parameter = estimator.parameter(name)
@@ -107,7 +107,7 @@ def axis(text: str, estimator: Estimator) -> Axis:
         if ".." in values:
             raise UsageError(f"{where}: {name} is a switch; give words of {', '.join(parameter.choices)}")
         words = tuple(dict.fromkeys(str(parameter.check(w.strip(), estimator.name)) for w in values.split(",")))
-        return Axis(name, parameter.unit, words, "words")
+        return GridAxis(name, parameter.unit, words, "words")
     if ".." not in values and (meant := range_spelled(values)):
         raise UsageError(f"{where}: a range is written {name}={meant}/{A_FEW}, or {name}={meant}/{A_FEW}log")
     if ".." not in values:
@@ -155,8 +155,10 @@ def text_of(setting: Setting) -> str:
 
 def _checked(
     name: str, parameter: Parameter, values: Sequence[float], spacing: Literal["linear", "log"], estimator: Estimator
-) -> Axis:
-    return Axis(name, parameter.unit, tuple(dict.fromkeys(parameter.check(v, estimator.name) for v in values)), spacing)
+) -> GridAxis:
+    return GridAxis(
+        name, parameter.unit, tuple(dict.fromkeys(parameter.check(v, estimator.name) for v in values)), spacing
+    )
 
 
 def _number(text: str, name: str, where: str, estimator: Estimator) -> float:

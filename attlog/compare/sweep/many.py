@@ -26,7 +26,7 @@ AT_A_TIME = 32
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class SweptMetric:
     """A metric in a window. ``better`` as the metric's own."""
 
     metric: str
@@ -52,13 +52,13 @@ class Wanted:
         return title if self.window == "all" else f"{title}, {self.window}"
 
 
-def wanted(texts: Iterable[str]) -> list[Wanted]:
+def wanted(texts: Iterable[str]) -> list[SweptMetric]:
     """The metrics that texts such as ``inclination_rmse_deg``, ``noise_tilt_deg@hover`` name.
 
     Without a window: all of the log, which for noise is its rest. UsageError tells everything wrong in them.
     """
     known = {m.name: m for q in metrics.questions() if q is not metrics.measured() for m in q.METRICS}
-    found: dict[Wanted, None] = {}
+    found: dict[SweptMetric, None] = {}
     wrong = []
     for text in texts:
         name, _, window = (part.strip() for part in text.partition("@"))
@@ -67,27 +67,27 @@ def wanted(texts: Iterable[str]) -> list[Wanted]:
             wrong.append(f"{text}: there is no metric {name}{suggestion(name, known)}")
         if "@" in text and not window:
             wrong.append(f"{text}: no window after @; give one such as {name}@hover")
-        found |= dict.fromkeys(Wanted(m.name, window or "all", m.unit, m.better) for m in meant)
+        found |= dict.fromkeys(SweptMetric(m.name, window or "all", m.unit, m.better) for m in meant)
     if wrong or not found:
         raise UsageError("\n".join(wrong) or "no metric; give one such as inclination_rmse_deg")
     return list(found)
 
 
 @dataclass(slots=True)
-class Settled:
+class SettingResult:
     """A setting on a log: its answers by metric, and why it may not be best ("" where it may)."""
 
-    answers: dict[Wanted, Answer]
+    answers: dict[SweptMetric, Answer]
     status: str
     unsound: str = ""
 
-    def fit(self, metric: Wanted) -> bool:
+    def fit(self, metric: SweptMetric) -> bool:
         """Whether it may be best in a metric: it has a value there, was sound and was scored on half of the time."""
         return not self.unsound and self.answers[metric].value is not None
 
 
 @dataclass(frozen=True, slots=True)
-class Samples:
+class FilterInput:
     """What a configuration's filter sees of a log: prepared once for all settings."""
 
     case: Case
@@ -98,7 +98,7 @@ class Samples:
     aids: estimators.Aids
 
     @classmethod
-    def of(cls, case: Case, configuration: Configuration) -> Samples:
+    def of(cls, case: Case, configuration: Configuration) -> FilterInput:
         """The samples of the unit that is replayed, with what the configuration does to them before the filter."""
         suffix, imu = next(iter(case.imus.items()))
         mag = None if case.log.mag is None else case.log.mags[case.log.mag]
@@ -115,18 +115,18 @@ class Samples:
         return replay.batch(self.case, self.imu, self.mag, self.row, settings, self.facts, self.aids)
 
 
-class OnLog:
+class SettingsOnLog:
     """Settings of one filter on one log. What was asked before is remembered, so that a search never runs twice."""
 
     def __init__(
-        self, case: Case, configuration: Configuration, asked: Sequence[Wanted], *, guarded: bool = False
+        self, case: Case, configuration: Configuration, asked: Sequence[SweptMetric], *, guarded: bool = False
     ) -> None:
         """``guarded``: each setting is asked whether gravity corrects it, which costs a short run, or wins nothing."""
         self.case, self.asked, self.guarded = case, list(asked), guarded
-        self._samples = Samples.of(case, configuration)
+        self._samples = FilterInput.of(case, configuration)
         for metric in self.asked:
             _window(case, metric)
-        self._known: dict[str, Settled] = {}
+        self._known: dict[str, SettingResult] = {}
         self._questions = [
             q for q in metrics.questions() if {m.name for m in q.METRICS} & {w.metric for w in self.asked}
         ]
@@ -141,7 +141,7 @@ class OnLog:
         """Every parameter of the filter as it is on this log."""
         return {name: value for name, (value, _) in self._samples.row.resolved(self._samples.facts).items()}
 
-    def __call__(self, settings: Sequence[Setting]) -> list[Settled]:
+    def __call__(self, settings: Sequence[Setting]) -> list[SettingResult]:
         """What each setting is worth, in their order."""
         new = {text_of(s): s for s in settings if text_of(s) not in self._known}
         waiting = list(new.items())
@@ -158,9 +158,9 @@ class OnLog:
         """Why a setting may win nothing although it has a value: gravity does not correct it. Runs the filter again."""
         return level.why_not(self.case, self._samples.rows([setting])[0]) or ""
 
-    def _settled(self, row: Row) -> Settled:
+    def _settled(self, row: Row) -> SettingResult:
         seen = self.case.looked_at_with([row])
-        found: dict[Wanted, Answer] = {}
+        found: dict[SweptMetric, Answer] = {}
         for window in dict.fromkeys(w.window for w in self.asked):
             answers: dict[str, Answer] = {}
             here = [w for w in self.asked if w.window == window]
@@ -171,7 +171,7 @@ class OnLog:
                 nothing = f"{metric.metric} means nothing in window {window}"
                 found[metric] = answers.get(metric.metric) or missing("not_applicable", nothing, metric.unit, window)
         why = _unsound(row) or (level.why_not(seen, row) or "" if self.guarded else "")
-        return Settled(found, row.status, why)
+        return SettingResult(found, row.status, why)
 
 
 def _unsound(row: Row) -> str:
@@ -183,7 +183,7 @@ def _unsound(row: Row) -> str:
     return ""
 
 
-def _window(case: Case, metric: Wanted) -> None:
+def _window(case: Case, metric: SweptMetric) -> None:
     try:
         case.segments.spans(metric.window)
     except ValueError as error:

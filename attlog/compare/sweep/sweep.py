@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.compare.differences.paired import RATIOS, Paired, paired
+from attlog.compare.differences.paired import RATIOS, PairedDifference, paired
 from attlog.compare.differences.pooled import pool
-from attlog.compare.sweep.grid import Grid, Setting
-from attlog.compare.sweep.many import OnLog, Settled, Wanted
+from attlog.compare.sweep.grid import Setting, SettingGrid
+from attlog.compare.sweep.many import SettingResult, SettingsOnLog, SweptMetric
 from attlog.metrics.answer import Answer
 from attlog.metrics.ranking.best import distance
 from attlog.metrics.statistics import pairs
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class SettingDifference:
     """A setting beside the best: ``ratio`` of their values (or ``difference`` in the metric's unit) with its interval.
 
     ``told``: it is told to be worse. ``why``: the sentence where they cannot be compared.
@@ -44,7 +44,7 @@ class Beside:
 
 
 @dataclass(slots=True)
-class Column:
+class SweepColumn:
     """One metric of a sweep: settings by number, the last being the filter as it is without the grid.
 
     ``values`` (settings, logs) as measured, NaN where there is none; ``own`` the best setting of each log (None
@@ -53,13 +53,13 @@ class Column:
     to it. ``left_out``: why a log does not count, by its number: no setting may be best on it.
     """
 
-    metric: Wanted
+    metric: SweptMetric
     values: Array
     own: list[int | None]
     own_near: list[list[int]]
     score: Array
     single: int | None
-    beside: list[Beside]
+    beside: list[SettingDifference]
     used: list[int]
     left_out: dict[int, str]
 
@@ -75,11 +75,11 @@ class Sweep:
     """A grid over logs. ``cells`` [setting][log]; ``logs`` their names; the first column decides."""
 
     filter: str
-    grid: Grid
+    grid: SettingGrid
     settings: list[Setting]
     logs: list[str]
-    cells: list[list[Settled]]
-    columns: list[Column]
+    cells: list[list[SettingResult]]
+    columns: list[SweepColumn]
 
     @property
     def base(self) -> int:
@@ -87,7 +87,7 @@ class Sweep:
         return len(self.settings) - 1
 
 
-def sweep(filter_name: str, grid: Grid, logs: Iterable[OnLog]) -> Sweep:
+def sweep(filter_name: str, grid: SettingGrid, logs: Iterable[SettingsOnLog]) -> Sweep:
     """Run a grid over logs, one or more, each with the same metrics asked for. Errors as in ``replay.batch``.
 
     But for the first, each log is let go of before the next is asked for.
@@ -106,7 +106,7 @@ def sweep(filter_name: str, grid: Grid, logs: Iterable[OnLog]) -> Sweep:
     return Sweep(filter_name, grid, settings, names, cells, columns)
 
 
-def column(metric: Wanted, cells: Sequence[Sequence[Settled]]) -> Column:
+def column(metric: SweptMetric, cells: Sequence[Sequence[SettingResult]]) -> SweepColumn:
     """The best of each log and of all, from the cells [setting][log]; the last setting, the base, wins nothing."""
     sizes = np.array([[size(cell, metric) for cell in row] for row in cells])
     values = np.array([[_number(cell.answers[metric]) for cell in row] for row in cells])
@@ -125,9 +125,9 @@ def column(metric: Wanted, cells: Sequence[Sequence[Settled]]) -> Column:
     score = np.mean(sizes[:, used], axis=1) if used else np.full(len(cells), math.nan)
     single = lowest(score[:-1])
     beside = [] if single is None else _beside(metric, [[row[j] for j in used] for row in cells], single)
-    nothing = Beside("ratio", None, None, False, "no setting has a value on every log")
+    nothing = SettingDifference("ratio", None, None, False, "no setting has a value on every log")
     left_out = {j: _why(metric, [row[j] for row in cells]) for j in range(sizes.shape[1]) if j not in used}
-    return Column(metric, values, own, own_near, score, single, beside or [nothing] * len(cells), used, left_out)
+    return SweepColumn(metric, values, own, own_near, score, single, beside or [nothing] * len(cells), used, left_out)
 
 
 def usable(sizes: Array) -> list[int]:
@@ -135,13 +135,13 @@ def usable(sizes: Array) -> list[int]:
     return np.flatnonzero(np.isfinite(sizes[:-1]).any(axis=0)).tolist()
 
 
-def _why(metric: Wanted, cells: Sequence[Settled]) -> str:
+def _why(metric: SweptMetric, cells: Sequence[SettingResult]) -> str:
     """Why no setting may be best on a log: what most of them say."""
     said = [cell.unsound or cell.answers[metric].reason or "no value" for cell in cells]
     return max(said, key=said.count)
 
 
-def size(cell: Settled, metric: Wanted) -> float:
+def size(cell: SettingResult, metric: SweptMetric) -> float:
     """How far a setting is from perfect on a log; NaN where it may not be best."""
     return distance(cell.answers[metric], metric.better)[1] if cell.fit(metric) else math.nan
 
@@ -151,30 +151,34 @@ def lowest(sizes: Array) -> int | None:
     return None if not np.isfinite(sizes).any() else int(np.nanargmin(sizes))
 
 
-def _beside(metric: Wanted, cells: Sequence[Sequence[Settled]], best: int) -> list[Beside]:
+def _beside(metric: SweptMetric, cells: Sequence[Sequence[SettingResult]], best: int) -> list[SettingDifference]:
     """Every setting next to the best, over all logs."""
     if len(cells[best]) == 1:
         return _beside_on_log(metric, [row[0] for row in cells], best)
-    found: list[tuple[Beside, float]] = []
+    found: list[tuple[SettingDifference, float]] = []
     for row in cells:
         found.append(over_logs(metric, cells[best], row))
     return _told(found)
 
 
-def over_logs(metric: Wanted, first: Sequence[Settled], second: Sequence[Settled]) -> tuple[Beside, float]:
+def over_logs(
+    metric: SweptMetric, first: Sequence[SettingResult], second: Sequence[SettingResult]
+) -> tuple[SettingDifference, float]:
     """The second setting next to the first over the same logs, and the p of their being equal."""
     compared = [whole(metric, a, b) for a, b in zip(first, second, strict=True)]
     known = [c for c in compared if not isinstance(c, str)]
     if len(known) < len(compared) or not known:
         why = next((c for c in compared if isinstance(c, str)), "no log")
-        return Beside("ratio", None, None, False, why), 1.0
+        return SettingDifference("ratio", None, None, False, why), 1.0
     scale = "ratio" if all(c[0] == "ratio" for c in known) else "difference"
     values = [c[1] if c[0] == scale else c[3] for c in known]
     together = pool(values, [c[2] if c[0] == scale else None for c in known])
     return _shown(scale, together.value, together.ci95), 1.0 if together.p is None else together.p
 
 
-def whole(metric: Wanted, best: Settled, other: Settled) -> tuple[str, float, float | None, float] | str:
+def whole(
+    metric: SweptMetric, best: SettingResult, other: SettingResult
+) -> tuple[str, float, float | None, float] | str:
     """Scale, difference on it, its standard error and the difference of sizes on one log; why they have none.
 
     Where a log is too short to pair its units the difference stands without an error: the logs then weigh the same.
@@ -191,43 +195,45 @@ def whole(metric: Wanted, best: Settled, other: Settled) -> tuple[str, float, fl
     return "difference", b - a, None, b - a
 
 
-def _beside_on_log(metric: Wanted, cells: Sequence[Settled], best: int) -> list[Beside]:
+def _beside_on_log(metric: SweptMetric, cells: Sequence[SettingResult], best: int) -> list[SettingDifference]:
     """Every setting next to the best of one log."""
-    found: list[tuple[Beside, float]] = []
+    found: list[tuple[SettingDifference, float]] = []
     for cell in cells:
         p = _pair(metric, cells[best], cell)
         if isinstance(p, str):
-            found.append((Beside("ratio", None, None, False, p), 1.0))
+            found.append((SettingDifference("ratio", None, None, False, p), 1.0))
         else:
             found.append((_shown(p.scale, p.value, p.ci95), 1.0 if p.p is None or p.direction == "same" else p.p))
     return _told(found)
 
 
-def _pair(metric: Wanted, best: Settled, other: Settled) -> Paired | str:
+def _pair(metric: SweptMetric, best: SettingResult, other: SettingResult) -> PairedDifference | str:
     if not other.fit(metric):
         return other.unsound or other.answers[metric].reason or "no value"
     return paired(best.answers[metric], other.answers[metric], metric.better)
 
 
-def _shown(scale: str, value: float, ci95: tuple[float, float] | None) -> Beside:
+def _shown(scale: str, value: float, ci95: tuple[float, float] | None) -> SettingDifference:
     """Logarithms of ratios become ratios."""
     if scale != "ratio":
-        return Beside(scale, value, ci95, False)
-    return Beside(scale, math.exp(value), None if ci95 is None else (math.exp(ci95[0]), math.exp(ci95[1])), False)
+        return SettingDifference(scale, value, ci95, False)
+    return SettingDifference(
+        scale, math.exp(value), None if ci95 is None else (math.exp(ci95[0]), math.exp(ci95[1])), False
+    )
 
 
-def _told(found: Sequence[tuple[Beside, float]]) -> list[Beside]:
+def _told(found: Sequence[tuple[SettingDifference, float]]) -> list[SettingDifference]:
     """The claims that stand together: worse, with the interval of the difference on that side."""
     stand = pairs.told_apart(np.array([p for _, p in found]))
     neutral = {"ratio": 1.0}
     told = []
     for (b, _), stands in zip(found, stand.tolist(), strict=True):
         worse = b.value is not None and b.ci95 is not None and b.ci95[0] > neutral.get(b.scale, 0.0)
-        told.append(Beside(b.scale, b.value, b.ci95, bool(stands and worse), b.why))
+        told.append(SettingDifference(b.scale, b.value, b.ci95, bool(stands and worse), b.why))
     return told
 
 
-def _unsound_winners(settings: Sequence[Setting], cells: Sequence[Sequence[Settled]], log: OnLog) -> None:
+def _unsound_winners(settings: Sequence[Setting], cells: Sequence[Sequence[SettingResult]], log: SettingsOnLog) -> None:
     """Settings that gravity does not correct win nothing: told of those that would, until none of them is."""
     checked: set[int] = set()
     while True:
@@ -242,7 +248,7 @@ def _unsound_winners(settings: Sequence[Setting], cells: Sequence[Sequence[Settl
                 cell.unsound = why
 
 
-def column_of_sizes(metric: Wanted, cells: Sequence[Sequence[Settled]]) -> list[int]:
+def column_of_sizes(metric: SweptMetric, cells: Sequence[Sequence[SettingResult]]) -> list[int]:
     """The settings that would be best, of a log or of all."""
     sizes = np.array([[size(cell, metric) for cell in row] for row in cells])[:-1]
     used = np.isfinite(sizes).any(axis=0)

@@ -8,8 +8,8 @@ from typing import Any
 
 from attlog.base import plain, spreadsheet
 from attlog.compare.sweep.grid import Setting, text_of
-from attlog.compare.sweep.many import Settled, Wanted
-from attlog.compare.sweep.sweep import Beside, Column, Sweep
+from attlog.compare.sweep.many import SettingResult, SweptMetric
+from attlog.compare.sweep.sweep import SettingDifference, Sweep, SweepColumn
 from attlog.present.numbers import counted, listed, number, quantity
 from attlog.present.text import clean
 
@@ -46,7 +46,7 @@ def references_of(about: Mapping[str, Any]) -> dict[str, int]:
     return {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
 
 
-def _of(s: Sweep, c: Column) -> Iterator[str]:
+def _of(s: Sweep, c: SweepColumn) -> Iterator[str]:
     title, unit, logs = c.metric.title, c.metric.unit, len(c.used)
     if c.single is None:
         left = next(iter(c.left_out.values()), "no setting has a value on every log")
@@ -103,7 +103,7 @@ def at_edge(s: Sweep, best: int) -> list[str]:
     return found
 
 
-def beside_text(b: Beside, unit: str) -> str:
+def beside_text(b: SettingDifference, unit: str) -> str:
     """A setting beside the best: ``27 % worse (15 to 41 %)``, ``not told apart``, or why they are not compared."""
     if b.value is None:
         return b.why or "no value"
@@ -148,7 +148,7 @@ def rows(s: Sweep) -> tuple[list[str], list[list[str]]]:
     return head, found
 
 
-def log_rows(s: Sweep, c: Column) -> tuple[list[str], list[list[str]]]:
+def log_rows(s: Sweep, c: SweepColumn) -> tuple[list[str], list[list[str]]]:
     """Heading and rows of the second table: each log's own optimum, and what the single best costs there."""
     found = []
     for j, name in enumerate(s.logs):
@@ -194,7 +194,7 @@ def document(s: Sweep, about: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _metric(s: Sweep, c: Column) -> dict[str, Any]:
+def _metric(s: Sweep, c: SweepColumn) -> dict[str, Any]:
     return {
         "name": c.metric.name,
         "metric": c.metric.metric,
@@ -212,7 +212,7 @@ def _metric(s: Sweep, c: Column) -> dict[str, Any]:
     }
 
 
-def _cell(cell: Settled, columns: list[Column]) -> dict[str, Any]:
+def _cell(cell: SettingResult, columns: list[SweepColumn]) -> dict[str, Any]:
     answers = {}
     for metric in (c.metric for c in columns):
         a = cell.answers[metric]
@@ -240,7 +240,7 @@ def csv_text(s: Sweep) -> str:
     return spreadsheet.csv_text(lines)
 
 
-def _written(metric: Wanted, cell: Settled) -> list[object]:
+def _written(metric: SweptMetric, cell: SettingResult) -> list[object]:
     a = cell.answers[metric]
     low, high = a.ci95 or ("", "")
     value = "" if a.value is None else a.value

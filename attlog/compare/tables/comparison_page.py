@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from attlog.base.plain import plain
-from attlog.compare.differences.comparison import Beside, Comparison, Over, Question
+from attlog.compare.differences.comparison import Comparison, LogDifference, PooledDifference, Question
 from attlog.compare.differences.wording import scale_title, seen, signed, span
-from attlog.compare.tables.table import Table, tables
+from attlog.compare.tables.table import ComparisonTable, tables
 from attlog.report import shell
 from attlog.report.bundle import bundle
-from attlog.report.figures.figure import Figure
+from attlog.report.figures.figure import PageFigure
 from attlog.report.pack import Store
 
 OWN = Path(__file__).parents[1] / "web"
@@ -59,8 +59,8 @@ def render(found: Comparison, *, shared: bool = False) -> str:
     )
 
 
-def _by_question(found: Comparison) -> dict[str, list[Table]]:
-    by: dict[str, list[Table]] = {}
+def _by_question(found: Comparison) -> dict[str, list[ComparisonTable]]:
+    by: dict[str, list[ComparisonTable]] = {}
     for table in tables(found):
         by.setdefault(table.question.id, []).append(table)
     return by
@@ -70,7 +70,7 @@ def _drawn(question: Question) -> bool:
     return any(b.value is not None for c in question.contrasts for b in c.logs)
 
 
-def _forest(found: Comparison, question: Question, number: int) -> Figure:
+def _forest(found: Comparison, question: Question, number: int) -> PageFigure:
     """The forest plot of a question: logs with a value, and all of them below."""
     order = [c.name for c in found.configurations]
     called = {c.name: c.label for c in found.configurations}
@@ -84,7 +84,7 @@ def _forest(found: Comparison, question: Question, number: int) -> Figure:
     items: list[dict[str, Any]] = []
     rows: list[list[Any]] = [["log", "configuration", "first", "scale", "value", "low95", "high95", "told"]]
     for c in question.contrasts:
-        places: list[tuple[Beside | Over, int, str]]
+        places: list[tuple[LogDifference | PooledDifference, int, str]]
         places = [(b, lines.index(b.log), b.log) for b in c.logs if b.value is not None]
         if c.over is not None and c.over.logs > 1:
             places.append((c.over, len(logs), "all logs"))
@@ -124,7 +124,7 @@ def _forest(found: Comparison, question: Question, number: int) -> Figure:
         "Line: 95 % interval. Filled: told apart. Diamond: all logs together. Lines that leave the figure are cut."
     )
     title = f"{question.title} beside {called[order[0]]}"
-    return Figure(f"forest{number}", "forest", title, caption, height, data, True, words)
+    return PageFigure(f"forest{number}", "forest", title, caption, height, data, True, words)
 
 
 def as_toml(found: Comparison) -> str:

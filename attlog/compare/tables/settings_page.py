@@ -9,7 +9,7 @@ from typing import Any
 
 from attlog.base.plain import plain
 from attlog.report import shell
-from attlog.report.figures.figure import Figure
+from attlog.report.figures.figure import PageFigure
 from attlog.report.pack import Store
 
 OWN = Path(__file__).parents[1] / "web"
@@ -17,19 +17,19 @@ Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
 
 @dataclass(slots=True)
-class Section:
+class PageSection:
     """What stands under a heading: text to be copied, figures, a table whose first ``left`` columns and last hold
     words."""
 
     title: str
     code: str = ""
-    figures: Sequence[Figure] = ()
+    figures: Sequence[PageFigure] = ()
     table: Table | None = None
     left: int = 1
 
 
 @dataclass(slots=True)
-class Page:
+class SettingsPage:
     """``name`` begins the names of tables saved from it; ``document`` is the JSON that can be saved; ``told``: the
     version and the command."""
 
@@ -38,10 +38,10 @@ class Page:
     told: str
     said: Sequence[str]
     document: dict[str, Any]
-    sections: list[Section] = field(default_factory=list)
+    sections: list[PageSection] = field(default_factory=list)
 
 
-def render(page: Page) -> str:
+def render(page: SettingsPage) -> str:
     """The page as text: nothing in it is loaded from anywhere."""
     return shell.render(
         "settings.html",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from attlog.compare.differences.comparison import Beside, Comparison, Over, Question
+from attlog.compare.differences.comparison import Comparison, LogDifference, PooledDifference, Question
 from attlog.compare.differences.wording import favour, seen, signed, span, value
 from attlog.present.numbers import counted, unit_sign
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ComparisonTable:
     """One question against one configuration. ``head`` and ``rows`` have as many cells; the last row is all logs."""
 
     question: Question
@@ -23,12 +23,12 @@ class Table:
     """Beside each row why it has no difference, or empty."""
 
 
-def tables(found: Comparison) -> list[Table]:
+def tables(found: Comparison) -> list[ComparisonTable]:
     """A table for each question and each configuration after the first."""
     return [_table(found, q, c.configuration) for q in found.questions for c in q.contrasts]
 
 
-def _table(found: Comparison, question: Question, name: str) -> Table:
+def _table(found: Comparison, question: Question, name: str) -> ComparisonTable:
     called = {c.name: c.label for c in found.configurations}
     first = found.configurations[0].name
     contrast = next(c for c in question.contrasts if c.configuration == name)
@@ -54,10 +54,10 @@ def _table(found: Comparison, question: Question, name: str) -> Table:
         )
         rows.append((label, "", "", *_told(question, over, called[first], called[name])))
         reasons.append("")
-    return Table(question, name, question.title, _caption(question), head, rows, reasons)
+    return ComparisonTable(question, name, question.title, _caption(question), head, rows, reasons)
 
 
-def _told(question: Question, found: Beside | Over, first: str, second: str) -> tuple[str, str, str]:
+def _told(question: Question, found: LogDifference | PooledDifference, first: str, second: str) -> tuple[str, str, str]:
     """Change, interval and who is told to be better by how much."""
     view = seen(question, found)
     if view is None:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from attlog.compare.sweep.many import OnLog
+from attlog.compare.sweep.many import SettingsOnLog
 from attlog.metrics.answer import Answer
 
 BLOCKS = 4
@@ -18,7 +18,7 @@ MOST_FOLDS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class LogPart:
     """A log by its number, or the time from ``t0`` to ``t1`` s of it."""
 
     log: int
@@ -46,19 +46,19 @@ class Part:
         return None if found is None else found.value
 
 
-def parts_of(logs: Sequence[OnLog]) -> list[Part]:
+def parts_of(logs: Sequence[SettingsOnLog]) -> list[LogPart]:
     """Every log as a part; of one log alone blocks of equal time from the scoring start to its end."""
     if len(logs) > 1:
-        return [Part(k, log.name) for k, log in enumerate(logs)]
+        return [LogPart(k, log.name) for k, log in enumerate(logs)]
     case = logs[0].case
     spans = case.segments.spans("all")
     end = min(max(t1 for _, t1 in spans), case.reference.end) if spans else 0.0
     edges = np.linspace(case.reference.scoring_start, end, BLOCKS + 1).tolist()
     edges[0] = min(spans[0][0], edges[0]) if spans else edges[0]
-    return [Part(0, f"{a:.0f} to {b:.0f} s", a, b) for a, b in pairwise(edges)]
+    return [LogPart(0, f"{a:.0f} to {b:.0f} s", a, b) for a, b in pairwise(edges)]
 
 
-def folds(parts: Sequence[Part]) -> list[list[Part]]:
+def folds(parts: Sequence[LogPart]) -> list[list[LogPart]]:
     """Groups of parts to be left out in turn: each alone up to MOST_FOLDS, else dealt in turn into so many groups."""
     groups = min(len(parts), MOST_FOLDS)
     return [list(parts[k::groups]) for k in range(groups)]

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 from attlog.base.errors import UsageError, suggestion
 from attlog.compare.diff.tolerance import SMALLEST
-from attlog.compare.sweep.many import Settled, Wanted, wanted
-from attlog.compare.tune.folds import Part
+from attlog.compare.sweep.many import SettingResult, SweptMetric, wanted
+from attlog.compare.tune.folds import LogPart
 from attlog.metrics.ranking.best import distance
 
 TERMS = {
@@ -35,20 +35,20 @@ UNSOUND = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class ObjectiveTerm:
     """A metric and its weight."""
 
     name: str
-    metric: Wanted
+    metric: SweptMetric
     weight: float
 
 
-def objective(texts: Sequence[str]) -> list[Term]:
+def objective(texts: Sequence[str]) -> list[ObjectiveTerm]:
     """The terms of texts such as ``tilt=1``, ``noise=0.5``, ``lag_ms@airborne=0.2``; commas part several in one text.
 
     UsageError tells everything wrong in them.
     """
-    found: dict[str, Term] = {}
+    found: dict[str, ObjectiveTerm] = {}
     wrong = []
     for text in (part.strip() for given in texts for part in given.split(",") if part.strip()):
         name, sign, weight = (part.strip() for part in text.partition("="))
@@ -66,14 +66,17 @@ def objective(texts: Sequence[str]) -> list[Term]:
                 f"{text}: there is nothing called {name}{suggestion(name, [*TERMS])}, nor a metric of that name"
             )
             continue
-        found |= {m.name: Term(name, m, number) for m in metrics}
+        found |= {m.name: ObjectiveTerm(name, m, number) for m in metrics}
     if wrong or not found:
         raise UsageError("\n".join(wrong) or "no objective; give one such as tilt=1,noise=0.5")
     return list(found.values())
 
 
 def cost(
-    terms: Sequence[Term], parts: Sequence[Part], settled: Mapping[int, Settled], base: Mapping[int, Settled]
+    terms: Sequence[ObjectiveTerm],
+    parts: Sequence[LogPart],
+    settled: Mapping[int, SettingResult],
+    base: Mapping[int, SettingResult],
 ) -> float:
     """The cost of a setting on parts, from what it and the filter as it is (``base``) are worth by log."""
     total, weights = 0.0, 0.0
@@ -85,7 +88,7 @@ def cost(
     return total / weights if weights else UNSOUND
 
 
-def log_ratio(term: Term, part: Part, settled: Settled, base: Settled) -> float | None:
+def log_ratio(term: ObjectiveTerm, part: LogPart, settled: SettingResult, base: SettingResult) -> float | None:
     """ln of how far a setting is from perfect over how far the filter as it is is; None where that is not known."""
     metric = term.metric
     before = part.value(base.answers[metric])

@@ -7,35 +7,37 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from attlog.compare.sweep.text import named, references_of
-from attlog.compare.tables.settings_page import Page, Section, render
-from attlog.compare.tune.search import Free
+from attlog.compare.tables.settings_page import PageSection, SettingsPage, render
+from attlog.compare.tune.search import FreeParameter
 from attlog.compare.tune.text import document, gain_rows, judged_rows, part_rows, paste, sentences
-from attlog.compare.tune.tune import Tuned
+from attlog.compare.tune.tune import Tuning
 from attlog.present.numbers import counted, unit_sign
-from attlog.report.figures.figure import Figure, listed
+from attlog.report.figures.figure import PageFigure, listed
 
 WORST_SHOWN = 1.5
 """Costs beyond this share above the spread of the better half are drawn at the upper edge."""
 
 
-def tune_page(t: Tuned, about: Mapping[str, Any], firmware: Mapping[str, str]) -> str:
+def tune_page(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, str]) -> str:
     """The page as text; ``about``: version, command and logs as in the JSON."""
     where = counted(len(t.logs), "log") if len(t.logs) > 1 else "one log"
     told = f"attlog {about['attlog']['version']} · {about['command']}"
     said = list(sentences(t, references_of(about)))
     whole = document(t, dict(about), dict(firmware))
-    return render(Page("tune", f"{t.filter}: gains from {where}", told, said, whole, list(_sections(t, firmware))))
+    return render(
+        SettingsPage("tune", f"{t.filter}: gains from {where}", told, said, whole, list(_sections(t, firmware)))
+    )
 
 
-def _sections(t: Tuned, firmware: Mapping[str, str]) -> Iterator[Section]:
-    yield Section("Gains, ready to paste", code="\n".join(paste(t, firmware)))
-    yield Section("On what was left out", table=judged_rows(t))
-    yield Section("How much the gains depend on the logs", table=gain_rows(t))
-    yield Section("How flat the optimum is", figures=[_tried(t, f, k) for k, f in enumerate(t.free)])
-    yield Section("Each part, with gains that were not found on it", table=part_rows(t))
+def _sections(t: Tuning, firmware: Mapping[str, str]) -> Iterator[PageSection]:
+    yield PageSection("Gains, ready to paste", code="\n".join(paste(t, firmware)))
+    yield PageSection("On what was left out", table=judged_rows(t))
+    yield PageSection("How much the gains depend on the logs", table=gain_rows(t))
+    yield PageSection("How flat the optimum is", figures=[_tried(t, f, k) for k, f in enumerate(t.free)])
+    yield PageSection("Each part, with gains that were not found on it", table=part_rows(t))
 
 
-def _tried(t: Tuned, f: Free, number: int) -> Figure:
+def _tried(t: Tuning, f: FreeParameter, number: int) -> PageFigure:
     """The change of the objective over one gain, a dot for each setting that was tried."""
     changes = [100.0 * (math.exp(cost) - 1.0) for _, cost in t.found.tried]
     low, middle = min(changes), sorted(changes)[len(changes) // 2]
@@ -55,6 +57,6 @@ def _tried(t: Tuned, f: Free, number: int) -> Figure:
     }
     caption = "Red: the gains found. Triangles: worse than the figure reaches."
     words = f"{named(t.found.setting)}: {min(changes):+.0f} %"
-    return Figure(
+    return PageFigure(
         f"tried{number}", "tried", f"Every setting that was tried, by {f.name}", caption, 300, data, False, words
     )

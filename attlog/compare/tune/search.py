@@ -36,7 +36,7 @@ MOST_UNASKED, MOST = 4, 8
 
 
 @dataclass(frozen=True, slots=True)
-class Free:
+class FreeParameter:
     """A parameter that is looked for, between two values; on a logarithmic scale where ``log``."""
 
     name: str
@@ -61,7 +61,7 @@ class Free:
         return (value - self.low) / (self.high - self.low)
 
 
-def free_parameters(texts: Sequence[str], estimator: Estimator) -> list[Free]:
+def free_parameters(texts: Sequence[str], estimator: Estimator) -> list[FreeParameter]:
     """The parameters of ``kp=0.05..5log`` and so on; without any, every number of the filter's own that has a default.
 
     UsageError tells everything wrong in them.
@@ -91,14 +91,14 @@ def free_parameters(texts: Sequence[str], estimator: Estimator) -> list[Free]:
     return found
 
 
-def _around(parameter: Parameter) -> Free:
+def _around(parameter: Parameter) -> FreeParameter:
     """A gain between its default over WIDER and times WIDER."""
     default = float(parameter.default)
     low, high = (float(f"{x:.{DIGITS}g}") for x in (default / WIDER, default * WIDER))
-    return Free(parameter.name, parameter.unit, max(low, parameter.low), min(high, parameter.high), True)
+    return FreeParameter(parameter.name, parameter.unit, max(low, parameter.low), min(high, parameter.high), True)
 
 
-def _free(text: str, estimator: Estimator) -> Free:
+def _free(text: str, estimator: Estimator) -> FreeParameter:
     name, _, values = (part.strip() for part in text.partition("="))
     parameter: Parameter = estimator.parameter(name)
     log = values.endswith("log")
@@ -111,11 +111,11 @@ def _free(text: str, estimator: Estimator) -> Free:
         raise UsageError(f"{estimator.name}: {text}: the range is empty; give the smaller value first")
     if log and low <= 0.0:
         raise UsageError(f"{estimator.name}: {text}: a log range begins above 0")
-    return Free(name, parameter.unit, low, high, log)
+    return FreeParameter(name, parameter.unit, low, high, log)
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SearchResult:
     """The best setting, its cost, and every setting that was tried with its cost, in the order of the search."""
 
     setting: Setting
@@ -123,7 +123,7 @@ class Found:
     tried: list[tuple[Setting, float]]
 
 
-def search(free: Sequence[Free], costs: Costs, start: Setting, generations: int, seed: int) -> Found:
+def search(free: Sequence[FreeParameter], costs: Costs, start: Setting, generations: int, seed: int) -> SearchResult:
     """The setting with the smallest cost. ``costs`` takes a whole generation; ``start`` is among the first.
 
     The same seed and costs give the same result. UsageError where scipy is not installed.
@@ -160,4 +160,4 @@ def search(free: Sequence[Free], costs: Costs, start: Setting, generations: int,
         updating="deferred",
     )
     best = min(tried.values(), key=lambda one: one[1])
-    return Found(best[0], best[1], list(tried.values()))
+    return SearchResult(best[0], best[1], list(tried.values()))

@@ -8,16 +8,16 @@ from typing import Any
 
 from attlog.base import plain
 from attlog.compare.sweep.grid import text_of
-from attlog.compare.sweep.sweep import Beside
+from attlog.compare.sweep.sweep import SettingDifference
 from attlog.compare.sweep.text import named, only_agreement
-from attlog.compare.tune.tune import Judged, Tuned
+from attlog.compare.tune.tune import HeldOutScore, Tuning
 from attlog.present.numbers import counted, listed, number, quantity
 from attlog.present.text import clean
 
 SCHEMA = "attlog-tune/1"
 
 
-def sentences(t: Tuned, references: Mapping[str, int]) -> Iterator[str]:
+def sentences(t: Tuning, references: Mapping[str, int]) -> Iterator[str]:
     """What was found, how it was judged, what it gained and cost; ``references``: how many logs have which."""
     what = ", ".join(f"{term.name} {term.weight:g}" for term in t.terms)
     yield f"{t.filter}: {named(t.found.setting)} (was {named(t.start)}), found for {what} on {_where(t)}."
@@ -39,11 +39,11 @@ def sentences(t: Tuned, references: Mapping[str, int]) -> Iterator[str]:
     yield from only_agreement(references)
 
 
-def _where(t: Tuned) -> str:
+def _where(t: Tuning) -> str:
     return counted(len(t.logs), "log") if len(t.logs) > 1 else f"{len(t.parts)} blocks of time of one log"
 
 
-def judged_text(j: Judged) -> str:
+def judged_text(j: HeldOutScore) -> str:
     """One metric: ``Tilt error RMS 36 % closer to perfect (16 to 51 %), better on 5 of 5``."""
     b, on = j.beside, f"better on {j.better} of {j.better + j.worse}"
     if b.value is None:
@@ -56,7 +56,7 @@ def judged_text(j: Judged) -> str:
     return f"{j.metric.title} {change} {words}{ends}, {on}"
 
 
-def told_side(b: Beside) -> int:
+def told_side(b: SettingDifference) -> int:
     """-1 where the tuned filter is told to be better, 1 worse, 0 not told."""
     if b.value is None or b.ci95 is None:
         return 0
@@ -64,7 +64,7 @@ def told_side(b: Beside) -> int:
     return -1 if b.ci95[1] < middle else 1 if b.ci95[0] > middle else 0
 
 
-def _change(b: Beside, unit: str, signed: bool = False) -> tuple[str, str]:
+def _change(b: SettingDifference, unit: str, signed: bool = False) -> tuple[str, str]:
     """How much, and the interval in brackets; without signs where words say on which side, unless ``signed``."""
     assert b.value is not None
     if b.scale != "ratio":
@@ -83,7 +83,7 @@ def _moved(percent: float) -> str:
     return f"{'rises' if percent < 0 else 'falls'} by {abs(percent):.0f} %"
 
 
-def _sure(t: Tuned) -> str:
+def _sure(t: Tuning) -> str:
     """Whether to take the gains: by what was left out, beside what was fitted."""
     weighed = [j for j in t.judged if j.weight > 0]
     fitted, left = (100.0 * (1.0 - math.exp(x)) for x in (t.found.cost, mean_left_out(t)))
@@ -95,13 +95,13 @@ def _sure(t: Tuned) -> str:
     return f"No gain is told on what was left out ({sizes}): keep what you have until more logs tell one."
 
 
-def mean_left_out(t: Tuned) -> float:
+def mean_left_out(t: Tuning) -> float:
     """The cost on what was left out, part by part."""
     sizes = [len(fold.left_out) for fold in t.folds]
     return sum(n * fold.cost_left_out for n, fold in zip(sizes, t.folds, strict=True)) / sum(sizes)
 
 
-def at_edge(t: Tuned) -> list[str]:
+def at_edge(t: Tuning) -> list[str]:
     """Gains at the end of their range."""
     found = []
     for f in t.free:
@@ -111,7 +111,7 @@ def at_edge(t: Tuned) -> list[str]:
     return found
 
 
-def paste(t: Tuned, firmware: Mapping[str, str]) -> list[str]:
+def paste(t: Tuning, firmware: Mapping[str, str]) -> list[str]:
     """Lines ready to paste: the filter as attlog takes it, and the autopilot's parameters where the filter has them."""
     own = f"{t.filter}{',' if ':' in t.filter else ':'}{text_of(t.found.setting)}"
     return [
@@ -120,7 +120,7 @@ def paste(t: Tuned, firmware: Mapping[str, str]) -> list[str]:
     ]
 
 
-def gain_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
+def gain_rows(t: Tuning) -> tuple[list[str], list[list[str]]]:
     """Gains of every fold: how much they depend on which logs they were found on."""
     head = [
         "left out",
@@ -135,7 +135,7 @@ def gain_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
     return head, rows
 
 
-def part_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
+def part_rows(t: Tuning) -> tuple[list[str], list[list[str]]]:
     """Values of every part before and after, with gains that were not found on it."""
     shown = [j for j in t.judged if j.beside.value is not None]
     head = [
@@ -149,7 +149,7 @@ def part_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
     return head, rows
 
 
-def judged_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
+def judged_rows(t: Tuning) -> tuple[list[str], list[list[str]]]:
     """Every metric on what was left out."""
     rows = []
     for j in t.judged:
@@ -161,7 +161,7 @@ def judged_rows(t: Tuned) -> tuple[list[str], list[list[str]]]:
     return ["metric", "weight", "tuned beside as it is (95 %)", "better on", ""], rows
 
 
-def document(t: Tuned, about: dict[str, Any], firmware: Mapping[str, str]) -> dict[str, Any]:
+def document(t: Tuning, about: dict[str, Any], firmware: Mapping[str, str]) -> dict[str, Any]:
     """The JSON of a tuning."""
     return {
         "schema": SCHEMA,
@@ -213,7 +213,7 @@ def known(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
-def _gains(t: Tuned, setting: Mapping[str, float | str]) -> list[str]:
+def _gains(t: Tuning, setting: Mapping[str, float | str]) -> list[str]:
     return [f"{setting[f.name]:g}" for f in t.free]
 
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.compare.sweep.grid import Setting
-from attlog.compare.sweep.many import OnLog, Settled, Wanted
-from attlog.compare.sweep.sweep import Beside, over_logs, size
-from attlog.compare.tune.folds import Part, folds, parts_of
-from attlog.compare.tune.objective import Term, cost
-from attlog.compare.tune.search import Found, Free, search
+from attlog.compare.sweep.many import SettingResult, SettingsOnLog, SweptMetric
+from attlog.compare.sweep.sweep import SettingDifference, over_logs, size
+from attlog.compare.tune.folds import LogPart, folds, parts_of
+from attlog.compare.tune.objective import ObjectiveTerm, cost
+from attlog.compare.tune.search import FreeParameter, SearchResult, search
 
 Array = NDArray[np.float64]
 
@@ -28,22 +28,22 @@ Array = NDArray[np.float64]
 class Fold:
     """What was left out, the gains found without it, and both costs."""
 
-    left_out: list[Part]
-    found: Found
+    left_out: list[LogPart]
+    found: SearchResult
     cost_left_out: float
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class HeldOutScore:
     """A metric on parts left out: the tuned filter beside the one as it is, pooled, and part by part.
 
     ``before``, ``after``: values by part, NaN where there is none. ``better``, ``worse``: on how many parts;
     ``missing``: why parts do not count.
     """
 
-    metric: Wanted
+    metric: SweptMetric
     weight: float
-    beside: Beside
+    beside: SettingDifference
     before: Array
     after: Array
     better: int
@@ -52,31 +52,31 @@ class Judged:
 
 
 @dataclass(slots=True)
-class Tuned:
+class Tuning:
     """The whole answer. ``start`` are the gains as they are, ``found`` those from all parts."""
 
     filter: str
-    free: list[Free]
-    terms: list[Term]
+    free: list[FreeParameter]
+    terms: list[ObjectiveTerm]
     logs: list[str]
-    parts: list[Part]
+    parts: list[LogPart]
     start: Setting
-    found: Found
+    found: SearchResult
     folds: list[Fold]
-    judged: list[Judged]
+    judged: list[HeldOutScore]
     seed: int
 
 
 def tune(
     filter_name: str,
-    free: Sequence[Free],
-    terms: Sequence[Term],
-    logs: Sequence[OnLog],
-    elsewhere: Sequence[OnLog],
+    free: Sequence[FreeParameter],
+    terms: Sequence[ObjectiveTerm],
+    logs: Sequence[SettingsOnLog],
+    elsewhere: Sequence[SettingsOnLog],
     start: Setting,
     generations: int,
     seed: int,
-) -> Tuned:
+) -> Tuning:
     """Search and judge. ``logs`` are asked for the terms' metrics, ``elsewhere`` the same logs for others.
 
     UsageError where a metric cannot be split over the blocks of a single log; LogUnusable where the filter as it is
@@ -85,7 +85,7 @@ def tune(
     base = {k: log([{}])[0] for k, log in enumerate(logs)}
     parts = _usable(parts_of(logs), terms, base)
 
-    def costs_on(some: Sequence[Part]) -> Found:
+    def costs_on(some: Sequence[LogPart]) -> SearchResult:
         def costs(settings: list[Setting]) -> Array:
             by_log = {k: logs[k](settings) for k in dict.fromkeys(p.log for p in some)}
             rows = [{k: s[i] for k, s in by_log.items()} for i in range(len(settings))]
@@ -105,10 +105,12 @@ def tune(
     judged += [_judged(m, 0.0, elsewhere, parts, done) for m in others]
     found = costs_on(parts)
     names = [log.name for log in logs]
-    return Tuned(filter_name, list(free), list(terms), names, parts, start, found, done, judged, seed)
+    return Tuning(filter_name, list(free), list(terms), names, parts, start, found, done, judged, seed)
 
 
-def _usable(parts: Sequence[Part], terms: Sequence[Term], base: Mapping[int, Settled]) -> list[Part]:
+def _usable(
+    parts: Sequence[LogPart], terms: Sequence[ObjectiveTerm], base: Mapping[int, SettingResult]
+) -> list[LogPart]:
     """The parts on which the filter as it is has a value of some term."""
     blocks = parts[0].t0 is not None
     for term in terms if blocks else ():
@@ -124,8 +126,8 @@ def _usable(parts: Sequence[Part], terms: Sequence[Term], base: Mapping[int, Set
 
 
 def _judged(
-    metric: Wanted, weight: float, logs: Sequence[OnLog], parts: Sequence[Part], done: Sequence[Fold]
-) -> Judged:
+    metric: SweptMetric, weight: float, logs: Sequence[SettingsOnLog], parts: Sequence[LogPart], done: Sequence[Fold]
+) -> HeldOutScore:
     """A metric of the folds' gains on the parts that they did not see."""
     gains = {part: fold.found.setting for fold in done for part in fold.left_out}
     first, second, missing = [], [], {}
@@ -145,10 +147,10 @@ def _judged(
     if not first:
         said = list(missing.values())
         beside = replace(beside, why=max(said, key=said.count))
-    return Judged(metric, weight, beside, before, after, better, worse, missing)
+    return HeldOutScore(metric, weight, beside, before, after, better, worse, missing)
 
 
-def _on(part: Part, settled: Settled, metric: Wanted) -> Settled:
+def _on(part: LogPart, settled: SettingResult, metric: SweptMetric) -> SettingResult:
     """The settled answers of one metric on a part."""
     from attlog.metrics.answer import missing
 

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from attlog.present.contest import Contest, Judged, contest
+from attlog.present.contest import ColumnRanking, RankedValue, contest
 from attlog.present.names import AGREEMENT, against_whom
 from attlog.present.numbers import duration, listed
 from attlog.present.sentences.reasons import cannot
-from attlog.present.sentences.words import NAMED, Words, bars, last, leading, left_out, lost, lost_part, single, values
+from attlog.present.sentences.words import (
+    NAMED,
+    QuestionWords,
+    bars,
+    last,
+    leading,
+    left_out,
+    lost,
+    lost_part,
+    single,
+    values,
+)
 from attlog.present.table.rows import AIR
 from attlog.present.text import typeset
 from attlog.result import Result, Verdict
@@ -37,7 +48,7 @@ def title(result: Result) -> str:
     return "Which filter is closest?" if whom != "onboard" else "Which filter agrees best with onboard?"
 
 
-def says(result: Result, tilt: Contest, heading: Contest) -> str:
+def says(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
     """Who is closest in tilt and who is farthest, then the same of the heading, then who lost its way."""
     agrees = result.reference is not None and result.reference.choice == "onboard"
     text = leading(tilt, tilt_words(result, agrees=agrees)) + "."
@@ -47,17 +58,17 @@ def says(result: Result, tilt: Contest, heading: Contest) -> str:
     return text + (f" {gone}." if gone else "")
 
 
-def tilt_words(result: Result, *, agrees: bool) -> Words:
+def tilt_words(result: Result, *, agrees: bool) -> QuestionWords:
     """How the tilt error is spoken of: against the onboard attitude it is agreement, not truth."""
     whom = against_whom(result, sigma=True)
     alone, close = f"is the only filter to compare in tilt with {whom}", f" in tilt against {whom}"
     if agrees:
         one, several = (f"{verb} best in tilt with {whom}" for verb in ("agrees", "agree"))
-        return Words(one, several, "agrees least", alone, close)
-    return Words(f"is closest in tilt to {whom}", f"are closest in tilt to {whom}", "is farthest", alone, close)
+        return QuestionWords(one, several, "agrees least", alone, close)
+    return QuestionWords(f"is closest in tilt to {whom}", f"are closest in tilt to {whom}", "is farthest", alone, close)
 
 
-def unranked(result: Result, tilt: Contest, heading: Contest) -> str:
+def unranked(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
     """The errors where no filter was compared with another: all of them lost, or too little time."""
     whom = against_whom(result, sigma=True)
     sound = [j for j in tilt.filters if j.row.status == "ok"]
@@ -84,13 +95,13 @@ def unranked(result: Result, tilt: Contest, heading: Contest) -> str:
     return text + flew(result, tilt, heading) + (f" {gone}." if gone else "")
 
 
-def alike(judged: list[Judged]) -> str:
+def alike(judged: list[RankedValue]) -> str:
     """The range of values; of several that are shown alike that they are."""
     text = values(judged, named=False)
     return f"all {text}" if len(judged) > 1 and text == judged[0].text else text
 
 
-def flew(result: Result, tilt: Contest, heading: Contest) -> str:
+def flew(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
     """The errors of what flew, where something better is the reference, and whether it is the wrong one."""
     if tilt.onboard is None:
         return ""
@@ -99,10 +110,10 @@ def flew(result: Result, tilt: Contest, heading: Contest) -> str:
     return f" Onboard: {tilt.onboard.text}{beside}{'; it is the wrong one here' if wrong else ''}."
 
 
-def heading_part(result: Result, tilt: Contest, heading: Contest) -> str:
+def heading_part(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
     """The heading error: who leads where it is ranked, else that of the rows that lead in tilt."""
     if heading.ranked:
-        words = Words("is closest", "are closest", "is farthest", "alone can be compared")
+        words = QuestionWords("is closest", "are closest", "is farthest", "alone can be compared")
         if not heading.best and len(heading.ranked) > 1:
             return f" No heading is told apart from the others: {values(heading.ranked, named=False)}."
         return f" In heading {leading(heading, words)}.{last(heading, words)}"
@@ -116,7 +127,7 @@ def heading_part(result: Result, tilt: Contest, heading: Contest) -> str:
     return f" Their headings are off by {values(beside, named=bool(tilt.best))}{whom}, not ranked."
 
 
-def no_north(result: Result, heading: Contest) -> str:
+def no_north(result: Result, heading: ColumnRanking) -> str:
     """That headings of filters without a compass are compared with their offset taken off."""
     if not heading.filters or any(row.uses_mag for row in result.estimators if row.kind == "replay"):
         return ""
@@ -129,7 +140,7 @@ def against_north(result: Result) -> str:
     return f" against {AGREEMENT}" if shared else ""
 
 
-def notes(result: Result, tilt: Contest) -> list[str]:
+def notes(result: Result, tilt: ColumnRanking) -> list[str]:
     """What an error means here, and over which part of the log."""
     seconds = max((j.answer.seconds for j in tilt.filters), default=0.0)
     where = "in the air" if tilt.window == "airborne" else "over the whole log" if tilt.window == "all" else "armed"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from attlog.present.contest import Contest, Judged, contest
+from attlog.present.contest import ColumnRanking, RankedValue, contest
 from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
 from attlog.present.names import NOT_JUDGED, against_heading
 from attlog.present.numbers import below, duration, moment, quantity
@@ -46,12 +46,12 @@ def drifting(result: Result) -> Verdict:
     )
 
 
-def has_value(found: Contest, name: str) -> bool:
+def has_value(found: ColumnRanking, name: str) -> bool:
     """Whether the row of this id has a value."""
     return any(j.row.name == name for j in found.judged)
 
 
-def says(result: Result, rest: Contest, air: Contest, reference: str) -> str:
+def says(result: Result, rest: ColumnRanking, air: ColumnRanking, reference: str) -> str:
     """A sentence for each situation that can be told, else why none can."""
     in_air = f"In the air against {against_heading(reference)}"
     said = [
@@ -65,7 +65,7 @@ def says(result: Result, rest: Contest, air: Contest, reference: str) -> str:
     return cannot(result, rest.absent + air.absent, "neither a rest nor a flight is long enough")
 
 
-def drift_part(found: Contest, where: str) -> str:
+def drift_part(found: ColumnRanking, where: str) -> str:
     """One situation: who drifts, below which bound the others stay, whose rests disagree, who lost its way."""
     told = [j for j in found.ranked if j.told][::-1]
     still = [j for j in found.ranked if not j.told]
@@ -90,7 +90,7 @@ def drift_part(found: Contest, where: str) -> str:
     return f"{where}, {'; '.join(parts)}.{onboard_part(found, interval=True)}"
 
 
-def drifts(found: Contest, told: list[Judged]) -> str:
+def drifts(found: ColumnRanking, told: list[RankedValue]) -> str:
     """Rows whose drift is told, the fastest first; "most" only for the row that the ranking finds worst."""
     if len(told) == 1:
         return f"{told[0].name} drifts {told[0].text}{told[0].interval}{changing(told[0])}"
@@ -101,7 +101,7 @@ def drifts(found: Contest, told: list[Judged]) -> str:
     return f"{some(told, len(found.ranked))} drift: {values(told)}"
 
 
-def bounds(still: list[Judged]) -> str:
+def bounds(still: list[RankedValue]) -> str:
     """What these drifts stay below; where the bounds of filters differ much, the range of bounds."""
     ends = sorted(max(map(abs, j.ends)) for j in still)
     if ends[-1] <= BOUNDS_DIFFER * ends[0]:
@@ -109,7 +109,7 @@ def bounds(still: list[Judged]) -> str:
     return f"{below(ends[0], 'deg/min')} to {below(ends[-1], 'deg/min')}, depending on the filter"
 
 
-def changing(judged: Judged) -> str:
+def changing(judged: RankedValue) -> str:
     """That the rate itself rises or falls."""
     change = judged.answer.changes
     return f" (the rate itself changes from {signed(change[0])} to {signed(change[1])})" if change else ""
@@ -120,21 +120,21 @@ def signed(value: float) -> str:
     return quantity(value, "deg/min")
 
 
-def spread(judged: list[Judged]) -> str:
+def spread(judged: list[RankedValue]) -> str:
     """The range over rests that do not tell one drift."""
     ranges = [j.answer.disagree for j in judged if j.answer.disagree is not None]
     low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
     return f"{signed(low)} to {signed(high)}"
 
 
-def last_named(judged: list[Judged]) -> list[str]:
+def last_named(judged: list[RankedValue]) -> list[str]:
     """Rows that lost their way: their drift is named, after all others."""
     return [f"{j.name}, which {NOT_JUDGED.get(j.row.status, 'failed')}, {j.text}{j.interval}" for j in judged[:2]] + (
         [f"{count(len(judged) - 2, 'more filter')} lost the way"] if len(judged) > 2 else []
     )
 
 
-def notes(result: Result, rest: Contest) -> list[str]:
+def notes(result: Result, rest: ColumnRanking) -> list[str]:
     """Every rest with its time, what of it could be used, and what it says for one row; the earth's own turn."""
     rows = [j.answer for j in rest.filters] or [
         a.row.metrics[rest.window][rest.metric] for a in rest.absent if a.row.kind == "replay"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import takewhile
 
-from attlog.present.contest import Contest, Judged, contest
+from attlog.present.contest import ColumnRanking, RankedValue, contest
 from attlog.present.names import against_whom
 from attlog.present.numbers import counted as count
 from attlog.present.numbers import listed, number, quantity
@@ -42,7 +42,7 @@ def late(result: Result) -> Verdict:
     )
 
 
-def says(result: Result, lag: Contest) -> str:
+def says(result: Result, lag: ColumnRanking) -> str:
     """Who lags by its interval and by how much, else below which bound none does."""
     ranked = lag.ranked
     slow = [j for j in ranked if j.told and j.value > zero_below(j)]
@@ -63,12 +63,12 @@ def says(result: Result, lag: Contest) -> str:
     return ". ".join(parts) + "."
 
 
-def zero_below(judged: Judged) -> float:
+def zero_below(judged: RankedValue) -> float:
     """Lags below this count as none, ms: half an IMU sample."""
     return judged.answer.counts_as_zero_below
 
 
-def lagging(result: Result, lag: Contest, slow: list[Judged]) -> str:
+def lagging(result: Result, lag: ColumnRanking, slow: list[RankedValue]) -> str:
     """Rows that are told late, the latest first; "most" only for the row that the ranking finds worst."""
     slowest = slow[::-1]
     if len(slow) == 1:
@@ -80,7 +80,7 @@ def lagging(result: Result, lag: Contest, slow: list[Judged]) -> str:
     return f"{some(slow, len(lag.ranked))} lag by {values(slow)}"
 
 
-def sample(result: Result, judged: Judged) -> str:
+def sample(result: Result, judged: RankedValue) -> str:
     """That a lag is one sample of a slow log, which is as late as a filter that uses the newest sample can be."""
     rate = float((result.log.get("imu") or {}).get("rate_hz") or 0.0)
     if rate <= 0 or 1.0 / rate < SLOW_IMU_S or not ONE_SAMPLE[0] <= judged.value * rate / 1000.0 <= ONE_SAMPLE[1]:
@@ -88,7 +88,7 @@ def sample(result: Result, judged: Judged) -> str:
     return f", one sample of this log's {number(rate, 'Hz')} Hz IMU,"
 
 
-def ahead(result: Result, early: list[Judged], ranked: list[Judged], against: str) -> str:
+def ahead(result: Result, early: list[RankedValue], ranked: list[RankedValue], against: str) -> str:
     """Rows that come before what they are compared with: if all filters do, that itself is late."""
     who = some(early, len(ranked))
     text = f"{who} {'is' if len(early) == 1 else 'are'} ahead: {values(early)}{against}"
@@ -108,13 +108,13 @@ def impure_part(names: list[str], result: Result) -> str:
     )
 
 
-def onboard_lag(lag: Contest) -> str:
+def onboard_lag(lag: ColumnRanking) -> str:
     """The lag of what flew, where something better is the reference."""
     flew = lag.onboard
     return f" Onboard: {flew.text}{flew.interval}." if flew is not None else ""
 
 
-def step_part(result: Result, step: Contest) -> str:
+def step_part(result: Result, step: ColumnRanking) -> str:
     """How wrong the angle is after a movement: who is short of it, and how far the others are off."""
     filters = [j for j in step.filters if j.row.status == "ok"]
     if not filters:
@@ -132,7 +132,7 @@ def step_part(result: Result, step: Contest) -> str:
     return f" {AFTER} after a movement {'; '.join(parts)}."
 
 
-def still(wrong: list[Judged], percent: dict[str, float], of: int) -> str:
+def still(wrong: list[RankedValue], percent: dict[str, float], of: int) -> str:
     """Rows that show too little or too much of the movement, the largest error first."""
     if len(wrong) > NAMED:
         shares = sorted(abs(percent[j.row.name]) for j in wrong)
@@ -146,7 +146,7 @@ def still(wrong: list[Judged], percent: dict[str, float], of: int) -> str:
     return listed(said)
 
 
-def share(judged: Judged, window: str) -> float:
+def share(judged: RankedValue, window: str) -> float:
     """The error as a signed share of the movement, %; 0 where it is not told."""
     answer = judged.row.metrics.get(window, {}).get(STEP_PCT)
     return 0.0 if answer is None or answer.value is None else answer.value
@@ -157,14 +157,14 @@ def short(percent: float) -> str:
     return f"{quantity(abs(percent), '%')} {'short' if percent < 0 else 'too far'}"
 
 
-def off(judged: list[Judged], *, all_of_them: bool) -> str:
+def off(judged: list[RankedValue], *, all_of_them: bool) -> str:
     """How far rows are off, in degrees."""
     if len(judged) <= NAMED:
         return f"{listed([j.name for j in judged])} {'is' if len(judged) == 1 else 'are'} off by {values(judged)}"
     return f"{'all' if all_of_them else 'the other'} {len(judged)} filters are off by {values(judged)}"
 
 
-def notes(result: Result, lag: Contest) -> list[str]:
+def notes(result: Result, lag: ColumnRanking) -> list[str]:
     """The delay of the logged sensors, which is no filter's fault."""
     told = [row.metrics.get(lag.window, {}).get(LAG) for row in result.estimators if row.kind == "replay"]
     delays = [a.taken_out for a in told if a is not None and a.taken_out is not None]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from attlog.present.contest import Contest, contest
+from attlog.present.contest import ColumnRanking, contest
 from attlog.present.numbers import counted as count
 from attlog.present.sentences.closest import TILT
 from attlog.present.sentences.reasons import cannot, why_not
-from attlog.present.sentences.words import Words, bars, last, leading, left_out, onboard_part, some, values
+from attlog.present.sentences.words import QuestionWords, bars, last, leading, left_out, onboard_part, some, values
 from attlog.present.table.rows import AIR, PHASES
 from attlog.result import Result, Verdict
 
@@ -15,7 +15,7 @@ SIGMA = "1 sigma within 5 s"
 WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
 """Phases in words; flight other than hover is ``cruise``."""
 
-WORDS = Words("wanders least", "wander least", "wanders most", "is the only filter to be ranked")
+WORDS = QuestionWords("wanders least", "wander least", "wanders most", "is the only filter to be ranked")
 
 
 def quiet(result: Result) -> Verdict:
@@ -35,7 +35,7 @@ def quiet(result: Result) -> Verdict:
     )
 
 
-def says(result: Result, ranked: list[Contest]) -> str:
+def says(result: Result, ranked: list[ColumnRanking]) -> str:
     """Who wanders least in the first phase, what its tilt is worth, who wanders most, then the other phases."""
     lead = ranked[0]
     text = leading(lead, WORDS, SIGMA, f" {WHERE[lead.window]}") + beside(result, lead) + "."
@@ -44,7 +44,7 @@ def says(result: Result, ranked: list[Contest]) -> str:
     return text + (f" {others[0][0].upper()}{'; '.join(others)[1:]}." if others else "")
 
 
-def beside(result: Result, lead: Contest) -> str:
+def beside(result: Result, lead: ColumnRanking) -> str:
     """The tilt error of who wanders least: a filter may be quiet and wrong."""
     tilt = contest(result, TILT, AIR)
     leaders = lead.best or (lead.ranked if len(lead.ranked) == 1 else [])
@@ -54,7 +54,7 @@ def beside(result: Result, lead: Contest) -> str:
     return f"; its tilt error is {errors[0].text}" if len(errors) == 1 else f"; their tilt errors are {values(errors)}"
 
 
-def clause(found: Contest) -> str:
+def clause(found: ColumnRanking) -> str:
     """Another phase in few words."""
     if len(found.ranked) == 1:
         return f"{found.ranked[0].name} {found.ranked[0].text}"
@@ -63,7 +63,7 @@ def clause(found: Contest) -> str:
     return f"{some(found.best, len(found.ranked))} least, {values(found.best)}"
 
 
-def notes(shown: list[Contest]) -> list[str]:
+def notes(shown: list[ColumnRanking]) -> list[str]:
     """How much of each phase was measured."""
     return [
         f"{WHERE[found.window][0].upper()}{WHERE[found.window][1:]}: "

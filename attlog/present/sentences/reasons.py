@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from attlog.present.contest import Absent, Contest, why_unranked
+from attlog.present.contest import ColumnRanking, MissingValue, why_unranked
 from attlog.present.heading import TOO_UNCERTAIN
 from attlog.present.names import NOT_JUDGED, name_in_sentence
 from attlog.present.sentences.words import counted, why_absent
@@ -20,7 +20,7 @@ ADVICE = {
 ONLY_BASELINE = "Cannot be judged: of the filters only Gyro was run, which is shown and never ranked."
 
 
-def cannot(result: Result, without: list[Absent], nothing: str) -> str:
+def cannot(result: Result, without: list[MissingValue], nothing: str) -> str:
     """The sentence for a question that no row answers: the commonest reason and what a pilot can do."""
     replays = [row for row in result.estimators if row.kind == "replay"]
     if replays and all(is_baseline(row) for row in replays):
@@ -31,7 +31,7 @@ def cannot(result: Result, without: list[Absent], nothing: str) -> str:
     return f"Cannot be judged: {reason or nothing}.{switch(result, code)}{advice}"
 
 
-def untold(found: Contest) -> str:
+def untold(found: ColumnRanking) -> str:
     """Whose value leaves too much open, and why: ``it cannot be told of Madgwick: ...``; empty for nobody."""
     unsure = [a for a in found.absent if a.code == TOO_UNCERTAIN and a.row.status == "ok"]
     rows = [a for a in unsure if a.row.kind == "replay" and not is_baseline(a.row)]
@@ -46,7 +46,7 @@ def switch(result: Result, code: str) -> str:
     return f" {advice.rstrip('.')}." if advice and code in ("no_rest", "rest_too_short") else ""
 
 
-def commonest(without: list[Absent]) -> tuple[str, str]:
+def commonest(without: list[MissingValue]) -> tuple[str, str]:
     """Code and reason that most filters give; the baseline, what flew and what does not apply only without others."""
     filters = [a for a in without if a.row.kind == "replay" and not is_baseline(a.row)]
     given = [(a.code, why_absent(a.row, a.reason)) for a in filters or without]
@@ -59,7 +59,7 @@ def commonest(without: list[Absent]) -> tuple[str, str]:
     return code, reason[0].lower() + reason[1:] if reason[:2].istitle() else reason
 
 
-def why_not(found: Contest) -> str:
+def why_not(found: ColumnRanking) -> str:
     """Who is not ranked and why in few words, filters with the same reason together."""
     groups: dict[str, list[str]] = {}
     for judged in found.filters:

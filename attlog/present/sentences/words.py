@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from attlog.present.contest import Contest, Judged, why_unranked
+from attlog.present.contest import ColumnRanking, RankedValue, why_unranked
 from attlog.present.names import NOT_JUDGED, name_in_sentence
 from attlog.present.numbers import below, listed
 from attlog.present.table.rows import is_baseline
@@ -18,7 +18,7 @@ LOST = ("diverged", "not_converged", "failed")
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class QuestionWords:
     """The words of a question: verb phrases for one and several rows.
 
     ``one`` and ``several`` follow names ("wanders least", "wander least"), ``last`` follows
@@ -33,7 +33,7 @@ class Words:
     close: str = ""
 
 
-def leading(found: Contest, words: Words, unit: str = "", where: str = "") -> str:
+def leading(found: ColumnRanking, words: QuestionWords, unit: str = "", where: str = "") -> str:
     """Who leads, with value and interval, no full stop at the end.
 
     ``unit`` says in brackets what the number is, ``where`` follows it.
@@ -50,18 +50,18 @@ def leading(found: Contest, words: Words, unit: str = "", where: str = "") -> st
     return f"{who}{words.close}: {values(ranked, named=False)}{noted}{where}"
 
 
-def single(judged: Judged, unit: str = "") -> str:
+def single(judged: RankedValue, unit: str = "") -> str:
     """One value with its interval, and in the same brackets what the number is."""
     brackets = "; ".join(x for x in (unit, judged.interval.strip(" ()")) if x)
     return f"{judged.text} ({brackets})" if brackets else judged.text
 
 
-def last(found: Contest, words: Words) -> str:
+def last(found: ColumnRanking, words: QuestionWords) -> str:
     """Who is worst, as a sentence after a blank; empty where nobody is told to be."""
     return f" {found.worst.name} {words.last}: {found.worst.text}{found.worst.interval}." if found.worst else ""
 
 
-def values(judged: list[Judged], *, named: bool = True) -> str:
+def values(judged: list[RankedValue], *, named: bool = True) -> str:
     """The values of rows in the order of their names; the ends of the range where they are only counted."""
     if len(judged) <= NAMED and (named or len(judged) == 2):
         return listed([j.text for j in judged])
@@ -70,7 +70,7 @@ def values(judged: list[Judged], *, named: bool = True) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def some(judged: list[Judged], of: int) -> str:
+def some(judged: list[RankedValue], of: int) -> str:
     """Up to NAMED rows by name, more as a count."""
     names = [j.name for j in judged]
     if len(names) <= NAMED:
@@ -97,7 +97,7 @@ def lost_part(rows: list[EstimatorRow]) -> str:
     return ", ".join(f"{counted(names)} {state}" for state, names in groups.items())
 
 
-def left_out(found: Contest) -> list[tuple[str, str]]:
+def left_out(found: ColumnRanking) -> list[tuple[str, str]]:
     """Rows (by id) without a value or whose value is not ranked, each with its reason, in a card's details."""
     unranked = [(j.row.name, typeset(why_unranked(j))) for j in found.judged if j.replay and not j.ranked]
     absent = [(a.row.name, typeset(why_absent(a.row, a.reason))) for a in found.absent]
@@ -109,7 +109,7 @@ def why_absent(row: EstimatorRow, reason: str) -> str:
     return row.reason if row.status == "failed" and row.reason else reason
 
 
-def bars(found: Contest) -> list[tuple[str, float, str]]:
+def bars(found: ColumnRanking) -> list[tuple[str, float, str]]:
     """What the card draws, the smallest size first, lost rows last: (row id, value, unit); none without a filter."""
     if not any(j.replay for j in found.judged):
         return []
@@ -117,12 +117,12 @@ def bars(found: Contest) -> list[tuple[str, float, str]]:
     return [(j.row.name, j.value, j.answer.unit) for j in shown]
 
 
-def onboard_part(found: Contest, *, interval: bool = False) -> str:
+def onboard_part(found: ColumnRanking, *, interval: bool = False) -> str:
     """What the attitude that flew did, as a short last sentence; empty where all were compared with it."""
     flew = found.onboard
     return f" Onboard: {flew.text}{flew.interval if interval else ''}." if flew is not None else ""
 
 
-def bound(judged: list[Judged]) -> str:
+def bound(judged: list[RankedValue]) -> str:
     """What all these rows stay below: the largest end of their intervals, never less."""
     return below(max(abs(end) for j in judged for end in j.ends), judged[0].answer.unit)

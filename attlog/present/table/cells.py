@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from attlog.present.contest import Judged, why_unranked
+from attlog.present.contest import RankedValue, why_unranked
 from attlog.present.names import CODES
 from attlog.present.numbers import SIGNED, half_width, interval, number
-from attlog.present.table.columns import Column
+from attlog.present.table.columns import TableColumn
 from attlog.present.table.rows import has_value, is_best, is_ranked, value_of
 from attlog.present.text import typeset
 from attlog.result import Answer, EstimatorRow, Result
@@ -16,7 +16,7 @@ FULL_COVERAGE = 95.0
 
 
 @dataclass(slots=True)
-class Cell:
+class TableCell:
     """One value as it is shown.
 
     ``small`` stands below the number (interval, share of the time), ``half`` is half of
@@ -35,34 +35,34 @@ class Cell:
     sort: float | None = None
 
 
-def cell(result: Result, row: EstimatorRow, column: Column, window: str) -> Cell:
+def cell(result: Result, row: EstimatorRow, column: TableColumn, window: str) -> TableCell:
     """The cell of a row in a column, which has one window for all rows."""
     answer = row.metrics.get(window, {}).get(column.metric)
     if answer is None:
         word = "failed" if row.status == "failed" else "n/a"
-        return Cell(word, brief=word, missing=True, reason=row.reason)
+        return TableCell(word, brief=word, missing=True, reason=row.reason)
     if not has_value(answer):
         return without_value(row, column.metric, answer)
     ranked = is_ranked(result, row, column.metric, window)
-    return Cell(
+    return TableCell(
         number(answer.value, answer.unit),
         tuple(x for x in (interval(answer.ci95, answer.unit), share(answer)) if x),
         half=half_width(answer.ci95, answer.unit) if answer.unit in SIGNED else "",
         brief=number(answer.value, answer.unit),
         best=column.contest and is_best(result, row, column.metric, window),
         unranked=row.kind == "replay" and column.contest and not ranked,
-        reason=typeset(why_unranked(Judged(row, answer, ranked)) if row.kind == "replay" and not ranked else ""),
+        reason=typeset(why_unranked(RankedValue(row, answer, ranked)) if row.kind == "replay" and not ranked else ""),
         sort=distance(result, column.metric, answer),
     )
 
 
-def without_value(row: EstimatorRow, metric: str, answer: Answer) -> Cell:
+def without_value(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
     """The cell of an answer that is not there: a word, and the reason; a filter that lost its way says so first."""
     if row.kind == "replay" and row.status == "failed":
-        return Cell("failed", brief="failed", missing=True, reason=row.reason)
+        return TableCell("failed", brief="failed", missing=True, reason=row.reason)
     itself = row.is_reference and answer.code == "not_applicable" and not metric.startswith("cost")
     word, brief = ("reference", "ref") if itself else CODES.get(answer.code or "", ("n/a", "n/a"))
-    return Cell(word, brief=brief, missing=True, reason=answer.reason or "")
+    return TableCell(word, brief=brief, missing=True, reason=answer.reason or "")
 
 
 def share(answer: Answer) -> str:

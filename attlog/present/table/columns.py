@@ -11,7 +11,7 @@ from attlog.result import Result
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class TableColumn:
     """A question of the table: ``metric`` in the first of ``windows`` in which a filter has a value.
 
     ``contest`` is False for conditions of another column, which are never marked best.
@@ -29,16 +29,16 @@ NOISE = "noise_tilt_deg"
 NOISE_TITLES = {"rest": "Noise at rest", "hover": "Noise in hover", "cruise": "Noise moving", "idle": "Noise idling"}
 
 ERRORS = (
-    Column("Tilt error RMS", "inclination_rmse_deg", AIR),
-    Column("Heading error RMS", "heading_rmse_deg", AIR, spare=2),
+    TableColumn("Tilt error RMS", "inclination_rmse_deg", AIR),
+    TableColumn("Heading error RMS", "heading_rmse_deg", AIR, spare=2),
 )
-STEPS = (Column("Lag", "lag_ms", AIR), Column("Step error", "step_error_deg.0.5s", AIR, spare=1))
-DRIFT_REST = Column("Drift at rest", "drift_rest_deg_per_min", REST)
-COST = Column("Cost", "cost_ns", ALL, contest=False, spare=4)
+STEPS = (TableColumn("Lag", "lag_ms", AIR), TableColumn("Step error", "step_error_deg.0.5s", AIR, spare=1))
+DRIFT_REST = TableColumn("Drift at rest", "drift_rest_deg_per_min", REST)
+COST = TableColumn("Cost", "cost_ns", ALL, contest=False, spare=4)
 
 
 AXIS_COLUMNS = tuple(
-    Column(f"{axis.capitalize()} {title}", f"{metric}_{axis}{unit}", AIR, contest)
+    TableColumn(f"{axis.capitalize()} {title}", f"{metric}_{axis}{unit}", AIR, contest)
     for axis in ("roll", "pitch", "yaw")
     for metric, title, unit, contest in (
         ("lag", "lag", "_ms", True),
@@ -49,16 +49,16 @@ AXIS_COLUMNS = tuple(
 """Lag, gain and shape of the steps by axis."""
 
 
-def columns(result: Result) -> list[Column]:
+def columns(result: Result) -> list[TableColumn]:
     """The comparison, in the order of the questions: errors, noise by phase, steps, drift, cost.
 
     Noise has a column for each phase in which a filter has a value; of the drifts in the
     air the quoted heading reference has one. All others stand in the expert's tables.
     """
     phases = [phase for phase in PHASES if _has_noise(result, phase)]
-    noise = [Column(NOISE_TITLES[p], NOISE, (p,), spare=3 if i else 0) for i, p in enumerate(phases)]
+    noise = [TableColumn(NOISE_TITLES[p], NOISE, (p,), spare=3 if i else 0) for i, p in enumerate(phases)]
     reference = quoted_heading_reference(result)
-    air = Column(f"Air drift by {heading_reference_short(reference)}", f"{DRIFT_AIR}.{reference}", AIR, spare=2)
+    air = TableColumn(f"Air drift by {heading_reference_short(reference)}", f"{DRIFT_AIR}.{reference}", AIR, spare=2)
     return [*ERRORS, *noise, *STEPS, DRIFT_REST, air, COST]
 
 

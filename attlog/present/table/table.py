@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from attlog.present.numbers import unit_sign
-from attlog.present.table.cells import Cell, cell
-from attlog.present.table.columns import AXIS_COLUMNS, ERRORS, NOISE, Column, columns
+from attlog.present.table.cells import TableCell, cell
+from attlog.present.table.columns import AXIS_COLUMNS, ERRORS, NOISE, TableColumn, columns
 from attlog.present.table.rows import has_value, ordered, window_of
 from attlog.result import EstimatorRow, Result
 
@@ -25,11 +25,11 @@ class Heading:
 
 
 @dataclass(slots=True)
-class Table:
+class FilterTable:
     """Headings, and (row, cells) for every row."""
 
     columns: list[Heading] = field(default_factory=list)
-    rows: list[tuple[EstimatorRow, list[Cell]]] = field(default_factory=list)
+    rows: list[tuple[EstimatorRow, list[TableCell]]] = field(default_factory=list)
 
     @property
     def partial(self) -> bool:
@@ -37,7 +37,7 @@ class Table:
         return any(small.startswith("of ") for _, cells in self.rows for c in cells for small in c.small)
 
 
-def main_table(result: Result, window: str = "all") -> Table:
+def main_table(result: Result, window: str = "all") -> FilterTable:
     """The comparison of all rows: every column in which at least one row has a value.
 
     With ``window`` other than ``all`` every column is looked up there only.
@@ -45,32 +45,32 @@ def main_table(result: Result, window: str = "all") -> Table:
     chosen = columns(result)
     if window != "all":
         chosen = [dataclasses.replace(c, windows=(window,)) for c in chosen if c.metric != NOISE]
-        chosen.insert(len(ERRORS), Column("Noise", NOISE, (window,)))
+        chosen.insert(len(ERRORS), TableColumn("Noise", NOISE, (window,)))
     return filled(result, chosen)
 
 
-def axis_table(result: Result) -> Table:
+def axis_table(result: Result) -> FilterTable:
     """Lag, gain and shape of the steps by axis."""
     return filled(result, AXIS_COLUMNS)
 
 
-def window_tables(result: Result) -> dict[str, Table]:
+def window_tables(result: Result) -> dict[str, FilterTable]:
     """Every metric of every window: the expert's tables."""
     windows = dict.fromkeys(w for r in result.estimators for w in r.metrics)
     out = {}
     for window in windows:
         metrics = dict.fromkeys(m for r in result.estimators for m in r.metrics.get(window, {}))
-        contests = [Column(m, m, (window,), not m.startswith(("step_gain", "distortion"))) for m in metrics]
+        contests = [TableColumn(m, m, (window,), not m.startswith(("step_gain", "distortion"))) for m in metrics]
         table = filled(result, contests)
         if table.columns:
             out[window] = table
     return out
 
 
-def filled(result: Result, wanted: Iterable[Column]) -> Table:
+def filled(result: Result, wanted: Iterable[TableColumn]) -> FilterTable:
     """The columns in which at least one row has a value, for all rows, each in one window."""
     rows = ordered(result)
-    table, chosen = Table(), []
+    table, chosen = FilterTable(), []
     for column in wanted:
         window = window_of(result, column.metric, column.windows)
         answers = (row.metrics.get(window, {}).get(column.metric) for row in rows)

@@ -7,7 +7,7 @@ place what is missing.
 from __future__ import annotations
 
 from attlog.report.figures.drift import drift
-from attlog.report.figures.figure import Figure, Rows
+from attlog.report.figures.figure import PageFigure, Rows
 from attlog.report.figures.flight import flight
 from attlog.report.figures.rest import rest
 from attlog.report.figures.sensors import sensors
@@ -17,7 +17,7 @@ from attlog.report.pack import Store
 from attlog.result import Result
 
 
-def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, list[Figure]]:
+def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, list[PageFigure]]:
     """Figures by section of the page: flight, rest, step, drift, sensors."""
     names = Rows({key: look.name for key, look in looks.items()})
     traces = [t for t in result.traces if (not t.row or t.row in looks) and len(t.t)]
@@ -34,7 +34,7 @@ def sections(result: Result, looks: dict[str, Look], store: Store) -> dict[str, 
     return found
 
 
-def fill(part: list[Figure]) -> None:
+def fill(part: list[PageFigure]) -> None:
     """Make a half-width figure wide where no other stands beside it."""
     beside = 0
     for i, figure in enumerate(part):

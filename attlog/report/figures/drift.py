@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from attlog.present.names import heading_reference_name
-from attlog.report.figures.figure import Figure, Rows, dot, dot_height, reach, series, told
+from attlog.report.figures.figure import PageFigure, Rows, dot, dot_height, reach, series, told
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
@@ -24,7 +24,7 @@ ORDER = ("rest", *(where.removeprefix("against ") for where in SYMBOLS if where 
 """What is shown first where it can be chosen."""
 
 
-def drift(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[Figure]:
+def drift(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[PageFigure]:
     """Heading drift against the heading reference that is chosen, and all drifts with their intervals."""
     figures = []
     if by.get("drift"):
@@ -36,12 +36,12 @@ def drift(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result)
         caption += ". An interval across zero: no drift that differs from zero. ▶ beyond the figure."
         height, words = dot_height(dots), told(dots, names, "deg/min")
         figures.append(
-            Figure("drifts", "drifts", "Drift with 95 % interval", caption, height, {"rows": dots}, False, words)
+            PageFigure("drifts", "drifts", "Drift with 95 % interval", caption, height, {"rows": dots}, False, words)
         )
     return figures
 
 
-def headings(traces: list[Trace], names: Rows, store: Store) -> Figure:
+def headings(traces: list[Trace], names: Rows, store: Store) -> PageFigure:
     """Heading error with its line, one heading reference at a time."""
     keys = sorted({t.key for t in traces}, key=lambda k: (ORDER.index(k) if k in ORDER else len(ORDER), k))
     views, called = [], []
@@ -52,7 +52,7 @@ def headings(traces: list[Trace], names: Rows, store: Store) -> Figure:
         called.append(f"{'at rest' if key == 'rest' else 'in the air'}, against {heading_reference_name(key)}")
     caption = "One-second means with the fitted line, each minus its own mean; anything but flat is drift."
     words = reach(together([t for t in traces if t.key == keys[0]]), names)
-    return Figure("drift", "drift", "Heading", caption, 330, {"views": views}, False, words, called)
+    return PageFigure("drift", "drift", "Heading", caption, 330, {"views": views}, False, words, called)
 
 
 def drift_dots(result: Result, names: Rows) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from attlog.result import Answer, Trace
 
 
 @dataclass(slots=True)
-class Figure:
+class PageFigure:
     """A place in the page: ``kind`` names the drawing function of the script, ``data`` is what it draws.
 
     ``words`` says for those who do not see it what it shows. ``views`` names what can be

@@ -6,7 +6,7 @@ import numpy as np
 
 from attlog.present.messages import alarming, messages
 from attlog.present.numbers import moment
-from attlog.report.figures.figure import Figure, Rows, reach, said, series, stored
+from attlog.report.figures.figure import PageFigure, Rows, reach, said, series, stored
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
@@ -20,9 +20,9 @@ MARKS = {
 }
 
 
-def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[Figure]:
+def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[PageFigure]:
     """The whole flight: time strip, attitude, difference."""
-    strip = Figure("strip", "strip", "", "", 120)
+    strip = PageFigure("strip", "strip", "", "", 120)
     figures = [strip]
     if by.get("attitude"):
         drawn, ratio = series(by["attitude"], ("roll", "pitch", "heading"), names, store, ANGLE_STEP)
@@ -30,7 +30,7 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
         caption += " ".join([*legend(result), said(ratio)])
         data = {"series": drawn, "cut": heading_cut(by["attitude"])}
         figures.append(
-            Figure("attitude", "attitude", "Attitude", caption, 470, data, words=reach(by["attitude"], names))
+            PageFigure("attitude", "attitude", "Attitude", caption, 470, data, words=reach(by["attitude"], names))
         )
     if by.get("difference"):
         columns = ("inclination", "roll", "pitch", "heading")
@@ -49,7 +49,7 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
         data = {"series": drawn, "scored": start}
         if by.get("sigma"):
             data["sigma"] = stored(by["sigma"][0], ("inclination", "heading"), store, ANGLE_STEP / 10.0)
-        figures.append(Figure("difference", "difference", title, caption, 560, data, words=words))
+        figures.append(PageFigure("difference", "difference", title, caption, 560, data, words=words))
     return figures
 
 

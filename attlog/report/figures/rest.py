@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from attlog.present.numbers import duration, moment
-from attlog.report.figures.figure import Figure, Rows, listed, reach, said, series
+from attlog.report.figures.figure import PageFigure, Rows, listed, reach, said, series
 from attlog.report.pack import Store
 from attlog.result import Trace
 
 ANGLES = ("roll", "pitch", "heading")
 
 
-def rest(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[Figure]:
+def rest(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[PageFigure]:
     """At rest: close-up, histogram, Allan deviation of one angle at a time."""
     figures = []
     if by.get("rest"):
@@ -22,14 +22,14 @@ def rest(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[Figure]:
             "Each line minus its straight line; ▲ a filter that bends far more leaves the figure. " + said(ratio)
         )
         data = {"series": drawn, "range": span}
-        figures.append(Figure("rest", "rest", "Rest, close up", caption, 430, data, words=reach(same, names)))
+        figures.append(PageFigure("rest", "rest", "Rest, close up", caption, 430, data, words=reach(same, names)))
     if by.get("spread"):
         caption = "Roll and pitch together, after a straight line is taken out of every 5 s."
         data = {
             "x": listed(by["spread"][0].columns["angle"]),
             "shares": [{"r": names.index(t.row), "y": listed(t.columns["share"])} for t in by["spread"]],
         }
-        figures.append(Figure("spread", "spread", "Spread", caption, 330, data, wide=False))
+        figures.append(PageFigure("spread", "spread", "Spread", caption, 330, data, wide=False))
     if by.get("allan"):
         caption = "Down: noise averages out. Up: the angle wanders. Pointing at a line: 95 % interval."
         keys = [a for a in ANGLES if any(t.key == a for t in by["allan"])] or [""]
@@ -45,5 +45,5 @@ def rest(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[Figure]:
             for key in keys
         ]
         title = "Allan deviation of the angle"
-        figures.append(Figure("allan", "allan", title, caption, 330, {"views": views}, wide=False, views=keys))
+        figures.append(PageFigure("allan", "allan", title, caption, 330, {"views": views}, wide=False, views=keys))
     return figures

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from attlog.present.numbers import counted, duration, quantity
-from attlog.report.figures.figure import Figure, Rows, listed, reach, said, series
+from attlog.report.figures.figure import PageFigure, Rows, listed, reach, said, series
 from attlog.report.pack import Store
 from attlog.result import Trace
 
@@ -17,7 +17,7 @@ SIZES = {
 }
 
 
-def sensors(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[Figure]:
+def sensors(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[PageFigure]:
     """Spectrum, vibration, sizes over time with throttle, gyro bias."""
     figures = []
     if by.get("spectrum"):
@@ -32,7 +32,7 @@ def sensors(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[Figur
     return figures
 
 
-def spectrum(traces: list[Trace]) -> Figure:
+def spectrum(traces: list[Trace]) -> PageFigure:
     """Amplitude density of the three axes; gyro or accelerometer to be chosen."""
     keys = [key for key in DENSITY if any(t.key == key for t in traces)]
     own = {t.key: t for t in traces}
@@ -48,7 +48,7 @@ def spectrum(traces: list[Trace]) -> Figure:
     caption = f"{duration(own[keys[0]].values['seconds'])} of flight (of the whole log without one). "
     caption += "Dashed: half the sampling rate; what shakes faster folds back below it."
     words = "; ".join(f"{key} highest at {peak(own[key])}" for key in keys)
-    return Figure("spectrum", "spectrum", "Spectrum", caption, 330, {"views": views}, False, words, keys)
+    return PageFigure("spectrum", "spectrum", "Spectrum", caption, 330, {"views": views}, False, words, keys)
 
 
 def peak(trace: Trace) -> str:
@@ -57,7 +57,7 @@ def peak(trace: Trace) -> str:
     return f"{quantity(float(trace.t[int(trace.columns[axis].argmax())]), 'Hz')} ({axis})"
 
 
-def vibration(trace: Trace) -> Figure:
+def vibration(trace: Trace) -> PageFigure:
     """Standard deviation of the accelerometer over time, and where it was clipped."""
     clipped = int(trace.values.get("samples", 0.0))
     caption = "Standard deviation of the accelerometer within a second or more. "
@@ -65,10 +65,10 @@ def vibration(trace: Trace) -> Figure:
     data: dict[str, Any] = {"t": listed(trace.t), "axes": {a: listed(trace.columns[a]) for a in AXES}}
     data["clipped"] = [[float(t), int(n)] for t, n in zip(trace.t, trace.columns["clipped"], strict=True) if n > 0]
     highest = "; ".join(f"{a} up to {quantity(float(trace.columns[a].max()), 'm/s^2')}" for a in AXES)
-    return Figure("vibration", "vibration", "Vibration", caption, 330, data, False, highest)
+    return PageFigure("vibration", "vibration", "Vibration", caption, 330, data, False, highest)
 
 
-def size(trace: Trace, throttle: list[Trace]) -> Figure:
+def size(trace: Trace, throttle: list[Trace]) -> PageFigure:
     """Smallest, mean and largest size over time, what is expected, and the throttle."""
     title, unit, expected, why = SIZES[trace.figure]
     caption = f"Line: mean, band: smallest to largest; {why}."
@@ -81,10 +81,10 @@ def size(trace: Trace, throttle: list[Trace]) -> Figure:
         data["throttle"] = [listed(throttle[0].t), listed(throttle[0].columns["throttle"])]
         caption += " Grey: throttle."
     low, high = float(trace.columns["low"].min()), float(trace.columns["high"].max())
-    return Figure(trace.figure, "size", title, caption, 330, data, False, f"{low:.1f} to {high:.1f} {unit}")
+    return PageFigure(trace.figure, "size", title, caption, 330, data, False, f"{low:.1f} to {high:.1f} {unit}")
 
 
-def bias(found: list[Trace], rests: list[Trace], names: Rows, store: Store) -> Figure:
+def bias(found: list[Trace], rests: list[Trace], names: Rows, store: Store) -> PageFigure:
     """Gyro bias that the filters found, beside what the gyro shows at rest."""
     drawn, ratio = series(found, AXES, names, store, 1e-4)
     caption = "Subtracted from the logged gyro. Filters without a bias state are not drawn. "
@@ -95,4 +95,4 @@ def bias(found: list[Trace], rests: list[Trace], names: Rows, store: Store) -> F
         data["rests"] = {"t": listed(rests[0].t)} | {a: listed(rests[0].columns[a]) for a in AXES}
         caption += "● what the gyro shows at rest. "
     title = "Gyro bias that the filters found" if found else "Gyro bias at rest"
-    return Figure("bias", "bias", title, caption + said(ratio), 430, data, True, reach(found, names, "deg/s"))
+    return PageFigure("bias", "bias", title, caption + said(ratio), 430, data, True, reach(found, names, "deg/s"))

@@ -6,7 +6,7 @@ from typing import Any
 
 from attlog.present.numbers import counted, moment
 from attlog.present.table.rows import AIR, find
-from attlog.report.figures.figure import Figure, Rows, dot, dot_height, listed, number, series, stored, told
+from attlog.report.figures.figure import PageFigure, Rows, dot, dot_height, listed, number, series, stored, told
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
@@ -14,7 +14,7 @@ MOVED_STEP = 0.002
 """Degrees per stored step of a single movement."""
 
 
-def steps(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[Figure]:
+def steps(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result) -> list[PageFigure]:
     """Quick movements: one of them, all of them, lags as dots, set-point response."""
     figures = []
     if by.get("step"):
@@ -30,7 +30,7 @@ def steps(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result)
         rate = float((result.log.get("imu") or {}).get("rate_hz") or 0.0)
         data = {"rows": dots, "half": 500.0 / rate if rate > 0 else 0.0}
         figures.append(
-            Figure("lag", "lag", "Lag", caption, dot_height(dots), data, wide=False, words=told(dots, names, "ms"))
+            PageFigure("lag", "lag", "Lag", caption, dot_height(dots), data, wide=False, words=told(dots, names, "ms"))
         )
     if by.get("setpoint"):
         axes = tuple(dict.fromkeys(c for t in by["setpoint"] for c in t.columns))
@@ -38,12 +38,12 @@ def steps(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result)
         caption = "How the vehicle followed its set-point: a property of vehicle and controller, not of a filter."
         caption += " Solid: roll, dashed: pitch." if {"roll", "pitch"} <= set(axes) else ""
         figures.append(
-            Figure("setpoint", "setpoint", "Response to the set-point", caption, 330, {"series": drawn}, wide=False)
+            PageFigure("setpoint", "setpoint", "Response to the set-point", caption, 330, {"series": drawn}, wide=False)
         )
     return figures
 
 
-def one_movement(traces: list[Trace], names: Rows, store: Store) -> Figure:
+def one_movement(traces: list[Trace], names: Rows, store: Store) -> PageFigure:
     """The representative movement: what set-point, reference and filters turned since its start."""
     axis, _, at = traces[0].key.partition("@")
     lines = [{"r": names.index(t.row)} | stored(t, ("est", "ref", "set"), store, MOVED_STEP) for t in traces]
@@ -54,10 +54,10 @@ def one_movement(traces: list[Trace], names: Rows, store: Store) -> Figure:
     caption += ", grey dashes: set-point. " if wanted else ". "
     caption += "Below: filter minus reference."
     data = {"axis": axis, "lines": lines} | ({"t": float(at)} if at else {})
-    return Figure("step", "step", title, caption, 430, data)
+    return PageFigure("step", "step", title, caption, 430, data)
 
 
-def all_movements(traces: list[Trace], names: Rows) -> Figure:
+def all_movements(traces: list[Trace], names: Rows) -> PageFigure:
     """Median and middle 80 % of every filter over all movements, the axis to be chosen."""
     keys = list(dict.fromkeys(t.key for t in traces))
     views, called = [], []
@@ -72,7 +72,7 @@ def all_movements(traces: list[Trace], names: Rows) -> Figure:
     )
     caption += "holds 80 % of the movements."
     title = "All movements together"
-    return Figure("steps", "steps", title, caption, 360, {"views": views}, views=called)
+    return PageFigure("steps", "steps", title, caption, 360, {"views": views}, views=called)
 
 
 def lag_dots(result: Result, names: Rows) -> list[dict[str, Any]]:

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 from attlog.present.numbers import listed, number, quantity
 from attlog.reproduce.fan.figures import figures
-from attlog.reproduce.fan.runs import ARM_M, FILTER, RAW, REST_S, SETTLED_S, SPIKE_DEG, WIDER, Seed, one_seed, wider
+from attlog.reproduce.fan.runs import ARM_M, FILTER, RAW, REST_S, SETTLED_S, SPIKE_DEG, WIDER, FanSeed, one_seed, wider
 from attlog.reproduce.judge import above, alternatives, below, difference, mean, ratio, together
-from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting, Table, Verdict
+from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting, PaperTable, Verdict
 from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each_seed
 
@@ -22,7 +22,7 @@ CALLED = {RAW: "raw", FILTER: "complementary filter"} | {
 }
 
 
-def paper(options: Options) -> Paper:
+def paper(options: PaperOptions) -> Paper:
     """Fan's claims, measured."""
     found = each_seed("bench", one_seed, options)
     judged = [_quieter(found), _but_yaw(found), _spikes(found), _sooner(found)]
@@ -47,23 +47,25 @@ def paper(options: Options) -> Paper:
     )
 
 
-def _settings() -> tuple[Setting, ...]:
+def _settings() -> tuple[PaperSetting, ...]:
     return (
-        Setting("complementary filter", "kp 3, ki 0.01 (per second), first-order step", "paper"),
-        Setting("Kalman filter", "12 states: rate, its derivative, gravity, field", "paper"),
-        Setting(
+        PaperSetting("complementary filter", "kp 3, ki 0.01 (per second), first-order step", "paper"),
+        PaperSetting("Kalman filter", "12 states: rate, its derivative, gravity, field", "paper"),
+        PaperSetting(
             "its noise",
             "per sqrt(Hz): gyro 2e-4 rad/s, accelerometer 0.5 m/s^2, field 5 %; "
             "walks per sqrt(s): gravity 0.07 m/s^2, field 0.75 %",
             "ours",
         ),
-        Setting("at rest", f"{REST_S:g} s; standard deviation from {SETTLED_S:g} s on, straight line removed", "ours"),
-        Setting(
+        PaperSetting(
+            "at rest", f"{REST_S:g} s; standard deviation from {SETTLED_S:g} s on, straight line removed", "ours"
+        ),
+        PaperSetting(
             "rotation",
             f"45 deg both ways about each axis in 1.5 s, by hand about a point {100 * ARM_M[0]:g} cm away",
             "ours",
         ),
-        Setting(
+        PaperSetting(
             "sensors",
             "IMU 200 Hz: 0.006 deg/s/sqrt(Hz), 150 ug/sqrt(Hz), gyro bias 0.1 deg/s (1 sigma); "
             "magnetometer 50 Hz: 0.05 uT/sqrt(Hz)",
@@ -86,7 +88,7 @@ def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
     return f"Of the {len(verdicts)} claims about the Kalman filter, so many hold at once: {listed(said)}; {most}."
 
 
-def _spreads(found: Sequence[Seed], row: str, over: str, axis: int) -> Number:
+def _spreads(found: Sequence[FanSeed], row: str, over: str, axis: int) -> PaperNumber:
     return ratio(
         f"spread of {AXES[axis]} at rest, {CALLED[row]} over {CALLED[over]}",
         [s.spread[row][axis] for s in found],
@@ -111,12 +113,12 @@ def _by_walk(verdicts: Sequence[Verdict]) -> str:
     return f"{said}, and cannot be told with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
 
 
-def _span(numbers: Sequence[Number], unit: str) -> str:
+def _span(numbers: Sequence[PaperNumber], unit: str) -> str:
     values = sorted(n.value for n in numbers if n.value is not None)
     return f"{number(values[0], unit)} to {quantity(values[-1], unit)}"
 
 
-def _raw(found: list[Seed]) -> Claim:
+def _raw(found: list[FanSeed]) -> Claim:
     rest = [_spreads(found, RAW, row, axis) for row in (FILTER, *EKFS) for axis in range(3)]
     turned = [
         ratio(
@@ -139,7 +141,7 @@ def _raw(found: list[Seed]) -> Claim:
     )
 
 
-def _quieter(found: list[Seed]) -> Judged:
+def _quieter(found: list[FanSeed]) -> Judged:
     numbers = [[_spreads(found, row, FILTER, axis) for axis in (0, 1)] for row in EKFS]
     verdicts = [together([below(n, 1.0) for n in pair]) for pair in numbers]
     ours = numbers[0]
@@ -158,7 +160,7 @@ def _quieter(found: list[Seed]) -> Judged:
     return claim, verdicts
 
 
-def _but_yaw(found: list[Seed]) -> Judged:
+def _but_yaw(found: list[FanSeed]) -> Judged:
     numbers = [_spreads(found, row, FILTER, 2) for row in EKFS]
     verdicts = [above(n, 1.0) for n in numbers]
     claim = Claim(
@@ -174,7 +176,7 @@ def _but_yaw(found: list[Seed]) -> Judged:
     return claim, verdicts
 
 
-def _spikes(found: list[Seed]) -> Judged:
+def _spikes(found: list[FanSeed]) -> Judged:
     peaks = [
         ratio(
             f"largest quick error in rotation, complementary filter over {CALLED[row]}",
@@ -204,7 +206,7 @@ def _spikes(found: list[Seed]) -> Judged:
     return claim, verdicts
 
 
-def _sooner(found: list[Seed]) -> Judged:
+def _sooner(found: list[FanSeed]) -> Judged:
     delays = [
         difference(
             f"heading half way, {CALLED[row]} after complementary filter",
@@ -234,7 +236,7 @@ def _sooner(found: list[Seed]) -> Judged:
     return claim, verdicts
 
 
-def _table(found: list[Seed]) -> Table:
+def _table(found: list[FanSeed]) -> PaperTable:
     rows = []
     for row in (RAW, FILTER, *EKFS):
         spread = [quantity(mean("", [s.spread[row][axis] for s in found], "deg").value, "deg") for axis in range(3)]
@@ -243,7 +245,7 @@ def _table(found: list[Seed]) -> Table:
         ]
         rows.append((CALLED[row], *spread, *errors))
     head = ("filter", *(f"{a}, at rest" for a in AXES), *(f"{a}, error in rotation" for a in AXES))
-    return Table(
+    return PaperTable(
         "Spread at rest and error in rotation",
         head,
         tuple(rows),

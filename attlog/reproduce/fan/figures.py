@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from attlog.reproduce.fan.runs import EKF, FILTER, RAW, ROWS, Seed, at_rest, turned
+from attlog.reproduce.fan.runs import EKF, FILTER, RAW, ROWS, FanSeed, at_rest, turned
 from attlog.reproduce.judge import mean
-from attlog.reproduce.paper import TRUTH, Figure, Line
-from attlog.reproduce.samples import AXES, Samples, angles, run
+from attlog.reproduce.paper import TRUTH, FigureLine, PaperFigure
+from attlog.reproduce.samples import AXES, FlightSamples, angles, run
 
 PANELS = tuple(f"{axis}, deg" for axis in AXES)
 
 
-def figures(found: Sequence[Seed], called: Mapping[str, str], seed: int = 0) -> tuple[Figure, ...]:
+def figures(found: Sequence[FanSeed], called: Mapping[str, str], seed: int = 0) -> tuple[PaperFigure, ...]:
     """At rest, in rotation, its errors, and the spread at rest over all seeds."""
     still, moved = at_rest(seed), turned(seed)
     return (
-        Figure(
+        PaperFigure(
             "rest",
             "fig. 4",
             "At rest",
@@ -28,7 +28,7 @@ def figures(found: Sequence[Seed], called: Mapping[str, str], seed: int = 0) -> 
             (*_truth(still), *_lines(still, called, errors=False)),
             height=460,
         ),
-        Figure(
+        PaperFigure(
             "turned",
             "fig. 5",
             "By hand to 45 deg both ways about each axis",
@@ -38,7 +38,7 @@ def figures(found: Sequence[Seed], called: Mapping[str, str], seed: int = 0) -> 
             (*_truth(moved), *_lines(moved, called, errors=False)),
             height=460,
         ),
-        Figure(
+        PaperFigure(
             "errors",
             "fig. 5",
             "How far off in rotation",
@@ -52,27 +52,27 @@ def figures(found: Sequence[Seed], called: Mapping[str, str], seed: int = 0) -> 
     )
 
 
-def _truth(s: Samples) -> tuple[Line, ...]:
-    return tuple(Line(TRUTH, s.t, angles(s.q)[:, axis], axis) for axis in range(3))
+def _truth(s: FlightSamples) -> tuple[FigureLine, ...]:
+    return tuple(FigureLine(TRUTH, s.t, angles(s.q)[:, axis], axis) for axis in range(3))
 
 
-def _lines(s: Samples, called: Mapping[str, str], errors: bool) -> tuple[Line, ...]:
+def _lines(s: FlightSamples, called: Mapping[str, str], errors: bool) -> tuple[FigureLine, ...]:
     lines = []
     for row in (RAW, FILTER, EKF):
         found = run(row, s)
         y = found.errors if errors else found.angles
-        lines += [Line(called[row], found.t, y[:, axis], axis) for axis in range(3)]
+        lines += [FigureLine(called[row], found.t, y[:, axis], axis) for axis in range(3)]
     return tuple(lines)
 
 
-def _spread(found: Sequence[Seed], called: Mapping[str, str]) -> Figure:
+def _spread(found: Sequence[FanSeed], called: Mapping[str, str]) -> PaperFigure:
     lines = []
     for row in ROWS[1:]:
         numbers = [mean("", [s.spread[row][axis] for s in found], "deg") for axis in range(3)]
         y = np.array([np.nan if n.value is None else n.value for n in numbers])
         ends = np.array([n.ci95 or (v, v) for n, v in zip(numbers, y, strict=True)])
-        lines.append(Line(called[row], [0.0, 1.0, 2.0], y, 0, ends[:, 0], ends[:, 1]))
-    return Figure(
+        lines.append(FigureLine(called[row], [0.0, 1.0, 2.0], y, 0, ends[:, 0], ends[:, 1]))
+    return PaperFigure(
         "spread",
         "fig. 4",
         "Spread at rest by axis and by the Kalman filter's random walks",

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from attlog.estimators import get
 from attlog.reproduce import response
-from attlog.reproduce.samples import AXES, NOBODY, Found, Samples, rms, run, samples
+from attlog.reproduce.samples import AXES, NOBODY, FilterOutput, FlightSamples, rms, run, samples
 from attlog.simulate.fly import fly
-from attlog.simulate.scenario.commands import Motion
+from attlog.simulate.scenario.commands import PrescribedMotion
 from attlog.simulate.scenario.scenario import Scenario, load
-from attlog.simulate.sensors.settings import Imu, Mag, Sensors
+from attlog.simulate.sensors.settings import ImuSettings, MagSettings, SensorSettings
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -27,13 +27,13 @@ WIDER = (1.0, 3.0, 10.0)
 """Factors on our random walks of gravity and field: the Kalman filter's bandwidth, of which the paper says nothing."""
 REST_S, SETTLED_S = 60.0, 20.0
 SPIKE_DEG = 0.5
-SENSORS = Sensors(imu=(Imu(rate_hz=200.0),), mag=(Mag(rate_hz=50.0),))
+SENSORS = SensorSettings(imu=(ImuSettings(rate_hz=200.0),), mag=(MagSettings(rate_hz=50.0),))
 ARM_M = (0.2, 0.0, 0.0)
 """From the point that a hand turns about to the sensors."""
 
 
 @dataclass(frozen=True, slots=True)
-class Turned:
+class HandTurn:
     """What a row made of the turns: RMS ``errors`` (roll, pitch, heading) in deg; how many ``spikes`` (errors that
     leave their own median of 2 s by more than 0.5 deg) and the largest of them; ``delay_ms`` and ``rise_ms`` of
     heading beyond the true one's, means of three turns.
@@ -47,11 +47,11 @@ class Turned:
 
 
 @dataclass(frozen=True, slots=True)
-class Seed:
+class FanSeed:
     """What one seed gave by row: ``spread`` (roll, pitch, heading) at rest in deg, and the turns."""
 
     spread: dict[str, Triple]
-    turned: dict[str, Turned]
+    turned: dict[str, HandTurn]
 
 
 def wider(factor: float) -> str:
@@ -64,9 +64,11 @@ def wider(factor: float) -> str:
 ROWS = (RAW, FILTER, *map(wider, WIDER))
 
 
-def at_rest(seed: int) -> Samples:
+def at_rest(seed: int) -> FlightSamples:
     """A minute at rest on a table."""
-    return samples(fly(Scenario(name="fan", seconds=REST_S, motion=Motion(), sensors=SENSORS, estimator=NOBODY), seed))
+    return samples(
+        fly(Scenario(name="fan", seconds=REST_S, motion=PrescribedMotion(), sensors=SENSORS, estimator=NOBODY), seed)
+    )
 
 
 def turns() -> Scenario:
@@ -76,7 +78,7 @@ def turns() -> Scenario:
     return scenario.changed(motion=replace(scenario.motion, arm_m=ARM_M), sensors=SENSORS, estimator=NOBODY)
 
 
-def turned(seed: int) -> Samples:
+def turned(seed: int) -> FlightSamples:
     """The board turned about each axis."""
     return samples(fly(turns(), seed))
 
@@ -94,28 +96,28 @@ def heading_moves() -> list[tuple[float, float, float, float]]:
     return found
 
 
-def one_seed(seed: int) -> Seed:
+def one_seed(seed: int) -> FanSeed:
     """Both experiments for one seed."""
     still, moved = at_rest(seed), turned(seed)
-    return Seed({row: _spread(run(row, still)) for row in ROWS}, {row: _turned(run(row, moved)) for row in ROWS})
+    return FanSeed({row: _spread(run(row, still)) for row in ROWS}, {row: _turned(run(row, moved)) for row in ROWS})
 
 
-def _spread(found: Found) -> Triple:
+def _spread(found: FilterOutput) -> Triple:
     late = found.t >= SETTLED_S
     a, b, c = (response.spread(found.t[late], found.angles[late, axis]) for axis in range(len(AXES)))
     return a, b, c
 
 
-def _turned(found: Found) -> Turned:
+def _turned(found: FilterOutput) -> HandTurn:
     late = found.t >= 10.0
     errors = found.errors[late]
     t, quick = response.excursions(found.t[late], errors)
     count, peak = response.spikes(t, np.asarray(np.max(np.abs(quick), axis=1)), SPIKE_DEG)
     a, b, c = (rms(errors[:, axis]) for axis in range(len(AXES)))
-    return Turned((a, b, c), count, peak, *_heading(found))
+    return HandTurn((a, b, c), count, peak, *_heading(found))
 
 
-def _heading(found: Found) -> tuple[float, float]:
+def _heading(found: FilterOutput) -> tuple[float, float]:
     """Delay at half of the way and rise time beyond the true heading's, in ms, means of the turns."""
     truth = np.degrees(np.unwrap(np.arctan2(*_direction(found.truth))))
     own = truth + found.heading_error

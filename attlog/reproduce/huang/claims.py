@@ -9,10 +9,10 @@ import numpy as np
 from attlog.present.numbers import number, quantity
 from attlog.reproduce.huang import runs
 from attlog.reproduce.huang.figures import figures
-from attlog.reproduce.huang.runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, WITHIN_DEG, Returned, Seed
+from attlog.reproduce.huang.runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, WITHIN_DEG, HuangSeed, LevelReturn
 from attlog.reproduce.huang.tables import PRINTED_EKF_S, PRINTED_MAHONY_S, UPDATES, by_filter, linear, times
 from attlog.reproduce.judge import above, below, mean, ratio, share, together
-from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting
+from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting
 from attlog.reproduce.seeds import each_seed
 from attlog.simulate.autopilot.onboard import TRUTH
 
@@ -25,7 +25,7 @@ AXES = ("roll", "pitch", "heading")
 PHASES = ("hover", "moving")
 
 
-def paper(options: Options) -> Paper:
+def paper(options: PaperOptions) -> Paper:
     """Huang's claims, measured."""
     found = each_seed("flights", runs.seed_of, options)
     spent, slow = runs.cost(len(PRINTED_EKF_S), UPDATES), runs.cost(len(PRINTED_EKF_S), UPDATES, every=8)
@@ -51,23 +51,23 @@ def paper(options: Options) -> Paper:
     )
 
 
-def _settings() -> tuple[Setting, ...]:
+def _settings() -> tuple[PaperSetting, ...]:
     return (
-        Setting("filter", "kp 0.3, ki 0.01, 400 Hz", "paper"),
-        Setting("outer loop, roll and pitch", "PI on angle, 4.5 and 0.35", "paper"),
-        Setting("inner loop, roll and pitch", "PID on rate, 0.14, 0.015, 0.0025, 400 Hz", "paper"),
-        Setting("GNSS", "5 Hz", "paper"),
-        Setting("unit of the inner loop", "1 moves the rotors of a side by half of their thrust", "ours"),
-        Setting("yaw", "2.5 on angle, 0.6 and 0.1 on rate", "ours"),
-        Setting("vehicle", "1.5 kg, 0.45 m across, rotors with 25 ms lag", "ours"),
-        Setting("sensors", "Pixhawk class; magnetometer 50 Hz", "ours"),
-        Setting("wind", f"turbulence {runs.WIND_M_S:g} m/s (1 sigma per axis)", "ours"),
-        Setting("flight", f"hover 30 s, back to level from {_listed([a for a, _ in LEVELS])} deg, sines", "ours"),
-        Setting("stand", "the same returns with so much drag that the vehicle does not gather speed", "ours"),
+        PaperSetting("filter", "kp 0.3, ki 0.01, 400 Hz", "paper"),
+        PaperSetting("outer loop, roll and pitch", "PI on angle, 4.5 and 0.35", "paper"),
+        PaperSetting("inner loop, roll and pitch", "PID on rate, 0.14, 0.015, 0.0025, 400 Hz", "paper"),
+        PaperSetting("GNSS", "5 Hz", "paper"),
+        PaperSetting("unit of the inner loop", "1 moves the rotors of a side by half of their thrust", "ours"),
+        PaperSetting("yaw", "2.5 on angle, 0.6 and 0.1 on rate", "ours"),
+        PaperSetting("vehicle", "1.5 kg, 0.45 m across, rotors with 25 ms lag", "ours"),
+        PaperSetting("sensors", "Pixhawk class; magnetometer 50 Hz", "ours"),
+        PaperSetting("wind", f"turbulence {runs.WIND_M_S:g} m/s (1 sigma per axis)", "ours"),
+        PaperSetting("flight", f"hover 30 s, back to level from {_listed([a for a, _ in LEVELS])} deg, sines", "ours"),
+        PaperSetting("stand", "the same returns with so much drag that the vehicle does not gather speed", "ours"),
     )
 
 
-def _follows(found: list[Seed]) -> Claim:
+def _follows(found: list[HuangSeed]) -> Claim:
     own = [s.flown[DCM].errors for s in found]
     numbers = [
         mean(
@@ -100,8 +100,8 @@ def _follows(found: list[Seed]) -> Claim:
     )
 
 
-def _like_an_ekf(found: list[Seed]) -> Claim:
-    numbers: list[Number] = []
+def _like_an_ekf(found: list[HuangSeed]) -> Claim:
+    numbers: list[PaperNumber] = []
     verdicts = []
     for phase in PHASES:
         name = "hover" if phase == "hover" else "returns and sines"
@@ -162,14 +162,14 @@ def _cost(spent: dict[str, list[float]], slow: dict[str, list[float]]) -> Claim:
     )
 
 
-def _level(found: list[Seed]) -> Claim:
+def _level(found: list[HuangSeed]) -> Claim:
     numbers, verdicts = [], []
     largest, settled, times = [], [], []
     for place in ("free flight", "stand"):
         rest = []
         for k, (angle, axis) in enumerate(LEVELS):
             after = f"from {angle:g} deg of {axis}, {place}"
-            seen: list[Returned] = [(s.stand if place == "stand" else s.flown[DCM].returned)[k] for s in found]
+            seen: list[LevelReturn] = [(s.stand if place == "stand" else s.flown[DCM].returned)[k] for s in found]
             left = mean(f"true {axis} that is left, {after}", [abs(r.left_deg) for r in seen], "deg")
             there = share(f"settled as the filter sees it, {after}", [math.isfinite(r.settling_s) for r in seen])
             time = mean(f"settling time as the filter sees it, {after}", [r.settling_s for r in seen], "s")
@@ -194,7 +194,7 @@ def _level(found: list[Seed]) -> Claim:
     )
 
 
-def _hover(found: list[Seed]) -> Claim:
+def _hover(found: list[HuangSeed]) -> Claim:
     most = [max(s.flown[DCM].most_deg) for s in found]
     size = mean(f"largest roll or pitch, turbulence {runs.WIND_M_S:g} m/s", most, "deg")
     inside = share(f"flights within {WITHIN_DEG:g} deg all the time", [m < WITHIN_DEG for m in most])
@@ -222,7 +222,7 @@ def _hover(found: list[Seed]) -> Claim:
     )
 
 
-def _tracks(found: list[Seed]) -> Claim:
+def _tracks(found: list[HuangSeed]) -> Claim:
     numbers, verdicts, said = [], [], []
     for k, (size, period, axis) in enumerate(TRACKS):
         name = f"{axis}, {size:g} deg at {period:g} s"

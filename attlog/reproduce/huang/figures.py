@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from attlog.reproduce.huang import runs
 from attlog.reproduce.huang.runs import DCM, EKF, HOVER, LEVEL_AT, LEVEL_EVERY_S, LEVELS, NEW_EKF, TRACKS
-from attlog.reproduce.paper import TRUTH, Figure, Line
+from attlog.reproduce.paper import TRUTH, FigureLine, PaperFigure
 from attlog.reproduce.samples import angles, run, samples, thinned
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
@@ -22,7 +22,7 @@ STAND = "on the stand"
 
 def figures(
     spent: dict[str, list[float]], printed_mahony: Sequence[float], printed_ekf: Sequence[float], seed: int = 0
-) -> tuple[Figure, ...]:
+) -> tuple[PaperFigure, ...]:
     """Filter against truth, against the EKF, cost, back to level, hover, tracking."""
     flight = fly(runs.scenario(DCM), seed)
     return (
@@ -35,16 +35,16 @@ def figures(
     )
 
 
-def _against_truth(flight: Flight) -> Figure:
+def _against_truth(flight: Flight) -> PaperFigure:
     t, q = flight.onboard.t, flight.onboard.q
     part = np.isfinite(q[:, 0]) & (t >= HOVER[0])
     lines = []
     for axis in range(3):
         lines += [
             _line(TRUTH, flight.truth.t, angles(flight.truth.q)[:, axis], axis, HOVER[0]),
-            Line(OWN, *thinned(t[part], angles(q[part])[:, axis]), axis),
+            FigureLine(OWN, *thinned(t[part], angles(q[part])[:, axis]), axis),
         ]
-    return Figure(
+    return PaperFigure(
         "truth",
         "fig. 3",
         "The filter in the loop against the truth",
@@ -57,14 +57,14 @@ def _against_truth(flight: Flight) -> Figure:
     )
 
 
-def _against_ekf(flight: Flight) -> Figure:
+def _against_ekf(flight: Flight) -> PaperFigure:
     s = samples(flight)
     lines = []
     for row, name in ((DCM, OWN), (EKF, "Fan's EKF"), (NEW_EKF, "mekf")):
         found = run(row, s)
         part = found.t >= HOVER[0]
-        lines += [Line(name, *thinned(found.t[part], found.errors[part, axis]), axis) for axis in range(3)]
-    return Figure(
+        lines += [FigureLine(name, *thinned(found.t[part], found.errors[part, axis]), axis) for axis in range(3)]
+    return PaperFigure(
         "ekf",
         "fig. 4",
         "The filter and EKFs over the same samples, errors",
@@ -76,13 +76,13 @@ def _against_ekf(flight: Flight) -> Figure:
     )
 
 
-def _cost(spent: dict[str, list[float]], mahony: Sequence[float], ekf: Sequence[float]) -> Figure:
+def _cost(spent: dict[str, list[float]], mahony: Sequence[float], ekf: Sequence[float]) -> PaperFigure:
     run_of = np.arange(1.0, len(mahony) + 1.0)
     lines = (
-        Line("the paper", run_of, np.array(ekf) / np.array(mahony)),
-        Line("here", run_of, np.array(spent[EKF]) / np.array(spent[DCM])),
+        FigureLine("the paper", run_of, np.array(ekf) / np.array(mahony)),
+        FigureLine("here", run_of, np.array(spent[EKF]) / np.array(spent[DCM])),
     )
-    return Figure(
+    return PaperFigure(
         "cost",
         "table 1",
         "Time of the EKF over time of Mahony's filter",
@@ -95,9 +95,9 @@ def _cost(spent: dict[str, list[float]], mahony: Sequence[float], ekf: Sequence[
     )
 
 
-def _level(flight: Flight, seed: int) -> Figure:
+def _level(flight: Flight, seed: int) -> PaperFigure:
     """The three returns below each other: true angle and the filter's, on the stand, and the linear loop."""
-    lines: list[Line] = []
+    lines: list[FigureLine] = []
     held = runs.stand(seed)
     shown = np.linspace(-runs.TILTED_S, runs.LEVEL_S, 701)
     for k, (angle, axis) in enumerate(LEVELS):
@@ -107,13 +107,15 @@ def _level(flight: Flight, seed: int) -> Figure:
         step = runs.axis_of(column).step
         linear = angle * (step(shown + runs.TILTED_S) - step(shown))
         lines += [
-            Line(TRUTH, shown, np.interp(since + shown, flight.truth.t, angles(flight.truth.q)[:, column]), k),
-            Line(OWN, shown, np.interp(since + shown, flight.onboard.t, _known(flight)[:, column]), k),
-            Line(f"truth {STAND}", shown, np.interp(beside + shown, held.truth.t, angles(held.truth.q)[:, column]), k),
-            Line(LINEAR, shown, linear, k),
+            FigureLine(TRUTH, shown, np.interp(since + shown, flight.truth.t, angles(flight.truth.q)[:, column]), k),
+            FigureLine(OWN, shown, np.interp(since + shown, flight.onboard.t, _known(flight)[:, column]), k),
+            FigureLine(
+                f"truth {STAND}", shown, np.interp(beside + shown, held.truth.t, angles(held.truth.q)[:, column]), k
+            ),
+            FigureLine(LINEAR, shown, linear, k),
         ]
     panels = tuple(f"{axis} from {angle:g} deg, deg" for angle, axis in LEVELS)
-    return Figure(
+    return PaperFigure(
         "level",
         "fig. 5, 6, 8, 9",
         "From an angle back to level",
@@ -125,7 +127,7 @@ def _level(flight: Flight, seed: int) -> Figure:
     )
 
 
-def _hover(flight: Flight) -> Figure:
+def _hover(flight: Flight) -> PaperFigure:
     t, true = flight.truth.t, angles(flight.truth.q)
     lines = [
         line
@@ -135,7 +137,7 @@ def _hover(flight: Flight) -> Figure:
             _line(OWN, flight.onboard.t, _known(flight)[:, axis], axis, *HOVER),
         )
     ]
-    return Figure(
+    return PaperFigure(
         "hover",
         "fig. 5, 6, 8, 9",
         "Hover",
@@ -146,7 +148,7 @@ def _hover(flight: Flight) -> Figure:
     )
 
 
-def _tracking(flight: Flight) -> Figure:
+def _tracking(flight: Flight) -> PaperFigure:
     lines = []
     for k, (_, _, axis) in enumerate(TRACKS):
         column = ("roll", "pitch").index(axis)
@@ -157,9 +159,9 @@ def _tracking(flight: Flight) -> Figure:
             (WANTED, flight.onboard.t, angles(flight.onboard.q_setpoint)),
         ):
             part = (t >= begin) & (t < begin + runs.TRACK_S)
-            lines.append(Line(name, *thinned(t[part] - begin, y[part, column]), k))
+            lines.append(FigureLine(name, *thinned(t[part] - begin, y[part, column]), k))
     panels = tuple(f"{axis}, sine of {period:g} s, deg" for _, period, axis in TRACKS)
-    return Figure(
+    return PaperFigure(
         "tracking",
         "fig. 5, 6, 8, 9",
         "Angles that follow a set-point",
@@ -179,6 +181,6 @@ def _known(flight: Flight) -> Array:
     return found
 
 
-def _line(name: str, t: Array, y: Array, panel: int, begin: float, end: float = np.inf) -> Line:
+def _line(name: str, t: Array, y: Array, panel: int, begin: float, end: float = np.inf) -> FigureLine:
     part = (t >= begin) & (t < end)
-    return Line(name, *thinned(t[part], y[part]), panel)
+    return FigureLine(name, *thinned(t[part], y[part]), panel)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.base import rotation
 from attlog.reproduce import response
-from attlog.reproduce.samples import Found, angles, rms, run, samples
+from attlog.reproduce.samples import FilterOutput, angles, rms, run, samples
 from attlog.simulate.autopilot.controller import Gains
-from attlog.simulate.autopilot.linear import Axis
-from attlog.simulate.autopilot.loop import Controller, Estimator
+from attlog.simulate.autopilot.linear import LoopAxis
+from attlog.simulate.autopilot.loop import Controller, EstimatorChoice
 from attlog.simulate.autopilot.onboard import TRUTH
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
@@ -25,7 +25,7 @@ from attlog.simulate.scenario.commands import Command
 from attlog.simulate.scenario.place import Wind
 from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.scenario.vehicle import Vehicle
-from attlog.simulate.sensors.settings import Gnss, Imu, Mag, Sensors
+from attlog.simulate.sensors.settings import GnssSettings, ImuSettings, MagSettings, SensorSettings
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ AXES = ("roll", "pitch")
 
 
 @dataclass(frozen=True, slots=True)
-class Returned:
+class LevelReturn:
     """A return to level: ``settling_s`` until the angle stays within 2 deg, ``fall_s`` from 90 to 10 % of the
     angle, ``overshoot_deg`` beyond level, all as the filter shows them; ``left_deg`` is what the true angle is in the
     mean over the last second."""
@@ -66,7 +66,7 @@ class Returned:
 
 
 @dataclass(frozen=True, slots=True)
-class Tracked:
+class AngleTracking:
     """A tracked sine: ``delay_ms`` and ``gain`` of the true angle behind the set-point, by its fundamental;
     ``rms_deg`` between the two."""
 
@@ -76,7 +76,7 @@ class Tracked:
 
 
 @dataclass(frozen=True, slots=True)
-class Errors:
+class HuangErrors:
     """RMS errors (roll, pitch, heading) in deg of an attitude against the truth, in hover and in the moves after it."""
 
     hover: tuple[float, float, float]
@@ -84,25 +84,25 @@ class Errors:
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class HuangFlight:
     """What one seed gave on one filter. ``most_deg``: largest true roll and pitch in hover, ``spread_deg`` their
     standard deviations there, ``drift_m`` how far it got from the mean place; ``crashed``: it touched the ground."""
 
-    errors: Errors
+    errors: HuangErrors
     most_deg: tuple[float, float]
     spread_deg: tuple[float, float]
     drift_m: float
     crashed: bool
-    returned: tuple[Returned, ...]
-    tracked: tuple[Tracked, ...]
+    returned: tuple[LevelReturn, ...]
+    tracked: tuple[AngleTracking, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Replayed:
+class FlightReplay:
     """Filters over the samples of one flight: errors by row, and RMS (roll, pitch, heading) between DCM and EKF."""
 
-    errors: dict[str, Errors]
-    apart: Errors
+    errors: dict[str, HuangErrors]
+    apart: HuangErrors
 
 
 def commands() -> tuple[Command, ...]:
@@ -126,25 +126,27 @@ def scenario(estimator: str, wind: float = WIND_M_S, seconds: float = SECONDS) -
         name="huang",
         seconds=seconds,
         command=commands(),
-        estimator=Estimator(name=estimator),
+        estimator=EstimatorChoice(name=estimator),
         wind=Wind(turbulence_m_s=wind),
-        sensors=Sensors(imu=(Imu(rate_hz=RATE_HZ),), mag=(Mag(rate_hz=50.0),), gnss=(Gnss(rate_hz=5.0),)),
+        sensors=SensorSettings(
+            imu=(ImuSettings(rate_hz=RATE_HZ),), mag=(MagSettings(rate_hz=50.0),), gnss=(GnssSettings(rate_hz=5.0),)
+        ),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Seed:
+class HuangSeed:
     """Everything of one seed: the flight by filter, filters over the samples of the flight on Huang's, returns to
     level on the stand with the errors there, the largest true roll and pitch in hover by wind in m/s."""
 
-    flown: dict[str, Flown]
-    replayed: Replayed
-    stand: tuple[Returned, ...]
+    flown: dict[str, HuangFlight]
+    replayed: FlightReplay
+    stand: tuple[LevelReturn, ...]
     stand_errors: tuple[float, float]
     windy: dict[float, tuple[float, float]]
 
 
-def seed_of(seed: int) -> Seed:
+def seed_of(seed: int) -> HuangSeed:
     """All flights of a seed."""
     flown = {}
     for estimator in FLOWN_ON:
@@ -155,7 +157,7 @@ def seed_of(seed: int) -> Seed:
     held = stand(seed)
     found = _found(held)
     late = found.t >= STAND_AT
-    return Seed(
+    return HuangSeed(
         flown,
         again,
         tuple(_returned(held, STAND_AT + k * STAND_EVERY_S, *level) for k, level in enumerate(LEVELS)),
@@ -176,12 +178,12 @@ def stand(seed: int, estimator: str = DCM) -> Flight:
     return fly(free.changed(seconds=seconds, command=tuple(told), vehicle=held), seed)
 
 
-def replayed(flight: Flight) -> Replayed:
+def replayed(flight: Flight) -> FlightReplay:
     """All rows over the samples of a flight."""
     s = samples(flight)
     found = {row: run(row, s) for row in ROWS}
     dcm, ekf = found[DCM], found[EKF]
-    return Replayed({row: _errors(one) for row, one in found.items()}, _errors(Found(dcm.t, dcm.q, ekf.q)))
+    return FlightReplay({row: _errors(one) for row, one in found.items()}, _errors(FilterOutput(dcm.t, dcm.q, ekf.q)))
 
 
 def hovered(seed: int, wind: float) -> tuple[float, float]:
@@ -191,13 +193,13 @@ def hovered(seed: int, wind: float) -> tuple[float, float]:
     return float(tilt[:, 0].max()), float(tilt[:, 1].max())
 
 
-def measured(flight: Flight) -> Flown:
+def measured(flight: Flight) -> HuangFlight:
     """Everything that the claims need from a flight."""
     truth = flight.truth
     hover = _between(truth.t, *HOVER)
     place = truth.p[hover] - truth.p[hover].mean(axis=0)
     level = angles(truth.q)[hover, :2]
-    return Flown(
+    return HuangFlight(
         _errors(_found(flight)),
         (float(np.abs(level[:, 0]).max()), float(np.abs(level[:, 1]).max())),
         (float(level[:, 0].std()), float(level[:, 1].std())),
@@ -208,7 +210,7 @@ def measured(flight: Flight) -> Flown:
     )
 
 
-def axis_of(index: int) -> Axis:
+def axis_of(index: int) -> LoopAxis:
     """The loop of roll (0) or pitch (1) as transfer functions: what the gains, rotors and inertia alone would do.
 
     The delay: half a period of the IMU's mean, half of the held command, one period until it acts.
@@ -216,7 +218,7 @@ def axis_of(index: int) -> Axis:
     vehicle, period = Vehicle(), 1.0 / RATE_HZ
     torque = 4.0 * 0.5 * vehicle.thrust_max_n * vehicle.arm_m / np.sqrt(2.0)
     authority = float(torque / vehicle.inertia_kg_m2[index])
-    return Axis(authority, vehicle.motor_lag_s, Gains.of(Controller()), index, delay=2.0 * period)
+    return LoopAxis(authority, vehicle.motor_lag_s, Gains.of(Controller()), index, delay=2.0 * period)
 
 
 def cost(rounds: int = 9, updates: int = 4000, every: int = 1, repeats: int = 7) -> dict[str, list[float]]:
@@ -243,18 +245,18 @@ def _between(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
     return np.asarray((t >= begin) & (t < end))
 
 
-def _errors(found: Found) -> Errors:
+def _errors(found: FilterOutput) -> HuangErrors:
     parts = [found.errors[_between(found.t, *span)] for span in (HOVER, (HOVER[1], np.inf))]
     hover, moving = ((rms(p[:, 0]), rms(p[:, 1]), rms(p[:, 2])) for p in parts)
-    return Errors(hover, moving)
+    return HuangErrors(hover, moving)
 
 
-def _found(flight: Flight) -> Found:
+def _found(flight: Flight) -> FilterOutput:
     """What was flown on, with the truth at the same times."""
     truth, board = flight.truth, flight.onboard
     known = np.isfinite(board.q[:, 0])
     t = board.t[known]
-    return Found(t, board.q[known], rotation.slerp(truth.t, truth.q, np.minimum(t, truth.t[-1])))
+    return FilterOutput(t, board.q[known], rotation.slerp(truth.t, truth.q, np.minimum(t, truth.t[-1])))
 
 
 def _level(t: float, angle: float, axis: str) -> list[Command]:
@@ -263,12 +265,12 @@ def _level(t: float, angle: float, axis: str) -> list[Command]:
     return [tilted, Command(t=t + TILTED_S, do="attitude")]
 
 
-def _returned(flight: Flight, tilted_at: float, angle: float, axis: str) -> Returned:
+def _returned(flight: Flight, tilted_at: float, angle: float, axis: str) -> LevelReturn:
     since, found = tilted_at + TILTED_S, _found(flight)
     part = _between(found.t, since - 0.1, since + LEVEL_S)
     t, y = found.t[part], found.angles[part, AXES.index(axis)]
     true = angles(found.truth[part])[:, AXES.index(axis)]
-    return Returned(
+    return LevelReturn(
         response.settling_s(t, y, since, LEVEL_WITHIN_DEG),
         response.rise_s(t, y, since, float(np.interp(since, t, y)), 0.0),
         response.overshoot(t, y, since, angle, 0.0),
@@ -276,7 +278,7 @@ def _returned(flight: Flight, tilted_at: float, angle: float, axis: str) -> Retu
     )
 
 
-def _tracked(flight: Flight, k: int) -> Tracked:
+def _tracked(flight: Flight, k: int) -> AngleTracking:
     _, period, axis = TRACKS[k]
     begin = TRACK_AT + k * TRACK_EVERY_S
     # The first period is the start; whole periods after it.
@@ -291,7 +293,7 @@ def _tracked(flight: Flight, k: int) -> Tracked:
     ratio = found / asked
     both = _between(board.t, *span)
     off = np.interp(board.t[both], t, y) - wanted[both]
-    return Tracked(float(-np.angle(ratio)) / (2.0 * np.pi) * period * 1e3, float(np.abs(ratio)), rms(off))
+    return AngleTracking(float(-np.angle(ratio)) / (2.0 * np.pi) * period * 1e3, float(np.abs(ratio)), rms(off))
 
 
 def _fundamental(t: Array, y: Array, period: float) -> complex:

@@ -9,9 +9,9 @@ import numpy as np
 from attlog.present.numbers import quantity
 from attlog.reproduce import response
 from attlog.reproduce.huang import runs
-from attlog.reproduce.huang.runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, Seed
+from attlog.reproduce.huang.runs import DCM, EKF, LEVELS, NEW_EKF, TRACKS, HuangSeed
 from attlog.reproduce.judge import mean
-from attlog.reproduce.paper import Table
+from attlog.reproduce.paper import PaperTable
 from attlog.simulate.autopilot.linear import margins, rise_and_overshoot
 from attlog.simulate.autopilot.onboard import TRUTH
 
@@ -22,7 +22,7 @@ UPDATES = 4000
 NAMED = {TRUTH: "the true attitude", DCM: "Huang's filter", EKF: "Fan's EKF", NEW_EKF: "mekf"}
 
 
-def times(spent: dict[str, list[float]]) -> Table:
+def times(spent: dict[str, list[float]]) -> PaperTable:
     """Table 1 as it is printed and as it is here."""
     rows = [
         (str(k + 1), f"{a:.4f} s", f"{b:.4f} s", f"{b / a:.2f}", quantity(c, "us"), quantity(d, "us"), f"{d / c:.2f}")
@@ -34,10 +34,10 @@ def times(spent: dict[str, list[float]]) -> Table:
         ("mean", f"{a:.4f} s", f"{b:.4f} s", f"{b / a:.2f}", quantity(c, "us"), quantity(d, "us"), f"{d / c:.2f}")
     )
     head = ("run", "paper: Mahony", "EKF", "ratio", "here: Mahony", "EKF", "ratio")
-    return Table(f"{UPDATES:,} updates (table 1)", head, tuple(rows), "Here: a field at every update.")
+    return PaperTable(f"{UPDATES:,} updates (table 1)", head, tuple(rows), "Here: a field at every update.")
 
 
-def by_filter(found: list[Seed]) -> Table:
+def by_filter(found: list[HuangSeed]) -> PaperTable:
     """What the same flight is on each filter."""
     rows = []
     for row in runs.FLOWN_ON:
@@ -67,10 +67,10 @@ def by_filter(found: list[Seed]) -> Table:
         f"left of {LEVELS[-1][0]:g} deg",
         "delay",
     )
-    return Table("The same flight on other filters", head, tuple(rows), "Means over seeds.")
+    return PaperTable("The same flight on other filters", head, tuple(rows), "Means over seeds.")
 
 
-def linear(found: list[Seed]) -> Table:
+def linear(found: list[HuangSeed]) -> PaperTable:
     """What the transfer function says beside what the vehicle did on the true attitude."""
     axis = runs.axis_of(0)
     limits = margins(axis)
@@ -92,7 +92,7 @@ def linear(found: list[Seed]) -> Table:
         sine = f"{name}, {size:g} deg at {period:g} s"
         rows.append((f"delay, {sine}", quantity(late, "ms"), _mean([f.tracked[k].delay_ms for f in truth], "ms")))
         rows.append((f"gain, {sine}", f"{abs(told):.2f}", _mean([f.tracked[k].gain for f in truth], "1")))
-    return Table(
+    return PaperTable(
         "The loop: transfer function and flight on the true attitude",
         ("", "linear", "flown"),
         tuple(rows),

@@ -10,9 +10,9 @@ from attlog.reproduce.judge import below, difference, mean, ratio, share, togeth
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs
 from attlog.reproduce.lyu.figures import figures
-from attlog.reproduce.lyu.flight import Flown
-from attlog.reproduce.lyu.runs import DROPS, ERR1, READINGS, WRONG_DEG, Bench, fixed, stopped, variable
-from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting, Table
+from attlog.reproduce.lyu.flight import LyuFlight
+from attlog.reproduce.lyu.runs import DROPS, ERR1, READINGS, WRONG_DEG, BenchResult, fixed, stopped, variable
+from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting, PaperTable
 from attlog.reproduce.seeds import each_seed
 
 QUIETER = 0.98
@@ -21,7 +21,7 @@ SOONER_S, CLOSER_DEG = -0.1, -0.1
 """Differences that a person could see in a figure."""
 
 
-def paper(options: Options) -> Paper:
+def paper(options: PaperOptions) -> Paper:
     """Lyu's claims, measured."""
     found = each_seed("bench", runs.bench, options)
     flown = each_seed("flights", lyu_flight.one_seed, options)
@@ -43,18 +43,20 @@ def paper(options: Options) -> Paper:
     )
 
 
-def _settings() -> tuple[Setting, ...]:
+def _settings() -> tuple[PaperSetting, ...]:
     return (
-        Setting("kp", "0.5", "paper"),
-        Setting("ki", "0.001, per second and per sample", "paper"),
-        Setting("err1, err2", "0.3, 0.8 (sine of the error: 17 and 53 deg)", "paper"),
-        Setting("sensor", "MPU6050", "paper"),
-        Setting("its noise", "0.005 deg/s/sqrt(Hz), 400 ug/sqrt(Hz), from its data sheet", "ours"),
-        Setting("magnetometer", "none: heading is free", "paper"),
-        Setting("sampling", "200 Hz; gyro range 500 deg/s, once 250; gyro bias left 0.1 deg/s (1 sigma)", "ours"),
-        Setting("at rest", "60 s on a table tilted by 1 to 3 deg; spread from 20 s on, straight line removed", "ours"),
-        Setting("drop", "up about an edge 15 cm away in 1 s, held 4 s, dropped in 0.3 s, a blow of 2 g", "ours"),
-        Setting(
+        PaperSetting("kp", "0.5", "paper"),
+        PaperSetting("ki", "0.001, per second and per sample", "paper"),
+        PaperSetting("err1, err2", "0.3, 0.8 (sine of the error: 17 and 53 deg)", "paper"),
+        PaperSetting("sensor", "MPU6050", "paper"),
+        PaperSetting("its noise", "0.005 deg/s/sqrt(Hz), 400 ug/sqrt(Hz), from its data sheet", "ours"),
+        PaperSetting("magnetometer", "none: heading is free", "paper"),
+        PaperSetting("sampling", "200 Hz; gyro range 500 deg/s, once 250; gyro bias left 0.1 deg/s (1 sigma)", "ours"),
+        PaperSetting(
+            "at rest", "60 s on a table tilted by 1 to 3 deg; spread from 20 s on, straight line removed", "ours"
+        ),
+        PaperSetting("drop", "up about an edge 15 cm away in 1 s, held 4 s, dropped in 0.3 s, a blow of 2 g", "ours"),
+        PaperSetting(
             "flight",
             f"take-off, hover, roll on a sine of {lyu_flight.AMPLITUDE_DEG:g} deg and "
             f"{lyu_flight.PERIOD_S:g} s, on the filter's attitude, by Huang's controller",
@@ -63,7 +65,7 @@ def _settings() -> tuple[Setting, ...]:
     )
 
 
-def _at_rest(found: list[Bench]) -> Claim:
+def _at_rest(found: list[BenchResult]) -> Claim:
     numbers, verdicts = [], []
     for reading in READINGS:
         for axis, name in enumerate(("roll", "pitch")):
@@ -88,7 +90,7 @@ def _at_rest(found: list[Bench]) -> Claim:
         "fig. 4",
         "Standard deviation of roll and pitch at rest, both filters on the same samples; holds if the whole "
         f"interval of the ratio is below {QUIETER:g}.",
-        (*numbers, equal, spread, none, Number("largest |e| at rest, of 1", largest, "")),
+        (*numbers, equal, spread, none, PaperNumber("largest |e| at rest, of 1", largest, "")),
         together(verdicts),
         f"Not by anything: the two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The "
         f"integral fades above |e| = {ERR1:g}, at rest |e| stays below {math.ceil(100 * largest) / 100:g}: there it is "
@@ -97,7 +99,7 @@ def _at_rest(found: list[Bench]) -> Claim:
     )
 
 
-def _each_drop(found: list[Bench], what: str, field: str, unit: str) -> list[Number]:
+def _each_drop(found: list[BenchResult], what: str, field: str, unit: str) -> list[PaperNumber]:
     """Differences (variable minus fixed) of a field by reading and drop."""
     return [
         difference(
@@ -111,7 +113,7 @@ def _each_drop(found: list[Bench], what: str, field: str, unit: str) -> list[Num
     ]
 
 
-def _each_start(found: list[Bench], what: str, field: str, unit: str, ours: bool = False) -> list[Number]:
+def _each_start(found: list[BenchResult], what: str, field: str, unit: str, ours: bool = False) -> list[PaperNumber]:
     """Differences (variable, or ours, minus fixed) of a field by reading and angle of the wrong start."""
     kind, name = (stopped, "input stopped") if ours else (variable, "variable")
     return [
@@ -130,7 +132,7 @@ def _named(angle: float, span: float) -> str:
     return f"{angle:g} deg" if span > 300.0 else f"{angle:g} deg, gyro range {span:g} deg/s"
 
 
-def _range(numbers: list[Number], unit: str) -> str:
+def _range(numbers: list[PaperNumber], unit: str) -> str:
     """Where the numbers lie, in words: from the smallest to the largest, or that all are too small to see."""
     values = [n.value for n in numbers if n.value is not None]
     largest = max(map(abs, values))
@@ -139,7 +141,7 @@ def _range(numbers: list[Number], unit: str) -> str:
     return f"{quantity(min(values), unit, True)} to {quantity(max(values), unit, True)}"
 
 
-def _follows(found: list[Bench]) -> Claim:
+def _follows(found: list[BenchResult]) -> Claim:
     numbers = _each_drop(found, "RMS error of tilt", "error_deg", "deg")
     above = [
         mean(
@@ -163,7 +165,7 @@ def _follows(found: list[Bench]) -> Claim:
     )
 
 
-def _settles(found: list[Bench]) -> Claim:
+def _settles(found: list[BenchResult]) -> Claim:
     drops = _each_drop(found, "settling time", "settling_s", "s")
     starts = _each_start(found, "settling time", "settling_s", "s")
     ours = _each_start(found, "settling time", "settling_s", "s", ours=True)
@@ -182,7 +184,7 @@ def _settles(found: list[Bench]) -> Claim:
     )
 
 
-def _overshoots(found: list[Bench]) -> Claim:
+def _overshoots(found: list[BenchResult]) -> Claim:
     drops = _each_drop(found, "overshoot", "overshoot_deg", "deg")
     starts = _each_start(found, "overshoot", "overshoot_deg", "deg")
     ours = _each_start(found, "overshoot", "overshoot_deg", "deg", ours=True)
@@ -205,7 +207,7 @@ def _overshoots(found: list[Bench]) -> Claim:
     )
 
 
-def _flies(found: list[dict[str, Flown]]) -> Claim:
+def _flies(found: list[dict[str, LyuFlight]]) -> Claim:
     numbers = [
         difference(
             f"{what}, variable minus fixed, ki per {reading}",
@@ -228,7 +230,7 @@ def _flies(found: list[dict[str, Flown]]) -> Claim:
         "fig. 3",
         "RMS error of tilt from take-off on and RMS distance of the true roll from its set-point, flown on either "
         f"filter's attitude; holds if the whole interval of each difference is below {CLOSER_DEG:g} deg.",
-        (*numbers, *sizes, equal, Number("largest |e| in flight, of 1", largest, "")),
+        (*numbers, *sizes, equal, PaperNumber("largest |e| in flight, of 1", largest, "")),
         together([below(n, CLOSER_DEG) for n in numbers]),
         f"{quantity(equal.value, 'pct')} of the flights are equal to the last bit, and the others differ by "
         f"{_range(numbers, 'deg')} where the error of tilt is {quantity(sizes[0].value, 'deg')}: |e| reaches "
@@ -236,7 +238,7 @@ def _flies(found: list[dict[str, Flown]]) -> Claim:
     )
 
 
-def _table(found: list[Bench]) -> Table:
+def _table(found: list[BenchResult]) -> PaperTable:
     """Means of settling time and overshoot by row."""
     kinds = (("fixed", fixed), ("variable, as printed", variable), ("variable, input stopped", stopped))
     rows = []
@@ -249,7 +251,7 @@ def _table(found: list[Bench]) -> Table:
             ]
             rows.append((f"{name}, ki per {reading}", *cells))
     head = ("integral", *(f"{a:g} deg: {w}" for a in WRONG_DEG for w in ("settles", "overshoots")))
-    return Table(
+    return PaperTable(
         "From a start with a wrong angle",
         head,
         tuple(rows),

@@ -7,7 +7,7 @@ import numpy as np
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs
 from attlog.reproduce.lyu.runs import READINGS, fixed, stopped, variable
-from attlog.reproduce.paper import TRUTH, Figure, Line
+from attlog.reproduce.paper import TRUTH, FigureLine, PaperFigure
 from attlog.reproduce.samples import angles, run
 
 NAMES = {
@@ -18,18 +18,18 @@ NAMES = {
 DRAWN = [row for row in runs.ROWS if row not in (stopped("second"), stopped("sample"))]
 
 
-def figures(seed: int = 0) -> tuple[Figure, ...]:
+def figures(seed: int = 0) -> tuple[PaperFigure, ...]:
     """At rest, lifted and dropped, from a wrong start, in flight."""
     return _at_rest(seed), _dropped(seed), _wrong_start(seed), _flown(seed)
 
 
-def _at_rest(seed: int) -> Figure:
+def _at_rest(seed: int) -> PaperFigure:
     s = runs.at_rest(seed)
-    lines = [Line(TRUTH, s.t[[0, -1]], angles(s.q)[[0, -1], axis], axis) for axis in (0, 1)]
+    lines = [FigureLine(TRUTH, s.t[[0, -1]], angles(s.q)[[0, -1], axis], axis) for axis in (0, 1)]
     for row in DRAWN:
         found = run(row, s)
-        lines += [Line(NAMES[row], found.t, found.angles[:, axis], axis) for axis in (0, 1)]
-    return Figure(
+        lines += [FigureLine(NAMES[row], found.t, found.angles[:, axis], axis) for axis in (0, 1)]
+    return PaperFigure(
         "rest",
         "fig. 4",
         "At rest on a tilted table",
@@ -41,18 +41,18 @@ def _at_rest(seed: int) -> Figure:
     )
 
 
-def _dropped(seed: int) -> Figure:
+def _dropped(seed: int) -> PaperFigure:
     s = runs.drop(seed, 60.0, 500.0)
     shown = (s.t > runs.STILL_S - 1.0) & (s.t < runs.DROP_AT + 15.0)
-    lines = [Line(TRUTH, s.t[shown], angles(s.q)[shown, 0], 0)]
+    lines = [FigureLine(TRUTH, s.t[shown], angles(s.q)[shown, 0], 0)]
     for row in DRAWN:
         found = run(row, s)
         part = (found.t >= s.t[shown][0]) & (found.t <= s.t[shown][-1])
         lines += [
-            Line(NAMES[row], found.t[part], found.angles[part, 0], 0),
-            Line(NAMES[row], found.t[part], found.errors[part, 0], 1),
+            FigureLine(NAMES[row], found.t[part], found.angles[part, 0], 0),
+            FigureLine(NAMES[row], found.t[part], found.errors[part, 0], 1),
         ]
-    return Figure(
+    return PaperFigure(
         "drop",
         "fig. 5",
         "Lifted to 60 deg and dropped",
@@ -63,15 +63,15 @@ def _dropped(seed: int) -> Figure:
     )
 
 
-def _wrong_start(seed: int) -> Figure:
+def _wrong_start(seed: int) -> PaperFigure:
     s = runs.at_rest(seed)
     shown = 25.0
-    lines = [Line(TRUTH, [0.0, shown], [0.0, 0.0])]
+    lines = [FigureLine(TRUTH, [0.0, shown], [0.0, 0.0])]
     for row in runs.ROWS:
         found = runs.wrong_start(row, s, 60.0)
         part = found.t <= shown
-        lines.append(Line(NAMES[row], found.t[part], np.asarray(found.errors[part, 0]), 0))
-    return Figure(
+        lines.append(FigureLine(NAMES[row], found.t[part], np.asarray(found.errors[part, 0]), 0))
+    return PaperFigure(
         "start",
         "fig. 5",
         "An error of 60 deg",
@@ -83,8 +83,8 @@ def _wrong_start(seed: int) -> Figure:
     )
 
 
-def _flown(seed: int) -> Figure:
-    lines: list[Line] = []
+def _flown(seed: int) -> PaperFigure:
+    lines: list[FigureLine] = []
     for row in (fixed("second"), variable("second")):
         flight = lyu_flight.flight(row, seed)
         on, truth = flight.onboard, flight.truth
@@ -92,9 +92,9 @@ def _flown(seed: int) -> Figure:
         t, found = on.t[shown], angles(on.q)[shown, 0]
         true = np.interp(t, truth.t, angles(truth.q)[:, 0])
         if not lines:
-            lines += [Line(TRUTH, t, true), Line("set-point", t, angles(on.q_setpoint)[shown, 0])]
-        lines += [Line(NAMES[row], t, found), Line(NAMES[row], t, found - true, 1)]
-    return Figure(
+            lines += [FigureLine(TRUTH, t, true), FigureLine("set-point", t, angles(on.q_setpoint)[shown, 0])]
+        lines += [FigureLine(NAMES[row], t, found), FigureLine(NAMES[row], t, found - true, 1)]
+    return PaperFigure(
         "flight",
         "fig. 3",
         "In flight, roll on a sine",

@@ -9,19 +9,19 @@ import numpy as np
 from attlog.base import rotation
 from attlog.reproduce.lyu.runs import MPU6050, READINGS, fixed, variable
 from attlog.reproduce.samples import gravity_error, rms, run, samples
-from attlog.simulate.autopilot.loop import Estimator
+from attlog.simulate.autopilot.loop import EstimatorChoice
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario.commands import Command
 from attlog.simulate.scenario.scenario import Scenario
-from attlog.simulate.sensors.settings import Sensors
+from attlog.simulate.sensors.settings import SensorSettings
 
 TRACK_S, SECONDS = 20.0, 32.0
 AMPLITUDE_DEG, PERIOD_S = 15.0, 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class LyuFlight:
     """One flight from take-off to its end: RMS of the tilt error of the estimate and of the distance of the true roll
     from its set-point (deg), the largest |e|, ``equal`` to the flight on the traditional filter to the last bit.
     """
@@ -40,7 +40,11 @@ def scenario(row: str) -> Scenario:
         Command(t=TRACK_S, do="track", amplitude_deg=AMPLITUDE_DEG, period_s=PERIOD_S),
     )
     return Scenario(
-        name="lyu", seconds=SECONDS, command=commands, sensors=Sensors(imu=(MPU6050,), mag=()), estimator=Estimator(row)
+        name="lyu",
+        seconds=SECONDS,
+        command=commands,
+        sensors=SensorSettings(imu=(MPU6050,), mag=()),
+        estimator=EstimatorChoice(row),
     )
 
 
@@ -49,9 +53,9 @@ def flight(row: str, seed: int) -> Flight:
     return fly(scenario(row), seed)
 
 
-def one_seed(seed: int) -> dict[str, Flown]:
+def one_seed(seed: int) -> dict[str, LyuFlight]:
     """All flights of one seed by row."""
-    found: dict[str, Flown] = {}
+    found: dict[str, LyuFlight] = {}
     for reading in READINGS:
         traditional = flight(fixed(reading), seed)
         other = flight(variable(reading), seed)
@@ -61,7 +65,7 @@ def one_seed(seed: int) -> dict[str, Flown]:
     return found
 
 
-def _flown(flown: Flight, row: str, equal: bool) -> Flown:
+def _flown(flown: Flight, row: str, equal: bool) -> LyuFlight:
     on, truth = flown.onboard, flown.truth
     true = rotation.slerp(truth.t, truth.q, np.minimum(on.t, truth.t[-1]))
     air, tracking = on.t >= 12.0, on.t >= TRACK_S + 1.0
@@ -69,4 +73,4 @@ def _flown(flown: Flight, row: str, equal: bool) -> Flown:
     roll = np.degrees(rotation.to_euler(true)[:, 0] - rotation.to_euler(on.q_setpoint)[:, 0])[tracking]
     s = samples(flown, mag=False)
     e = gravity_error(s, run(row, s))[s.t >= 12.0]
-    return Flown(rms(tilt), rms(roll), float(e.max()), equal)
+    return LyuFlight(rms(tilt), rms(roll), float(e.max()), equal)

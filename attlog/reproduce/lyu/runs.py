@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.reproduce import response
-from attlog.reproduce.samples import NOBODY, Found, Samples, gravity_error, rms, run, samples
+from attlog.reproduce.samples import NOBODY, FilterOutput, FlightSamples, gravity_error, rms, run, samples
 from attlog.simulate.fly import fly
-from attlog.simulate.scenario.commands import Motion, Move
+from attlog.simulate.scenario.commands import Move, PrescribedMotion
 from attlog.simulate.scenario.scenario import Scenario
-from attlog.simulate.sensors.settings import Accelerometer, Gyro, Imu, Sensors
+from attlog.simulate.sensors.settings import AccelerometerSettings, GyroSettings, ImuSettings, SensorSettings
 
 Array = NDArray[np.float64]
 
 RATE_HZ = 200.0
-MPU6050 = Imu(
+MPU6050 = ImuSettings(
     rate_hz=RATE_HZ,
-    gyro=Gyro(noise_dps_rthz=0.005, bias_spread_dps=0.1, range_dps=500.0, step_dps=500.0 / 32768),
-    acc=Accelerometer(noise_ug_rthz=400.0, range_g=4.0, step_mg=4000.0 / 32768),
+    gyro=GyroSettings(noise_dps_rthz=0.005, bias_spread_dps=0.1, range_dps=500.0, step_dps=500.0 / 32768),
+    acc=AccelerometerSettings(noise_ug_rthz=400.0, range_g=4.0, step_mg=4000.0 / 32768),
 )
 """InvenSense PS-MPU-6000A: 0.005 deg/s/sqrt(Hz), 400 ug/sqrt(Hz); ranges, rate and the bias left are ours."""
 READINGS = ("second", "sample")
@@ -60,7 +60,7 @@ ROWS = tuple(kind(reading) for reading in READINGS for kind in (fixed, variable,
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
+class BenchMotion:
     """What a row made of a drop or of a wrong start: ``settling_s`` until its error of roll stays near where it ends,
     ``overshoot_deg`` of roll beyond the true one, ``error_deg`` RMS of tilt, ``above_pct`` of the time in which |e| is
     above err1, ``q_equal`` to the traditional filter to the last bit.
@@ -74,7 +74,7 @@ class Moved:
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class BenchResult:
     """What one seed gave on the bench. ``spread``: roll and pitch at rest in deg by row; ``without`` any integral;
     ``largest_e`` at rest; ``equal``: variable and fixed integral to the last bit, by reading of ki.
     """
@@ -83,23 +83,23 @@ class Bench:
     without: tuple[float, float]
     largest_e: float
     equal: dict[str, bool]
-    dropped: dict[Key, Moved]
-    started: dict[tuple[str, float], Moved]
+    dropped: dict[Key, BenchMotion]
+    started: dict[tuple[str, float], BenchMotion]
 
 
-def board(seconds: float, motion: Motion, range_dps: float = 500.0) -> Scenario:
+def board(seconds: float, motion: PrescribedMotion, range_dps: float = 500.0) -> Scenario:
     """Lyu's board, moved by hand or at rest on a table, rotors off."""
     gyro = replace(MPU6050.gyro, range_dps=range_dps, step_dps=range_dps / 32768)
     return Scenario(
         name="lyu",
         seconds=seconds,
         motion=motion,
-        sensors=Sensors(imu=(replace(MPU6050, gyro=gyro),), mag=()),
+        sensors=SensorSettings(imu=(replace(MPU6050, gyro=gyro),), mag=()),
         estimator=NOBODY,
     )
 
 
-def lifted(angle: float) -> Motion:
+def lifted(angle: float) -> PrescribedMotion:
     """Rest, up about one edge, held, dropped within 0.3 s onto the table."""
     moves = (
         Move(seconds=STILL_S),
@@ -107,38 +107,38 @@ def lifted(angle: float) -> Motion:
         Move(seconds=HOLD_S),
         Move(seconds=DROP_S, roll_deg=0.0, shock_m_s2=20.0),
     )
-    return Motion(arm_m=(0.0, -0.15, 0.0), move=moves)
+    return PrescribedMotion(arm_m=(0.0, -0.15, 0.0), move=moves)
 
 
-def tilted(seed: int) -> Motion:
+def tilted(seed: int) -> PrescribedMotion:
     """A table tilted by 1 to 3 deg towards somewhere."""
     draw = np.random.default_rng([seed, 24])
     size, where = draw.uniform(1.0, 3.0), draw.uniform(0.0, 2.0 * np.pi)
-    return Motion(roll_deg=float(size * np.cos(where)), pitch_deg=float(size * np.sin(where)))
+    return PrescribedMotion(roll_deg=float(size * np.cos(where)), pitch_deg=float(size * np.sin(where)))
 
 
-def at_rest(seed: int) -> Samples:
+def at_rest(seed: int) -> FlightSamples:
     """The board on its tilted table."""
     return samples(fly(board(REST_S, tilted(seed)), seed), mag=False)
 
 
-def drop(seed: int, angle: float, range_dps: float) -> Samples:
+def drop(seed: int, angle: float, range_dps: float) -> FlightSamples:
     """The board lifted and dropped."""
     return samples(fly(board(DROP_AT + DROP_S + AFTER_S, lifted(angle), range_dps), seed), mag=False)
 
 
-def wrong_start(row: str, s: Samples, angle: float) -> Found:
+def wrong_start(row: str, s: FlightSamples, angle: float) -> FilterOutput:
     """A row over samples at rest that starts ``angle`` deg off in roll."""
     return run(row, s, q0=rotation.multiply(s.q[0], rotation.from_euler(np.radians(angle), 0.0, 0.0)))
 
 
-def bench(seed: int) -> Bench:
+def bench(seed: int) -> BenchResult:
     """All experiments on the bench for one seed."""
     still = at_rest(seed)
     found = {row: run(row, still) for row in ROWS}
     none = run("complementary@lyu-fixed:ki=0", still)
-    dropped: dict[Key, Moved] = {}
-    started: dict[tuple[str, float], Moved] = {}
+    dropped: dict[Key, BenchMotion] = {}
+    started: dict[tuple[str, float], BenchMotion] = {}
     for angle, range_dps in DROPS:
         s = drop(seed, angle, range_dps)
         runs = {row: run(row, s) for row in ROWS}
@@ -147,7 +147,7 @@ def bench(seed: int) -> Bench:
     for angle in WRONG_DEG:
         runs = {row: wrong_start(row, still, angle) for row in ROWS}
         started |= {(row, angle): _started(still, one, runs[fixed(_reading(row))], angle) for row, one in runs.items()}
-    return Bench(
+    return BenchResult(
         {row: _spread(one) for row, one in found.items()},
         _spread(none),
         max(float(gravity_error(still, one).max()) for one in found.values()),
@@ -161,17 +161,17 @@ def _reading(row: str) -> str:
     return next(r for r in READINGS if f"ki_per={r}" in row)
 
 
-def _spread(found: Found) -> tuple[float, float]:
+def _spread(found: FilterOutput) -> tuple[float, float]:
     """Standard deviations of roll and pitch in deg, straight line removed."""
     late = found.t >= SETTLED_S
     return response.spread(found.t[late], found.angles[late, 0]), response.spread(found.t[late], found.angles[late, 1])
 
 
-def _dropped(s: Samples, found: Found, traditional: Found) -> Moved:
+def _dropped(s: FlightSamples, found: FilterOutput, traditional: FilterOutput) -> BenchMotion:
     error, late = found.errors[:, 0], DROP_AT + DROP_S
     end = float(np.mean(error[found.t >= found.t[-1] - 5.0]))
     moving = (found.t >= STILL_S) & (found.t < late + 5.0)
-    return Moved(
+    return BenchMotion(
         response.settling_s(found.t, error - end, late, DROP_WITHIN_DEG),
         response.overshoot(found.t, error, late, 1.0, 0.0),
         rms(found.tilt_error[moving]),
@@ -180,9 +180,9 @@ def _dropped(s: Samples, found: Found, traditional: Found) -> Moved:
     )
 
 
-def _started(s: Samples, found: Found, traditional: Found, angle: float) -> Moved:
+def _started(s: FlightSamples, found: FilterOutput, traditional: FilterOutput, angle: float) -> BenchMotion:
     roll = found.errors[:, 0]
-    return Moved(
+    return BenchMotion(
         response.settling_s(found.t, roll, float(found.t[0]), WRONG_WITHIN_DEG),
         response.overshoot(found.t, roll, float(found.t[0]), angle, 0.0),
         rms(found.tilt_error),

@@ -10,12 +10,12 @@ import numpy as np
 
 from attlog.present.numbers import quantity
 from attlog.reproduce.judge import above, ratio
-from attlog.reproduce.paper import Number
+from attlog.reproduce.paper import PaperNumber
 from attlog.reproduce.xu.runs import SWEPT, gain
 
 
 @dataclass(frozen=True, slots=True)
-class Runs:
+class GainErrors:
     """Simulated missions or real flights, as lists by row: RMS in the band by axis in deg, dominant frequencies in Hz,
     errors of tilt and heading in deg, NaN where a flight has none."""
 
@@ -41,12 +41,12 @@ class Runs:
 
 
 @dataclass(frozen=True, slots=True)
-class Best:
+class BestGain:
     """The gain with the smallest error, those that are not told apart from it, and the error of 0.6 over its."""
 
     kp: float
     alike: tuple[float, ...]
-    over: Number
+    over: PaperNumber
 
     @property
     def tells(self) -> bool:
@@ -66,11 +66,11 @@ class Best:
         return any(low <= kp <= high for kp in self.alike)
 
 
-def best_gain(runs: Runs, errors: Mapping[str, list[float]], what: str) -> Best:
+def best_gain(runs: GainErrors, errors: Mapping[str, list[float]], what: str) -> BestGain:
     """The best over the flights on which every gain has an error, by the mean logarithm."""
     usable = [k for k in range(runs.flights) if all(math.isfinite(errors[gain(kp)][k]) for kp in SWEPT)]
     found = {kp: [errors[gain(kp)][k] for k in usable] for kp in SWEPT}
     best = min(SWEPT, key=lambda kp: float(np.mean(np.log(found[kp]))) if usable else 0.0)
     alike = tuple(kp for kp in SWEPT if kp == best or above(ratio("", found[kp], found[best]), 1.0) != "holds")
     said = f"error of {what}, kp 0.6 over {best:g}, the best, {runs.called}"
-    return Best(best, alike, ratio(said, found[0.6], found[best]))
+    return BestGain(best, alike, ratio(said, found[0.6], found[best]))

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from attlog.present.numbers import counted, interval, listed, quantity
 from attlog.reproduce.judge import above, below, mean, ratio, together
-from attlog.reproduce.paper import Claim, Number, Options, Paper, Setting, Verdict
+from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions, PaperSetting, Verdict
 from attlog.reproduce.samples import AXES
 from attlog.reproduce.seeds import each, each_seed
-from attlog.reproduce.xu.best import Runs, best_gain
+from attlog.reproduce.xu.best import GainErrors, best_gain
 from attlog.reproduce.xu.figures import figures, table
-from attlog.reproduce.xu.logs import OnLog, on_log
-from attlog.reproduce.xu.runs import ADAPTIVE, BAND_HZ, FIXED, ROWS, SWEPT, Seed, gain, one_seed
+from attlog.reproduce.xu.logs import LogOscillation, on_log
+from attlog.reproduce.xu.runs import ADAPTIVE, BAND_HZ, FIXED, ROWS, SWEPT, XuSeed, gain, one_seed
 
 SAMPLES = Path(__file__).parents[3] / "sample_logs"
 """The flights that come with the source; an installed package has none."""
@@ -27,7 +27,7 @@ LITTLE = 1.1
 BETTER = 0.98
 
 
-def paper(options: Options) -> Paper:
+def paper(options: PaperOptions) -> Paper:
     """Xu's claims, measured on simulated missions and on logs."""
     seeds = each_seed("missions", one_seed, options)
     paths = options.logs or tuple(sorted(p for p in SAMPLES.glob("*") if p.suffix in (".ulg", ".bin")))
@@ -49,27 +49,29 @@ def paper(options: Options) -> Paper:
     )
 
 
-def _settings(logs: int) -> tuple[Setting, ...]:
+def _settings(logs: int) -> tuple[PaperSetting, ...]:
     return (
-        Setting("kp", "0.6, 1.1, 2", "paper"),
-        Setting("ki", "0: none is printed", "ours"),
-        Setting(
+        PaperSetting("kp", "0.6, 1.1, 2", "paper"),
+        PaperSetting("ki", "0: none is printed", "ours"),
+        PaperSetting(
             "adaptive gain",
             "kp 0.6, faded where the specific force (low-passed over 0.1 s in earth axes) is "
             "10 to 20 % off g (after Valenti 2015)",
             "ours",
         ),
-        Setting(
+        PaperSetting(
             "mission",
             "the library's waypoints: a square of 30 m at up to 6 m/s, nose ahead, wind of 3 m/s; flown "
             "on the true attitude, so that no filter changes the flight",
             "ours",
         ),
-        Setting(
+        PaperSetting(
             "sensors", "IMU 200 Hz with rotor vibration, gyro bias 0.1 deg/s (1 sigma); magnetometer 50 Hz", "ours"
         ),
-        Setting("flights", f"the paper has Pixhawk logs; here simulated missions and {counted(logs, 'log')}", "ours"),
-        Setting(
+        PaperSetting(
+            "flights", f"the paper has Pixhawk logs; here simulated missions and {counted(logs, 'log')}", "ours"
+        ),
+        PaperSetting(
             "oscillation",
             f"RMS from {BAND}: in simulation of the error; on logs of what the filter pushes in "
             "beyond the gyro alone, in windows of 10 s within 20 deg of their mean attitude",
@@ -78,7 +80,7 @@ def _settings(logs: int) -> tuple[Setting, ...]:
     )
 
 
-def _notes(logs: Sequence[OnLog]) -> tuple[str, ...]:
+def _notes(logs: Sequence[LogOscillation]) -> tuple[str, ...]:
     left_out = [f"{log.name} ({log.why_not})" for log in logs if log.why_not]
     kinds = {log.reference for log in logs if not log.why_not}
     found = [
@@ -96,8 +98,8 @@ def _notes(logs: Sequence[OnLog]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _of_seeds(seeds: Sequence[Seed]) -> Runs:
-    return Runs(
+def _of_seeds(seeds: Sequence[XuSeed]) -> GainErrors:
+    return GainErrors(
         "simulated missions",
         {row: [s.rms[row] for s in seeds] for row in ROWS},
         {row: [s.hz[row] for s in seeds] for row in ROWS},
@@ -106,9 +108,9 @@ def _of_seeds(seeds: Sequence[Seed]) -> Runs:
     )
 
 
-def _of_logs(logs: Sequence[OnLog]) -> Runs:
+def _of_logs(logs: Sequence[LogOscillation]) -> GainErrors:
     nothing = (math.nan, math.nan)
-    return Runs(
+    return GainErrors(
         "logs",
         {row: [log.rms[row] for log in logs] for row in ROWS},
         {row: [log.hz[row] for log in logs] for row in ROWS},
@@ -117,22 +119,22 @@ def _of_logs(logs: Sequence[OnLog]) -> Runs:
     )
 
 
-def _step(runs: Runs, axis: int, high: float, low: float) -> Number:
+def _step(runs: GainErrors, axis: int, high: float, low: float) -> PaperNumber:
     what = f"{AXES[axis]} in the band, kp {high:g} over {low:g}, {runs.called}"
     return ratio(what, runs.in_band(gain(high), axis), runs.in_band(gain(low), axis))
 
 
-def _told(numbers: Sequence[Number]) -> str:
+def _told(numbers: Sequence[PaperNumber]) -> str:
     """Numbers with their intervals in words."""
     return listed([quantity(n.value, n.unit) + (f" ({interval(n.ci95, n.unit)})" if n.ci95 else "") for n in numbers])
 
 
-def _verdict(runs: Sequence[Runs], parts: Mapping[str, list[Verdict]]) -> Verdict:
+def _verdict(runs: Sequence[GainErrors], parts: Mapping[str, list[Verdict]]) -> Verdict:
     """Over simulated missions, and over logs where there are enough for an interval."""
     return together([v for r in runs if r is runs[0] or r.flights > 1 for v in parts[r.called]])
 
 
-def _oscillates(runs: Sequence[Runs]) -> Claim:
+def _oscillates(runs: Sequence[GainErrors]) -> Claim:
     steps = {r.called: [_step(r, axis, *pair) for axis in (0, 1) for pair in PAIRS] for r in runs}
     hz = [
         mean(f"dominant frequency of {AXES[axis]}, kp {kp:g}, {r.called}", [h[axis] for h in r.hz[row]], "Hz")
@@ -156,7 +158,7 @@ def _oscillates(runs: Sequence[Runs]) -> Claim:
     )
 
 
-def _heading(runs: Sequence[Runs]) -> Claim:
+def _heading(runs: Sequence[GainErrors]) -> Claim:
     grows = {r.called: [_step(r, 2, *pair) for pair in PAIRS] for r in runs}
     calm = {r.called: _step(r, 2, 0.6, CALMER) for r in runs}
     parts = {r.called: [*(above(n, 1.0) for n in grows[r.called]), below(calm[r.called], LITTLE)] for r in runs}
@@ -174,7 +176,7 @@ def _heading(runs: Sequence[Runs]) -> Claim:
     )
 
 
-def _best(runs: Sequence[Runs]) -> Claim:
+def _best(runs: Sequence[GainErrors]) -> Claim:
     measured = [r for r in runs if r.measured]
     three = {
         r.called: [
@@ -203,9 +205,9 @@ def _best(runs: Sequence[Runs]) -> Claim:
     )
 
 
-def _adaptive(runs: Sequence[Runs]) -> Claim:
+def _adaptive(runs: Sequence[GainErrors]) -> Claim:
     fixed = gain(0.6)
-    numbers: dict[str, list[Number]] = {}
+    numbers: dict[str, list[PaperNumber]] = {}
     for r in runs:
         tilt = ratio(f"error of tilt, adaptive over fixed 0.6, {r.called}", r.tilt[ADAPTIVE], r.tilt[fixed])
         own, other = r.in_band(ADAPTIVE, 0), r.in_band(fixed, 0)

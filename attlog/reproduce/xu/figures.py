@@ -9,19 +9,19 @@ import numpy as np
 
 from attlog.present.numbers import quantity
 from attlog.reproduce.judge import mean
-from attlog.reproduce.paper import TRUTH, Figure, Line, Number, Table
-from attlog.reproduce.samples import AXES, Samples, angles, run, thinned
-from attlog.reproduce.xu.logs import OnLog
-from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, SWEPT, Seed, flown, gain, in_the_air
+from attlog.reproduce.paper import TRUTH, FigureLine, PaperFigure, PaperNumber, PaperTable
+from attlog.reproduce.samples import AXES, FlightSamples, angles, run, thinned
+from attlog.reproduce.xu.logs import LogOscillation
+from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, SWEPT, XuSeed, flown, gain, in_the_air
 
 CALLED = {row: f"kp {kp:g}" for kp, row in FIXED.items()} | {ADAPTIVE: "adaptive (our law)"}
 
 
-def figures(seeds: Sequence[Seed], logs: Sequence[OnLog], seed: int = 0) -> tuple[Figure, ...]:
+def figures(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation], seed: int = 0) -> tuple[PaperFigure, ...]:
     """The mission, its errors, oscillation and error against the gain."""
     s = flown(seed)
     return (
-        Figure(
+        PaperFigure(
             "mission",
             "fig. 1 to 3",
             "A waypoint mission",
@@ -31,7 +31,7 @@ def figures(seeds: Sequence[Seed], logs: Sequence[OnLog], seed: int = 0) -> tupl
             (*_truth(s), *_lines(s, errors=False)),
             height=480,
         ),
-        Figure(
+        PaperFigure(
             "errors",
             "fig. 1 to 3",
             "How far off",
@@ -46,23 +46,23 @@ def figures(seeds: Sequence[Seed], logs: Sequence[OnLog], seed: int = 0) -> tupl
     )
 
 
-def _truth(s: Samples) -> list[Line]:
+def _truth(s: FlightSamples) -> list[FigureLine]:
     part = in_the_air(s.t)
     y = angles(s.q)[part]
-    return [Line(TRUTH, *thinned(s.t[part], y[:, axis]), axis) for axis in range(3)]
+    return [FigureLine(TRUTH, *thinned(s.t[part], y[:, axis]), axis) for axis in range(3)]
 
 
-def _lines(s: Samples, errors: bool) -> tuple[Line, ...]:
+def _lines(s: FlightSamples, errors: bool) -> tuple[FigureLine, ...]:
     lines = []
     for row, name in CALLED.items():
         found = run(row, s)
         part = in_the_air(found.t)
         y = (found.errors if errors else found.angles)[part]
-        lines += [Line(name, *thinned(found.t[part], y[:, axis]), axis) for axis in range(3)]
+        lines += [FigureLine(name, *thinned(found.t[part], y[:, axis]), axis) for axis in range(3)]
     return tuple(lines)
 
 
-def _by_gain(id: str, where: str, title: str, seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Figure:
+def _by_gain(id: str, where: str, title: str, seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperFigure:
     lines = [
         _line("simulated missions", [_typical([s.rms[gain(kp)][axis] for s in seeds]) for kp in SWEPT], axis)
         for axis in range(3)
@@ -72,7 +72,7 @@ def _by_gain(id: str, where: str, title: str, seeds: Sequence[Seed], logs: Seque
             _line("logs", [_typical([log.rms[gain(kp)][axis] for log in logs]) for kp in SWEPT], axis)
             for axis in range(3)
         ]
-    return Figure(
+    return PaperFigure(
         id,
         where,
         title,
@@ -87,7 +87,7 @@ def _by_gain(id: str, where: str, title: str, seeds: Sequence[Seed], logs: Seque
     )
 
 
-def _errors_by_gain(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Figure:
+def _errors_by_gain(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperFigure:
     lines = [
         _line("simulated missions", [_typical([s.tilt[gain(kp)] for s in seeds]) for kp in SWEPT], 0),
         _line("simulated missions", [_typical([s.heading[gain(kp)] for s in seeds]) for kp in SWEPT], 1),
@@ -97,7 +97,7 @@ def _errors_by_gain(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Figure:
         lines += [
             _line("logs", [_typical([log.errors[gain(kp)][k] for log in told]) for kp in SWEPT], k) for k in (0, 1)
         ]
-    return Figure(
+    return PaperFigure(
         "best",
         "section 3",
         "How far off, by gain",
@@ -111,22 +111,22 @@ def _errors_by_gain(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Figure:
     )
 
 
-def _typical(values: Sequence[float]) -> Number:
+def _typical(values: Sequence[float]) -> PaperNumber:
     """The geometric mean with its interval."""
     logs = mean("", [math.log(v) for v in values if v > 0.0], "")
     if logs.value is None:
         return logs
     ends = None if logs.ci95 is None else (math.exp(logs.ci95[0]), math.exp(logs.ci95[1]))
-    return Number("", math.exp(logs.value), "deg", ends, logs.n)
+    return PaperNumber("", math.exp(logs.value), "deg", ends, logs.n)
 
 
-def _line(name: str, numbers: Sequence[Number], panel: int) -> Line:
+def _line(name: str, numbers: Sequence[PaperNumber], panel: int) -> FigureLine:
     y = np.array([math.nan if n.value is None else n.value for n in numbers])
     ends = np.array([n.ci95 or (v, v) for n, v in zip(numbers, y, strict=True)])
-    return Line(name, SWEPT, y, panel, ends[:, 0], ends[:, 1])
+    return FigureLine(name, SWEPT, y, panel, ends[:, 0], ends[:, 1])
 
 
-def table(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Table:
+def table(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperTable:
     """Oscillation and errors of the paper's gains and of the adaptive one."""
     rows = []
     for row, name in CALLED.items():
@@ -140,4 +140,4 @@ def table(seeds: Sequence[Seed], logs: Sequence[OnLog]) -> Table:
             cells += [_typical([e[k] for e in errors]) for k in (0, 1)]
             rows.append((f"{name}, {called}", *(quantity(n.value, "deg") for n in cells)))
     head = ("gain", *(f"{a}, 0.2 to 5 Hz" for a in AXES), "error of tilt", "error of heading")
-    return Table("Oscillation and error", head, tuple(rows), "Geometric means over flights of RMS values.")
+    return PaperTable("Oscillation and error", head, tuple(rows), "Geometric means over flights of RMS values.")

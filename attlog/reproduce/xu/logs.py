@@ -33,7 +33,7 @@ SETTLED_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class OnLog:
+class LogOscillation:
     """One log. By row of ``rows``: RMS of (roll, pitch, heading) within the band in deg, the dominant frequency of each
     in Hz, errors (inclination, heading) against ``reference`` in deg where there is one. Or ``why_not``.
     """
@@ -47,7 +47,7 @@ class OnLog:
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def on_log(path: Path, rows: tuple[str, ...]) -> OnLog:
+def on_log(path: Path, rows: tuple[str, ...]) -> LogOscillation:
     """What the rows (``mahony@xu-0.6``) do on one log; a log that cannot tell says why instead."""
     from attlog.analysis import prepare
     from attlog.config import Config
@@ -55,19 +55,19 @@ def on_log(path: Path, rows: tuple[str, ...]) -> OnLog:
     try:
         case = prepare(path, Config.build({}))
         if case.log.kind is not VehicleKind.MULTIROTOR:
-            return OnLog(path.name, f"no multirotor but a {case.log.kind.value}")
+            return LogOscillation(path.name, f"no multirotor but a {case.log.kind.value}")
         if case.log.mag is None:
-            return OnLog(path.name, "no magnetometer")
+            return LogOscillation(path.name, "no magnetometer")
         return _measured(case, rows)
     except AttlogError as error:
-        return OnLog(path.name, str(error))
+        return LogOscillation(path.name, str(error))
 
 
-def _measured(case: Case, rows: tuple[str, ...]) -> OnLog:
+def _measured(case: Case, rows: tuple[str, ...]) -> LogOscillation:
     name = case.log.path.name
     gyro = _run(case, "gyro")
     if gyro is None:
-        return OnLog(name, "no inertial samples")
+        return LogOscillation(name, "no inertial samples")
     alone = injection.Integrated(gyro.t, gyro.q, _segments(gyro))
     windows = _windows(case, float(gyro.t[0]))
     pushed: dict[str, list[Array]] = {row: [] for row in rows}
@@ -83,12 +83,12 @@ def _measured(case: Case, rows: tuple[str, ...]) -> OnLog:
                 pushed[row].append(part)
     if used < LEAST_WINDOWS:
         limit = f"within {injection.TURN_DEG:g} deg of their mean attitude"
-        return OnLog(name, f"no {band.WINDOW_S:g} s in the air {limit}")
+        return LogOscillation(name, f"no {band.WINDOW_S:g} s in the air {limit}")
     seen = {
         row: [band.of_windows(GRID_S, [p[:, axis] for p in parts]) for axis in range(3)]
         for row, parts in pushed.items()
     }
-    return OnLog(
+    return LogOscillation(
         name,
         "",
         used,

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.reproduce import band
-from attlog.reproduce.samples import NOBODY, Found, Samples, rms, run, samples
+from attlog.reproduce.samples import NOBODY, FilterOutput, FlightSamples, rms, run, samples
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario.scenario import Scenario, load
-from attlog.simulate.sensors.settings import Imu, Mag, Sensors
+from attlog.simulate.sensors.settings import ImuSettings, MagSettings, SensorSettings
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -31,7 +31,7 @@ ROWS = (*map(gain, SWEPT), ADAPTIVE)
 
 
 @dataclass(frozen=True, slots=True)
-class Seed:
+class XuSeed:
     """What one seed gave by row, in the air: RMS of the error of (roll, pitch, heading) within BAND_HZ in deg, the
     dominant frequency of each in Hz, the RMS error of tilt and of heading in deg.
     """
@@ -44,11 +44,11 @@ class Seed:
 
 def mission() -> Scenario:
     """The library's waypoints: around a square of 30 m, nose ahead, in wind. No filter changes the flight."""
-    sensors = Sensors(imu=(Imu(rate_hz=200.0),), mag=(Mag(rate_hz=50.0),))
+    sensors = SensorSettings(imu=(ImuSettings(rate_hz=200.0),), mag=(MagSettings(rate_hz=50.0),))
     return load("waypoints").changed(sensors=sensors, estimator=NOBODY)
 
 
-def flown(seed: int) -> Samples:
+def flown(seed: int) -> FlightSamples:
     """What the sensors of one mission logged."""
     return samples(fly(mission(), seed))
 
@@ -61,13 +61,13 @@ def in_the_air(t: Array) -> NDArray[np.bool_]:
     return np.asarray((t >= first) & (t < last))
 
 
-def one_seed(seed: int) -> Seed:
+def one_seed(seed: int) -> XuSeed:
     """All gains over one mission."""
     s = flown(seed)
     found = {row: run(row, s) for row in ROWS}
     spectra = {row: _spectra(one) for row, one in found.items()}
     air = {row: in_the_air(one.t) for row, one in found.items()}
-    return Seed(
+    return XuSeed(
         {row: _three([x.rms(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
         {row: _three([x.dominant_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
         {row: rms(one.tilt_error[air[row]]) for row, one in found.items()},
@@ -75,7 +75,7 @@ def one_seed(seed: int) -> Seed:
     )
 
 
-def _spectra(found: Found) -> list[band.Spectrum]:
+def _spectra(found: FilterOutput) -> list[band.Spectrum]:
     part = in_the_air(found.t)
     return [band.spectrum(found.t[part], found.errors[part, axis]) for axis in range(3)]
 

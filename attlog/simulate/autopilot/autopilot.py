@@ -25,7 +25,7 @@ class Fix:
 
 
 @dataclass(slots=True)
-class Measured:
+class SensorInputs:
     """What has arrived since the step before; the first instance of each sensor.
 
     ``imu`` (k, 8): t_sample, dt, gyro (3) rad/s, acc (3) m/s^2, the newest last; k is 1 where the unit runs at the
@@ -45,7 +45,7 @@ class Autopilot(Protocol):
     rotors' order (front right, back left, front left, back right); ``onboard`` what is kept of all steps, asked
     once at the end."""
 
-    def step(self, t: float, measured: Measured) -> Array: ...
+    def step(self, t: float, measured: SensorInputs) -> Array: ...
 
     def onboard(self) -> Onboard: ...
 

@@ -28,7 +28,7 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class LoopAxis:
     """One axis of the loop: ``authority`` rad/s^2 per unit torque, ``lag`` of the rotors s, ``delay`` s, its gains.
 
     ``delay``: half a period of holding the output (1.25 ms at 400 Hz), and what sensors and computing take.
@@ -111,7 +111,7 @@ class Margins:
         return math.radians(self.phase_deg) / self.phase_at
 
 
-def margins(axis: Axis) -> Margins:
+def margins(axis: LoopAxis) -> Margins:
     """Gain margin above the highest crossing of -180 deg, phase margin at the highest crossing of 1."""
     omega = np.geomspace(0.1, 3000.0, 60000)
     loop = axis.loop(omega)

@@ -47,7 +47,7 @@ class Controller:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Estimator:
+class EstimatorChoice:
     """The attitude that is flown on: a filter of attlog by name (``mahony@huang``), or ``truth``; ``params`` are
     its own."""
 
@@ -56,7 +56,7 @@ class Estimator:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Logging:
+class LoggingRates:
     """How often a log holds what [Hz]; 0 is every value there is. Sensors are logged at their own rates unless
     given."""
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from attlog.base.errors import UsageError
 from attlog.estimators import Row
 from attlog.simulate.autopilot import controller
-from attlog.simulate.autopilot.autopilot import Measured
+from attlog.simulate.autopilot.autopilot import SensorInputs
 from attlog.simulate.autopilot.guidance import Guidance
 from attlog.simulate.autopilot.navigation import Navigator
 from attlog.simulate.autopilot.onboard import TRUTH, Live, stepping
@@ -65,7 +65,7 @@ class Pilot:
             "mode": [(0.0, "STABILIZE")],
         }
 
-    def step(self, t: float, measured: Measured) -> Array:
+    def step(self, t: float, measured: SensorInputs) -> Array:
         """Motor commands (4,), 0 to 1, at ``t``."""
         guidance = self._guidance
         standing = guidance.landed and not guidance.armed
@@ -105,7 +105,7 @@ class Pilot:
             estimator=name,
         )
 
-    def _feed(self, t: float, measured: Measured, live: Live, standing: bool) -> None:
+    def _feed(self, t: float, measured: SensorInputs, live: Live, standing: bool) -> None:
         """What has arrived, to estimator and navigation."""
         navigator = self._navigator
         live.aids.resting(standing)

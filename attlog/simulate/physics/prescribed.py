@@ -16,7 +16,7 @@ RING_HZ, RING_S = 45.0, 0.03
 
 
 @dataclass(slots=True)
-class Moved:
+class BodyMotion:
     """The motion at n times: attitude ``q``, body rate and its derivative, place, velocity, acceleration (earth axes);
     ``shock`` (n,) m/s^2 along body down that the sensors feel on top."""
 
@@ -29,7 +29,7 @@ class Moved:
     shock: Array
 
 
-def moved(scenario: Scenario, t: Array) -> Moved:
+def moved(scenario: Scenario, t: Array) -> BodyMotion:
     """The prescribed motion of a scenario at times ``t`` (n,) s. The centre of gravity starts at its height over
     the feet."""
     motion = scenario.motion
@@ -62,7 +62,7 @@ def moved(scenario: Scenario, t: Array) -> Moved:
     p[:, 2] -= value[:, 3]
     v[:, 2] -= first[:, 3]
     a[:, 2] -= second[:, 3]
-    return Moved(q, w, w_dot, p, v, a, shock)
+    return BodyMotion(q, w, w_dot, p, v, a, shock)
 
 
 def _body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:

@@ -58,7 +58,7 @@ class Move:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Motion:
+class PrescribedMotion:
     """A prescribed motion by hand or on a table; rotors stand still. It begins at these angles and goes through
     ``move`` one after the other, then rests. It turns about a point fixed to the earth; ``arm_m`` is the way from
     there to the centre of gravity in body axes."""

@@ -22,7 +22,7 @@ def _date(written: object) -> object:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Place:
+class TakeoffPlace:
     """The take-off place (earth axes begin there) and the time of the start; ``heading_deg`` of the vehicle at
     first."""
 

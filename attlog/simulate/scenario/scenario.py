@@ -21,12 +21,12 @@ from pydantic.dataclasses import dataclass
 from attlog.base.errors import UsageError, suggestion
 from attlog.base.settings_file import text_of, toml_of
 from attlog.base.validation import lines
-from attlog.simulate.autopilot.loop import Controller, Estimator, Logging, Loop
-from attlog.simulate.fault import Fault
-from attlog.simulate.scenario.commands import Command, Motion
-from attlog.simulate.scenario.place import Anomaly, Place, Wind
+from attlog.simulate.autopilot.loop import Controller, EstimatorChoice, LoggingRates, Loop
+from attlog.simulate.fault import PlantedFault
+from attlog.simulate.scenario.commands import Command, PrescribedMotion
+from attlog.simulate.scenario.place import Anomaly, TakeoffPlace, Wind
 from attlog.simulate.scenario.vehicle import Vehicle
-from attlog.simulate.sensors.settings import STRICT, Sensors
+from attlog.simulate.sensors.settings import STRICT, SensorSettings
 
 LIBRARY = Path(__file__).parents[1] / "scenarios"
 NAME = r"^[^/\\\x00-\x1f]*$"
@@ -44,18 +44,18 @@ class Scenario:
     name: Annotated[str, Field(pattern=NAME)] = ""
     title: str = ""
     seconds: Annotated[float, Field(ge=1, le=7200)] = 60.0
-    place: Place = Place()
+    place: TakeoffPlace = TakeoffPlace()
     wind: Wind = Wind()
     anomaly: tuple[Anomaly, ...] = ()
     vehicle: Vehicle = Vehicle()
-    sensors: Sensors = Sensors()
-    motion: Motion | None = None
+    sensors: SensorSettings = SensorSettings()
+    motion: PrescribedMotion | None = None
     command: tuple[Command, ...] = ()
     loop: Loop = Loop()
     controller: Controller = Controller()
-    estimator: Estimator = Estimator()
-    logging: Logging = Logging()
-    fault: tuple[Fault, ...] = ()
+    estimator: EstimatorChoice = EstimatorChoice()
+    logging: LoggingRates = LoggingRates()
+    fault: tuple[PlantedFault, ...] = ()
 
     def changed(self, **values: Any) -> Scenario:
         """A copy with other values, checked like a file: ``changed(seconds=20, estimator=Estimator("truth"))``."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import fields
 
-from attlog.simulate.fault import Fault
+from attlog.simulate.fault import PlantedFault
 from attlog.simulate.scenario.commands import Command
 from attlog.simulate.scenario.scenario import Scenario
 
@@ -77,7 +77,7 @@ def _not_asked(scenario: Scenario) -> Iterator[str]:
 
 def _harmless(scenario: Scenario) -> Iterator[str]:
     """Faults that change no number, and rotors that fail where none turns."""
-    standard = {field.name: field.default for field in fields(Fault)}
+    standard = {field.name: field.default for field in fields(PlantedFault)}
     for k, fault in enumerate(scenario.fault):
         needed = HOW_MUCH.get(fault.kind)
         if needed is not None and getattr(fault, needed) == standard[needed]:

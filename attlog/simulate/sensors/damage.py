@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.fault import Fault
+from attlog.simulate.fault import PlantedFault
 from attlog.simulate.physics.streams import generator
 
 Array = NDArray[np.float64]
 
 
-def acting(fault: Fault, t: Array) -> NDArray[np.bool_]:
+def acting(fault: PlantedFault, t: Array) -> NDArray[np.bool_]:
     """At which of the times (n,) s a fault acts."""
     end = np.inf if fault.seconds is None else fault.t + fault.seconds
     mask: NDArray[np.bool_] = (t >= fault.t) & (t < end)
     return mask
 
 
-def silent(faults: list[Fault], t: Array) -> NDArray[np.bool_]:
+def silent(faults: list[PlantedFault], t: Array) -> NDArray[np.bool_]:
     """Which samples at ``t`` (n,) s a fault keeps from being sent."""
     gone = np.zeros(len(t), bool)
     for fault in faults:
@@ -27,7 +27,7 @@ def silent(faults: list[Fault], t: Array) -> NDArray[np.bool_]:
     return gone
 
 
-def damaged(faults: list[Fault], t: Array, x: Array, last: Array, seed: int = 0) -> Array:
+def damaged(faults: list[PlantedFault], t: Array, x: Array, last: Array, seed: int = 0) -> Array:
     """Samples ``x`` (n, k) at ``t`` (n,) s with the faults that act then; ``last`` (k,) is the sample before them.
 
     Random faults draw by the sample's time, so that samples one by one and all at once give the same.

@@ -14,7 +14,7 @@ from attlog.simulate.physics.streams import generator
 from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.damage import damaged, silent
 from attlog.simulate.sensors.imu_kernel import OUT, SIGNATURE, STATE, imu_samples
-from attlog.simulate.sensors.settings import Imu
+from attlog.simulate.sensors.settings import ImuSettings
 from attlog.simulate.sensors.timing import instants, kept
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ class ImuSensor:
     order."""
 
     def __init__(self, scenario: Scenario, number: int, seed: int, gravity: float) -> None:
-        self.settings: Imu = scenario.sensors.imu[number]
+        self.settings: ImuSettings = scenario.sensors.imu[number]
         self.number, self.seed, s = number, seed, self.settings
         self.substeps = scenario.loop.substeps
         self.period = 1.0 / scenario.loop.rate_hz
@@ -157,12 +157,12 @@ class ImuSensor:
         return self.block[self.used - rows : self.used]
 
 
-def warming(s: Imu, t: Array) -> Array:
+def warming(s: ImuSettings, t: Array) -> Array:
     """How much warmer than at the start [K] the unit is at ``t`` s."""
     return s.warming_k * -np.expm1(-t / s.warming_s)
 
 
-def _biases(s: Imu, seed: int, number: int, periods: int, period: float) -> Array:
+def _biases(s: ImuSettings, seed: int, number: int, periods: int, period: float) -> Array:
     """True bias (periods, 6) of gyro [rad/s] and accelerometer [m/s^2] in each period of the loop."""
     start, walk = generator(seed, "imu", number, "bias"), generator(seed, "imu", number, "walk")
     first = start.standard_normal(6)
@@ -185,7 +185,7 @@ def _biases(s: Imu, seed: int, number: int, periods: int, period: float) -> Arra
     return np.ascontiguousarray(np.hstack([gyro, acc]))
 
 
-def _matrix(s: Imu, misalign_deg: tuple[float, float, float], scale_pct: tuple[float, float, float]) -> Array:
+def _matrix(s: ImuSettings, misalign_deg: tuple[float, float, float], scale_pct: tuple[float, float, float]) -> Array:
     """What the unit tells (3, 3) of a vector in body axes: mounting, misalignment, scale."""
     mount = rotation.to_matrix(rotation.from_euler(*np.radians(s.rotation_deg)))
     small = rotation.to_matrix(rotation.from_rotvec(np.radians(misalign_deg)))
@@ -193,7 +193,7 @@ def _matrix(s: Imu, misalign_deg: tuple[float, float, float], scale_pct: tuple[f
     return matrix
 
 
-def _vibration(s: Imu, seed: int, number: int) -> tuple[Array, Array, Array]:
+def _vibration(s: ImuSettings, seed: int, number: int) -> tuple[Array, Array, Array]:
     """Harmonics (H,), amplitudes and phases (H, 4, 6) of gyro and accelerometer: a direction per rotor and harmonic."""
     random = generator(seed, "imu", number, "vibration")
     count = len(s.vibration.harmonics)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.flight import Battery, Rpm, Truth
+from attlog.simulate.flight import BatteryStream, RpmStream, Truth
 from attlog.simulate.physics.streams import generator
 from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.base import at
@@ -24,7 +24,7 @@ def current(scenario: Scenario, rotor: Array) -> Array:
     return total
 
 
-def battery(scenario: Scenario, seed: int, truth: Truth) -> Battery:
+def battery(scenario: Scenario, seed: int, truth: Truth) -> BatteryStream:
     """What the battery's monitor tells: its noisy current and voltage, and the charge used by its own account."""
     b, period = scenario.sensors.battery, 1.0 / scenario.loop.rate_hz
     random = generator(seed, "battery", 0, "noise")
@@ -35,10 +35,10 @@ def battery(scenario: Scenario, seed: int, truth: Truth) -> Battery:
     volts = b.full_v - (b.full_v - b.empty_v) * used / b.capacity_ah - b.resistance_ohm * drawn
     noise = random.standard_normal((len(t), 2))
     told = np.maximum(at(drawn, t, period) + b.noise_a * noise[:, 0], 0.0)
-    return Battery(t, at(volts, t, period) + b.noise_v * noise[:, 1], told, at(used, t, period))
+    return BatteryStream(t, at(volts, t, period) + b.noise_v * noise[:, 1], told, at(used, t, period))
 
 
-def rpm(scenario: Scenario, seed: int, truth: Truth) -> Rpm | None:
+def rpm(scenario: Scenario, seed: int, truth: Truth) -> RpmStream | None:
     """Rotor speeds as told; None without such telemetry. Standing rotors tell 0."""
     s = scenario.sensors.rpm
     if s is None:
@@ -48,4 +48,4 @@ def rpm(scenario: Scenario, seed: int, truth: Truth) -> Rpm | None:
     t = t[t <= truth.t[-1]]
     true = at(truth.rotor, t, 1.0 / scenario.loop.rate_hz) * 30.0 / math.pi
     told = np.where(true > 1.0, np.maximum(true + s.noise_rpm * random.standard_normal(true.shape), 0.0), 0.0)
-    return Rpm(t, s.step_rpm * np.round(told / s.step_rpm) if s.step_rpm > 0 else told)
+    return RpmStream(t, s.step_rpm * np.round(told / s.step_rpm) if s.step_rpm > 0 else told)

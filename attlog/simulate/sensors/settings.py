@@ -24,7 +24,7 @@ ZERO: Three = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, config=STRICT)
-class Gyro:
+class GyroSettings:
     """Gyro errors. ``noise_dps_rthz`` is the density of white noise [deg/s/sqrt(Hz)] and ``walk_dps_rts`` that of
     the bias's random walk [deg/s/sqrt(s)]; ``bias_spread_dps`` the standard deviation of a turn-on bias drawn per
     seed, added to ``bias_dps``. ``drift_dps_per_k`` acts on the warming since the start. ``misalign_deg``: the
@@ -44,8 +44,8 @@ class Gyro:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Accelerometer:
-    """Accelerometer errors; as :class:`Gyro` in ug/sqrt(Hz), m/s^2, g and mg."""
+class AccelerometerSettings:
+    """Accelerometer errors; as :class:`GyroSettings` in ug/sqrt(Hz), m/s^2, g and mg."""
 
     noise_ug_rthz: NotNegative = 150.0
     bias_m_s2: Three = ZERO
@@ -60,7 +60,7 @@ class Accelerometer:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Vibration:
+class VibrationSettings:
     """What the rotors shake at the sensor: per harmonic of each rotor's speed the amplitude of one rotor at hover
     speed, growing with the square of its speed. ``acc_m_s2`` and ``gyro_dps`` are as long as ``harmonics``."""
 
@@ -70,7 +70,7 @@ class Vibration:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Imu:
+class ImuSettings:
     """One inertial unit. ``sampling``: ``interval`` values are means over the interval that ends at the sample
     (increments, as PX4 logs them), ``instant`` ones what the low-pass holds at the sample (ArduPilot).
 
@@ -93,13 +93,13 @@ class Imu:
     temperature_c: float = 35.0
     warming_k: float = 10.0
     warming_s: Positive = 120.0
-    gyro: Gyro = Gyro()
-    acc: Accelerometer = Accelerometer()
-    vibration: Vibration = Vibration()
+    gyro: GyroSettings = GyroSettings()
+    acc: AccelerometerSettings = AccelerometerSettings()
+    vibration: VibrationSettings = VibrationSettings()
 
 
 @dataclass(frozen=True, config=STRICT)
-class Mag:
+class MagSettings:
     """One magnetometer, body axes, in microtesla. ``hard_iron_ut`` and ``soft_iron`` (rows of a 3x3 matrix) are
     what the calibration left; ``current_ut_a`` [uT/A] times the battery's current is added."""
 
@@ -120,7 +120,7 @@ class Mag:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Gnss:
+class GnssSettings:
     """One receiver. White noise per fix and a slow wander (first-order Gauss-Markov, standard deviation ``wander_m``
     horizontal, twice that vertical, correlation ``wander_s``). ``delay_s``: a fix arrives that much after its epoch.
     ``outages``: (from, to) s without a fix; ``first_fix_s``: none before. ``antenna_m``: body axes."""
@@ -140,7 +140,7 @@ class Gnss:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Baro:
+class BaroSettings:
     """One barometer; noise and walk in metres of height, logged as pressure and as height."""
 
     rate_hz: Positive = 25.0
@@ -155,7 +155,7 @@ class Baro:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Battery:
+class BatterySettings:
     """The battery and its monitor: open-circuit volts fall linearly from full to empty over the capacity."""
 
     rate_hz: Positive = 10.0
@@ -170,7 +170,7 @@ class Battery:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Rpm:
+class RpmSettings:
     """Rotor speeds told by the speed controllers, rounded to ``step_rpm``."""
 
     rate_hz: Positive = 50.0
@@ -179,15 +179,15 @@ class Rpm:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Sensors:
+class SensorSettings:
     """All sensors of the vehicle; several of one kind are instances 0, 1, ... in their order."""
 
-    imu: tuple[Imu, ...] = (Imu(),)
-    mag: tuple[Mag, ...] = (Mag(),)
-    gnss: tuple[Gnss, ...] = (Gnss(),)
-    baro: tuple[Baro, ...] = (Baro(),)
-    battery: Battery = Battery()
-    rpm: Rpm | None = Rpm()
+    imu: tuple[ImuSettings, ...] = (ImuSettings(),)
+    mag: tuple[MagSettings, ...] = (MagSettings(),)
+    gnss: tuple[GnssSettings, ...] = (GnssSettings(),)
+    baro: tuple[BaroSettings, ...] = (BaroSettings(),)
+    battery: BatterySettings = BatterySettings()
+    rpm: RpmSettings | None = RpmSettings()
 
     def each(self) -> Iterator[tuple[str, Any]]:
         """Every sensor with its place in a scenario's file: ``sensors.imu[0]``, ``sensors.battery``."""

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from attlog.base.errors import UsageError
-from attlog.compare.diff.diff import Changed, difference, interval, units_of
+from attlog.compare.diff.diff import TextChange, difference, interval, units_of
 from attlog.compare.diff.text import _told, document, lines, markdown
 from attlog.compare.diff.tolerance import SHARE, SMALLEST, Tolerances, tolerances
 from attlog.metrics.answer import Answer
@@ -75,7 +75,7 @@ def test_values_rows_and_states_that_come_and_go_count_for_one_log() -> None:
     new = result(filtered(gone, status="diverged"), filtered(lag(1.0), "ekf12"))
     found = difference("x", old, new, NONE)
     assert (found.rows_vanished, found.rows_appeared) == (["vqf"], ["ekf12"])
-    assert found.status == [Changed("mahony", "ok", "diverged")]
+    assert found.status == [TextChange("mahony", "ok", "diverged")]
     assert [(m.verdict, m.reason) for m in found.moved] == [("vanished", "2 quick movements")]
     assert found.count == 4
     assert difference("x", new, old, NONE).count == 4
@@ -88,9 +88,9 @@ def test_parameters_gains_and_options_are_told_and_count_for_nothing() -> None:
     new = result(filtered(lag(1.0), kp=1.1), sha="b", log={"params": {"P": 1.0, "Q": 3.0, "R": 1.0}, "sha256": "b"})
     new.config = {"window": "rest"}
     found = difference("x", old, new, NONE)
-    assert found.parameters == [Changed("Q", 2.0, 3.0), Changed("R", "(absent)", 1.0)]
-    assert found.gains == [Changed("mahony: kp", 0.6, 1.1)]
-    assert found.config == [Changed("window", "all", "rest")]
+    assert found.parameters == [TextChange("Q", 2.0, 3.0), TextChange("R", "(absent)", 1.0)]
+    assert found.gains == [TextChange("mahony: kp", 0.6, 1.1)]
+    assert found.config == [TextChange("window", "all", "rest")]
     assert found.count == 0
     text = "\n".join(lines([found], [], False))
     assert "Q: 2 → 3" in text
@@ -150,5 +150,5 @@ def test_the_json_holds_what_was_compared_and_what_stands_alone() -> None:
 
 
 def test_what_differs_behind_the_digits_shown_is_shown_with_all_of_them_and_nothing_as_none() -> None:
-    said = [_told(Changed(*change)) for change in (("a", 3.473641512, 3.473641513), ("b", "", "x"), ("c", 1.5, 2.0))]
+    said = [_told(TextChange(*change)) for change in (("a", 3.473641512, 3.473641513), ("b", "", "x"), ("c", 1.5, 2.0))]
     assert said == ["a: 3.473641512 → 3.473641513", "b: none → x", "c: 1.5 → 2"]

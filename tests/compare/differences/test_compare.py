@@ -10,7 +10,7 @@ import pytest
 from attlog.base.errors import UsageError
 from attlog.compare.configurations.configuration import parse
 from attlog.compare.differences.compare import compare, log_names
-from attlog.compare.differences.comparison import Comparison, Over
+from attlog.compare.differences.comparison import Comparison, PooledDifference
 from attlog.compare.differences.questions import asked
 from attlog.config import Config
 from tests.conftest import SAMPLES
@@ -18,7 +18,7 @@ from tests.conftest import SAMPLES
 STEPS, TURNS = SAMPLES / "copter_steps_stabilize.bin", SAMPLES / "copter_yaw_turns.bin"
 
 
-def over(found: Comparison, metric: str, configuration: str) -> Over:
+def over(found: Comparison, metric: str, configuration: str) -> PooledDifference:
     question = next(q for q in found.questions if q.metric == metric)
     one = next(c.over for c in question.contrasts if c.configuration == configuration)
     assert one is not None

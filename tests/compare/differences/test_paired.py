@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats  # type: ignore[import-untyped]
 
-from attlog.compare.differences.paired import Paired, hodges_lehmann, paired
+from attlog.compare.differences.paired import PairedDifference, hodges_lehmann, paired
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.statistics.units import Kind, Summary, UnitValues
 
@@ -28,9 +28,9 @@ def answer(kind: Kind, values: np.ndarray, begin: int = 0) -> Answer:
     return Answer(on(ids).value, "deg", "all", len(values), units=UnitValues(kind, ids, values, on))
 
 
-def compared(a: Answer, b: Answer, better: str = "low") -> Paired:
+def compared(a: Answer, b: Answer, better: str = "low") -> PairedDifference:
     found = paired(a, b, better)
-    assert isinstance(found, Paired), found
+    assert isinstance(found, PairedDifference), found
     return found
 
 

@@ -9,7 +9,7 @@ import pytest
 from attlog.base.errors import UsageError
 from attlog.compare.gates.file import read
 from attlog.compare.gates.gates import Gate, Gates
-from attlog.compare.gates.limits import Limit
+from attlog.compare.gates.limits import GateLimit
 
 
 def gates(folder: Path, text: str) -> Gates:
@@ -41,15 +41,15 @@ def test_a_file_of_every_kind_of_gate(tmp_path: Path) -> None:
     ours = tmp_path / "runs/main.jsonl"
     assert found == Gates(
         (
-            Gate("inclination_p95_deg", (Limit("max", 2.0),), "airborne", ("mekf", "soft-*"), False, ours),
-            Gate("lag_ms", (Limit("max", 5.0),), baseline=ours),
-            Gate("lag_ms", (Limit("min", 1.0), Limit("max", 10.0)), None, ("onboard",), True, ours),
+            Gate("inclination_p95_deg", (GateLimit("max", 2.0),), "airborne", ("mekf", "soft-*"), False, ours),
+            Gate("lag_ms", (GateLimit("max", 5.0),), baseline=ours),
+            Gate("lag_ms", (GateLimit("min", 1.0), GateLimit("max", 10.0)), None, ("onboard",), True, ours),
             Gate(
-                "heading_rmse_deg", (Limit("max_ratio_to_onboard", 1.2), Limit("max_above_baseline", 0.5)),
+                "heading_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.2), GateLimit("max_above_baseline", 0.5)),
                 baseline=ours,
             ),
-            Gate("noise_tilt_deg", (Limit("baseline", 0.0),), baseline=tmp_path / "other.json"),
-            Gate("total_rmse_deg", (Limit("baseline", 0.0),), "20:30.5", baseline=ours),
+            Gate("noise_tilt_deg", (GateLimit("baseline", 0.0),), baseline=tmp_path / "other.json"),
+            Gate("total_rmse_deg", (GateLimit("baseline", 0.0),), "20:30.5", baseline=ours),
         ),
         strict=False,
     )  # fmt: skip
@@ -60,7 +60,7 @@ def test_a_file_of_every_kind_of_gate(tmp_path: Path) -> None:
 )
 def test_dots_of_a_metric_need_no_quotes(tmp_path: Path, text: str) -> None:
     (gate,) = gates(tmp_path, f"[gates]\n{text}").gates
-    assert gate == Gate("step_error_deg.0.5s", (Limit("max", 3.0),))
+    assert gate == Gate("step_error_deg.0.5s", (GateLimit("max", 3.0),))
     assert gates(tmp_path, "[gates.drift_air_deg_per_min.truth]\nmax = 2").gates[0].metric.endswith(".truth")
     assert len(gates(tmp_path, "[[gates.lag_ms]]\nmax = 2\n[[gates.lag_ms]]\nmax = 3").gates) == 2
 

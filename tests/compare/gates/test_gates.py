@@ -12,7 +12,7 @@ import pytest
 
 from attlog.compare.gates.baseline import Baseline, BaselineResult
 from attlog.compare.gates.gates import Gate, GateOutcome, Gates, judge
-from attlog.compare.gates.limits import Limit, at_least, judged
+from attlog.compare.gates.limits import GateLimit, at_least, judged
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.statistics.units import UnitValues, ids_of
 from attlog.result import EstimatorRow
@@ -32,7 +32,7 @@ def failed(found: list[GateOutcome]) -> list[GateOutcome]:
 
 
 def at_most(value: float, metric: str = "inclination_rmse_deg", **more: Any) -> Gate:
-    return Gate(metric, (Limit("max", value),), **more)
+    return Gate(metric, (GateLimit("max", value),), **more)
 
 
 def named(found: list[GateOutcome]) -> dict[str, str]:
@@ -52,7 +52,7 @@ def test_where_good_is_zero_the_absolute_value_counts(value: float, status: str)
 
 
 def test_a_minimum_is_not_to_be_fallen_short_of() -> None:
-    gate = Gate("coverage_pct", (Limit("min", 95.0),))
+    gate = Gate("coverage_pct", (GateLimit("min", 95.0),))
     for value, status in ((96.0, "passed"), (95.0, "passed"), (94.0, "failed")):
         (found,) = outcomes(gate, row("mekf", {"all": {"coverage_pct": Answer(value, "%", "all")}}))
         assert (found.status, found.excess) == (status, pytest.approx(95.0 / value))
@@ -134,7 +134,7 @@ def test_a_window_that_was_not_analysed_says_how() -> None:
 @pytest.mark.parametrize("status", ["diverged", "failed"])
 def test_an_onboard_attitude_that_is_lost_is_no_measure_for_others(status: str) -> None:
     """1.2 deg is within 1.5 times the onboard attitude's 1.0 deg, but that attitude itself was lost."""
-    gate = Gate("inclination_rmse_deg", (Limit("max_ratio_to_onboard", 1.5),), filters=("a",))
+    gate = Gate("inclination_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.5),), filters=("a",))
     (sound,) = outcomes(gate, row("onboard", tilt(1.0), kind="onboard"), row("a", tilt(1.2)))
     lost = row("onboard", tilt(1.0), kind="onboard", status=status, reason="tilt error above 30 deg")
     (found,) = outcomes(gate, lost, row("a", tilt(1.2)))
@@ -144,7 +144,7 @@ def test_an_onboard_attitude_that_is_lost_is_no_measure_for_others(status: str) 
 
 def test_limits_beside_the_onboard_attitude() -> None:
     onboard = row("onboard", merged(tilt(1.0), lag(-2.0)), kind="onboard")
-    ratio, above = Limit("max_ratio_to_onboard", 1.5), Limit("max_above_onboard", 3.0)
+    ratio, above = GateLimit("max_ratio_to_onboard", 1.5), GateLimit("max_above_onboard", 3.0)
     for value, status in ((1.49, "passed"), (1.51, "failed")):
         gate = Gate("inclination_rmse_deg", (ratio,))
         assert outcomes(gate, onboard, row("a", tilt(value)))[0].status == status
@@ -182,7 +182,7 @@ def blocks(rmse: float, spread: float = 0.2, n: int = 24, seed: int = 0) -> Answ
     return Answer(rmse, "deg", AIR, n, 5.0 * n, (0.6 * rmse, 1.7 * rmse), units=units)
 
 
-def beside(now: Answer, before: Answer, limit: Limit, *, same_log: bool = True) -> str:
+def beside(now: Answer, before: Answer, limit: GateLimit, *, same_log: bool = True) -> str:
     """The status of a row whose baseline is the same row of another run."""
     metric = "inclination_rmse_deg"
     old = result(row("a", {AIR: {metric: before}}))
@@ -197,7 +197,7 @@ def beside(now: Answer, before: Answer, limit: Limit, *, same_log: bool = True) 
 
 
 def test_on_the_same_log_a_small_steady_change_is_told_where_the_intervals_of_each_could_not() -> None:
-    worse = Limit("baseline", 0.0)
+    worse = GateLimit("baseline", 0.0)
     assert beside(blocks(1.1), blocks(1.0), worse) == "failed"
     assert beside(blocks(1.1), blocks(1.0), worse, same_log=False) == "passed"  # 0.66 to 1.87 beside 0.6 to 1.7
     assert beside(blocks(9.0), blocks(1.0), worse, same_log=False) == "failed"
@@ -206,7 +206,7 @@ def test_on_the_same_log_a_small_steady_change_is_told_where_the_intervals_of_ea
 
 
 def test_scatter_from_block_to_block_fails_no_build() -> None:
-    worse, ratio = Limit("baseline", 0.0), Limit("max_ratio_to_baseline", 1.05)
+    worse, ratio = GateLimit("baseline", 0.0), GateLimit("max_ratio_to_baseline", 1.05)
     for limit in (worse, ratio):
         noisy = [beside(blocks(1.1, 1.5, 12, k), blocks(1.0, 1.5, 12, 100 + k), limit) for k in range(20)]
         assert noisy.count("failed") <= 2
@@ -222,18 +222,18 @@ def test_beyond_a_limit_it_is_enough_that_the_change_is_told_from_none() -> None
     least = at_least(now, before, "low", same_log=True)
     assert least is not None
     assert 1.05 < least < 1.25
-    assert beside(now, before, Limit("max_ratio_to_baseline", 1.25)) == "failed"
-    assert beside(now, before, Limit("max_above_baseline", 0.25)) == "failed"
+    assert beside(now, before, GateLimit("max_ratio_to_baseline", 1.25)) == "failed"
+    assert beside(now, before, GateLimit("max_above_baseline", 0.25)) == "failed"
 
 
 def test_limits_beside_a_baseline() -> None:
     now, before = blocks(1.3), blocks(1.0)
-    assert beside(now, before, Limit("max_ratio_to_baseline", 1.31)) == "passed"
-    assert beside(now, before, Limit("max_ratio_to_baseline", 1.29)) == "failed"
-    assert beside(now, before, Limit("max_above_baseline", 0.31)) == "passed"
-    assert beside(now, before, Limit("max_above_baseline", 0.29)) == "failed"
-    assert beside(blocks(0.9), before, Limit("max_ratio_to_baseline", 0.8)) == "failed"  # to be better is asked for
-    assert beside(blocks(0.7), before, Limit("max_ratio_to_baseline", 0.8)) == "passed"
+    assert beside(now, before, GateLimit("max_ratio_to_baseline", 1.31)) == "passed"
+    assert beside(now, before, GateLimit("max_ratio_to_baseline", 1.29)) == "failed"
+    assert beside(now, before, GateLimit("max_above_baseline", 0.31)) == "passed"
+    assert beside(now, before, GateLimit("max_above_baseline", 0.29)) == "failed"
+    assert beside(blocks(0.9), before, GateLimit("max_ratio_to_baseline", 0.8)) == "failed"  # to be better is asked for
+    assert beside(blocks(0.7), before, GateLimit("max_ratio_to_baseline", 0.8)) == "passed"
 
 
 def test_a_percentile_is_told_by_its_root_mean_square() -> None:
@@ -241,7 +241,7 @@ def test_a_percentile_is_told_by_its_root_mean_square() -> None:
         p95 = [Answer(v, "deg", AIR, 24, 120.0, (0.5 * v, 2.0 * v)) for v in (2.0 * now, 2.0)]
         rmse = blocks(1.0, spread, seed=1), blocks(now, spread, seed=1 if spread < 1.0 else 2)
         return judged(
-            Limit("baseline", 0.0), "inclination_p95_deg", "low", p95[0], p95[1], decided=(rmse[0], rmse[1])
+            GateLimit("baseline", 0.0), "inclination_p95_deg", "low", p95[0], p95[1], decided=(rmse[0], rmse[1])
         ).passed
 
     assert not status(1.2, 0.2)
@@ -252,16 +252,16 @@ def test_a_percentile_is_told_by_its_root_mean_square() -> None:
 def test_without_intervals_the_size_decides_but_two_flights_tell_nothing_of_not_worse() -> None:
     a, b = Answer(2.0, "%", AIR), Answer(1.0, "%", AIR)
     for limit, same, passed in (
-        (Limit("max_ratio_to_baseline", 1.5), True, False),
-        (Limit("max_ratio_to_baseline", 1.5), False, False),
-        (Limit("baseline", 0.0), True, False),
-        (Limit("baseline", 0.0), False, True),
+        (GateLimit("max_ratio_to_baseline", 1.5), True, False),
+        (GateLimit("max_ratio_to_baseline", 1.5), False, False),
+        (GateLimit("baseline", 0.0), True, False),
+        (GateLimit("baseline", 0.0), False, True),
     ):
         assert judged(limit, "overshoot_pct", "zero", a, b, same_log=same).passed == passed
 
 
 def test_a_baseline_without_the_log_or_the_row_leaves_a_gate_unanswered() -> None:
-    gate = Gate("lag_ms", (Limit("baseline", 0.0),), baseline=Path("main.json"))
+    gate = Gate("lag_ms", (GateLimit("baseline", 0.0),), baseline=Path("main.json"))
     now = result(row("a", lag(1.0)), row("b", lag(1.0)))
     place = Baseline("main.json")
     (a, b) = judge(Gates((gate,), False), now, {Path("main.json"): place})
@@ -272,8 +272,8 @@ def test_a_baseline_without_the_log_or_the_row_leaves_a_gate_unanswered() -> Non
 
 
 def test_the_excess_of_a_limit_of_zero_is_finite_only_at_zero() -> None:
-    assert judged(Limit("max", 0.0), "lag_ms", "zero", Answer(0.0, "ms", AIR)).passed
-    assert math.isinf(judged(Limit("max", 0.0), "lag_ms", "zero", Answer(1.0, "ms", AIR)).excess)
+    assert judged(GateLimit("max", 0.0), "lag_ms", "zero", Answer(0.0, "ms", AIR)).passed
+    assert math.isinf(judged(GateLimit("max", 0.0), "lag_ms", "zero", Answer(1.0, "ms", AIR)).excess)
 
 
 def test_the_row_of_the_baseline_bears_the_same_name_or_is_the_only_one_of_that_filter() -> None:
@@ -284,7 +284,7 @@ def test_the_row_of_the_baseline_bears_the_same_name_or_is_the_only_one_of_that_
             def of(self, log: Any) -> BaselineResult | str:
                 return BaselineResult(old, True)
 
-        gate = Gate("lag_ms", (Limit("max_above_baseline", 0.5),), baseline=Path("x"))
+        gate = Gate("lag_ms", (GateLimit("max_above_baseline", 0.5),), baseline=Path("x"))
         now = result(row(name, lag(1.0), estimator="mahony"))
         return judge(Gates((gate,), False), now, {Path("x"): One("x")})[0]
 
@@ -314,8 +314,8 @@ def test_a_value_is_shown_on_the_side_of_its_limit_that_it_is_on(value: float, l
 def test_ratios_and_differences_are_shown_apart_from_their_limit_too() -> None:
     onboard = row("onboard", merged(tilt(1.0), lag(0.0)), kind="onboard")
     (found,) = outcomes(
-        Gate("inclination_rmse_deg", (Limit("max_ratio_to_onboard", 1.2),)), onboard, row("a", tilt(1.2034))
+        Gate("inclination_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.2),)), onboard, row("a", tilt(1.2034))
     )
     assert "1.203 times, at most 1.2 times" in found.sentence
-    (found,) = outcomes(Gate("lag_ms", (Limit("max_above_onboard", 3.0),)), onboard, row("a", lag(3.0004)))
+    (found,) = outcomes(Gate("lag_ms", (GateLimit("max_above_onboard", 3.0),)), onboard, row("a", lag(3.0004)))
     assert "3.0004 ms, at most +3 ms" in found.sentence

@@ -6,7 +6,7 @@ import pytest
 
 from attlog.base.errors import UsageError
 from attlog.base.limits import MAX_SETS
-from attlog.compare.sweep.grid import Axis, grid, spaced, text_of
+from attlog.compare.sweep.grid import GridAxis, grid, spaced, text_of
 from attlog.estimators import get
 
 MAHONY = get("mahony")
@@ -15,7 +15,7 @@ MAHONY = get("mahony")
 def test_lists_ranges_and_switches_become_all_combinations() -> None:
     made = grid(["kp=0.6,1.1,2", "ki=0..0.05/6", "mag_form=heading,vector"], MAHONY)
     assert (made.shape, len(made)) == ((3, 6, 2), 36)
-    assert made.axes[1] == Axis("ki", "1/s^2", (0.0, 0.01, 0.02, 0.03, 0.04, 0.05), "linear")
+    assert made.axes[1] == GridAxis("ki", "1/s^2", (0.0, 0.01, 0.02, 0.03, 0.04, 0.05), "linear")
     settings = list(made)
     assert settings[0] == {"kp": 0.6, "ki": 0.0, "mag_form": "heading"}
     assert settings[-1] == {"kp": 2.0, "ki": 0.05, "mag_form": "vector"}

@@ -10,7 +10,7 @@ import attlog
 from attlog import replay
 from attlog.base.errors import UsageError
 from attlog.compare.configurations.configuration import parse
-from attlog.compare.sweep.many import OnLog, wanted
+from attlog.compare.sweep.many import SettingsOnLog, wanted
 from attlog.metrics.base import Case
 from tests.conftest import SAMPLES
 
@@ -25,7 +25,7 @@ def case() -> Case:
 
 def test_a_batch_answers_what_single_runs_answer(case: Case) -> None:
     asked = wanted(ASKED)
-    many = OnLog(case, parse("mahony"), asked)(SETTINGS)
+    many = SettingsOnLog(case, parse("mahony"), asked)(SETTINGS)
     names = ["mahony:" + ",".join(f"{k}={v}" for k, v in s.items()) for s in SETTINGS]
     alone = attlog.evaluate(case, names).estimators
     for settled, row in zip(many, [r for r in alone if r.kind == "replay"], strict=True):
@@ -39,7 +39,7 @@ def test_a_batch_answers_what_single_runs_answer(case: Case) -> None:
 
 def test_what_comes_before_the_filter_comes_before_every_setting(case: Case) -> None:
     asked = wanted(["inclination_rmse_deg"])
-    plain, filtered = (OnLog(case, parse(c), asked)(SETTINGS[:1])[0] for c in ("mahony", "mahony:latency=50"))
+    plain, filtered = (SettingsOnLog(case, parse(c), asked)(SETTINGS[:1])[0] for c in ("mahony", "mahony:latency=50"))
     assert plain.answers[asked[0]].value != filtered.answers[asked[0]].value
 
 
@@ -47,7 +47,7 @@ def test_a_setting_is_run_once(case: Case, monkeypatch: pytest.MonkeyPatch) -> N
     ran: list[int] = []
     batch = replay.batch
     monkeypatch.setattr(replay, "batch", lambda *a: ran.append(len(a[4])) or batch(*a))
-    on = OnLog(case, parse("mahony"), wanted(["inclination_rmse_deg"]))
+    on = SettingsOnLog(case, parse("mahony"), wanted(["inclination_rmse_deg"]))
     first = on([SETTINGS[0], SETTINGS[0], SETTINGS[1]])
     again = on([SETTINGS[1], SETTINGS[0]])
     assert sum(ran) == 2
@@ -55,7 +55,7 @@ def test_a_setting_is_run_once(case: Case, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_filter_that_gravity_does_not_correct_may_win_nothing(case: Case) -> None:
-    on = OnLog(case, parse("mahony"), wanted(["inclination_rmse_deg"]))
+    on = SettingsOnLog(case, parse("mahony"), wanted(["inclination_rmse_deg"]))
     assert "gravity" in on.why_not_best({"kp": 0.0, "ki": 0.0})
     assert on.why_not_best({"kp": 0.5}) == ""
 
@@ -75,7 +75,7 @@ def test_everything_wrong_with_the_metrics_is_told_at_once() -> None:
 
 def test_a_window_that_is_none_is_refused(case: Case) -> None:
     with pytest.raises(UsageError, match="noise_tilt_deg@flight"):
-        OnLog(case, parse("mahony"), wanted(["noise_tilt_deg@flight"]))
+        SettingsOnLog(case, parse("mahony"), wanted(["noise_tilt_deg@flight"]))
 
 
 def test_a_filter_that_needs_a_magnetometer_says_so_of_a_log_without(tmp_path: Path) -> None:
@@ -86,4 +86,4 @@ def test_a_filter_that_needs_a_magnetometer_says_so_of_a_log_without(tmp_path: P
         "def start(params, acc, mag, q0):\n    return q0\ndef step(state, params, dt, gyr, acc, mag):\n    pass\n"
     )
     with pytest.raises(UsageError, match="needs a magnetometer"):
-        OnLog(case, parse(str(needs)), wanted(["inclination_rmse_deg"]))([{}])
+        SettingsOnLog(case, parse(str(needs)), wanted(["inclination_rmse_deg"]))([{}])

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from attlog.compare.sweep.figures import _places, figures
-from attlog.compare.sweep.grid import Axis, grid
+from attlog.compare.sweep.grid import GridAxis, grid
 from attlog.compare.sweep.page import sweep_page
 from attlog.compare.sweep.sweep import Sweep, sweep
 from attlog.compare.tables.files import csv_text, latex, markdown
@@ -136,7 +136,7 @@ def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
     ],
 )
 def test_values_stand_where_they_can_be_told_apart(values: tuple[Any, ...], spacing: Any, scale: str) -> None:
-    places, found = _places(Axis("kp", "", values, spacing))
+    places, found = _places(GridAxis("kp", "", values, spacing))
     assert found == scale
     assert places == ([float(i) for i in range(len(values))] if scale == "side by side" else list(values))
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from attlog.compare.sweep.grid import grid
-from attlog.compare.sweep.many import Settled, Wanted
+from attlog.compare.sweep.many import SettingResult, SweptMetric
 from attlog.compare.sweep.sweep import Sweep, column, sweep
 from attlog.compare.sweep.text import csv_text, document, rows, sentences
 from attlog.estimators import get
@@ -18,8 +18,8 @@ from attlog.metrics.answer import Answer, missing
 from attlog.metrics.errors.rmse import of_blocks
 from attlog.metrics.statistics.units import UnitValues, ids_of
 
-TILT = Wanted("inclination_rmse_deg", "all", "deg", "low")
-LAG = Wanted("lag_ms", "all", "ms", "zero")
+TILT = SweptMetric("inclination_rmse_deg", "all", "deg", "low")
+LAG = SweptMetric("lag_ms", "all", "ms", "zero")
 KP = (0.1, 0.2, 0.4, 0.8, 1.6)
 WEATHER = np.exp(0.5 * np.random.default_rng(0).standard_normal(24))
 """What all settings of a log share: blocks with more and less wind."""
@@ -35,17 +35,17 @@ def blocks(rmse: float, seed: int, scatter: float = 0.05) -> Answer:
     return Answer(rmse, "deg", "all", 24, 120.0, told(ids).ci95, units=UnitValues("mean_square", ids, squares, told))
 
 
-def settled(answer: Answer, status: str = "ok", unsound: str = "") -> Settled:
-    return Settled({TILT: answer}, status, unsound)
+def settled(answer: Answer, status: str = "ok", unsound: str = "") -> SettingResult:
+    return SettingResult({TILT: answer}, status, unsound)
 
 
 class Made:
     """A log whose tilt error has its minimum at ``best``, in octaves of kp; the base is kp 0.8."""
 
-    def __init__(self, name: str, best: float, asked: list[Wanted] | None = None, unsound: float = np.inf) -> None:
+    def __init__(self, name: str, best: float, asked: list[SweptMetric] | None = None, unsound: float = np.inf) -> None:
         self.name, self.best, self.asked, self.unsound = name, best, asked or [TILT], unsound
 
-    def __call__(self, settings: list[dict[str, float]]) -> list[Settled]:
+    def __call__(self, settings: list[dict[str, float]]) -> list[SettingResult]:
         found = []
         for k, setting in enumerate(settings):
             kp = setting.get("kp", 0.8)
@@ -169,7 +169,7 @@ def test_an_optimum_at_the_end_of_a_range_is_said_to_be_there() -> None:
 
 def test_no_end_of_a_range_is_named_where_no_setting_is_told_from_the_others() -> None:
     class Flat(Made):
-        def __call__(self, settings: list[dict[str, float]]) -> list[Settled]:
+        def __call__(self, settings: list[dict[str, float]]) -> list[SettingResult]:
             return [settled(blocks(1.0, 1)) for _ in settings]
 
     assert "end of the range" not in "\n".join(sentences(made(Flat("a", 0.1))))

@@ -9,8 +9,8 @@ import pytest
 
 from attlog.base.errors import UsageError
 from attlog.compare.diff.tolerance import SMALLEST
-from attlog.compare.sweep.many import Settled, Wanted
-from attlog.compare.tune.folds import Part, folds
+from attlog.compare.sweep.many import SettingResult, SweptMetric
+from attlog.compare.tune.folds import LogPart, folds
 from attlog.compare.tune.objective import UNSOUND, cost, objective
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.errors.rmse import of_blocks
@@ -21,13 +21,13 @@ TILT, LAG = (t.metric for t in TERMS)
 DEG, MS = SMALLEST["deg"], SMALLEST["ms"]
 
 
-def settled(tilt: float | None, lag: float, unsound: str = "") -> Settled:
+def settled(tilt: float | None, lag: float, unsound: str = "") -> SettingResult:
     answer = missing("no_reference", "none", "deg", "all") if tilt is None else Answer(tilt, "deg", "all")
-    return Settled({TILT: answer, LAG: Answer(lag, "ms", "all")}, "ok", unsound)
+    return SettingResult({TILT: answer, LAG: Answer(lag, "ms", "all")}, "ok", unsound)
 
 
 def test_the_cost_is_the_weighted_mean_of_log_ratios_over_the_parts() -> None:
-    parts = [Part(0, "a"), Part(1, "b")]
+    parts = [LogPart(0, "a"), LogPart(1, "b")]
     base = {0: settled(2.0, 4.0), 1: settled(1.0, -4.0)}
     now = {0: settled(1.0, -2.0), 1: settled(1.0, 8.0)}
     tilt = 0.5 * np.log((1 + DEG) / (2 + DEG))
@@ -37,7 +37,7 @@ def test_the_cost_is_the_weighted_mean_of_log_ratios_over_the_parts() -> None:
 
 
 def test_a_setting_that_fails_costs_more_than_any_other_and_a_part_without_value_nothing() -> None:
-    part, base = [Part(0, "a")], {0: settled(2.0, 4.0)}
+    part, base = [LogPart(0, "a")], {0: settled(2.0, 4.0)}
     assert cost(TERMS, part, {0: settled(0.1, 0.0, "diverged")}, base) == UNSOUND
     assert cost(TERMS, part, {0: settled(None, 4.0)}, base) == pytest.approx(UNSOUND / 4)
     assert cost(TERMS, part, {0: settled(1.0, 4.0)}, {0: settled(None, 4.0)}) == 0.0
@@ -68,24 +68,24 @@ def blocks() -> Answer:
 
 
 def test_a_block_of_time_holds_the_units_that_begin_in_it() -> None:
-    early, late = (Part(0, "x", a, b).of(blocks()) for a, b in ((0.0, 25.0), (25.0, 40.0)))
+    early, late = (LogPart(0, "x", a, b).of(blocks()) for a, b in ((0.0, 25.0), (25.0, 40.0)))
     assert early is not None
     assert late is not None
     assert (early.value, late.value) == (1.0, 3.0)
     assert early.units is not None
     assert early.units.ids.tolist() == [15000, 20000]
-    assert Part(0, "x", 40.0, 50.0).of(blocks()) is None
-    assert Part(0, "x", 0.0, 50.0).of(Answer(1.0, "deg", "all")) is None
-    assert Part(0, "x").value(Answer(1.0, "deg", "all")) == 1.0
+    assert LogPart(0, "x", 40.0, 50.0).of(blocks()) is None
+    assert LogPart(0, "x", 0.0, 50.0).of(Answer(1.0, "deg", "all")) is None
+    assert LogPart(0, "x").value(Answer(1.0, "deg", "all")) == 1.0
 
 
 def test_every_part_is_left_out_once() -> None:
     for count, groups in ((2, 2), (5, 5), (12, 5)):
-        parts = [Part(k, str(k)) for k in range(count)]
+        parts = [LogPart(k, str(k)) for k in range(count)]
         found = folds(parts)
         assert len(found) == groups
         assert sorted(p.log for group in found for p in group) == list(range(count))
 
 
 def test_a_wanted_metric_is_a_key() -> None:
-    assert TILT == Wanted("inclination_rmse_deg", "all", "deg", "low")
+    assert TILT == SweptMetric("inclination_rmse_deg", "all", "deg", "low")

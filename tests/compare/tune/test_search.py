@@ -10,11 +10,11 @@ import pytest
 from attlog.base.errors import UsageError
 from attlog.compare.configurations.firmware_names import firmware_names
 from attlog.compare.sweep.grid import Setting
-from attlog.compare.tune.search import GENERATION, Free, free_parameters, search
+from attlog.compare.tune.search import GENERATION, FreeParameter, free_parameters, search
 from attlog.estimators import LogInfo, get
 from attlog.estimators.base import Estimator, Parameter
 
-KP, KI = Free("kp", "1/s", 0.01, 10.0, True), Free("ki", "1/s^2", 0.0, 1.0, False)
+KP, KI = FreeParameter("kp", "1/s", 0.01, 10.0, True), FreeParameter("ki", "1/s^2", 0.0, 1.0, False)
 START: Setting = {"kp": 5.0, "ki": 0.9}
 
 

@@ -12,12 +12,12 @@ import pytest
 import attlog
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.compare.configurations.configuration import parse
-from attlog.compare.sweep.many import OnLog, wanted
+from attlog.compare.sweep.many import SettingsOnLog, wanted
 from attlog.compare.tune.objective import objective
 from attlog.compare.tune.page import tune_page
 from attlog.compare.tune.search import free_parameters
 from attlog.compare.tune.text import document, mean_left_out, paste, sentences, told_side
-from attlog.compare.tune.tune import Tuned, tune
+from attlog.compare.tune.tune import Tuning, tune
 from attlog.flight.model import Attitude, FlightLog
 from attlog.testing.motion import GRAVITY, Noise, motion
 from tests.report.browser import Visit
@@ -47,28 +47,28 @@ def noisy(seed: int, seconds: float = 150.0) -> FlightLog:
 
 def tuned(
     logs: list[FlightLog], ranges: list[str], terms: str = "tilt", start: float = 5.0, generations: int = 4
-) -> Tuned:
+) -> Tuning:
     asked, base = objective([terms]), parse(f"mahony:kp={start},ki=0")
     cases = [attlog.prepare(log) for log in logs]
-    on = [OnLog(c, base, [t.metric for t in asked], guarded=True) for c in cases]
-    elsewhere = [OnLog(c, base, wanted(["noise_tilt_deg", "inclination_rmse_deg"])) for c in cases]
+    on = [SettingsOnLog(c, base, [t.metric for t in asked], guarded=True) for c in cases]
+    elsewhere = [SettingsOnLog(c, base, wanted(["noise_tilt_deg", "inclination_rmse_deg"])) for c in cases]
     free = free_parameters(ranges, base.row.estimator)
     return tune("mahony", free, asked, on, elsewhere, {f.name: on[0].values[f.name] for f in free}, generations, 0)
 
 
 @pytest.fixture(scope="module")
-def planted() -> Tuned:
+def planted() -> Tuning:
     return tuned([noisy(seed, 100.0) for seed in range(4)], ["kp=0.05..20log"], generations=2)
 
 
-def test_a_planted_optimum_is_found(planted: Tuned) -> None:
+def test_a_planted_optimum_is_found(planted: Tuning) -> None:
     """The variance is 3 % above its minimum at 1.3 times the best gain: a few minutes of noise tell it no better."""
     assert float(planted.found.setting["kp"]) == pytest.approx(PLANTED, rel=0.3)
     for fold in planted.folds:
         assert float(fold.found.setting["kp"]) == pytest.approx(PLANTED, rel=0.4)
 
 
-def test_its_worth_on_logs_left_out_is_what_theory_gives(planted: Tuned) -> None:
+def test_its_worth_on_logs_left_out_is_what_theory_gives(planted: Tuning) -> None:
     """From 5 to the optimum the error falls by the root of (k/k* + k*/k) / 2."""
     ratio = 5.0 / PLANTED
     expected = 1.0 / np.sqrt(0.5 * (ratio + 1.0 / ratio))
@@ -99,12 +99,12 @@ def test_one_log_alone_is_tuned_over_blocks_of_its_time() -> None:
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_answer(planted: Tuned) -> None:
+def test_the_same_seed_gives_the_same_answer(planted: Tuning) -> None:
     again = tuned([noisy(seed, 100.0) for seed in range(4)], ["kp=0.05..20log"], generations=2)
     assert document(again, {}, {}) == document(planted, {}, {})
 
 
-def test_what_is_told_can_be_pasted_and_read(planted: Tuned) -> None:
+def test_what_is_told_can_be_pasted_and_read(planted: Tuning) -> None:
     kp = planted.found.setting["kp"]
     assert paste(planted, {"kp": "FW_KP"}) == [f"mahony:kp={kp}", f"FW_KP,{kp:g}"]
     assert parse(paste(planted, {})[0]).row.params == {"kp": kp}
@@ -118,7 +118,7 @@ def test_what_is_told_can_be_pasted_and_read(planted: Tuned) -> None:
 
 
 @pytest.mark.slow
-def test_every_setting_that_was_tried_is_drawn(planted: Tuned, tmp_path: Path, browser: Any) -> None:
+def test_every_setting_that_was_tried_is_drawn(planted: Tuning, tmp_path: Path, browser: Any) -> None:
     path = tmp_path / "tune.html"
     path.write_text(tune_page(planted, ABOUT, {}), encoding="utf-8")
     visit = Visit(browser, path)
@@ -146,7 +146,8 @@ def test_flights_left_out_are_improved(corpus: Path) -> None:
     names = [f"px4_{name}.ulg" for name in ("hover", "steps", "wind", "yaw", "gnssloss", "static")]
     base, asked = parse("mahony"), objective(["tilt"])
     on = [
-        OnLog(attlog.prepare(corpus / "sitl" / "px4" / n), base, [t.metric for t in asked], guarded=True) for n in names
+        SettingsOnLog(attlog.prepare(corpus / "sitl" / "px4" / n), base, [t.metric for t in asked], guarded=True)
+        for n in names
     ]
     free = free_parameters(["kp=0.03..3log", "ki=0.0001..0.1log"], base.row.estimator)
     found = tune("mahony", free, asked, on, [], {f.name: on[0].values[f.name] for f in free}, 4, 0)

@@ -11,24 +11,24 @@ import attlog
 from attlog.base import rotation
 from attlog.reproduce.fan import claims as fan
 from attlog.reproduce.fan import runs as fan_runs
-from attlog.reproduce.fan.runs import EKF, FILTER, RAW, Seed
-from attlog.reproduce.paper import Options, Paper, Verdict
+from attlog.reproduce.fan.runs import EKF, FILTER, RAW, FanSeed
+from attlog.reproduce.paper import Paper, PaperOptions, Verdict
 
 SEEDS = 3
 
 
 @pytest.fixture(scope="module")
 def found() -> Paper:
-    return fan.paper(Options(seeds=SEEDS))
+    return fan.paper(PaperOptions(seeds=SEEDS))
 
 
 @pytest.fixture(scope="module")
-def seeds() -> list[Seed]:
+def seeds() -> list[FanSeed]:
     return [fan_runs.one_seed(seed) for seed in range(SEEDS)]
 
 
 @pytest.mark.slow
-def test_raw_angles_at_rest_scatter_as_the_sensors_noise_says(seeds: list[Seed]) -> None:
+def test_raw_angles_at_rest_scatter_as_the_sensors_noise_says(seeds: list[FanSeed]) -> None:
     """150 ug/sqrt(Hz) at 200 Hz: 2.1 mg, which is 0.12 deg."""
     noise = np.degrees(150e-6 * np.sqrt(200.0))
     spread = np.mean([s.spread[RAW][:2] for s in seeds])
@@ -66,20 +66,20 @@ def test_the_turns_of_the_heading_are_where_the_truth_turns() -> None:
 def test_a_heading_that_is_late_by_30_ms_is_found_late_by_30_ms() -> None:
     s = fan_runs.turned(0)
     late = rotation.slerp(s.t, s.q, np.clip(s.t - 0.030, s.t[0], s.t[-1]))
-    delay, rise = fan_runs._heading(fan_runs.Found(s.t, late, s.q))
+    delay, rise = fan_runs._heading(fan_runs.FilterOutput(s.t, late, s.q))
     assert delay == pytest.approx(30.0, abs=0.5)
     assert rise == pytest.approx(0.0, abs=0.5)
 
 
 @pytest.mark.slow
-def test_raw_is_worst_and_its_verdict_turns_with_the_numbers(found: Paper, seeds: list[Seed]) -> None:
+def test_raw_is_worst_and_its_verdict_turns_with_the_numbers(found: Paper, seeds: list[FanSeed]) -> None:
     assert next(c for c in found.claims if c.id == "raw").verdict == "holds"
     swapped = [replace(s, spread=s.spread | {RAW: s.spread[FILTER], FILTER: s.spread[RAW]}) for s in seeds]
     assert fan._raw(swapped).verdict == "holds in part"
 
 
 @pytest.mark.slow
-def test_a_claim_that_hangs_on_the_noise_values_says_with_which_it_holds(seeds: list[Seed]) -> None:
+def test_a_claim_that_hangs_on_the_noise_values_says_with_which_it_holds(seeds: list[FanSeed]) -> None:
     claim, by_walk = fan._but_yaw(seeds)
     assert by_walk == ["does not hold", "holds", "holds"]
     assert claim.verdict == "holds in part"
@@ -98,7 +98,7 @@ def test_it_is_counted_how_many_claims_hold_at_once() -> None:
 
 
 @pytest.mark.slow
-def test_spikes_are_seen_in_the_complementary_filter_and_not_in_the_kalman_filter(seeds: list[Seed]) -> None:
+def test_spikes_are_seen_in_the_complementary_filter_and_not_in_the_kalman_filter(seeds: list[FanSeed]) -> None:
     assert all(s.turned[FILTER].spikes > s.turned[EKF].spikes for s in seeds)
     assert all(s.turned[FILTER].peak_deg > 2 * s.turned[EKF].peak_deg for s in seeds)
 

@@ -19,15 +19,15 @@ from attlog.reproduce.huang.runs import (
     FLOWN_ON,
     LEVELS,
     TRACKS,
-    Errors,
-    Flown,
-    Replayed,
-    Returned,
-    Seed,
-    Tracked,
+    AngleTracking,
+    FlightReplay,
+    HuangErrors,
+    HuangFlight,
+    HuangSeed,
+    LevelReturn,
 )
 from attlog.reproduce.page import render
-from attlog.reproduce.paper import Claim, Number, Options, Paper
+from attlog.reproduce.paper import Claim, Paper, PaperNumber, PaperOptions
 from attlog.simulate.autopilot.onboard import TRUTH
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
@@ -41,25 +41,25 @@ def flight() -> Flight:
     return fly(huang_runs.scenario(TRUTH, wind=0.0), seed=0)
 
 
-def made(seed: int, error: float = 0.3, left: float = 0.2, most: float = 1.5, gain: float = 0.9) -> Seed:
+def made(seed: int, error: float = 0.3, left: float = 0.2, most: float = 1.5, gain: float = 0.9) -> HuangSeed:
     """A seed as the flights would give it, with numbers by hand."""
     rng = np.random.default_rng(seed)
 
     def about(x: float) -> float:
         return x * (1.0 + 0.05 * float(rng.standard_normal()))
 
-    def errors(x: float) -> Errors:
-        return Errors((about(x), about(x), about(x)), (about(x), about(x), about(x)))
+    def errors(x: float) -> HuangErrors:
+        return HuangErrors((about(x), about(x), about(x)), (about(x), about(x), about(x)))
 
-    returned = tuple(Returned(about(0.5), about(0.35), about(0.1), about(left)) for _ in LEVELS)
-    tracked = tuple(Tracked(about(217.0), about(gain), about(5.0)) for _ in TRACKS)
-    flown = Flown(errors(error), (about(most), about(most)), (0.4, 0.4), 0.5, False, returned, tracked)
-    replayed = Replayed({row: errors(error if row == DCM else 0.5) for row in huang_runs.ROWS}, errors(0.4))
+    returned = tuple(LevelReturn(about(0.5), about(0.35), about(0.1), about(left)) for _ in LEVELS)
+    tracked = tuple(AngleTracking(about(217.0), about(gain), about(5.0)) for _ in TRACKS)
+    flown = HuangFlight(errors(error), (about(most), about(most)), (0.4, 0.4), 0.5, False, returned, tracked)
+    replayed = FlightReplay({row: errors(error if row == DCM else 0.5) for row in huang_runs.ROWS}, errors(0.4))
     windy = {wind: (about(3.0 * wind), about(3.0 * wind)) for wind in huang_runs.MORE_WIND_M_S}
-    return Seed(dict.fromkeys(FLOWN_ON, flown), replayed, returned, (about(error), about(error)), windy)
+    return HuangSeed(dict.fromkeys(FLOWN_ON, flown), replayed, returned, (about(error), about(error)), windy)
 
 
-def numbers(claim: Claim, what: str) -> list[Number]:
+def numbers(claim: Claim, what: str) -> list[PaperNumber]:
     return [n for n in claim.numbers if what in n.what]
 
 
@@ -177,7 +177,7 @@ def test_the_figures_show_the_flight() -> None:
 
 @pytest.mark.slow
 def test_the_whole_paper_runs_and_says_what_does_not_hold() -> None:
-    found = huang.paper(Options(seeds=2))
+    found = huang.paper(PaperOptions(seeds=2))
     verdicts = {c.id: c.verdict for c in found.claims}
     assert set(verdicts) == {"follows", "ekf", "cost", "level", "hover", "tracks"}
     assert verdicts["cost"] == "holds"

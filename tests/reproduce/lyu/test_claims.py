@@ -13,7 +13,7 @@ import attlog
 from attlog.reproduce.lyu import claims as lyu
 from attlog.reproduce.lyu import flight as lyu_flight
 from attlog.reproduce.lyu import runs as lyu_runs
-from attlog.reproduce.paper import Options, Paper
+from attlog.reproduce.paper import Paper, PaperOptions
 from tests.conftest import few
 
 SEEDS = 3
@@ -30,7 +30,7 @@ def short_flights() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def found(short_flights: None) -> Paper:
-    return lyu.paper(Options(seeds=SEEDS))
+    return lyu.paper(PaperOptions(seeds=SEEDS))
 
 
 def number(paper: Paper, claim: str, what: str) -> float:

@@ -12,13 +12,13 @@ import pytest
 
 import attlog
 from attlog.base import rotation
-from attlog.reproduce.paper import Options, Paper
+from attlog.reproduce.paper import Paper, PaperOptions
 from attlog.reproduce.xu import claims as xu
 from attlog.reproduce.xu import figures as xu_figures
 from attlog.reproduce.xu import runs as xu_runs
 from attlog.reproduce.xu.best import best_gain
 from attlog.reproduce.xu.logs import on_log
-from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, ROWS, SWEPT, Seed, gain
+from attlog.reproduce.xu.runs import ADAPTIVE, FIXED, ROWS, SWEPT, XuSeed, gain
 from tests.conftest import SAMPLES
 
 SEEDS = 2
@@ -41,19 +41,19 @@ def two_legs() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def seeds(two_legs: None) -> list[Seed]:
+def seeds(two_legs: None) -> list[XuSeed]:
     return [xu_runs.one_seed(seed) for seed in range(SEEDS)]
 
 
 @pytest.fixture(scope="module")
-def found(seeds: list[Seed]) -> Paper:
+def found(seeds: list[XuSeed]) -> Paper:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(xu, "each_seed", lambda *_: seeds)
-        return xu.paper(Options(seeds=SEEDS, logs=LOGS))
+        return xu.paper(PaperOptions(seeds=SEEDS, logs=LOGS))
 
 
 @pytest.mark.slow
-def test_the_error_of_tilt_is_that_of_a_run_by_hand(seeds: list[Seed]) -> None:
+def test_the_error_of_tilt_is_that_of_a_run_by_hand(seeds: list[XuSeed]) -> None:
     s = xu_runs.flown(0)
     q = attlog.estimate("mahony@xu-1.1", s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
     down = rotation.rotate_inverse(q, np.array([0.0, 0.0, 1.0]))
@@ -71,7 +71,7 @@ def test_the_papers_gains_are_its_presets() -> None:
 
 
 @pytest.mark.slow
-def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[Seed]) -> None:
+def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[XuSeed]) -> None:
     for s in seeds:
         for axis in (0, 1):
             rms = [s.rms[FIXED[kp]][axis] for kp in (0.6, 1.1, 2.0)]
@@ -79,7 +79,7 @@ def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[Seed]
 
 
 @pytest.mark.slow
-def test_the_verdicts_follow_the_numbers(seeds: list[Seed]) -> None:
+def test_the_verdicts_follow_the_numbers(seeds: list[XuSeed]) -> None:
     runs = [xu._of_seeds(seeds)]
     assert xu._oscillates(runs).verdict == "holds"
     swap = {gain(0.6): gain(2.0), gain(2.0): gain(0.6)}
@@ -91,7 +91,7 @@ def test_the_verdicts_follow_the_numbers(seeds: list[Seed]) -> None:
 
 
 @pytest.mark.slow
-def test_the_best_gain_is_the_lowest_of_a_curve_that_is_known(seeds: list[Seed]) -> None:
+def test_the_best_gain_is_the_lowest_of_a_curve_that_is_known(seeds: list[XuSeed]) -> None:
     curve = {gain(kp): 1.0 + np.log(kp / 0.85) ** 2 for kp in SWEPT}
     known = [
         replace(s, tilt={**s.tilt, **{k: v * (1 + 0.01 * n) for k, v in curve.items()}}) for n, s in enumerate(seeds)

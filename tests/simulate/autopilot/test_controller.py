@@ -11,7 +11,7 @@ import pytest
 from attlog.base import rotation
 from attlog.simulate.autopilot import controller
 from attlog.simulate.autopilot.controller import ANGLE_INTEGRAL, CUT, RATE_INTEGRAL, Gains
-from attlog.simulate.autopilot.linear import Axis, margins, rise_and_overshoot
+from attlog.simulate.autopilot.linear import LoopAxis, margins, rise_and_overshoot
 from attlog.simulate.autopilot.loop import Controller
 from attlog.simulate.scenario.vehicle import ROTOR_SIGNS, ROTOR_TURNS, Vehicle
 from tests.conftest import few
@@ -41,7 +41,7 @@ def step_of(axis: int, degrees: float, gains: Gains, vehicle: Vehicle, seconds: 
 def test_a_small_step_is_the_one_of_the_transfer_function(axis: int, lag: float, gains: Gains) -> None:
     vehicle = Vehicle(motor_lag_s=lag)
     t, y, _ = step_of(axis, 2.0, gains, vehicle)
-    expected = Axis(float(authority(vehicle)[axis]), lag, gains, axis).step(t)
+    expected = LoopAxis(float(authority(vehicle)[axis]), lag, gains, axis).step(t)
     assert np.abs(y - expected).max() < 0.02
     rise, over = rise_and_overshoot(t, y)
     rise_expected, over_expected = rise_and_overshoot(t, expected)
@@ -54,7 +54,7 @@ def test_the_default_gains_are_well_damped_on_the_default_vehicle(index: int) ->
     """The paper's for roll and pitch, ours for yaw; also with 4 ms more of delay, as a slow IMU has."""
     vehicle = Vehicle()
     for delay in (0.00125, 0.005):
-        axis = Axis(float(authority(vehicle)[index]), vehicle.motor_lag_s, HUANG, index, delay)
+        axis = LoopAxis(float(authority(vehicle)[index]), vehicle.motor_lag_s, HUANG, index, delay)
         found = margins(axis)
         assert found.phase_deg > 50.0
         assert found.gain > 4.0
@@ -72,14 +72,14 @@ def test_without_lag_and_integrals_the_step_is_that_of_a_second_order_system(zet
         angle_ki=none, rate_ki=none, rate_kd=none,
     )  # fmt: skip
     t = np.linspace(0.0, 5.0, 5001)
-    y = Axis(big, 1e-7, gains, delay=0.0).step(t)
+    y = LoopAxis(big, 1e-7, gains, delay=0.0).step(t)
     assert y.max() - 1.0 == pytest.approx(math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)), abs=1e-4)
     assert t[y.argmax()] == pytest.approx(math.pi / (wn * math.sqrt(1 - zeta**2)), abs=2e-3)
 
 
 def test_the_closed_loop_is_that_of_scipy_from_its_parts() -> None:
     signal = pytest.importorskip("scipy.signal")
-    axis = Axis(150.0, 0.03, HUANG, delay=0.0)
+    axis = LoopAxis(150.0, 0.03, HUANG, delay=0.0)
     kp, ki, kd = HUANG.rate_kp[0], HUANG.rate_ki[0], HUANG.rate_kd[0]
     k, i, f = HUANG.angle_kp[0], HUANG.angle_ki[0], 2 * math.pi * HUANG.derivative_hz
     # States: angle, rate, torque of the rotors, both integrals, low-passed rate for the derivative.
@@ -103,7 +103,7 @@ def test_the_gain_margin_is_where_the_nonlinear_loop_begins_to_swing(part: float
     lag = 0.05
     vehicle = Vehicle(motor_lag_s=lag)
     slow = dataclasses.replace(HUANG, derivative_hz=8.0)
-    found = margins(Axis(float(authority(vehicle)[0]), lag, slow))
+    found = margins(LoopAxis(float(authority(vehicle)[0]), lag, slow))
     ix, iy, iz = vehicle.inertia_kg_m2
     by = found.gain * part
     light = Vehicle(motor_lag_s=lag, inertia_kg_m2=(ix / by, iy / by, iz / by))
@@ -116,7 +116,7 @@ def test_the_gain_margin_is_where_the_nonlinear_loop_begins_to_swing(part: float
 @pytest.mark.parametrize(("part", "stable"), few([(0.9, True), (1.1, False)], 1))
 def test_the_delay_margin_is_what_the_nonlinear_loop_stands(part: float, stable: bool) -> None:
     vehicle = Vehicle()
-    found = margins(Axis(float(authority(vehicle)[0]), vehicle.motor_lag_s, HUANG))
+    found = margins(LoopAxis(float(authority(vehicle)[0]), vehicle.motor_lag_s, HUANG))
     waiting = round(part * found.delay_s * 400.0)
     _, q, _ = flown(HUANG, LEVEL, rotation.from_euler(1e-3, 0.0, 0.0), 6.0, vehicle=vehicle, waiting=waiting)
     y = rotation.to_euler(q)[:, 0]

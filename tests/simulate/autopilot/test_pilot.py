@@ -12,17 +12,17 @@ from attlog.base.errors import UsageError
 from attlog.estimators import Aids, Measured, estimate, place
 from attlog.simulate.autopilot import autopilot, pilot
 from attlog.simulate.autopilot.controller import Gains
-from attlog.simulate.autopilot.linear import Axis
-from attlog.simulate.autopilot.loop import Controller, Estimator
+from attlog.simulate.autopilot.linear import LoopAxis
+from attlog.simulate.autopilot.loop import Controller, EstimatorChoice
 from attlog.simulate.autopilot.navigation import Navigator
 from attlog.simulate.autopilot.onboard_aids import Inbox
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario.commands import Command
-from attlog.simulate.scenario.place import Place, Wind
+from attlog.simulate.scenario.place import TakeoffPlace, Wind
 from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.scenario.vehicle import Vehicle
-from attlog.simulate.sensors.settings import Gnss, Imu, Sensors
+from attlog.simulate.sensors.settings import GnssSettings, ImuSettings, SensorSettings
 from tests.conftest import few
 from tests.simulate.plant import authority
 
@@ -33,8 +33,8 @@ UP = (Command(t=1.5, do="arm"), Command(t=2.0, do="takeoff", up_m=3.0))
 def scenario(seconds: float, *commands: Command, estimator: str = "truth", wind: float = 0.0, hz: float = 400.0,
              **more: object) -> Scenario:  # fmt: skip
     return Scenario(
-        name="test", seconds=seconds, command=(*UP, *commands), estimator=Estimator(name=estimator),
-        wind=Wind(turbulence_m_s=wind), sensors=Sensors(imu=(Imu(rate_hz=hz),)), **more,
+        name="test", seconds=seconds, command=(*UP, *commands), estimator=EstimatorChoice(name=estimator),
+        wind=Wind(turbulence_m_s=wind), sensors=SensorSettings(imu=(ImuSettings(rate_hz=hz),)), **more,
     )  # fmt: skip
 
 
@@ -82,7 +82,7 @@ def test_a_small_step_in_flight_is_that_of_the_transfer_function(axis: str, size
     vehicle = Vehicle()
     # A command acts one period after it was computed and is then held for one.
     delay = 1.5 / 400.0
-    linear = Axis(float(authority(vehicle)[index]), vehicle.motor_lag_s, Gains.of(Controller()), index, delay)
+    linear = LoopAxis(float(authority(vehicle)[index]), vehicle.motor_lag_s, Gains.of(Controller()), index, delay)
     t = flight.truth.t - 7.0
     part = (t > 0.0) & (t < 1.4)
     assert np.abs(angles(flight)[part, index] / size - linear.step(t[part])).max() < 0.03
@@ -95,7 +95,7 @@ def test_it_takes_off_holds_goes_turns_lands_and_disarms() -> None:
         Command(t=20.0, do="velocity", north_m_s=1.0),
         Command(t=24.0, do="land"),
     )
-    flight = fly(scenario(40.0, *told, place=Place(heading_deg=20.0)))
+    flight = fly(scenario(40.0, *told, place=TakeoffPlace(heading_deg=20.0)))
     t, p, heading = flight.truth.t, flight.truth.p, angles(flight)[:, 2]
 
     def at(time: float) -> int:
@@ -168,7 +168,7 @@ def test_the_bias_that_the_filter_knows_is_taken_off_the_rate() -> None:
     row = np.array([[0.0, 0.0025, *Known.bias, 0.0, 0.0, -9.81]])
     for k in range(1200):
         row[0, 0] = k * 0.0025
-        seen = autopilot.Measured(row, None, None, None, (Known.q, *np.zeros((3, 3))))
+        seen = autopilot.SensorInputs(row, None, None, None, (Known.q, *np.zeros((3, 3))))
         made.step(k * 0.0025, seen)
     made._live = None
     board = made.onboard()
@@ -179,15 +179,15 @@ def test_the_bias_that_the_filter_knows_is_taken_off_the_rate() -> None:
 
 
 def test_parameters_of_the_estimator_are_flown() -> None:
-    own = scenario(3.0).changed(estimator=Estimator(name="mahony@xu-2", params={"ki": 0.02}))
+    own = scenario(3.0).changed(estimator=EstimatorChoice(name="mahony@xu-2", params={"ki": 0.02}))
     assert fly(own).onboard.estimator == "mahony@xu-2:ki=0.02"
     with pytest.raises(UsageError, match="truth has no parameters"):
-        fly(own.changed(estimator=Estimator(name="truth", params={"ki": 0.02})))
+        fly(own.changed(estimator=EstimatorChoice(name="truth", params={"ki": 0.02})))
 
 
 @pytest.mark.slow
 def test_without_gnss_it_stays_level_and_keeps_its_height() -> None:
-    lost = Sensors(imu=(Imu(rate_hz=400.0),), gnss=(Gnss(outages=((8.0, 30.0),)),))
+    lost = SensorSettings(imu=(ImuSettings(rate_hz=400.0),), gnss=(GnssSettings(outages=((8.0, 30.0),)),))
     flight = fly(scenario(20.0, estimator="mekf", wind=0.3).changed(sensors=lost), seed=1)
     late = flight.truth.t > 9.0
     assert np.abs(angles(flight)[late, :2]).max() < 3.0
@@ -239,7 +239,7 @@ def test_a_flight_is_the_same_to_the_bit_for_the_same_seed() -> None:
 
 def test_the_autopilot_is_one_as_the_simulator_wants_it() -> None:
     made: autopilot.Autopilot = pilot.make(scenario(5.0), 9.81, 0.05)
-    nothing = autopilot.Measured(np.zeros((0, 8)), None, None, None, (np.array([1.0, 0, 0, 0]), *np.zeros((3, 3))))
+    nothing = autopilot.SensorInputs(np.zeros((0, 8)), None, None, None, (np.array([1.0, 0, 0, 0]), *np.zeros((3, 3))))
     assert made.step(0.0025, nothing).shape == (4,)
     assert dataclasses.is_dataclass(made.onboard())
 
@@ -271,7 +271,7 @@ def test_hover_and_tracking_are_within_the_papers_bounds(name: str, seeds: int) 
           f"+-{1e3 * np.std(delays):.0f}, gain {np.mean(gains):.3f}")  # fmt: skip
     assert np.max(most) < 5.0
     vehicle = Vehicle()
-    linear = Axis(float(authority(vehicle)[0]), vehicle.motor_lag_s, Gains.of(Controller()), 0, 2.0 / 400.0)
+    linear = LoopAxis(float(authority(vehicle)[0]), vehicle.motor_lag_s, Gains.of(Controller()), 0, 2.0 / 400.0)
     expected = linear.response(np.pi)
     within = 0.005 if name == "truth" else 0.06
     assert np.abs(np.array(delays) + np.angle(expected) / np.pi).max() < within
