@@ -35,7 +35,7 @@ def of_defaults() -> Iterator[Kernel]:
     from attlog.estimators import get
     from attlog.estimators.api import DEFAULT
     from attlog.estimators.engine.loop import kernel_of
-    from attlog.estimators.filters.navigation.kernels import AHEAD_KERNEL, BACKWARD_KERNEL, CHAIN_KERNEL, FORWARD_KERNEL
+    from attlog.estimators.filters.navigation import backward, forward, turns
     from attlog.formats import grouping, mapping
     from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink import compiled as mavlink
@@ -49,10 +49,10 @@ def of_defaults() -> Iterator[Kernel]:
 
     yield from (kernel_of(e) for e in map(get, DEFAULT) if e.step is not None)
     yield from (
-        FORWARD_KERNEL,
-        BACKWARD_KERNEL,
-        AHEAD_KERNEL,
-        CHAIN_KERNEL,
+        forward.KERNEL,
+        backward.KERNEL,
+        turns.AHEAD_KERNEL,
+        turns.CHAIN_KERNEL,
         mapping.COPY,
         grouping.COUNT,
         grouping.SCATTER,

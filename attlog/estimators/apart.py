@@ -150,8 +150,11 @@ class Apart:
         path = [os.path.abspath(p) if p else os.getcwd() for p in sys.path]
         self._process = process = subprocess.Popen(
             [sys.executable, "-P", "-c", START.format(path=path)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=_environment(), **OWN_GROUP,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=_environment(),
+            **OWN_GROUP,
+        )
         self._owner = os.getpid()
         self._answers = answers = SimpleQueue[bytes]()
         assert process.stdin is not None

@@ -146,9 +146,18 @@ def estimate(
     if estimator.apart is not None:
         told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
         return estimator.apart.call(
-            _there, row.preset, {**row.params, **params}, (t, gyr, acc, mag), sampling=sampling, q0=q0,
-            declination=declination, dt=dt, every=every, aids=aids, log=told,
-        )  # fmt: skip
+            _there,
+            row.preset,
+            {**row.params, **params},
+            (t, gyr, acc, mag),
+            sampling=sampling,
+            q0=q0,
+            declination=declination,
+            dt=dt,
+            every=every,
+            aids=aids,
+            log=told,
+        )
     for sensor, data in (("acc", acc), ("mag", mag)):
         if sensor in estimator.needs and data is None:
             raise UsageError(f"{estimator.name} needs {sensor}, which was not given")

@@ -16,15 +16,48 @@ from attlog.estimators.base import Estimator, Parameter
 SUFFIX = ".csv"
 FRAMES = ("auto", "ned-frd", "enu-flu", "ned-flu", "enu-frd", "frd-ned", "flu-enu")
 PARAMETERS = (
-    Parameter("offset", 0.0, "s", -1e10, 1e10, "added to its times to be on the log's clock, 0 the first IMU sample; "
-              "0: found among the clocks that the log knows", "the user"),
-    Parameter("frame", "auto", "", 0, 1, "earth-body axes of its rotation from body to earth, or body-earth of its "
-              "inverse; auto: what gyro and gravity agree with", "the user", FRAMES),
-    Parameter("angles", "auto", "", 0, 1, "unit of Euler angles; auto: by the column's name, else by the gyro",
-              "the user", ("auto", "deg", "rad")),
-    Parameter("north", "yes", "", 0, 1, "no: its heading has no north of its own, its offset is taken out", "the user",
-              ("yes", "no")),
-)  # fmt: skip
+    Parameter(
+        "offset",
+        0.0,
+        "s",
+        -1e10,
+        1e10,
+        "added to its times to be on the log's clock, 0 the first IMU sample; "
+        "0: found among the clocks that the log knows",
+        "the user",
+    ),
+    Parameter(
+        "frame",
+        "auto",
+        "",
+        0,
+        1,
+        "earth-body axes of its rotation from body to earth, or body-earth of its "
+        "inverse; auto: what gyro and gravity agree with",
+        "the user",
+        FRAMES,
+    ),
+    Parameter(
+        "angles",
+        "auto",
+        "",
+        0,
+        1,
+        "unit of Euler angles; auto: by the column's name, else by the gyro",
+        "the user",
+        ("auto", "deg", "rad"),
+    ),
+    Parameter(
+        "north",
+        "yes",
+        "",
+        0,
+        1,
+        "no: its heading has no north of its own, its offset is taken out",
+        "the user",
+        ("yes", "no"),
+    ),
+)
 
 
 def is_recorded(name: str) -> bool:

@@ -21,10 +21,19 @@ SMALL = 512
 CONTIGUOUS, WRITEABLE = 0x1 | 0x100, 0x400
 """numpy's flags C_CONTIGUOUS and ALIGNED, and WRITEABLE."""
 NUMBERS: dict[str, Any] = {
-    "b1": ctypes.c_int64, "i1": ctypes.c_int8, "i2": ctypes.c_int16, "i4": ctypes.c_int32, "i8": ctypes.c_int64,
-    "u1": ctypes.c_uint8, "u2": ctypes.c_uint16, "u4": ctypes.c_uint32, "u8": ctypes.c_uint64,
-    "f4": ctypes.c_float, "f8": ctypes.c_double, "void": None,
-}  # fmt: skip
+    "b1": ctypes.c_int64,
+    "i1": ctypes.c_int8,
+    "i2": ctypes.c_int16,
+    "i4": ctypes.c_int32,
+    "i8": ctypes.c_int64,
+    "u1": ctypes.c_uint8,
+    "u2": ctypes.c_uint16,
+    "u4": ctypes.c_uint32,
+    "u8": ctypes.c_uint64,
+    "f4": ctypes.c_float,
+    "f8": ctypes.c_double,
+    "void": None,
+}
 
 
 @lru_cache(maxsize=1)
@@ -57,9 +66,11 @@ def load(kernel: Kernel, code: bytes, symbol: str) -> Callable[..., Any]:
     address = engine.get_function_address(symbol)
     types: list[Any] = []
     for argument in kernel.arguments:
-        types += [ctypes.c_void_p, *[ctypes.c_int64] * argument.dimensions] if argument.dimensions else [
-            NUMBERS[argument.kind]
-        ]  # fmt: skip
+        types += (
+            [ctypes.c_void_p, *[ctypes.c_int64] * argument.dimensions]
+            if argument.dimensions
+            else [NUMBERS[argument.kind]]
+        )
     return caller(kernel, ctypes.CFUNCTYPE(NUMBERS[kernel.result], *types)(address), engine)
 
 

@@ -127,9 +127,21 @@ def estimate_batch(
     if estimator.apart is not None:
         told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
         return estimator.apart.call(
-            estimate_batch, [dict(p) for p in params], t, gyr, acc, mag, preset=preset, sampling=sampling, q0=q0, dt=dt,
-            every=every, aids=aids, log=told, dtype=dtype,
-        )  # fmt: skip
+            estimate_batch,
+            [dict(p) for p in params],
+            t,
+            gyr,
+            acc,
+            mag,
+            preset=preset,
+            sampling=sampling,
+            q0=q0,
+            dt=dt,
+            every=every,
+            aids=aids,
+            log=told,
+            dtype=dtype,
+        )
     resolved = [{k: v for k, (v, _) in estimator.resolve(preset, p, log=log).items()} for p in params]
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
     results: list[Estimate | None] = [None] * len(resolved)
@@ -243,8 +255,14 @@ def _loaded(
     if not ours and not text():
         return None
     name = f"batch {step.__module__} {switches} {dtype} {sizes} {vectors_at}"
-    kernel = Kernel(name, "advance", text, SIGNATURE.format("f4" if dtype == "float32" else "f8"), what,
-                    loop.SOURCES if ours else ())  # fmt: skip
+    kernel = Kernel(
+        name,
+        "advance",
+        text,
+        SIGNATURE.format("f4" if dtype == "float32" else "f8"),
+        what,
+        loop.SOURCES if ours else (),
+    )
     if ours:
         return at_hand(kernel) or (obtained(kernel) if text() else None)
     return by_numba(kernel)

@@ -297,9 +297,16 @@ def _try_plainly(estimator: Estimator) -> None:
     """Run two samples in plain Python: what is wrong there has a line in the plug-in's file. PluginError says it."""
     vectors = np.tile([0.1, 0.2, -GRAVITY], (2, 1))
     still = Samples(
-        np.array([0.0, 0.01]), np.array([0.0, 0.01]), np.array([0, 1]), 0.1 * vectors, vectors, vectors,
-        np.array([NEW, NEW]), np.zeros(2, np.int64), np.zeros(1, np.int64),
-    )  # fmt: skip
+        np.array([0.0, 0.01]),
+        np.array([0.0, 0.01]),
+        np.array([0, 1]),
+        0.1 * vectors,
+        vectors,
+        vectors,
+        np.array([NEW, NEW]),
+        np.zeros(2, np.int64),
+        np.zeros(1, np.int64),
+    )
     values = {p.name: p.default for p in estimator.parameters}
     params = estimator.pack(values)
     state = initial_state(estimator, First(vectors[0], vectors[0], None), params, values, None)

@@ -26,11 +26,10 @@ import numpy as np
 from attlog.base.freed import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.filters.navigation import attitude, passes, quality
+from attlog.estimators.filters.navigation import attitude, passes
 from attlog.estimators.filters.navigation.layout import BG
 from attlog.estimators.filters.navigation.measured import made_ready
-from attlog.estimators.filters.navigation.options import PRIORS, SOFT
-from attlog.estimators.filters.navigation.settings import started
+from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
 
 SOURCE = "Sola2017"
 NEEDS = {"gyro", "acc"}
@@ -38,13 +37,18 @@ USES = {"mag", "gnss", "baro", "at_rest"}
 STATE = {"q": 4, "bias": 3}
 PARAMETERS = (
     *PRIORS,
-    SOFT,
+    GATE,
     Parameter(
-        "constants", "log", "", 0, 1,
+        "constants",
+        "log",
+        "",
+        0,
+        1,
         "noise levels, delays and prior spreads: of the whole log, the defaults, or with biases and compass as well",
-        "attlog; fixed looks at nothing to come", ("log", "fixed", "calibrated"),
+        "attlog; fixed looks at nothing to come",
+        ("log", "fixed", "calibrated"),
     ),
-)  # fmt: skip
+)
 PRESETS: dict[str, dict[str, float | str]] = {
     "fixed": {"constants": "fixed"},
     "calibrated": {"constants": "calibrated"},
@@ -82,7 +86,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     q = attitude.predicted(inputs, found.q, bias, begin.x[BG : BG + 3], horizon)
     found.q, found.bias = found.q[:0].copy(), found.bias[:0].copy()  # in long logs copies add up
     tilt, heading = attitude.sigmas(inputs, found, found.variance)
-    told = quality.quality(inputs, found, tuned, tilt, heading)
+    told = attitude.quality(inputs, found, tuned, tilt, heading)
     told["constants"] = str(constants) if looks or constants == "fixed" else "fixed"
     return Estimate(
         t=t,

@@ -24,17 +24,16 @@ import numpy as np
 
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
-from attlog.estimators.filters.navigation import attitude, passes, quality
+from attlog.estimators.filters.navigation import attitude, passes
 from attlog.estimators.filters.navigation.measured import Inputs, made_ready
-from attlog.estimators.filters.navigation.options import PRIORS, SOFT
-from attlog.estimators.filters.navigation.settings import started
+from attlog.estimators.filters.navigation.settings import GATE, PRIORS, started
 
 SOURCE = "Bierman1973; DeJongPenzer1998; Sola2017; Rauch1965"
 NEEDS = {"gyro", "acc"}
 USES = {"mag", "gnss", "baro", "at_rest"}
 STATE = {"q": 4, "bias": 3}
 CAUSAL = False
-PARAMETERS = (*PRIORS, SOFT, Parameter("passes", 5, "", 1, 12, "passes over the log; one calibrates nothing", "attlog"))
+PARAMETERS = (*PRIORS, GATE, Parameter("passes", 5, "", 1, 12, "passes over the log; one calibrates nothing", "attlog"))
 PRESETS: dict[str, dict[str, float | str]] = {}
 
 
@@ -74,8 +73,8 @@ def part(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappi
     found = solution.found
     q, bias = attitude.smoothed_samples(found, inputs)
     tilt, heading = attitude.sigmas(inputs, found, found.spread)
-    told = quality.quality(inputs, found, solution.tuned, tilt, heading) | quality.of_passes(solution)
-    told["refused"] = quality.refusal(told)
+    told = attitude.quality(inputs, found, solution.tuned, tilt, heading) | attitude.quality_of_passes(solution)
+    told["refused"] = attitude.refusal(told)
     return Estimate(
         t=t,
         q=attitude.at_stamps(inputs, q, bias),
@@ -94,8 +93,8 @@ def inertial(inputs: Inputs, mag: Array) -> Estimate:
     found = smooth(inputs.t, inputs.gyr, inputs.acc, mag)
     assert found.bias is not None
     tilt, heading = found.aux["sigma_tilt"], found.aux["sigma_heading"]
-    told = found.quality | quality.own_sigma(tilt, heading) | quality.lag_corrected(inputs)
+    told = found.quality | attitude.own_sigma(tilt, heading) | attitude.lag_corrected(inputs)
     if np.isnan(mag).all():
         told["sigma_heading_deg"] = 180.0
-    told["refused"] = quality.refusal(told)
+    told["refused"] = attitude.refusal(told)
     return replace(found, q=attitude.at_stamps(inputs, found.q, found.bias), quality=told)

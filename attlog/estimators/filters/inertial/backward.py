@@ -308,9 +308,18 @@ def backward(run: Forward, values: Array) -> Backward:
         a = max(b - CHUNK, 1)
         own = slice(a, b)
         run_recursion()(
-            gains(run, values, a, b).reshape(-1, N * N), before[own], after[a - 1 : b - 1], run.error[own],
-            run.nominal[own], dx, covariance, at_begin[own], at_end[own], states[own], variance[own],
-        )  # fmt: skip
+            gains(run, values, a, b).reshape(-1, N * N),
+            before[own],
+            after[a - 1 : b - 1],
+            run.error[own],
+            run.nominal[own],
+            dx,
+            covariance,
+            at_begin[own],
+            at_end[own],
+            states[own],
+            variance[own],
+        )
     states[0] = run.nominal[0] + dx[3:]
     variance[0] = covariance[0] + covariance[N + 1], covariance[2 * N + 2]
     at_end[0] = at_begin[0] = dx[:3]

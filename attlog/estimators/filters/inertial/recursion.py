@@ -61,9 +61,21 @@ def sandwiched(G: Any, D: Any, add: Any, half: Any, turned: Any) -> None:
 
 
 def recursion(
-    gains: Any, before: Any, after: Any, error: Any, nominal: Any, dx: Any, covariance: Any, at_begin: Any, at_end: Any,
-    states: Any, variance: Any, half: Any, turned: Any, delta: Any,
-) -> None:  # fmt: skip
+    gains: Any,
+    before: Any,
+    after: Any,
+    error: Any,
+    nominal: Any,
+    dx: Any,
+    covariance: Any,
+    at_begin: Any,
+    at_end: Any,
+    states: Any,
+    variance: Any,
+    half: Any,
+    turned: Any,
+    delta: Any,
+) -> None:
     """Blocks (m), last first: ``dx`` (N,) and ``covariance`` (N * N,) are carried on in place.
 
     ``gains`` C from a block to the one before it, ``before`` of the block, ``after`` of the one before it (m, N * N);

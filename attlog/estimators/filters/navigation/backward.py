@@ -16,24 +16,68 @@ from __future__ import annotations
 
 from typing import Any
 
+from attlog.estimators.engine.loop import SOURCES
 from attlog.estimators.filters.navigation.layout import ROW, SUM_T, WANDER_TAU, N
 from attlog.estimators.filters.navigation.motion import dot, undo
+from attlog.kernels.loops import kernel_of
 
 CLIP = 9.0
 """A disturbance counts as at most three sigma: faults must not calibrate."""
 
 
-SCRATCH = {
-    "M": ("f8", (5, 3, 3)), "Lk": ("f8", (3 * ROW,)), "w": ("f8", (3 * ROW,)), "h": ("f8", (3 * ROW,)),
-}  # fmt: skip
+TYPES = {
+    "nodes": "i8",
+    "rest_of": "i1[::1]",
+    "par": "f8[::1]",
+    "P_rows": "f8[::1]",
+    "sums": "f8[:, ::1]",
+    "update_of": "i8[::1]",
+    "K": "f8[::1]",
+    "H": "f8[:, ::1]",
+    "H_at": "i1[:, ::1]",
+    "wide_of": "i1[::1]",
+    "s_of": "f8[::1]",
+    "nu_of": "f8[::1]",
+    "lam": "f8[::1]",
+    "Lam": "f8[::1]",
+    "d": "f8[:, ::1]",
+    "spread": "f8[:, ::1]",
+    "score": "f8[::1]",
+    "scores": "f8[:, ::1]",
+    "gone": "b1",
+    "wanted": "b1",
+}
+"""Types of the arguments by name."""
+SCRATCH = {"M": ("f8", (5, 3, 3)), "Lk": ("f8", (3 * ROW,)), "w": ("f8", (3 * ROW,)), "h": ("f8", (3 * ROW,))}
 """Kind and shape of what the function works with, by the argument's name."""
 
 
 def backward(
-    nodes: int, rest_of: Any, par: Any, P_rows: Any, sums: Any, update_of: Any, K: Any, H: Any, H_at: Any, wide_of:
-    Any, s_of: Any, nu_of: Any, lam: Any, Lam: Any, d: Any, spread: Any, score: Any, scores: Any, gone: bool,
-    wanted: bool, M: Any, Lk: Any, w: Any, h: Any,
-) -> None:  # fmt: skip
+    nodes: int,
+    rest_of: Any,
+    par: Any,
+    P_rows: Any,
+    sums: Any,
+    update_of: Any,
+    K: Any,
+    H: Any,
+    H_at: Any,
+    wide_of: Any,
+    s_of: Any,
+    nu_of: Any,
+    lam: Any,
+    Lam: Any,
+    d: Any,
+    spread: Any,
+    score: Any,
+    scores: Any,
+    gone: bool,
+    wanted: bool,
+    M: Any,
+    Lk: Any,
+    w: Any,
+    h: Any,
+) -> None:
     """The nodes of a stored part of a run, last first; ``lam`` (ROW,), ``Lam`` (39 * ROW,) are carried on in place.
 
     Written: ``d`` (m, 6) smoothed error of attitude and gyro bias, where ``wanted`` ``spread`` (m, 3) smoothed variance
@@ -74,9 +118,21 @@ def times_three(L: Any, x: Any, at: int, count: int, out: Any) -> None:
 
 
 def back_through_updates(
-    a: int, b: int, K: Any, H: Any, H_at: Any, wide_of: Any, s_of: Any, nu_of: Any, lam: Any, Lam: Any, Lk: Any, w: Any,
-    h: Any, score: Any,
-) -> None:  # fmt: skip
+    a: int,
+    b: int,
+    K: Any,
+    H: Any,
+    H_at: Any,
+    wide_of: Any,
+    s_of: Any,
+    nu_of: Any,
+    lam: Any,
+    Lam: Any,
+    Lk: Any,
+    w: Any,
+    h: Any,
+    score: Any,
+) -> None:
     """Scalar updates b - 1 down to a undone, up to three at once.
 
     One changes Lam by ``h w^T + w h^T`` with ``w = -Lam K + D h / 2``; what the ones before it in a group change is
@@ -124,3 +180,13 @@ def change(L: Any, h: Any, w: Any) -> None:
                 + (h1 * w[ROW + m] + w1 * h[ROW + m])
                 + (h2 * w[2 * ROW + m] + w2 * h[2 * ROW + m])
             )
+
+
+KERNEL = kernel_of(
+    backward,
+    f"void({', '.join(TYPES.values())})",
+    "navigation",
+    "the navigation filter, backward",
+    SOURCES,
+    tuple(SCRATCH.values()),
+)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from attlog.estimators.engine.loop import SOURCES
 from attlog.estimators.filters.navigation.layout import (
     BA,
     BARO,
@@ -67,6 +68,7 @@ from attlog.estimators.filters.navigation.updates import (
     turn_body,
     turn_earth,
 )
+from attlog.kernels.loops import kernel_of
 
 MOST_SKIPS, MOST_SKIPS_MAG = 25.0, 100.0
 OPEN_PHI = 0.05
@@ -76,11 +78,63 @@ FAR_RAD = 0.1
 """Beyond this from the trajectory of linearisation the filter takes its own."""
 
 
+TYPES = {
+    "first": "i8",
+    "last": "i8",
+    "dt": "f8[::1]",
+    "gyr": "f8[:, ::1]",
+    "acc": "f8[:, ::1]",
+    "rest": "i1[::1]",
+    "node_at": "i8[::1]",
+    "node_event": "i8[::1]",
+    "kind": "i8[::1]",
+    "offset": "f8[::1]",
+    "z": "f8[:, ::1]",
+    "f_mean": "f8[:, ::1]",
+    "w_mean": "f8[:, ::1]",
+    "sigma": "f8[:, ::1]",
+    "par": "f8[::1]",
+    "along": "f8[:, ::1]",
+    "use_along": "b1",
+    "x0": "f8[::1]",
+    "q": "f8[::1]",
+    "x": "f8[::1]",
+    "P": "f8[::1]",
+    "memory": "f8[::1]",
+    "q_all": "f8[:, ::1]",
+    "bias": "f8[:, ::1]",
+    "variance": "f8[:, ::1]",
+    "ratio": "f8[:, ::1]",
+    "keep": "b1",
+    "P_rows": "f8[::1]",
+    "sums": "f8[:, ::1]",
+    "update_of": "i8[::1]",
+    "K": "f8[::1]",
+    "H": "f8[:, ::1]",
+    "H_at": "i1[:, ::1]",
+    "wide_of": "i1[::1]",
+    "s_of": "f8[::1]",
+    "nu_of": "f8[::1]",
+    "r_of": "f8[::1]",
+    "group": "i1[::1]",
+    "soft": "i1[::1]",
+}
+"""Types of the arguments by name."""
 SCRATCH = {
-    "R": ("f8", (3, 3)), "J": ("f8", (3, 3)), "L": ("f8", (3, 3)), "M": ("f8", (5, 3, 3)), "own": ("f8", (SUMS,)),
-    "hi": ("i8", (3, WIDE)), "hv": ("f8", (3, WIDE)), "r": ("f8", (3,)), "ph": ("f8", (3 * ROW,)),
-    "u": ("f8", (3 * ROW,)), "dx": ("f8", (ROW,)), "work": ("f8", (4, 3)), "w": ("f8", (3,)),
-}  # fmt: skip
+    "R": ("f8", (3, 3)),
+    "J": ("f8", (3, 3)),
+    "L": ("f8", (3, 3)),
+    "M": ("f8", (5, 3, 3)),
+    "own": ("f8", (SUMS,)),
+    "hi": ("i8", (3, WIDE)),
+    "hv": ("f8", (3, WIDE)),
+    "r": ("f8", (3,)),
+    "ph": ("f8", (3 * ROW,)),
+    "u": ("f8", (3 * ROW,)),
+    "dx": ("f8", (ROW,)),
+    "work": ("f8", (4, 3)),
+    "w": ("f8", (3,)),
+}
 """Kind and shape of what the function works with, by the argument's name."""
 
 
@@ -208,13 +262,144 @@ def turned_sums(R: Any, L: Any, sums: Any, work: Any) -> None:
             sums[at + i * step] = L[i, 0] * work[0, 0] + L[i, 1] * work[0, 1] + L[i, 2] * work[0, 2]
 
 
+def opened_hard_iron(c: float, memory: Any, P: Any) -> bool:
+    """Whether a field that did not fit for a while has just opened the hard iron; ``c`` as of :func:`worst`."""
+    memory[MAG_MEAN] += KICK_WEIGHT * (min(c, KICK_CLIP) - memory[MAG_MEAN])
+    if memory[MAG_MEAN] <= KICK_MEAN or memory[SINCE_KICK] < KICK_EVERY_S:
+        return False
+    for i in range(3):
+        P[(ROW + 1) * (HARD + i)] += KICK_G * KICK_G
+    memory[MAG_MEAN] = KICK_AFTER
+    memory[SINCE_KICK] = 0.0
+    memory[KICKED] += 1.0
+    return True
+
+
+def refused(kind: int, c: float, r: Any, par: Any, memory: Any, P: Any) -> int:
+    """1 for an event beyond the hard gate, 0 for one within, 2 where so many were refused that P was opened for it."""
+    if c <= par[HARD_GATE] * par[HARD_GATE]:
+        memory[SKIPS + kind] = max(memory[SKIPS + kind] - 2.0, 0.0)
+        return 0
+    memory[SKIPS + kind] += 1.0
+    if memory[SKIPS + kind] <= (MOST_SKIPS_MAG if kind == MAG else MOST_SKIPS):
+        return 1
+    open_covariance(P, kind, r)
+    memory[SKIPS + kind] = 0.0
+    memory[OPENED] += 1.0
+    return 2
+
+
+def gated(
+    P: Any,
+    kind: int,
+    count: int,
+    wide: int,
+    hi: Any,
+    hv: Any,
+    sigma: Any,
+    r: Any,
+    ph: Any,
+    par: Any,
+    memory: Any,
+    ratio: Any,
+) -> float:
+    """The worst normalised innovation of an event, below 0 where it is refused; ``ph`` = P h, as of :func:`project`.
+
+    Looked at anew where the hard iron and where the covariance was opened. ``ratio`` (4,) of the node.
+    """
+    c = 0.0
+    for look in range(3):
+        if look == 1 and not (kind == MAG and opened_hard_iron(c, memory, P)):
+            continue
+        if look == 2:
+            verdict = refused(kind, c, r, par, memory, P)
+            if verdict < 2:
+                return c if verdict == 0 else -1.0
+        project(P, count, wide, hi, hv, ph)
+        c = worst(r, count, wide, hi, hv, sigma, ph)
+        if look == 0 and kind <= MAG:
+            ratio[kind] = c / (par[SOFT_GATE] * par[SOFT_GATE])
+    return c
+
+
+def gains(
+    row: int, wide: int, hi: Any, hv: Any, r: Any, noise: float, ph: Any, u: Any, dx: Any, memory: Any, told: Any
+) -> None:
+    """One row of an event after those before it: P itself is changed once for all of them, by :func:`shrink`.
+
+    ``ph`` is made P h as the rows before leave it, ``u`` (3 * ROW,) and ``dx`` (ROW,) are carried on; ``told`` (3,):
+    variance of the innovation, innovation, gain.
+    """
+    at = row * ROW
+    for k in range(row):
+        share = along_row(row, wide, hi, hv, u, k * ROW)
+        for m in range(ROW):
+            ph[at + m] -= share * u[k * ROW + m]
+    s = noise + max(along_row(row, wide, hi, hv, ph, at), 0.0)
+    nu = r[row] - along_row(row, wide, hi, hv, dx, 0)
+    gain = 1.0 / s
+    root, step = math.sqrt(gain), gain * nu
+    for m in range(ROW):
+        u[at + m] = ph[at + m] * root
+        dx[m] += ph[at + m] * step
+    memory[LIKELIHOOD] -= 0.5 * (nu * nu * gain + math.log(s))
+    told[0], told[1], told[2] = s, nu, gain
+
+
 def forward(
-    first: int, last: int, dt: Any, gyr: Any, acc: Any, rest: Any, node_at: Any, node_event: Any, kind: Any, offset:
-    Any, z: Any, f_mean: Any, w_mean: Any, sigma: Any, par: Any, along: Any, use_along: bool, x0: Any, q: Any, x:
-    Any, P: Any, memory: Any, q_all: Any, bias: Any, variance: Any, ratio: Any, keep: bool, P_rows: Any, sums: Any,
-    update_of: Any, K: Any, H: Any, H_at: Any, wide_of: Any, s_of: Any, nu_of: Any, r_of: Any, group: Any, soft: Any,
-    R: Any, J: Any, L: Any, M: Any, own: Any, hi: Any, hv: Any, r: Any, ph: Any, u: Any, dx: Any, work: Any, w: Any,
-) -> int:  # fmt: skip
+    first: int,
+    last: int,
+    dt: Any,
+    gyr: Any,
+    acc: Any,
+    rest: Any,
+    node_at: Any,
+    node_event: Any,
+    kind: Any,
+    offset: Any,
+    z: Any,
+    f_mean: Any,
+    w_mean: Any,
+    sigma: Any,
+    par: Any,
+    along: Any,
+    use_along: bool,
+    x0: Any,
+    q: Any,
+    x: Any,
+    P: Any,
+    memory: Any,
+    q_all: Any,
+    bias: Any,
+    variance: Any,
+    ratio: Any,
+    keep: bool,
+    P_rows: Any,
+    sums: Any,
+    update_of: Any,
+    K: Any,
+    H: Any,
+    H_at: Any,
+    wide_of: Any,
+    s_of: Any,
+    nu_of: Any,
+    r_of: Any,
+    group: Any,
+    soft: Any,
+    R: Any,
+    J: Any,
+    L: Any,
+    M: Any,
+    own: Any,
+    hi: Any,
+    hv: Any,
+    r: Any,
+    ph: Any,
+    u: Any,
+    dx: Any,
+    work: Any,
+    w: Any,
+) -> int:
     """Nodes ``first`` to ``last`` (exclusive) of a run; state, covariance and memory are carried on in place.
 
     Samples: ``dt`` (n,), ``gyr``, ``acc`` (n, 3), ``rest`` (n,). Nodes: ``node_at`` (m,) sample, ``node_event``
@@ -233,13 +418,11 @@ def forward(
             for i in range(4):
                 memory[FROZEN + i] = q[i]
         memory[RESTING] = float(resting)
-        if node > 0:
-            carry(dt, gyr, acc, rest, node_at[node - 1] + 1, b, par[GRAVITY_AT], q, x, R, q_all, own)
-        else:
-            for i in range(SUMS):
-                own[i] = 0.0
+        if node == 0:
             for i in range(4):
                 q_all[0, i] = q[i]
+        # Before the first node nothing moves: an empty span leaves sums of zero.
+        carry(dt, gyr, acc, rest, node_at[node - 1] + 1 if node > 0 else b + 1, b, par[GRAVITY_AT], q, x, R, q_all, own)
         to_matrix3(q, R)
         follow = False
         if use_along:
@@ -274,33 +457,11 @@ def forward(
                 wide = field_rows(x, x0, R, J, offset[e], w, z[e], follow, work, r, hi, hv)
             else:
                 wide = rows(what, x, R, offset[e], f_mean[e], w, z[e], par, work, r, hi, hv)
-            project(P, count, wide, hi, hv, ph)
-            c = worst(r, count, wide, hi, hv, sigma[e], ph)
-            if what <= MAG:
-                ratio[node, what] = c / (par[SOFT_GATE] * par[SOFT_GATE])
-            if what == MAG:
-                memory[MAG_MEAN] += KICK_WEIGHT * (min(c, KICK_CLIP) - memory[MAG_MEAN])
-                if memory[MAG_MEAN] > KICK_MEAN and memory[SINCE_KICK] >= KICK_EVERY_S:
-                    for i in range(3):
-                        P[(ROW + 1) * (HARD + i)] += KICK_G * KICK_G
-                    memory[MAG_MEAN] = KICK_AFTER
-                    memory[SINCE_KICK] = 0.0
-                    memory[KICKED] += 1.0
-                    project(P, count, wide, hi, hv, ph)
-                    c = worst(r, count, wide, hi, hv, sigma[e], ph)
             if what == VELOCITY:
                 memory[SEEN] += 1.0
-            if c > par[HARD_GATE] * par[HARD_GATE]:
-                memory[SKIPS + what] += 1.0
-                if memory[SKIPS + what] <= (MOST_SKIPS_MAG if what == MAG else MOST_SKIPS):
-                    continue
-                open_covariance(P, what, r)
-                memory[SKIPS + what] = 0.0
-                memory[OPENED] += 1.0
-                project(P, count, wide, hi, hv, ph)
-                c = worst(r, count, wide, hi, hv, sigma[e], ph)
-            else:
-                memory[SKIPS + what] = max(memory[SKIPS + what] - 2.0, 0.0)
+            c = gated(P, what, count, wide, hi, hv, sigma[e], r, ph, par, memory, ratio[node])
+            if c < 0.0:
+                continue
             grown = max(c / (par[SOFT_GATE] * par[SOFT_GATE]), 1.0)
             if grown > 1.0 and what == VELOCITY:
                 memory[SOFTENED] += 1.0
@@ -311,26 +472,14 @@ def forward(
                     for m in range(ROW):
                         u[i * ROW + m] = 0.0
                     continue
-                # P h after the rows before it: P itself is changed once for all of them.
-                for k in range(i):
-                    share = along_row(i, wide, hi, hv, u, k * ROW)
-                    for m in range(ROW):
-                        ph[i * ROW + m] -= share * u[k * ROW + m]
                 noise = grown * sigma[e, i] * sigma[e, i]
-                s = noise + max(along_row(i, wide, hi, hv, ph, i * ROW), 0.0)
-                nu = r[i] - along_row(i, wide, hi, hv, dx, 0)
-                gain = 1.0 / s
-                root, step = math.sqrt(gain), gain * nu
-                for m in range(ROW):
-                    u[i * ROW + m] = ph[i * ROW + m] * root
-                    dx[m] += ph[i * ROW + m] * step
-                memory[LIKELIHOOD] -= 0.5 * (nu * nu * gain + math.log(s))
+                gains(i, wide, hi, hv, r, noise, ph, u, dx, memory, work[0])
                 if keep:
                     for m in range(ROW):
-                        K[used * ROW + m] = ph[i * ROW + m] * gain
+                        K[used * ROW + m] = ph[i * ROW + m] * work[0, 2]
                     for k in range(wide):
                         H[used, k], H_at[used, k] = hv[i, k], hi[i, k]
-                    wide_of[used], s_of[used], nu_of[used], r_of[used] = wide, s, nu, noise
+                    wide_of[used], s_of[used], nu_of[used], r_of[used] = wide, work[0, 0], work[0, 1], noise
                     group[used] = group_of(what, i)
                     soft[used] = 1 if grown > 1.0 else 0
                     used += 1
@@ -338,18 +487,35 @@ def forward(
             turn_earth(q, dx[PHI], dx[PHI + 1], dx[PHI + 2])
             for i in range(V, N):
                 x[i] += dx[i]
-        for i in range(4):
-            q_all[b, i] = q[i]
-        for i in range(3):
-            bias[node, i] = x[BG + i]
-            variance[node, i] = P[(ROW + 1) * (PHI + i)]
-        if keep:
-            for i in range(3):
-                at = (6 * (node - first) + i) * ROW
-                for m in range(ROW):
-                    P_rows[at + m] = P[(PHI + i) * ROW + m]
-                    P_rows[at + 3 * ROW + m] = P[(BG + i) * ROW + m]
+        keep_node(node, node - first, b, q, x, P, q_all, bias, variance, keep, P_rows)
     if keep:
         update_of[last - first] = used
     total: int = used
     return total
+
+
+def keep_node(
+    node: int, own: int, b: int, q: Any, x: Any, P: Any, q_all: Any, bias: Any, variance: Any, keep: bool, P_rows: Any
+) -> None:
+    """What a node leaves behind: attitude, bias, variance; for the way back the rows of P of attitude and bias."""
+    for i in range(4):
+        q_all[b, i] = q[i]
+    for i in range(3):
+        bias[node, i] = x[BG + i]
+        variance[node, i] = P[(ROW + 1) * (PHI + i)]
+    if keep:
+        for i in range(3):
+            at = (6 * own + i) * ROW
+            for m in range(ROW):
+                P_rows[at + m] = P[(PHI + i) * ROW + m]
+                P_rows[at + 3 * ROW + m] = P[(BG + i) * ROW + m]
+
+
+KERNEL = kernel_of(
+    forward,
+    f"i8({', '.join(TYPES.values())})",
+    "navigation",
+    "the navigation filter, forward",
+    SOURCES,
+    tuple(SCRATCH.values()),
+)

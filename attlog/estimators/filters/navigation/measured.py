@@ -63,9 +63,20 @@ class Inputs:
             None if m is None else m.between(a, b) for m in (self.velocity, self.position, self.baro, self.mag)
         )
         return Inputs(
-            self.t[own], self.lag, dt, self.gyr[own], self.acc[own], self.rest[own], self.still[own],
-            velocity, position, baro, mag, self.field, self.gravity,
-        )  # fmt: skip
+            self.t[own],
+            self.lag,
+            dt,
+            self.gyr[own],
+            self.acc[own],
+            self.rest[own],
+            self.still[own],
+            velocity,
+            position,
+            baro,
+            mag,
+            self.field,
+            self.gravity,
+        )
 
     @property
     def sensed_at(self) -> Array:
@@ -101,9 +112,20 @@ def made_ready(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, declina
         lat, alt = float(np.median(place.x[:, 0])), place.x[np.isfinite(place.x[:, 2]), 2]
         gravity = earth.gravity(lat if ahead else float(place.x[0, 0]), float(alt[0]) if len(alt) else 0.0)
     return Inputs(
-        t, lag, np.diff(t, prepend=t[:1]), np.ascontiguousarray(gyr), np.ascontiguousarray(f), rest, still,
-        velocity, position, _baro(aids), _mag(t, mag, field, ahead), field, gravity,
-    )  # fmt: skip
+        t,
+        lag,
+        np.diff(t, prepend=t[:1]),
+        np.ascontiguousarray(gyr),
+        np.ascontiguousarray(f),
+        rest,
+        still,
+        velocity,
+        position,
+        _baro(aids),
+        _mag(t, mag, field, ahead),
+        field,
+        gravity,
+    )
 
 
 def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:

@@ -9,8 +9,7 @@ import numpy as np
 
 from attlog.base import rotation
 from attlog.estimators.base import Array
-from attlog.estimators.filters.navigation import delay, noise
-from attlog.estimators.filters.navigation.attitude import smoothed_nodes
+from attlog.estimators.filters.navigation import calibration
 from attlog.estimators.filters.navigation.layout import ARM, BA, EARTH, HARD, KICKED, POS, SCALE, SOFT, V
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.schedule import Schedule
@@ -62,7 +61,7 @@ class Solution:
 def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES, spread: bool = True) -> Solution:
     """All passes of the smoother over one run; ``spread``: whether the attitude's variance is asked for."""
     runner = Runner(inputs)
-    begun = noise.first_guess(inputs, begun)
+    begun = calibration.first_guess(inputs, begun)
     tuned, flight = begun, float(np.sum(inputs.dt[inputs.rest == 0]))
     begin = first_start(runner, inputs, tuned, gate)
     moving = begin.how == "motion" or inputs.mag is None
@@ -80,11 +79,11 @@ def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES, spre
             use = _at_nodes(use, schedule_of, schedule, inputs)
         found = runner.both(schedule, begin, tuned.packed(inputs.gravity, gate), use, spread)
         better = best is None or found.likelihood >= best.found.likelihood - WORSE * abs(best.found.likelihood)
-        ratios = noise.ratios(found)
-        following = noise.calibrated(found, tuned, begun, flight, number < 2)
+        ratios = calibration.ratios(found)
+        following = calibration.calibrated(found, tuned, begun, flight, number < 2)
         if better:
             best = Solution(found, tuned, begin, runner, following, number + 1, number, ratios)
-            along, schedule_of = smoothed_nodes(found), schedule
+            along, schedule_of = found.smoothed_nodes(), schedule
         assert best is not None
         best.passes = number + 1
         kicked = found.memory[KICKED] > 0
@@ -93,7 +92,7 @@ def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES, spre
         if number + 1 == passes:
             break
         if number >= 1:
-            following = replace(following, prior=noise.prior_of(found, begin.x, following.prior, begun.prior))
+            following = replace(following, prior=calibration.prior_of(found, begin.x, following.prior, begun.prior))
         following = _delays(runner, inputs, found, tuned, following, begin, gate, number)
         tuned = following
         best.next = tuned
@@ -105,7 +104,7 @@ def _delays(
     runner: Runner, inputs: Inputs, found: Pass, used: Tuned, following: Tuned, begin: Start, gate: float, number: int
 ) -> Tuned:
     """The delays for the next pass."""
-    moved = delay.by_state(found, used)
+    moved = calibration.delays_by_state(found, used)
     following = replace(following, mag_delay=moved.mag_delay)
     if inputs.velocity is None:
         return following
@@ -113,7 +112,7 @@ def _delays(
         following = replace(following, gnss_delay=moved.gnss_delay)
     if number in SEARCH:
         begin = start(inputs, following, begin if begin.how == "motion" or inputs.mag is None else None)
-        following = delay.by_likelihood(runner, inputs, following, begin, gate, SEARCH[number])
+        following = calibration.delay_by_likelihood(runner, inputs, following, begin, gate, SEARCH[number])
     if number >= max(SEARCH):
         following = replace(following, prior=replace(following.prior, gnss_delay=FOUND_SIGMA_S))
     return following

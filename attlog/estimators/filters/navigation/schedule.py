@@ -42,9 +42,17 @@ class Schedule:
         """The nodes without the events, for who does not run again."""
         none = np.zeros((0, 3))
         return Schedule(
-            self.node_at, np.zeros_like(self.node_event), self.kind[:0].copy(), self.offset[:0].copy(), none, none,
-            none, none, self.rest_of, np.zeros_like(self.scalars),
-        )  # fmt: skip
+            self.node_at,
+            np.zeros_like(self.node_event),
+            self.kind[:0].copy(),
+            self.offset[:0].copy(),
+            none,
+            none,
+            none,
+            none,
+            self.rest_of,
+            np.zeros_like(self.scalars),
+        )
 
 
 @dataclass(slots=True)
@@ -118,9 +126,17 @@ class Timetable:
         scalars = np.concatenate([[0], np.cumsum(np.where(kind == BARO, 1, 3))])
         node_event = np.append(np.searchsorted(at, nodes), len(at)).astype(np.int64)
         return Schedule(
-            nodes, node_event, kind, gathered("offset"), gathered("z", 3), gathered("force", 3), gathered("rate", 3),
-            sigma, np.ascontiguousarray(self.inputs.rest[nodes]), scalars[node_event].astype(np.int64),
-        )  # fmt: skip
+            nodes,
+            node_event,
+            kind,
+            gathered("offset"),
+            gathered("z", 3),
+            gathered("force", 3),
+            gathered("rate", 3),
+            sigma,
+            np.ascontiguousarray(self.inputs.rest[nodes]),
+            scalars[node_event].astype(np.int64),
+        )
 
     def _placed(self, tuned: Tuned, within: tuple[float, float] | None) -> list[Placed]:
         """The events of each kind, in order of the kinds."""

@@ -1,4 +1,4 @@
-"""The one set of numbers for every vehicle and firmware, and what calibration changes of it."""
+"""The one set of numbers for every vehicle and firmware, what users and calibration change of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from attlog.estimators.base import Array
+from attlog.estimators.base import Array, Parameter
 from attlog.estimators.filters.navigation.layout import (
     GRAVITY_AT,
     GROUPS,
@@ -25,6 +25,14 @@ from attlog.estimators.filters.navigation.layout import (
     WANDER_TAU,
 )
 
+MEASURED = "attlog; measured on simulated flights of both firmwares"
+PRIORS = (
+    Parameter("gyro_bias_sigma", 1.0, "deg/s", 0.001, 20, "spread of the gyro bias where no rest shows it", MEASURED),
+    Parameter("acc_bias_sigma", 0.1, "m/s^2", 0.001, 2, "spread of the accelerometer bias", MEASURED),
+    Parameter("declination_sigma", 0.6, "deg", 0.01, 20, "spread of the declination around the model's", MEASURED),
+)
+GATE = Parameter("soft_gate", 2.5, "", 1, 100, "innovations beyond so many sigma count less", MEASURED)
+"""Parameters of ``eskf`` and ``smoother`` alike."""
 NODE_S, FINE_S = 0.04, 0.02
 """Longest time between nodes, and where a smoothed attitude is told: in between its correction is that of a node."""
 MAG_BLOCK_S, BARO_BLOCK_S = 0.04, 0.05

@@ -13,13 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.base import rotation
 from attlog.estimators.base import Array
-from attlog.estimators.filters.navigation.kernels import run_backward, run_forward
+from attlog.estimators.filters.navigation import backward, forward
 from attlog.estimators.filters.navigation.layout import FROZEN, LIKELIHOOD, MEMORY, ROW, SUMS, WIDE, N
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.motion import padded, square
 from attlog.estimators.filters.navigation.schedule import Schedule, Timetable
 from attlog.estimators.filters.navigation.start import Start
+from attlog.kernels.loops import function_of
 
 PART_NODES = 20_000
 """Some 200 s of flight: 60 MB."""
@@ -53,6 +55,11 @@ class Pass:
     def likelihood(self) -> float:
         """Logarithm of the likelihood of all innovations, without constants."""
         return float(self.memory[LIKELIHOOD])
+
+    def smoothed_nodes(self) -> Array:
+        """Smoothed attitude (m, 4) at the nodes."""
+        q = rotation.multiply(rotation.from_rotvec(self.d[:, 0:3]), self.q[self.schedule.node_at])
+        return np.ascontiguousarray(rotation.normalize(q))
 
 
 class Runner:
@@ -93,11 +100,28 @@ class Runner:
             if b == m:
                 found.memory = kept[3]
             score = np.zeros(used)
-            run_backward()(
-                b - a, np.ascontiguousarray(schedule.rest_of[a:b]), par, store["P_rows"], store["sums"],
-                store["update_of"], store["K"], store["H"], store["H_at"], store["wide_of"], store["s_of"],
-                store["nu_of"], lam, Lam, found.d[a:b], found.spread[a:b], score, found.scores, a == 0, spread,
-            )  # fmt: skip
+            function_of(backward.KERNEL, backward.backward)(
+                b - a,
+                np.ascontiguousarray(schedule.rest_of[a:b]),
+                par,
+                store["P_rows"],
+                store["sums"],
+                store["update_of"],
+                store["K"],
+                store["H"],
+                store["H_at"],
+                store["wide_of"],
+                store["s_of"],
+                store["nu_of"],
+                lam,
+                Lam,
+                found.d[a:b],
+                found.spread[a:b],
+                score,
+                found.scores,
+                a == 0,
+                spread,
+            )
             told.append((score, store["group"][:used].copy(), store["soft"][:used].copy()))
         # lam and Lam now stand before the updates of the first node, whose covariance is the prior's.
         found.first = -begin.P @ lam[:N]
@@ -109,39 +133,84 @@ class Runner:
         n, m = len(self.inputs.t), len(schedule.node_at)
         memory = np.zeros(MEMORY)
         memory[FROZEN : FROZEN + 4] = begin.q
-        found = Pass(
-            schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory
-        )  # fmt: skip
+        found = Pass(schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory)
         return found, [begin.q.copy(), begin.x.copy(), padded(begin.P), memory]
 
     def _run(
-        self, a: int, b: int, found: Pass, state: list[Array], begin: Start, par: Array, along: Array | None,
+        self,
+        a: int,
+        b: int,
+        found: Pass,
+        state: list[Array],
+        begin: Start,
+        par: Array,
+        along: Array | None,
         store: dict[str, Array] | None,
-    ) -> int:  # fmt: skip
+    ) -> int:
         s, i = found.schedule, self.inputs
         keep = store is not None
         store = self._storage(s, 0, 0) if store is None else store
         q, x, P, memory = state
-        used = run_forward()(
-            a, b, i.dt, i.gyr, i.acc, i.rest, s.node_at, s.node_event, s.kind, s.offset, s.z, s.f_mean, s.w_mean,
-            s.sigma, par, np.zeros((1, 4)) if along is None else along, along is not None, begin.x, q, x, P, memory,
-            found.q, found.bias, found.variance, found.ratio, keep, store["P_rows"], store["sums"], store["update_of"],
-            store["K"], store["H"], store["H_at"], store["wide_of"], store["s_of"], store["nu_of"], store["r_of"],
-            store["group"], store["soft"],
-        )  # fmt: skip
+        used = function_of(forward.KERNEL, forward.forward)(
+            a,
+            b,
+            i.dt,
+            i.gyr,
+            i.acc,
+            i.rest,
+            s.node_at,
+            s.node_event,
+            s.kind,
+            s.offset,
+            s.z,
+            s.f_mean,
+            s.w_mean,
+            s.sigma,
+            par,
+            np.zeros((1, 4)) if along is None else along,
+            along is not None,
+            begin.x,
+            q,
+            x,
+            P,
+            memory,
+            found.q,
+            found.bias,
+            found.variance,
+            found.ratio,
+            keep,
+            store["P_rows"],
+            store["sums"],
+            store["update_of"],
+            store["K"],
+            store["H"],
+            store["H_at"],
+            store["wide_of"],
+            store["s_of"],
+            store["nu_of"],
+            store["r_of"],
+            store["group"],
+            store["soft"],
+        )
         return int(used)
 
     def _storage(self, s: Schedule, a: int, b: int) -> dict[str, Array]:
         """Arrays large enough for the nodes a to b; used again."""
         nodes, updates = max(b - a, 1), max(int(s.scalars[b] - s.scalars[a]), 1)
         shapes: dict[str, tuple[tuple[int, ...], type, Callable[..., Array]]] = {
-            "P_rows": ((nodes * 6 * ROW,), np.float64, np.empty), "sums": ((nodes, SUMS), np.float64, np.empty),
-            "update_of": ((nodes + 1,), np.int64, np.zeros), "K": ((updates * ROW,), np.float64, np.empty),
-            "H": ((updates, WIDE), np.float64, np.empty), "H_at": ((updates, WIDE), np.int8, np.empty),
-            "wide_of": ((updates,), np.int8, np.empty), "s_of": ((updates,), np.float64, np.empty),
-            "nu_of": ((updates,), np.float64, np.empty), "r_of": ((updates,), np.float64, np.empty),
-            "group": ((updates,), np.int8, np.empty), "soft": ((updates,), np.int8, np.empty),
-        }  # fmt: skip
+            "P_rows": ((nodes * 6 * ROW,), np.float64, np.empty),
+            "sums": ((nodes, SUMS), np.float64, np.empty),
+            "update_of": ((nodes + 1,), np.int64, np.zeros),
+            "K": ((updates * ROW,), np.float64, np.empty),
+            "H": ((updates, WIDE), np.float64, np.empty),
+            "H_at": ((updates, WIDE), np.int8, np.empty),
+            "wide_of": ((updates,), np.int8, np.empty),
+            "s_of": ((updates,), np.float64, np.empty),
+            "nu_of": ((updates,), np.float64, np.empty),
+            "r_of": ((updates,), np.float64, np.empty),
+            "group": ((updates,), np.int8, np.empty),
+            "soft": ((updates,), np.int8, np.empty),
+        }
         for name, (shape, kind, make) in shapes.items():
             have = self.store.get(name)
             if have is None or len(have) < shape[0]:

@@ -22,7 +22,6 @@ import numpy as np
 
 from attlog.base import rotation
 from attlog.estimators.base import Array
-from attlog.estimators.filters.navigation.kernels import run_chain
 from attlog.estimators.filters.navigation.layout import (
     ARM,
     BA,
@@ -42,6 +41,8 @@ from attlog.estimators.filters.navigation.layout import (
 )
 from attlog.estimators.filters.navigation.measured import Inputs, Running
 from attlog.estimators.filters.navigation.settings import Tuned
+from attlog.estimators.filters.navigation.turns import CHAIN_KERNEL, chain
+from attlog.kernels.loops import function_of
 
 STATIC_S, QUIET_S, MOTION_S, TURNED_S = 2.0, 0.6, 8.0, 2.0
 QUIET_RAD_S, QUIET_M_S2, QUIET_M_S = np.deg2rad(3.0), 0.4, 1.0
@@ -225,7 +226,7 @@ def turned_by_gyro(gyr: Array, dt: Array) -> Array:
 def chained(turns: Array) -> Array:
     """The turns (n, 3), rotation vectors, one after the other (n, 4); the first is taken as none."""
     q = np.empty((len(turns), 4))
-    run_chain()(rotation.from_rotvec(turns), q)
+    function_of(CHAIN_KERNEL, chain)(rotation.from_rotvec(turns), q)
     return q
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
-from attlog.estimators.filters.navigation import solve
-from attlog.estimators.filters.navigation.kernels import run_forward
+from attlog.estimators.filters.navigation import forward, solve
 from attlog.estimators.filters.navigation.layout import N
 from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.motion import square
@@ -15,6 +14,7 @@ from attlog.estimators.filters.navigation.schedule import scheduled
 from attlog.estimators.filters.navigation.settings import WANDER_S, Tuned
 from attlog.estimators.filters.navigation.solve import Runner
 from attlog.estimators.filters.navigation.start import start
+from attlog.kernels.loops import function_of
 from tests.estimators.filters.navigation.dense import transition_matrix
 from tests.estimators.filters.navigation.made import flight
 
@@ -34,7 +34,7 @@ def step(inputs, schedule, begin, par, state, node, events):
     if not events:
         count = np.zeros_like(count)
     m, store = len(schedule.node_at), Runner(inputs)._storage(schedule, node, node + 1)
-    run_forward()(
+    function_of(forward.KERNEL, forward.forward)(
         node, node + 1, inputs.dt, inputs.gyr, inputs.acc, inputs.rest, schedule.node_at, count, schedule.kind,
         schedule.offset, schedule.z, schedule.f_mean, schedule.w_mean, schedule.sigma, par, np.zeros((1, 4)), False,
         begin.x, *state, np.empty((len(inputs.t), 4)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 4)), True,

@@ -9,9 +9,9 @@ import pytest
 
 from attlog.estimators import Measured, estimate
 from attlog.estimators.filters import eskf
+from attlog.estimators.filters.navigation.attitude import refusal
 from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.passes import telling
-from attlog.estimators.filters.navigation.quality import refusal
 from attlog.testing import still, swing
 from tests.conftest import few
 from tests.estimators.filters.navigation.made import flight, off, without

@@ -1,4 +1,4 @@
-"""What a causal user knows at each stamp, sample after sample. One function for the compiler.
+"""Turns one after the other: a chain of them, and what a causal user knows at each stamp. Two kernels.
 
 An attitude of some time ago is carried on by the gyro with the bias that was known then. The gyro alone gives ``G``
 from the first sample on, with the bias ``b0`` that was known at the start, and the integral of its columns; what
@@ -14,9 +14,25 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from attlog.estimators.engine.loop import SOURCES
+from attlog.kernels.loops import kernel_of
+
 RING = 13
 """Numbers kept of a sample: G (4), the integral of its columns (9)."""
 
+AHEAD = {
+    "then": "i8[::1]",
+    "dt": "f8[::1]",
+    "gyr": "f8[:, ::1]",
+    "rest": "i1[::1]",
+    "lag": "f8",
+    "q": "f8[:, ::1]",
+    "bias": "f8[:, ::1]",
+    "first_bias": "f8[::1]",
+    "ring": "f8[:, ::1]",
+    "out": "f8[:, ::1]",
+}
+"""Types of the arguments by name."""
 SCRATCH = {"G": ("f8", (4,)), "total": ("f8", (9,)), "step": ("f8", (4,)), "now": ("f8", (4,))}
 """Kind and shape of what the function works with, by the argument's name."""
 
@@ -38,9 +54,21 @@ def times(a: Any, b: Any, out: Any) -> None:
 
 
 def ahead(
-    then: Any, dt: Any, gyr: Any, rest: Any, lag: float, q: Any, bias: Any, first_bias: Any, ring: Any, out: Any,
-    G: Any, total: Any, step: Any, now: Any,
-) -> None:  # fmt: skip
+    then: Any,
+    dt: Any,
+    gyr: Any,
+    rest: Any,
+    lag: float,
+    q: Any,
+    bias: Any,
+    first_bias: Any,
+    ring: Any,
+    out: Any,
+    G: Any,
+    total: Any,
+    step: Any,
+    now: Any,
+) -> None:
     """``out`` (n, 4) at every sample from the attitude ``q`` (n, 4) and ``bias`` (n, 3) of sample ``then`` (n,).
 
     ``dt`` (n,), ``gyr`` (n, 3), ``rest`` (n,) of the interval before, ``lag`` s from samples to stamps, ``first_bias``
@@ -89,3 +117,29 @@ def ahead(
         unit = 1.0 / math.sqrt(now[0] * now[0] + now[1] * now[1] + now[2] * now[2] + now[3] * now[3])
         for i in range(4):
             out[k, i] = unit * now[i]
+
+
+def chain(steps: Any, q: Any) -> None:
+    """``q`` (n, 4): the products of the turns ``steps`` (n, 4) up to each row, the first of them taken as none."""
+    a, b, c, d = 1.0, 0.0, 0.0, 0.0
+    for k in range(len(steps)):
+        if k > 0:
+            w, x, y, z = steps[k, 0], steps[k, 1], steps[k, 2], steps[k, 3]
+            a, b, c, d = (
+                a * w - b * x - c * y - d * z,
+                a * x + b * w + c * z - d * y,
+                a * y - b * z + c * w + d * x,
+                a * z + b * y - c * x + d * w,
+            )
+        q[k, 0], q[k, 1], q[k, 2], q[k, 3] = a, b, c, d
+
+
+AHEAD_KERNEL = kernel_of(
+    ahead,
+    f"void({', '.join(AHEAD.values())})",
+    "navigation",
+    "the navigation filter, ahead",
+    SOURCES,
+    tuple(SCRATCH.values()),
+)
+CHAIN_KERNEL = kernel_of(chain, "void(f8[:, ::1], f8[:, ::1])", "navigation", "the navigation filter, chain", SOURCES)

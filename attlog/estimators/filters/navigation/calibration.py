@@ -1,23 +1,41 @@
-"""Noise levels and prior spreads from the log itself, after a way back.
+"""Noise levels, prior spreads and delays from the log itself.
 
 Every scalar update has ``u^2 / D``, every disturbance ``lam^2 / Lam``, of mean one where the level is right (the score
 of the likelihood, DeJongPenzer1998). Measurement noise takes the median, which faults do not reach; process noise
 the mean of clipped squares over the flight. Prior spreads of what is constant (hard and soft iron, accelerometer bias)
 follow from the smoothed values at the start: a well calibrated compass tightens, a bad one opens.
+
+The delay state alone is biased where a flight hardly moves; the likelihood of a whole run with the delay held is not.
+It is searched on a grid around the present value, wider while the best stands at the edge, with a parabola at the end.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from attlog.estimators.base import Array
-from attlog.estimators.filters.navigation.layout import BA, BARO_BIAS, BG, EARTH, GROUPS, HARD, PHI, SOFT, WANDER, V
+from attlog.estimators.filters.navigation.layout import (
+    BA,
+    BARO_BIAS,
+    BG,
+    EARTH,
+    GNSS_DELAY,
+    GROUPS,
+    HARD,
+    MAG_DELAY,
+    PHI,
+    SOFT,
+    WANDER,
+    V,
+)
 from attlog.estimators.filters.navigation.measured import Inputs, Running
 from attlog.estimators.filters.navigation.schedule import rest_times
 from attlog.estimators.filters.navigation.settings import LEAST_R, REST_MEAN_S, Prior, Tuned
-from attlog.estimators.filters.navigation.solve import Pass
+from attlog.estimators.filters.navigation.solve import Pass, Runner
+from attlog.estimators.filters.navigation.start import Start
 
 MEDIAN_OF_SQUARE = 0.4549
 """Median of the square of a standard normal variable."""
@@ -27,9 +45,12 @@ LEAST_UPDATES, LEAST_FLIGHT_S = 20, 10.0
 FIXED_GROUP = 7
 GYRO_RANGE, ACC_RANGE = (2e-5, 3e-2), (1e-3, 1.0)
 WALKS = {
-    "gyro_walk": (BG, 3, 0.3, 10.0), "acc_walk": (BA, 3, 0.3, 10.0), "hard_walk": (HARD, 3, 0.1, 30.0),
-    "wander_walk": (WANDER, 3, 0.1, 3.0), "baro_walk": (BARO_BIAS, 1, 0.1, 5.0),
-}  # fmt: skip
+    "gyro_walk": (BG, 3, 0.3, 10.0),
+    "acc_walk": (BA, 3, 0.3, 10.0),
+    "hard_walk": (HARD, 3, 0.1, 30.0),
+    "wander_walk": (WANDER, 3, 0.1, 3.0),
+    "baro_walk": (BARO_BIAS, 1, 0.1, 5.0),
+}
 """State rows, and the range of the random walk as parts of its start."""
 SPREADS = {
     "hard": (HARD, 3, 0.004, 0.150),
@@ -41,6 +62,11 @@ DECLINATION_RANGE = (np.deg2rad(0.6), np.deg2rad(3.0))
 PRIOR_WEIGHT = 0.5
 QUIETEST_GYRO, QUIETEST_ACC = 1e-4, 3e-3
 WHITE_FACTOR = 1.5
+USUAL_S, USUAL_SIGMA_S = 0.12, 0.08
+LONGEST_S, LONGEST_MAG_S = 0.6, 0.15
+MOST_STEPS = 4
+MARGIN_S = 0.7
+"""Fixes this near to the ends are left out of the search: all delays must see the same ones."""
 
 
 def first_guess(inputs: Inputs, tuned: Tuned) -> Tuned:
@@ -121,3 +147,51 @@ def prior_of(found: Pass, x: Array, prior: Prior, begun: Prior) -> Prior:
         square = (square + PRIOR_WEIGHT * begun.declination**2) / (1.0 + PRIOR_WEIGHT)
         values["declination"] = float(np.clip(np.sqrt(square), *DECLINATION_RANGE))
     return replace(prior, **values)
+
+
+def delays_by_state(found: Pass, tuned: Tuned) -> Tuned:
+    """Delays moved by their smoothed states, each prior staying where it was (0.12 s for GNSS, 0 for the field)."""
+    values: dict[str, Any] = {}
+    for name, row, usual, sigma, most in (
+        ("gnss_delay", GNSS_DELAY, USUAL_S, tuned.prior.gnss_delay, LONGEST_S),
+        ("mag_delay", MAG_DELAY, 0.0, tuned.prior.mag_delay, LONGEST_MAG_S),
+    ):
+        spread = float(found.first_spread[row])
+        if spread <= 0.0 or sigma <= 0.0:
+            continue
+        now = float(getattr(tuned, name)) - usual
+        moved = now * (1.0 - min(spread / sigma**2, 1.0)) + float(found.first[row])
+        values[name] = float(np.clip(usual + moved, -most, most))
+    return replace(tuned, **values)
+
+
+def delay_by_likelihood(runner: Runner, inputs: Inputs, tuned: Tuned, begin: Start, gate: float, step: float) -> Tuned:
+    """The GNSS delay of the highest likelihood on a grid of ``step`` s around the present one, then of a parabola."""
+    t = inputs.sensed_at
+    inner = float(t[0]) + MARGIN_S, float(t[-1]) - MARGIN_S
+    if inputs.velocity is None or inputs.velocity.between(*inner) is None:
+        return tuned
+    held = begin.copy()
+    held.P[GNSS_DELAY, :] = held.P[:, GNSS_DELAY] = 0.0
+    par = tuned.packed(inputs.gravity, gate)
+    known: dict[int, float] = {}
+
+    def value(k: int) -> float:
+        if k not in known:
+            tau = tuned.gnss_delay + k * step
+            schedule = runner.timetable.scheduled(replace(tuned, gnss_delay=tau), within=inner)
+            found = runner.forward(schedule, held, par)
+            known[k] = found.likelihood - 0.5 * ((tau - USUAL_S) / USUAL_SIGMA_S) ** 2
+        return known[k]
+
+    best = max((-1, 0, 1), key=value)
+    for _ in range(MOST_STEPS):
+        beyond = max((best - 1, best, best + 1), key=value)
+        if beyond == best:
+            break
+        best = beyond
+    left, middle, right = value(best - 1), value(best), value(best + 1)
+    bend = left - 2.0 * middle + right
+    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    tau = tuned.gnss_delay + (best + float(np.clip(shift, -1.0, 1.0))) * step
+    return replace(tuned, gnss_delay=float(np.clip(tau, -LONGEST_S, LONGEST_S)))
