@@ -69,6 +69,15 @@ def test_a_counter_is_believed_even_where_the_jump_is_small_and_counts_once():
     assert all("counter" in w for w in why)
 
 
+@pytest.mark.parametrize("beside", [-1, 1])
+def test_a_jump_one_sample_beside_its_counter_is_no_second_reset(beside):
+    """Counter and attitude may stand in records of their own, one sample apart."""
+    imu, attitude = agile()
+    jump(attitude, 240, 30.0)
+    attitude.resets = np.array([240 + beside])
+    assert resets.find(attitude, imu)[0].tolist() == [240 + beside]
+
+
 def test_a_step_across_a_gap_is_not_called_a_reset():
     imu, attitude = agile()
     keep = (imu.gyro.t < 10) | (imu.gyro.t > 12)
