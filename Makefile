@@ -9,7 +9,7 @@ install = (command -v uv >/dev/null 2>&1 && ATTLOG_KERNELS=none uv pip install -
 	|| ATTLOG_KERNELS=none $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e $(1)
 compile = $(BIN)/python -m attlog.prebuilt --here
 
-.PHONY: demo test test-all test-rights fuzz check format docs bench bench-page bench-guard clean
+.PHONY: demo test test-slowest test-all test-rights fuzz check format docs bench bench-page bench-guard clean
 
 demo: $(VENV)/installed
 	@echo "analysing a flight with 8 filters, a few seconds"
@@ -17,6 +17,11 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n $(CORES) -m "not slow"
+
+# Where the time of `make test` goes. What takes more than half a second there belongs to test-all (marked slow),
+# or into a smaller case: few() in tests/conftest.py keeps the first cases of a parametrisation.
+test-slowest: $(VENV)/installed-test
+	$(BIN)/python -m pytest -n $(CORES) -m "not slow" --durations 60 --durations-min 0.3
 
 test-all: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n $(CORES) --durations 25

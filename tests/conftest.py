@@ -34,6 +34,17 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         obtained(kernel)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whatever reads the corpus is slow: ``make test`` is the same with and without one."""
+    root = corpus_root()
+    for item in items:
+        values = item.callspec.params.values() if hasattr(item, "callspec") else ()
+        read = root is not None and any(isinstance(v, Path) and v.is_relative_to(root) for v in values)
+        if read or "corpus" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Tests marked ``rights`` skip for a user who may do everything; ATTLOG_REQUIRE_RIGHTS makes that a failure."""
     if item.get_closest_marker("rights") is None or not may_do_everything():

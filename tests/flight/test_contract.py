@@ -123,6 +123,7 @@ def of(row: dict[str, str], folder: str) -> FlightLog:
     return log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", SIMULATED, ids=row_id)
 def test_onboard_attitudes_score_against_truth_as_published(row: dict[str, str]) -> None:
     log = of(row, "sitl")
@@ -133,6 +134,7 @@ def test_onboard_attitudes_score_against_truth_as_published(row: dict[str, str])
     assert log.simulated
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [r for r in SIMULATED if r["source"] == "onboard"], ids=row_id)
 def test_gyro_gravity_and_field_agree_with_truth(row: dict[str, str]) -> None:
     log = of(row, "sitl")
@@ -211,6 +213,7 @@ def real(*columns: str) -> list[dict[str, str]]:
     return [r for r in REAL if all(r[c] not in ("", "nan") for c in columns)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", real("rest_g"), ids=row_id)
 def test_gravity_at_rest_is_what_the_manifest_measured(row: dict[str, str]) -> None:
     log = of(row, "logs")
@@ -226,6 +229,7 @@ def test_gravity_at_rest_is_what_the_manifest_measured(row: dict[str, str]) -> N
         assert angle < max(3.0, float(row["rest_tilt_err_deg"] or 0) + 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", real("gyro_vs_dattitude_slope_xyz"), ids=row_id)
 def test_the_attitude_turns_as_the_gyro_says(row: dict[str, str]) -> None:
     log = of(row, "logs")
@@ -238,6 +242,7 @@ def test_the_attitude_turns_as_the_gyro_says(row: dict[str, str]) -> None:
         assert slope == pytest.approx(1.0, abs=0.2 if slow or row["kind"] == "px4log" else 0.07)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", real("mag_norm"), ids=row_id)
 def test_the_field_has_the_measured_size_in_tesla(row: dict[str, str]) -> None:
     log = of(row, "logs")
@@ -248,6 +253,7 @@ def test_the_field_has_the_measured_size_in_tesla(row: dict[str, str]) -> None:
     assert norm == pytest.approx(gauss * 1e-4, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", real("mag_declination_std_deg", "mag_norm"), ids=row_id)
 def test_the_field_stands_still_in_earth_axes(row: dict[str, str]) -> None:
     log = of(row, "logs")

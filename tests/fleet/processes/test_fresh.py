@@ -29,7 +29,7 @@ from tests.fleet.processes.test_run import LOG, gone, plugin, work
 
 pytestmark = pytest.mark.usefixtures("interruptible")
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 POSIX_ALONE = {
     os: ("fork", "killpg", "setsid", "wait4", "sched_getaffinity", "getuid"),
     signal: ("SIGBUS", "SIGHUP", "SIGCHLD"),

@@ -196,6 +196,17 @@ def test_heartbeats_tell_arming_mode_and_vehicle() -> None:
     assert log.mode.value == ["STABILIZE", "LAND"]
 
 
+def test_landed_and_the_version_are_read_from_their_numbers() -> None:
+    """MAV_LANDED_STATE: 0 undefined, 1 on the ground, 2 in the air; the version is a byte each, then the release."""
+    extended = clock(6, 1) | {"landed_state": np.array([0, 1, 1, 2, 2, 1], np.uint8)}
+    version = clock(1, 1) | {"flight_sw_version": np.array([1 << 24 | 14 << 16 | 3 << 8 | 255], np.uint32)}
+    log = read({("HIGHRES_IMU", ME): raw_imu(500, 50) | {"zacc": np.full(500, -9.81, np.float32)},
+                ("ATTITUDE", ME): attitude(100, 10), ("EXTENDED_SYS_STATE", ME): extended,
+                ("AUTOPILOT_VERSION", ME): version}, 12)  # fmt: skip
+    assert [log.landed.at(t + 0.5) for t in (1.0, 2.0, 3.0, 4.0, 5.0)] == [True, True, False, False, True]
+    assert log.firmware.version.startswith("1.14.3")
+
+
 def test_of_two_vehicles_in_a_file_the_one_asked_for_is_read(tmp_path: Path) -> None:
     tables: dict[tuple[str, int], Any] = {}
     for system, rate in ((1, 50.0), (2, 25.0)):

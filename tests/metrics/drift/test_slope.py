@@ -189,6 +189,26 @@ def test_drift_in_the_air_is_against_the_reference_and_each_heading_reference():
     assert drift_air.compute(case, row, "rest") == {}
 
 
+def test_time_that_is_not_scored_tells_no_drift_in_the_air():
+    t, still = turning(0.0)
+    row = flights.row(*turning(0.02))
+    case = flights.case([row], REST, (t[::2], still[::2]), "truth", scoring_start=15.0)
+    lost = (row.errors.t > 60.0) & (row.errors.t < 75.0)
+    row.errors.heading[lost] += 40.0
+    row.errors.scored[lost] = False
+    answers = drift_air.compute(case, row, "airborne")
+    assert answers["drift_air_deg_per_min.truth"].value == pytest.approx(1.2, abs=0.02)
+
+
+@pytest.mark.parametrize(("pitch_deg", "known"), [(50.0, True), (70.0, False), (-70.0, False)])
+def test_a_nose_that_points_up_or_down_has_no_heading(pitch_deg, known):
+    t = np.arange(0.0, 10.0, 0.02)
+    row = flights.row(t, rotation.from_euler(0.0, np.radians(pitch_deg), 0.3 + 0.0 * t))
+    compass = HeadingReference("mag", t[::5], np.degrees(0.3) + 0 * t[::5], np.zeros(len(t[::5]), np.int64), "compass")
+    error, _ = drift_air.heading_error(row, compass)
+    assert np.isfinite(error).all() if known else np.isnan(error).all()
+
+
 def test_the_heading_reference_is_not_measured_against_itself():
     t, still = turning(0.0)
     row = flights.row(t, still, "onboard")

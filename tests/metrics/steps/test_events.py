@@ -1,4 +1,5 @@
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,15 +22,15 @@ def test_each_commanded_movement_is_one_event_at_any_reference_rate(hz):
     np.testing.assert_allclose(np.diff([e.onset for e in events]), 3.0, atol=0.15)
 
 
-def test_a_doublet_is_counted_once():
+@pytest.mark.parametrize(("seconds", "events_each"), [(0.5, 1), (0.75, 1), (1.4, 2)])
+def test_a_doublet_is_counted_once_unless_its_way_back_comes_0_7_s_later(seconds, events_each):
     t = np.arange(0.0, 20.0, 0.0025)
     command = np.zeros(len(t))
     for at in (4.0, 9.0, 14.0):
-        command[(t >= at) & (t < at + 0.5)] = np.radians(20)
+        command[(t >= at) & (t < at + seconds)] = np.radians(20)
     q = rotation.from_euler(vehicle(command, 15.0), 0 * t, 0 * t)
     events = find(sampled(t, q, 100.0))
-    assert len(events) == 3
-    assert [e.delta_deg > 0 for e in events] == [True] * 3
+    assert [e.delta_deg > 0 for e in events] == [True, False][:events_each] * 3
 
 
 def test_small_and_slow_movements_are_no_events():
@@ -45,6 +46,15 @@ def test_no_event_without_half_a_second_of_the_same_piece_before_it():
     whole = find(track)
     track.segment = (track.t > whole[1].onset - 0.3).astype(np.int64)
     assert [e.onset for e in find(track)] == [e.onset for e in whole if e is not whole[1]]
+
+
+def test_events_count_from_the_scoring_start_and_only_those_that_end_before_the_end():
+    t, q = motion("yaw", 40.0)
+    track = sampled(t, q, 50.0)
+    whole = find(track)
+    begin, end = whole[1].begin + 0.1, whole[-2].end - 0.1
+    reference = SimpleNamespace(t=track.t, q=track.q, segment=track.segment, scoring_start=begin, end=end)
+    assert steps.scored(reference) == whole[2:-2]
 
 
 def test_windows_of_neighbouring_events_do_not_overlap():
