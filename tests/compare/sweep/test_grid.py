@@ -28,6 +28,7 @@ def test_a_log_range_has_equal_factors_and_both_ends() -> None:
     assert found.spacing == "log"
     assert spaced(0.5, 2.0, 3, True) == [0.5, 1.0, 2.0]
     assert spaced(0.0, 1.0, 2, False) == [0.0, 1.0]
+    assert spaced(1.0, 10.0, 4, True) == [1.0, 2.154, 4.642, 10.0]  # the cube root of 10, to four digits
 
 
 def test_a_value_may_carry_its_unit_and_comes_once() -> None:

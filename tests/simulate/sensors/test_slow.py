@@ -22,6 +22,7 @@ from tests.conftest import few
 from tests.simulate.still import Idle, flown, scenario
 
 QUIET_MAG: dict[str, Any] = {"noise_ut_rthz": 0, "hard_iron_spread_ut": 0, "step_ut": 0}
+SLOW_LOOP: dict[str, Any] = {"rate_hz": 50, "substeps": 10}
 QUIET_GNSS: dict[str, Any] = {"noise_h_m": 0, "noise_v_m": 0, "noise_speed_m_s": 0, "wander_m": 0, "jitter_s": 0}
 LIFT = {"move": [{"seconds": 2.0}, {"seconds": 5.0, "up_m": 40.0, "heading_deg": 50.0}]}
 
@@ -159,6 +160,12 @@ def test_gnss_wanders_slowly_with_its_declared_size() -> None:
     lagged = np.mean([np.corrcoef(g.ned[:-50, k], g.ned[50:, k])[0, 1] for g in ends for k in range(2)])
     assert lagged == pytest.approx(math.exp(-10 / 20), abs=0.12)
     assert np.concatenate([g.vel for g in ends]).std() == pytest.approx(0.1, rel=0.03)
+
+
+def test_gnss_noise_has_its_declared_size_over_ground_and_in_height() -> None:
+    one = scenario(400.0, sensors={"gnss": [QUIET_GNSS | {"noise_h_m": 0.5, "noise_v_m": 2.0}]}, loop=SLOW_LOOP)
+    ned = np.concatenate([alone(GnssSensor(one, 0, seed)).ned for seed in range(2)])
+    assert ned.std(axis=0) == pytest.approx([0.5, 0.5, 2.0], rel=0.06)
 
 
 def test_the_antenna_swings_with_the_vehicle() -> None:
