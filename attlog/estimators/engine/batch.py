@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from attlog.base.errors import UsageError
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator, LogFacts
-from attlog.estimators.engine import expand, loop
+from attlog.estimators.engine import SOURCES, expand, loop
 from attlog.estimators.engine.late import in_pieces, late_field
 from attlog.estimators.engine.samples import Samples, Sampling, handed, prepare
 from attlog.estimators.engine.start import first, initial_state, realigned
@@ -256,12 +256,7 @@ def _loaded(
         return None
     name = f"batch {step.__module__} {switches} {dtype} {sizes} {vectors_at}"
     kernel = Kernel(
-        name,
-        "advance",
-        text,
-        SIGNATURE.format("f4" if dtype == "float32" else "f8"),
-        what,
-        loop.SOURCES if ours else (),
+        name, "advance", text, SIGNATURE.format("f4" if dtype == "float32" else "f8"), what, SOURCES if ours else ()
     )
     if ours:
         return at_hand(kernel) or (obtained(kernel) if text() else None)

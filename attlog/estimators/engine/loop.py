@@ -23,6 +23,7 @@ from attlog.base.errors import AttlogError
 from attlog.base.freed import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator
+from attlog.estimators.engine import SOURCES
 from attlog.estimators.engine.events import events
 from attlog.estimators.engine.late import in_pieces, late_field, without_heading
 from attlog.estimators.engine.returned import returned
@@ -93,8 +94,6 @@ SIGNATURE = (
 EVENTS = ", i8[::1], i8[::1], f8[:, ::1]"
 SCRATCH = (("f8", (3,)), ("f8", (3,)))
 """Accelerometer and magnetometer vectors of a part of a step."""
-SOURCES = ("estimators", "kernels", "base/earth.py", "base/errors.py", "base/limits.py", "base/rotation.py")
-"""Files below the package that say what a built-in filter's kernel does."""
 
 
 def run(

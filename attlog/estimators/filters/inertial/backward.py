@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.estimators.base import Array, Estimate
-from attlog.estimators.engine.loop import SOURCES
+from attlog.estimators.engine import SOURCES
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial.layout import (
     ACC_BIAS_SIGMA,

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from attlog.estimators.engine.loop import SOURCES
+from attlog.estimators.engine import SOURCES
 from attlog.estimators.filters.inertial.layout import N
 from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel

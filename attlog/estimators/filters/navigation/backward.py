@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from attlog.estimators.engine.loop import SOURCES
+from attlog.estimators.engine import SOURCES
 from attlog.estimators.filters.navigation.layout import ROW, SUM_T, WANDER_TAU, N
 from attlog.estimators.filters.navigation.motion import dot, undo
 from attlog.kernels.loops import kernel_of

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from attlog.estimators.engine.loop import SOURCES
+from attlog.estimators.engine import SOURCES
 from attlog.estimators.filters.navigation.layout import (
     BA,
     BARO,

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from attlog.estimators.engine.loop import SOURCES
+from attlog.estimators.engine import SOURCES
 from attlog.kernels.loops import kernel_of
 
 RING = 13
