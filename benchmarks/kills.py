@@ -24,7 +24,7 @@ MEASURED = ("wall_s", "cpu_s", "peak_mb")
 
 
 def command(logs: list[str], folder: Path, options: argparse.Namespace, *more: str) -> list[str]:
-    own = ["-o", str(folder), "--workers", str(options.workers), "--estimators", options.estimators]
+    own = ["-o", str(folder), "--jobs", str(options.workers), "--estimators", options.estimators]
     return [sys.executable, "-m", "attlog", "batch", *logs, *own, "--deterministic", "-v", *more]
 
 

@@ -146,8 +146,8 @@ MAG_LIMIT_T = 5e-3
 """The earth's field is below 70 uT; 5 mT leaves room for magnets and excludes damage."""
 
 FILTER_S = 60.0
-"""A filter from a file may take so long for one run (``--filter-timeout``): in plain Python it takes some 15 s for ten
-minutes at 250 Hz, compiled it takes none to speak of."""
+"""A filter from a file may take so long for one run (``ATTLOG_FILTER_TIMEOUT``): in plain Python it takes some 15 s for
+ten minutes at 250 Hz, compiled it takes none to speak of."""
 
 MAX_FILTER_BYTES = 4 << 30
 """What a filter from a file may take of memory; an hour at 1 kHz is 1 GB with all that is kept of it."""

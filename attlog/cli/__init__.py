@@ -17,14 +17,15 @@ from attlog import __version__
 from attlog.base.errors import INTERRUPTED, AttlogError, UsageError, exit_code, message
 from attlog.cli.registry import Commands
 from attlog.cli.shared import process
+from attlog.cli.shared.options import CommonOptions, expanded
 from attlog.cli.shared.printing import to_stderr
 from attlog.cli.shared.process import ended_by_signals, guarded
 
 app = typer.Typer(
     name="attlog",
     cls=Commands,
-    help="Re-run attitude filters on a flight log and say which is closest, quiet, late in a step, drifting in heading."
-    " attlog LOG means attlog analyze LOG.",
+    help="Run attitude filters on a flight log again: accuracy, noise, lag, yaw drift.\n\n"
+    "Example: attlog flight.ulg. It means attlog analyze flight.ulg.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # it takes [default: x] and [@PRESET] for markup and drops them
@@ -39,12 +40,15 @@ def _version(wanted: bool) -> None:
 
 
 @app.callback()
+@expanded
 def _root(
+    context: typer.Context,
+    common: CommonOptions,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Options of every command stand with the command."""
+    context.obj = common
 
 
 COLLECTED_AFTER = 200_000
@@ -85,8 +89,8 @@ def _code() -> int:
             to_stderr(traceback.format_exc())
         to_stderr(message(error, __version__))
         if isinstance(error, UsageError):
-            from attlog.cli.shared.gates import tell_refused
+            from attlog.cli.shared.gates import report_refusal
 
-            tell_refused(str(error), sys.argv[1:])
+            report_refusal(str(error), sys.argv[1:])
         return exit_code(error)
     return 0

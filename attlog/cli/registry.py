@@ -9,14 +9,15 @@ import typer
 
 from attlog.cli.shared import process
 from attlog.cli.shared.arguments import Group, Plain, WithGates, WithJson
+from attlog.cli.shared.options import expanded
 
 COMMANDS: dict[str, tuple[str, type[Plain]]] = {
-    "analyze": ("analyze", WithGates),
+    "analyze": ("analyze", WithJson),
     "batch": ("batch", WithGates),
     "info": ("info", WithJson),
     "extract": ("extract", Plain),
     "compare": ("compare", WithJson),
-    "diff": ("diff", Plain),
+    "diff": ("diff", WithJson),
     "sweep": ("sweep", WithJson),
     "tune": ("tune", WithJson),
     "table": ("table", Plain),
@@ -31,7 +32,7 @@ COMMANDS: dict[str, tuple[str, type[Plain]]] = {
 
 
 class Commands(Group):
-    """The group of them; one that is not asked for is only a name. Errors of standard output are told from bugs."""
+    """The group of them; one that is not asked for is only a name. An error of standard output is no bug."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -42,7 +43,7 @@ class Commands(Group):
         if cmd_name in self.commands and self.commands[cmd_name] is None:
             file, kind = COMMANDS[cmd_name]
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-            alone.command(cmd_name, cls=kind)(import_module(f"attlog.cli.commands.{file}").command)
+            alone.command(cmd_name, cls=kind)(expanded(import_module(f"attlog.cli.commands.{file}").command))
             self.commands[cmd_name] = typer.main.get_command(alone)
         return super().get_command(ctx, cmd_name)
 

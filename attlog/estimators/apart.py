@@ -130,7 +130,7 @@ class Apart:
         except Empty:
             self._stop()
             self._too_long = (
-                f"{self.name}: took longer than {limit:g} s and was ended; --filter-timeout allows more, 0 any time"
+                f"{self.name}: took longer than {limit:g} s and was ended; ATTLOG_FILTER_TIMEOUT allows more, 0 no end"
             )
             raise PluginTimeout(self._too_long) from None
         except BaseException:  # interrupted too: an answer that comes later would be taken for that of another request

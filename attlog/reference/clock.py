@@ -39,13 +39,13 @@ def step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) ->
     """What the clock is, and how much later than measured the attitude was published (``own``: made of the IMU)."""
     if own:
         text = "made at the IMU's stamps, freed of the delay of its filter"
-        return AlignmentStep("clock", text, "sample", source=attitude.source, option="--clock")
+        return AlignmentStep("clock", text, "sample", source=attitude.source, option="config: clock")
     told = attitude.t_sample is not None
     if not told:
         text = f"{attitude.source} has one time stamp; it is taken for the time of the attitude"
-        return AlignmentStep("clock", text, "stamp", source=attitude.source, option="--clock")
+        return AlignmentStep("clock", text, "stamp", source=attitude.source, option="config: clock")
     delays = attitude.t - times(attitude, "sample")
     delay = float(np.median(delays[~np.isnan(delays)])) * 1e3 if len(delays) else 0.0
     used = "the time of measurement" if clock == "sample" else "the time of publication"
     text = f"{attitude.source} is compared at {used}; it was published {delay:.1f} ms after the measurement (median)"
-    return AlignmentStep("clock", text, delay, "ms", attitude.source, clock == "sample", "--clock")
+    return AlignmentStep("clock", text, delay, "ms", attitude.source, clock == "sample", "config: clock")

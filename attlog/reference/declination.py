@@ -45,7 +45,9 @@ def step(log: FlightLog, option: str | float) -> tuple[float | None, AlignmentSt
             given = float(option)
         except ValueError:
             raise UsageError(f"declination {option!r}: use auto, model, param or degrees") from None
-        return given, AlignmentStep("declination", "given by the user", given, "deg", "option", option="--declination")
+        return given, AlignmentStep(
+            "declination", "given by the user", given, "deg", "option", option="config: declination"
+        )
     field, told = model(log), log.declination_param
     by_model = "no position, so no model" if field is None else f"{field.declination_deg:.1f} deg by {field.model}"
     by_param = "no declination parameter that is set" if told is None else f"{told:.1f} deg by {log.declination_source}"
@@ -56,9 +58,9 @@ def step(log: FlightLog, option: str | float) -> tuple[float | None, AlignmentSt
     elif told is not None and option != "model":
         value, source = told, log.declination_source
     if value is not None:
-        return value, AlignmentStep("declination", text, value, "deg", source, option="--declination")
+        return value, AlignmentStep("declination", text, value, "deg", source, option="config: declination")
     text += "; unknown, so headings are magnetic and compared with their offset removed"
-    return None, AlignmentStep("declination", text, None, "deg", "", False, "--declination")
+    return None, AlignmentStep("declination", text, None, "deg", "", False, "config: declination")
 
 
 def seen_deg(log: FlightLog, reference: Reference) -> float | None:

@@ -55,7 +55,7 @@ def replayed(
     if reference.trim is not None:
         row.q = trim.apply(row.q, reference.trim)
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
-        row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="--trim"))
+        row.steps.append(AlignmentStep("trim", "taken out once", size, "deg", log.trim_source, option="config: trim"))
     row.is_reference = reference.kind == smoothed.NAME and name == smoothed.NAME
     free_heading = not uses_mag or reference.declination_deg is None or reference.heading_by == "nobody"
     if late:

@@ -11,9 +11,9 @@ from tests.conftest import SAMPLES
 
 LOG = SAMPLES / "copter_yaw_turns.bin"
 OPTIONS: dict[str, tuple[str, ...]] = {
-    "analyze": ("--declination", "--score-from", "--input-delay", "--imu", "--mag", "--boot", "--system", "-j"),
+    "analyze": ("--imu", "--mag", "--boot", "--system", "-j"),
     "extract": ("--from", "--to", "--boot", "--system"),
-    "batch": ("--timeout", "--memory", "-j", "--declination", "--score-from"),
+    "batch": ("--timeout", "--memory", "-j"),
 }
 CASES = [(command, option) for command, options in OPTIONS.items() for option in options]
 
@@ -32,8 +32,7 @@ def test_what_is_no_number_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("words", [("--declination", "181"), ("--score-from", "1e300"), ("--input-delay", "1e9"),
-                                   ("--window", "nan:1"), ("--window", "0:inf"), ("--params", "/dev/zero"),
+@pytest.mark.parametrize("words", [("--window", "nan:1"), ("--window", "0:inf"), ("--params", "/dev/zero"),
                                    ("--config", "/dev/zero"), ("--gates", "/dev/zero")])  # fmt: skip
 def test_numbers_and_files_out_of_all_proportion_are_refused(
     attlog: Callable[..., Any], words: tuple[str, str], tmp_path: Any

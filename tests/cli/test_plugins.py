@@ -32,8 +32,8 @@ def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
     filters = ",".join(["gyro", *(str(tmp_path / f"{name}.py") for name in FILES)])
     done = subprocess.run(
         [sys.executable, "-m", "attlog", "analyze", samples / "copter_steps_stabilize.bin", "-o", tmp_path,
-         "--estimators", filters, "--filter-timeout", "6", "--reference", "onboard", "--json"],
-        capture_output=True, text=True,
+         "--estimators", filters, "--reference", "onboard", "--json"],
+        capture_output=True, text=True, env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "6"},
     )  # fmt: skip
     assert done.returncode == 75, done.stderr[-2000:]
     assert "Traceback" not in done.stderr
@@ -55,8 +55,8 @@ def test_compare_ends_with_the_code_of_a_filter_that_took_too_long(samples, tmp_
     (tmp_path / "loops.py").write_text(RUN.format(top="", body="while True: pass"))
     done = subprocess.run(
         [sys.executable, "-m", "attlog", "compare", samples / "copter_yaw_turns.bin", "gyro", tmp_path / "loops.py",
-         "--reference", "onboard", "--filter-timeout", "3", "-o", tmp_path / "out"],
-        capture_output=True, text=True,
+         "--reference", "onboard", "-o", tmp_path / "out"],
+        capture_output=True, text=True, env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "3"},
     )  # fmt: skip
     assert done.returncode == 75, done.stderr[-2000:]
     assert list((tmp_path / "out").rglob("*.html"))
@@ -70,8 +70,8 @@ def test_compare_ends_with_the_code_of_a_filter_that_took_too_long_when_a_metric
     (tmp_path / "later.py").write_text(RUN.format(top="import time\ncalls = []", body=LATER))
     done = subprocess.run(
         [sys.executable, "-m", "attlog", "compare", samples / "copter_yaw_turns.bin", "gyro", tmp_path / "later.py",
-         "--filter-timeout", "3", "-o", tmp_path / "out"],
-        capture_output=True, text=True,
+         "-o", tmp_path / "out"],
+        capture_output=True, text=True, env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "3"},
     )  # fmt: skip
     assert done.returncode == 75, done.stderr[-2000:]
     assert "in a later run" in done.stderr

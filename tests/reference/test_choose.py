@@ -65,8 +65,8 @@ def test_every_step_is_told_with_its_switch():
     reference = chosen(flight(truth_hz=50.0))
     switches = {s.name: s.option for s in reference.steps}
     for name, option in (
-        ("reference", "--reference"), ("clock", "--clock"), ("input_delay", "--input-delay"),
-        ("declination", "--declination"), ("trim", "--trim"), ("scoring_start", "--score-from"),
+        ("reference", "--reference"), ("clock", "config: clock"), ("input_delay", "config: input_delay"),
+        ("declination", "config: declination"), ("trim", "config: trim"), ("scoring_start", "config: score_from"),
     ):  # fmt: skip
         assert switches[name] == option
     assert {"resampling", "resets", "replay_floor", "gravity_check"} <= switches.keys()

@@ -283,9 +283,15 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
             [
                 AlignmentStep("clock", "sample time of the IMU", "TimeUS", "", "log"),
                 AlignmentStep(
-                    "declination", "world magnetic model at place and date", 2.9, "deg", "model", True, "--declination"
+                    "declination",
+                    "world magnetic model at place and date",
+                    2.9,
+                    "deg",
+                    "model",
+                    True,
+                    "config: declination",
                 ),
-                AlignmentStep("trim", "AHRS_TRIM taken out", "1.18, 0.30", "deg", "parameter", True, "--trim"),
+                AlignmentStep("trim", "AHRS_TRIM taken out", "1.18, 0.30", "deg", "parameter", True, "config: trim"),
             ],
             scoring_start_s=15.0,
         ),

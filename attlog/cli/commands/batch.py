@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,115 +11,91 @@ import typer
 
 from attlog import __version__
 from attlog.base.errors import INTERRUPTED, UsageError, exit_code, message, worst
-from attlog.cli.shared import gates as gated
-from attlog.cli.shared import options
-from attlog.cli.shared.printing import Boot, NoColor, Places, Quiet, System, Verbose, console, finite, say, to_stderr
+from attlog.cli.shared.gates import GateOptions, GateReport
+from attlog.cli.shared.options import CommonOptions, JobsOfCores, LogOptions, Places, finite
+from attlog.cli.shared.printing import Line, console, say, to_stderr
 from attlog.cli.shared.process import ended_by_signals
 from attlog.cli.shared.progress import Bar
+from attlog.cli.shared.settings import commands, configured
 
 if TYPE_CHECKING:
     from attlog.fleet.records.entry import Entry
     from attlog.fleet.records.record import Record
     from attlog.fleet.records.work import Work
     from attlog.fleet.schedulers.batch import Outcome
-    from attlog.fleet.schedulers.local import Runner, Tell
+    from attlog.fleet.schedulers.local import Runner
 
 TIMEOUT_S = 3600.0
 """A log may take this long: no log in hand takes a hundredth of it, and one that hangs costs one worker an hour."""
 
 
-def command(
-    context: typer.Context,
-    logs: Places,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", show_default=False, help="Folder of the batch.")
-    ],
-    workers: Annotated[
-        int | None,
-        typer.Option("-j", "--workers", metavar="N", min=1, help="Logs at a time. [default: one for each core]"),
-    ] = None,
+@dataclass(frozen=True, slots=True)
+class BatchOptions:
+    """Where and under which limits the logs are worked on, and what becomes of an earlier batch in the folder."""
+
+    jobs: JobsOfCores = None
     timeout: Annotated[
-        float,
-        typer.Option(
-            "--timeout", metavar="S", min=0.0, callback=finite, help="Give up on a log after so long; 0: never."
-        ),
-    ] = TIMEOUT_S,
+        float, typer.Option(metavar="S", min=0.0, callback=finite, help="Give up on a log after so long; 0: never.")
+    ] = TIMEOUT_S
     memory: Annotated[
         float | None,
         typer.Option(
-            "--memory",
-            metavar="MB",
-            min=1.0,
-            callback=finite,
-            help="Give up on a log that needs more memory. [default: no limit]",
+            metavar="MB", min=1.0, callback=finite, help="Give up on a log that needs more memory. [default: no limit]"
         ),
-    ] = None,
+    ] = None
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the batch in DIR: what is done and unchanged stays.")
-    ] = False,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Remove the reports of the batch in DIR and begin again.")
-    ] = False,
+    ] = False
+    fresh: Annotated[bool, typer.Option("--fresh", help="Remove the reports of the batch in DIR and begin again.")] = (
+        False
+    )
     scheduler: Annotated[
         str | None,
         typer.Option(
-            "--scheduler",
             metavar="tcp://HOST:PORT",
-            help="Work on the Dask cluster of this scheduler; --workers: tasks at a time. [default: on this machine]",
+            help="Work on the Dask cluster of this scheduler; --jobs: tasks at a time. [default: on this machine]",
         ),
-    ] = None,
-    estimators: options.Estimators = None,
-    imu: options.ImuOption = None,
-    mag: options.MagOption = None,
-    reference: options.ReferenceOption = None,
-    window: options.Window = None,
-    score_from: options.ScoreFrom = None,
-    clock: options.Clock = None,
-    declination: options.Declination = None,
-    trim: options.Trim = None,
-    input_delay: options.InputDelay = None,
-    gyro_bias: options.GyroBias = None,
-    params: options.Params = None,
-    config: options.ConfigFile = None,
-    plotly: options.Plotly = "inline",
-    deterministic: options.Deterministic = False,
-    boot: Boot = None,
-    system: System = None,
-    gates: gated.GatesFile = None,
-    strict: gated.Strict = None,
-    junit: gated.Junit = None,
-    summary: gated.Summary = None,
-    filter_timeout: options.FilterTimeout = None,
-    no_color: NoColor = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.resume and self.fresh:
+            raise UsageError("--resume and --fresh: one or the other")
+
+    def runner(self, progress: BatchProgress, bar: Bar) -> Runner:
+        """What does the work."""
+        if self.scheduler is None:
+            from attlog.fleet.schedulers.local import here
+
+            return here(self.jobs, bar.stage)
+        from attlog.fleet.schedulers.cluster import there
+
+        return there(self.scheduler, self.jobs, progress.say)
+
+
+def command(
+    logs: Places,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", show_default=False, help="Write the batch to this folder.")
+    ],
+    batch: BatchOptions,
+    options: LogOptions,
+    gate_options: GateOptions,
+    common: CommonOptions,
 ) -> None:
-    """Analyse many logs into the folder DIR: a report each, an index, a table of every number."""
-    if resume and fresh:
-        raise UsageError("--resume and --fresh: one or the other")
-    held = gated.Gated(gates, strict, junit, summary, output)
-    settings = options.settings(
-        config,
-        estimators=estimators,
-        imu=imu,
-        mag=mag,
-        reference=reference,
-        window=window,
-        score_from=score_from,
-        clock=clock,
-        declination=declination,
-        trim=trim,
-        input_delay=input_delay,
-        gyro_bias=gyro_bias,
-        params=params,
-        boot=boot,
-        system=system,
-    )
+    """Analyse many logs into one folder with an index.
+
+    The folder gets a report for each log and a table of every number.
+    Each log has a process of its own. An interrupted batch goes on with --resume.
+
+    Example: attlog batch flights/ -o out --resume
+    """
+    gates = GateReport(gate_options, output)
+    settings = configured(options)
     from attlog.fleet.records.plan import Job
     from attlog.fleet.schedulers.batch import run_batch
     from attlog.fleet.sources.find import sources
 
-    judge = held.judge(output, deterministic)
+    judge = gates.judge(output, options.deterministic)
     found, wrong = sources(logs)
     for error in wrong:
         to_stderr(message(error, __version__))
@@ -128,41 +105,29 @@ def command(
             found,
             output,
             settings,
-            options.commands(context, [source.name for source in found]),
-            options.bundle(plotly),
-            deterministic,
-            timeout or None,
-            memory,
-            resume,
-            fresh,
+            commands(options, [source.name for source in found]),
+            deterministic=options.deterministic,
+            timeout=batch.timeout or None,
+            memory=batch.memory,
+            resume=batch.resume,
+            fresh=batch.fresh,
         )
-        with ended_by_signals(), Bar(quiet, verbose > 0) as bar:
-            told = _Told(bar, quiet, verbose)
-            outcome = run_batch(job, runner(scheduler, workers, told.say, bar.heard), told, judge)
+        with ended_by_signals(), Bar(common.quiet, common.verbose > 0) as bar:
+            progress = BatchProgress(bar, common.verbose)
+            outcome = run_batch(job, batch.runner(progress, bar), progress, judge)
         codes |= outcome.codes
-        _say(outcome, output, quiet)
+        _say_outcome(outcome, output, common.quiet)
         names = [entry.name for entry in outcome.entries]
-    codes |= held.finish(names, wrong, interrupted=INTERRUPTED in codes)
+    codes |= gates.finish(names, wrong, interrupted=INTERRUPTED in codes)
     if worst(codes):
         raise typer.Exit(worst(codes))
 
 
-def runner(scheduler: str | None, workers: int | None, say: Callable[[str], None], heard: Tell | None = None) -> Runner:
-    """Where the work is done."""
-    if scheduler is None:
-        from attlog.fleet.schedulers.local import here
+class BatchProgress:
+    """How a batch goes: a bar, and a line for each log that fails (with -v for each log)."""
 
-        return here(workers, heard)
-    from attlog.fleet.schedulers.cluster import there
-
-    return there(scheduler, workers, say)
-
-
-class _Told:
-    """Says how a batch goes: a bar, and a line for each log that fails (with -v for each log)."""
-
-    def __init__(self, bar: Bar, quiet: bool, verbose: int) -> None:
-        self._bar, self._quiet, self._verbose = bar, quiet, verbose
+    def __init__(self, bar: Bar, verbose: int) -> None:
+        self._bar, self._verbose = bar, verbose
 
     def planned(self, works: Sequence[Work]) -> None:
         """Nothing is done yet."""
@@ -187,9 +152,8 @@ class _Told:
             to_stderr(text)
 
 
-def _say(outcome: Outcome, folder: Path, quiet: bool) -> None:
+def _say_outcome(outcome: Outcome, folder: Path, quiet: bool) -> None:
     """The summary, and why not all logs were reached."""
-    from attlog.cli.shared.printing import Line
     from attlog.fleet.pages.summary import summary
 
     if not quiet:

@@ -3,45 +3,51 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from attlog import __version__
 from attlog.base.errors import UsageError, exit_code, message, worst
-from attlog.cli.shared.printing import NoColor, Verbose, console, say, to_stderr
+from attlog.cli.shared.options import CommonOptions, Json, OneFile, one_form
+from attlog.cli.shared.printing import Line, console, say, to_stderr
 
 if TYPE_CHECKING:
-    from attlog.compare.diff.diff import RunDifference
     from attlog.compare.diff.result_files import ResultPairs
-
-FORMATS = ("table", "markdown", "json")
 
 
 def command(
     old: Annotated[Path, typer.Argument(metavar="OLD", show_default=False, help="A JSON of analyze, or a folder.")],
     new: Annotated[Path, typer.Argument(metavar="NEW", show_default=False, help="The same of the newer run.")],
+    common: CommonOptions,
     tolerance: Annotated[
         list[str] | None,
         typer.Option(
             metavar="METRIC=VALUE|PCT%",
-            help="How far a metric may move: lag_ms=2, noise_*=5%. [default: 2 %, or a small step of its unit]",
+            help="Let a metric move so far: lag_ms=2, noise_*=5%. [default: 2 %, or a small step of its unit]",
         ),
     ] = None,
     window: Annotated[
         str | None, typer.Option(metavar="W", help="Compare the numbers of this window only. [default: every window]")
     ] = None,
-    form: Annotated[str, typer.Option("--format", metavar="table|markdown|json", help="How to print it.")] = "table",
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file. [default: print it]")
+    form: Annotated[
+        Literal["md"] | None,
+        typer.Option("--format", metavar="md", help="Print it as Markdown. [default: for reading]"),
     ] = None,
-    no_color: NoColor = False,
-    verbose: Verbose = 0,
+    json: Json = False,
+    output: OneFile = None,
 ) -> None:
-    """Compare two results, or two folders of them: numbers beyond their tolerance, changed parameters, rows, logs."""
-    if form not in FORMATS:
-        raise UsageError(f"--format {form}: use {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
+    """Compare two results, or two folders of them.
+
+    Numbers beyond their tolerance are printed, and parameters, rows and logs that changed. Exit code 1: something did.
+
+    Example: attlog diff reports-old reports-new --tolerance lag_ms=2
+    """
+    one_form(json, form)
+    from json import dumps
+
     from attlog.compare.diff import diff, result_files
+    from attlog.compare.diff import text as diff_words
     from attlog.compare.diff.tolerance import tolerances
 
     found = result_files.found(old, new)
@@ -58,7 +64,13 @@ def command(
         if a is not None and b is not None
     ]
     count = sum(d.count for d in differences) + len(_alone(found))
-    _tell(differences, found, form, output, bool(verbose))
+    alone = _alone(found)
+    if json:
+        lines = dumps(diff_words.document(differences, alone), indent=1, allow_nan=False).split("\n")
+    else:
+        words = diff_words.lines if form is None else diff_words.markdown
+        lines = list(words(differences, alone, common.verbose > 0))
+    _write(lines, output)
     code = worst([exit_code(error) for error in found.wrong] + [1 if count else 0])
     if code:
         raise typer.Exit(code)
@@ -69,23 +81,10 @@ def _alone(found: ResultPairs) -> list[tuple[str, str]]:
     return [(n, "new" if a is None else "old") for n, (a, b) in found.pairs.items() if a is None or b is None]
 
 
-def _tell(
-    differences: list[RunDifference], found: ResultPairs, form: str, output: Path | None, everything: bool
-) -> None:
-    import json
-
-    from attlog.cli.shared.printing import Line
-    from attlog.compare.diff import text as diff_words
-
-    alone = _alone(found)
-    if form == "json":
-        texts = json.dumps(diff_words.document(differences, alone), indent=1, allow_nan=False).split("\n")
-    else:
-        words = diff_words.markdown if form == "markdown" else diff_words.lines
-        texts = list(words(differences, alone, everything))
+def _write(lines: list[str], output: Path | None) -> None:
     if output is None:
-        say(map(Line, texts), console())
+        say(map(Line, lines), console())
         return
     from attlog.base.output import write_atomic
 
-    write_atomic(output, "\n".join(texts) + "\n")
+    write_atomic(output, "\n".join(lines) + "\n")

@@ -10,8 +10,8 @@ import typer
 
 from attlog.base.errors import LogUnusable, UsageError
 from attlog.cli.shared import completion
-from attlog.cli.shared.options import FilterTimeout
-from attlog.cli.shared.printing import Boot, Log, NoColor, Quiet, System, finite, one_log, to_stderr, to_stdout
+from attlog.cli.shared.options import Boot, CommonOptions, Log, System, finite
+from attlog.cli.shared.printing import to_stderr, to_stdout
 
 if TYPE_CHECKING:
     from attlog.extraction import Extract
@@ -22,6 +22,7 @@ KINDS = ("csv", "parquet")
 
 def command(
     log: Log,
+    common: CommonOptions,
     messages: Annotated[
         list[str] | None,
         typer.Argument(
@@ -32,7 +33,7 @@ def command(
         ),
     ] = None,
     streams: Annotated[
-        bool, typer.Option("--streams", help="SI streams (imu0, mag0, attitude_...) instead of messages.")
+        bool, typer.Option("--streams", help="Write SI streams (imu0, mag0, attitude_...) instead of messages.")
     ] = False,
     estimates: Annotated[
         str | None,
@@ -40,21 +41,21 @@ def command(
             "--estimates",
             metavar="LIST",
             autocompletion=completion.rows,
-            help="Attitudes of re-run estimators: mahony@xu-0.6,gyro",
+            help="Write attitudes of re-run filters: mahony@xu-0.6,gyro. [default: none]",
         ),
     ] = None,
     start: Annotated[
         float | None,
         typer.Option(
-            "--from", metavar="T", callback=finite, help="From this time on (s, 0 = first IMU sample). [default: all]"
+            "--from", metavar="T", callback=finite, help="Begin at this time (s, 0 = first IMU sample). [default: all]"
         ),
     ] = None,
     end: Annotated[
-        float | None, typer.Option("--to", metavar="T", callback=finite, help="Up to this time (s). [default: all]")
+        float | None, typer.Option("--to", metavar="T", callback=finite, help="End at this time (s). [default: all]")
     ] = None,
     kind: Annotated[
         str | None,
-        typer.Option("--format", metavar="csv|parquet", help="File format. [default: by the suffix of -o, else csv]"),
+        typer.Option("--format", metavar="csv|parquet", help="Write this form. [default: by the suffix of -o, or csv]"),
     ] = None,
     output: Annotated[
         Path,
@@ -62,16 +63,18 @@ def command(
             "-o",
             "--output",
             metavar="PATH|-",
-            help="Folder, a file (.csv, .parquet) for one table, - for standard output.",
+            help="Write to a folder, a file (.csv, .parquet) for one table, - for standard output.",
         ),
     ] = Path("extract"),
     boot: Boot = None,
     system: System = None,
-    filter_timeout: FilterTimeout = None,
-    no_color: NoColor = False,
-    quiet: Quiet = False,
 ) -> None:
-    """Write data of LOG to files for pandas and PlotJuggler: first column time_s, units in names or metadata."""
+    """Write data of a log for pandas and PlotJuggler.
+
+    The first column is time_s; units stand in names or metadata.
+
+    Example: attlog extract flight.ulg vehicle_attitude --from 10 --to 60
+    """
     kind = _kind(kind, output)
     if messages and (streams or estimates):
         raise UsageError("name messages, or use --streams / --estimates, not both")
@@ -90,15 +93,29 @@ def command(
         why = dict.fromkeys(f"{table.name}: no row {_why_empty(table, start, end)}" for table in whole)
         raise LogUnusable("\n".join([f"{log}: nothing to extract", *why]))
     for table, cut in zip(whole, tables, strict=True):
-        if not len(cut) and not quiet:
+        if not len(cut) and not common.quiet:
             to_stderr(f"attlog: {table.name}: no row {_why_empty(table, start, end)}")
     if str(output) == "-":
         extraction.write_stream(tables, flight, sys.stdout.buffer, kind)
         return
     written = extraction.write(tables, flight, output, kind)
-    if not quiet:
+    if not common.quiet:
         for path, table in zip(written, tables, strict=True):
             to_stdout(f"{path}: {len(table)} rows, {len(table.columns)} columns")
+
+
+def one_log(path: Path) -> Path:
+    """The one log that a name means, also where it is a folder or a pattern. Errors as in ``fleet.find``."""
+    from attlog.fleet.sources.find import find
+
+    logs, wrong = find([path])
+    if wrong:
+        raise wrong[0]
+    if len(logs) > 1:
+        raise UsageError(
+            f"{path}: {len(logs)} logs; this command takes one ({', '.join(p.name for p in logs[:3])} ...)"
+        )
+    return logs[0]
 
 
 def _tables(
@@ -108,7 +125,7 @@ def _tables(
 
     if not estimates:
         return list(extraction.streams(flight) if streams else extraction.messages(flight, messages, system))
-    from attlog.cli.shared.options import check_filter
+    from attlog.cli.shared.settings import check_filter
     from attlog.estimators import items
 
     for item in items(estimates):

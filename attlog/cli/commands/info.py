@@ -9,22 +9,8 @@ import typer
 
 from attlog import __version__
 from attlog.base.errors import BUG, exit_code, message, worst
-from attlog.cli.shared.printing import (
-    Boot,
-    Json,
-    Line,
-    Logs,
-    NoColor,
-    Quiet,
-    System,
-    Verbose,
-    columns,
-    console,
-    json_line,
-    json_to_stdout,
-    say,
-    to_stderr,
-)
+from attlog.cli.shared.options import Boot, CommonOptions, Json, Logs, System
+from attlog.cli.shared.printing import Line, columns, console, json_line, json_to_stdout, say, to_stderr
 
 DIFFERS, LATE = 1, 75
 WORDS = {"good": "good", "warn": "warn", "bad": "bad", "cannot_judge": "cannot judge"}
@@ -33,17 +19,20 @@ STYLES = {"good": "", "warn": "yellow", "bad": "red", "cannot_judge": "dim"}
 
 def command(
     logs: Logs,
-    as_json: Json = False,
+    common: CommonOptions,
+    json: Json = False,
     verify: Annotated[
         bool, typer.Option("--verify", help="Read the log again with pyulog or pymavlink and compare every value.")
     ] = False,
     boot: Boot = None,
     system: System = None,
-    no_color: NoColor = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
 ) -> None:
-    """Say what is in each LOG, check it against physics, and tell which questions it can answer."""
+    """Say what is in a log and what it can answer.
+
+    Each LOG is checked against physics. What is missing is listed with the setting that would log it.
+
+    Example: attlog info flight.ulg
+    """
     from attlog.cli.shared.process import is_of_a_stream
     from attlog.fleet.sources.find import find
     from attlog.inspection import inspect
@@ -55,16 +44,16 @@ def command(
     for number, log in enumerate(found):
         try:
             report = inspect(log, boot=boot, system=system, verify=verify)
-            if as_json:
+            if json:
                 json_to_stdout(json_line(report))
-            elif not quiet:
+            elif not common.quiet:
                 out = console()
                 say([Line("")] * (number > 0), out)
-                say(lines(printable(report), out.width, verbose), out)
+                say(lines(printable(report), out.width, common.verbose), out)
             if verify and not report["verify"]["agrees"]:
                 codes.add(LATE if report["verify"]["late"] else DIFFERS)
         except Exception as error:
-            if is_of_a_stream(error) or (verbose > 1 and exit_code(error) == BUG):
+            if is_of_a_stream(error) or (common.verbose > 1 and exit_code(error) == BUG):
                 raise
             to_stderr(message(error, __version__, str(log)))
             codes.add(exit_code(error))

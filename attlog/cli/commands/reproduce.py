@@ -11,11 +11,11 @@ import typer
 
 from attlog.base.errors import AttlogError, LogUnreadable, UsageError
 from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.printing import Json, NoColor, Quiet, Verbose, console, json_to_stdout, say
+from attlog.cli.shared.options import CommonOptions, Folder, JobsOfCores, Json
+from attlog.cli.shared.printing import Line, console, json_to_stdout, say, wrapped
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.printing import Line
     from attlog.reproduce.paper import Paper
 
 SEEDS = 20
@@ -25,11 +25,10 @@ def command(
     papers: Annotated[
         list[str], typer.Argument(metavar="lyu|fan|huang|xu|all...", show_default=False, help="Which papers.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for pages and JSON.")] = Path(
-        "reports"
-    ),
+    common: CommonOptions,
+    output: Folder = Path("reports"),
     seeds: Annotated[
-        int, typer.Option("--seeds", metavar="N", min=1, help="So many simulated flights behind each number.")
+        int, typer.Option("--seeds", metavar="N", min=1, help="Fly so many simulated flights for each number.")
     ] = SEEDS,
     logs: Annotated[
         list[Path] | None,
@@ -37,18 +36,19 @@ def command(
             "--logs",
             metavar="LOG|DIR|GLOB",
             readable=False,
-            help="Real flights for the paper that has some (xu); may be repeated. [default: sample_logs of the source]",
+            help="Take these real flights for the paper that has some (xu); may be repeated. "
+            "[default: sample_logs of the source]",
         ),
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="Processes. [default: one per core]")
-    ] = None,
+    jobs: JobsOfCores = None,
     json: Json = False,
-    no_color: NoColor = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
 ) -> None:
-    """Run a PAPER's experiments again: each of its claims with a verdict, by how much, over how many flights."""
+    """Run the experiments of four papers again.
+
+    Each claim of a paper gets a verdict: by how much, over how many flights.
+
+    Example: attlog reproduce lyu --seeds 20
+    """
     from attlog.base.output import write_together
     from attlog.fleet.schedulers.local import cores
     from attlog.fleet.sources.find import find
@@ -69,21 +69,20 @@ def command(
         raise UsageError(f"--logs: only {', '.join(sorted(WITH_LOGS))} looks at logs, not {', '.join(names)}")
     options = PaperOptions(seeds, jobs or cores(), tuple(found_logs))
     for name in names:
-        with progress(quiet, verbose > 0) as shown:
+        with progress(common.quiet, common.verbose > 0) as shown:
             shown.before = f"{name}: "
             found = reproduce(name, options, command_line())
             place = output / f"reproduce-{name}.html"
             write_together({place: page.render(found), place.with_suffix(".json"): as_json(found, indent=1)})
         if json:
             json_to_stdout(as_json(found))
-        if not quiet:
+        if not common.quiet:
             out = console(stderr=json)
-            say(printed(found, place, verbose > 0), out)
+            say(printed(found, place, common.verbose > 0), out)
 
 
 def printed(paper: Paper, place: Path, verbose: bool = False) -> Iterator[Line]:
     """The claims of a paper on the terminal; ``verbose`` adds how each was measured and its numbers."""
-    from attlog.cli.shared.printing import Line, wrapped
     from attlog.present.text import typeset
     from attlog.reproduce.page import measured
 

@@ -6,7 +6,10 @@ import typer
 
 
 def command() -> None:
-    """Print the JSON schema of what analyze writes."""
+    """Print the JSON schema of a result of analyze.
+
+    Example: attlog schema > result.schema.json
+    """
     import json
 
     from attlog.result.schema import schema

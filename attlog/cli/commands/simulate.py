@@ -12,8 +12,8 @@ import typer
 
 from attlog.base.errors import UsageError
 from attlog.cli.shared.completion import scenarios
-from attlog.cli.shared.options import FilterTimeout
-from attlog.cli.shared.printing import Quiet, Verbose, to_stderr, to_stdout
+from attlog.cli.shared.options import CommonOptions, Jobs
+from attlog.cli.shared.printing import to_stderr, to_stdout
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ SUFFIXES = (".ulg", ".bin", ".tlog")
 
 
 def command(
+    common: CommonOptions,
     scenario: Annotated[
         str,
         typer.Argument(
@@ -36,14 +37,18 @@ def command(
         list[Path] | None,
         typer.Option(
             "-o",
+            "--output",
             metavar="FILE|DIR",
             show_default=False,
-            help="x.ulg, x.bin or x.tlog; may be repeated: several logs of one flight. A folder gets SCENARIO.ulg.",
+            help="Write x.ulg, x.bin or x.tlog; may be repeated: several logs of one flight. "
+            "A folder gets SCENARIO.ulg.",
         ),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, metavar="N", show_default=False, help="Noise, biases and gusts. [default: 0]"),
+        typer.Option(
+            "--seed", min=0, metavar="N", show_default=False, help="Draw noise, bias and gusts by it. [default: 0]"
+        ),
     ] = None,
     seeds: Annotated[
         str | None,
@@ -51,7 +56,7 @@ def command(
             "--seeds",
             metavar="1..20|1,5,9",
             show_default=False,
-            help="One flight for each; -o is a folder, which gets SCENARIO-SEED.ulg.",
+            help="Fly once for each; -o is a folder, which gets SCENARIO-SEED.ulg. [default: one flight]",
         ),
     ] = None,
     kinds: Annotated[
@@ -60,7 +65,7 @@ def command(
             "--format",
             metavar="ulg|bin|tlog",
             show_default=False,
-            help="What a folder gets; may be repeated. [default: ulg]",
+            help="Write this format to a folder; may be repeated. [default: ulg]",
         ),
     ] = None,
     estimator: Annotated[
@@ -69,7 +74,7 @@ def command(
             "--estimator",
             metavar="NAME[@PRESET][:k=v,...]|truth",
             show_default=False,
-            help="The attitude that is flown on. [default: the scenario's]",
+            help="Fly on the attitude of this filter. [default: the scenario's]",
         ),
     ] = None,
     settings: Annotated[
@@ -78,7 +83,7 @@ def command(
             "--set",
             metavar="KEY=VALUE",
             show_default=False,
-            help="A value of the scenario, as in TOML: sensors.imu.0.gyro.bias_dps=[1,0,0]. May be repeated.",
+            help="Set a value of the scenario, as in TOML: sensors.imu.0.gyro.bias_dps=[1,0,0]. May be repeated.",
         ),
     ] = None,
     params: Annotated[
@@ -87,24 +92,27 @@ def command(
             "--param",
             metavar="NAME=VALUE",
             show_default=False,
-            help="A parameter that the log tells instead, such as EKF2_MAG_DECL=20. May be repeated.",
+            help="Log this parameter instead, such as EKF2_MAG_DECL=20. May be repeated.",
         ),
     ] = None,
-    jobs: Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Fly so many seeds at a time.")] = 1,
+    jobs: Jobs = 1,
     listed: Annotated[bool, typer.Option("--list", help="List the scenarios.")] = False,
     printed: Annotated[bool, typer.Option("--print", help="Print the scenario with every value as TOML.")] = False,
-    filter_timeout: FilterTimeout = None,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
 ) -> None:
-    """Fly a SCENARIO and write the logs that an autopilot would have written, with truth; same seed, same bytes."""
+    """Fly a scenario and write the logs of the flight.
+
+    They are what an autopilot would have written, with truth.
+    The same seed gives the same bytes. Without a SCENARIO those that come with attlog are listed.
+
+    Example: attlog simulate hover -o hover.ulg
+    """
     if listed or not scenario:
         if not listed and (output or seeds or estimator or settings or params or printed):
             raise UsageError("name a scenario; attlog simulate --list shows those that come with attlog")
         _list()
         return
     flown = _scenario(scenario, settings or [], estimator)
-    if not quiet:
+    if not common.quiet:
         _warn(flown, scenario)
     if printed:
         from attlog.simulate.scenario.text import as_toml
@@ -112,17 +120,17 @@ def command(
         typer.echo(as_toml(flown), nl=False)
         return
     work = _files(flown.name, output or [], seeds, seed, kinds)
-    told = _parameters(params or [])
+    logged = _parameters(params or [])
     from attlog.simulate.written import flights
 
-    with progress(quiet, verbose > 0) as shown:
+    with progress(common.quiet, common.verbose > 0) as shown:
         if shown.stages:
             shown.show(f"{flown.name}, {len(work)} to fly ...")
-        for number, (one, result) in enumerate(flights(flown, work, told, jobs), start=1):
+        for number, (one, result) in enumerate(flights(flown, work, logged, jobs), start=1):
             shown.clear()
             if isinstance(result, Exception):
                 raise result
-            for path, size in result if not quiet else ():
+            for path, size in result if not common.quiet else ():
                 to_stdout(f"{path}: {flown.seconds:g} s, seed {one}, {size / 1e6:.1f} MB")
             if shown.stages and number < len(work):
                 shown.show(f"[{number}/{len(work)}] {flown.name} ...")

@@ -13,19 +13,19 @@ import typer
 from attlog import __version__
 from attlog.base import spreadsheet
 from attlog.base.errors import LogUnusable, OutputError, UsageError, exit_code, message, worst
-from attlog.cli.shared.printing import NoColor, console, say, to_stderr
+from attlog.cli.shared.options import OneFile
+from attlog.cli.shared.printing import Line, console, say, to_stderr
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.printing import Line
     from attlog.fleet.pages.across_logs import Across, Column
 
-FORMATS = ("table", "csv", "md", "tex", "parquet")
+FORMATS = ("md", "csv", "tex", "parquet")
 DEFAULT = "inclination_rmse_deg"
 GAP = "  "
 
 
 def command(
-    given: Annotated[
+    results: Annotated[
         list[Path],
         typer.Argument(
             metavar="DIR|RESULT.json...",
@@ -35,15 +35,14 @@ def command(
     ],
     metric: Annotated[
         list[str] | None,
-        typer.Option(metavar="M[@WINDOW]", help=f"Which number; more with commas or again. [default: {DEFAULT}]"),
+        typer.Option(metavar="M[@WINDOW]", help=f"Show this number; more with commas or again. [default: {DEFAULT}]"),
     ] = None,
     row: Annotated[
         list[str] | None,
-        typer.Option("--row", "--estimators", metavar="NAME|PATTERN", help="Which rows: mekf,onboard. [default: all]"),
+        typer.Option("--row", "--estimators", metavar="NAME|PATTERN", help="Show these: mekf,onboard. [default: all]"),
     ] = None,
     window: Annotated[
-        str | None,
-        typer.Option(metavar="W", help="In which seconds of the logs. [default: where the report looks it up]"),
+        str | None, typer.Option(metavar="W", help="Take the numbers of these seconds. [default: as in the report]")
     ] = None,
     by: Annotated[
         str | None,
@@ -55,16 +54,16 @@ def command(
     ] = None,
     form: Annotated[
         str | None,
-        typer.Option(
-            "--format", metavar="|".join(FORMATS), help="How to write it. [default: table, or by FILE's suffix]"
-        ),
+        typer.Option("--format", metavar="|".join(FORMATS), help="Write it in this form. [default: by -o, or to read]"),
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it to a file. [default: print it]")
-    ] = None,
-    no_color: NoColor = False,
+    output: OneFile = None,
 ) -> None:
-    """One number of many logs: a line for each log, a column for each row, median and quartiles below."""
+    """Show one number of many logs.
+
+    It stands in their results. Each log is a line, each filter a column; median and quartiles stand below.
+
+    Example: attlog table reports --metric heading_rmse_deg --by firmware
+    """
     from attlog.fleet.pages.across_logs import BY, across
     from attlog.fleet.records.collection import Gathered
 
@@ -72,12 +71,12 @@ def command(
     if by is not None and by not in BY:
         raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
     asked = _listed(metric) or [DEFAULT]
-    gathered = Gathered(given, [m.partition("@")[0] for m in asked])
+    gathered = Gathered(results, [m.partition("@")[0] for m in asked])
     found = across(gathered, asked, _listed(row), window, by)
     for error in gathered.wrong:
         to_stderr(message(error, __version__))
     if not found.logs and not gathered.wrong:
-        raise LogUnusable(f"{given[0]}: no log of it was analysed; {gathered.failed} failed")
+        raise LogUnusable(f"{results[0]}: no log of it was analysed; {gathered.failed} failed")
     if found.logs:
         _notes(found, gathered.failed)
         _write(found, by, kind, output)
@@ -91,10 +90,10 @@ def _listed(options: list[str] | None) -> list[str]:
 
 
 def _format(form: str | None, output: Path | None) -> str:
-    """How the table is written: as asked, else by the suffix of its file."""
+    """How the table is written: as asked, else by the suffix of its file; empty for people to read."""
     suffix = output.suffix.lower().removeprefix(".") if output else ""
-    kind = form or (suffix if suffix in FORMATS[1:] else "" if output and suffix != "txt" else FORMATS[0])
-    if kind not in FORMATS:
+    kind = form or (suffix if suffix != "txt" else "")
+    if kind not in FORMATS and (form or kind or (output and not suffix)):
         what = f"--format {kind}" if form else f"-o {output}"
         raise UsageError(f"{what}: use {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
     if kind == "parquet" and output is None:
@@ -122,7 +121,6 @@ def _notes(found: Across, failed: int) -> None:
 
 def _write(found: Across, by: str | None, kind: str, output: Path | None) -> None:
     from attlog.base.output import write_atomic
-    from attlog.cli.shared.printing import Line
     from attlog.compare.tables.files import latex, markdown
     from attlog.fleet.pages import across_table
 
@@ -130,7 +128,7 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
         assert output is not None
         write_atomic(output, _parquet(found, by))
         return
-    if kind == "table":
+    if not kind:
         out = console()
         if output is None:
             say(terminal(found, by, out.width), out)
@@ -150,7 +148,6 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
 
 def terminal(found: Across, by: str | None, width: int) -> Iterator[Line]:
     """A block for each metric, with as many columns as fit."""
-    from attlog.cli.shared.printing import Line
     from attlog.present.numbers import unit_sign
 
     questions = dict.fromkeys((c.metric, c.window) for c in found.columns)
@@ -164,7 +161,6 @@ def terminal(found: Across, by: str | None, width: int) -> Iterator[Line]:
 
 
 def _block(found: Across, by: str | None, columns: Sequence[Column], width: int) -> Iterator[Line]:
-    from attlog.cli.shared.printing import Line
     from attlog.fleet.pages.across_table import words
     from attlog.present.text import clean
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from types import NoneType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin
 
 from typer.core import TyperCommand, TyperGroup
 
 from attlog.base.errors import UsageError
+from attlog.cli.shared.options import CommonOptions
 from attlog.cli.shared.overwriting import check
 
 
@@ -22,15 +25,17 @@ class AsTyped:
     def get_params(self, ctx: Any) -> list[Any]:
         found: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         new = [parameter for parameter in found if "process_value" not in vars(parameter)]
-        hints = get_type_hints(self.callback) if new else {}  # type: ignore[attr-defined]
+        seen = signature(self.callback, eval_str=True).parameters if new else {}  # type: ignore[attr-defined]
         for parameter in new:
-            made = WORDS.get(_item(hints.get(parameter.name)))
+            made = WORDS.get(_item(seen[parameter.name].annotation)) if parameter.name in seen else None
             parameter.process_value = partial(_processed, parameter, parameter.process_value, made)
         return found
 
 
 def _item(hint: Any) -> Any:
     """The type of a value, or of each of a list, where it may be None as well."""
+    if get_origin(hint) is Annotated:
+        return _item(get_args(hint)[0])
     others = [kind for kind in get_args(hint) if kind is not NoneType]
     return _item(others[0]) if len(others) == 1 or get_origin(hint) is list else hint
 
@@ -64,6 +69,23 @@ WORDS: dict[Any, Callable[[str], Any]] = {str: str, Path: _path}
 
 
 DEFAULT = "analyze"
+COMMON = re.compile("-[qv]+")
+"""Options of every command that are written together."""
+IN_CONFIG = ("score-from", "clock", "declination", "trim", "input-delay")
+ELSEWHERE = {
+    **{f"--{name}": f"write it into a file for --config: {name.replace('-', '_')} = ..." for name in IN_CONFIG},
+    "--filter-timeout": "set the environment variable ATTLOG_FILTER_TIMEOUT (seconds; 0: any time)",
+    "--junit": "attlog batch takes it",
+    "--summary": "attlog batch takes it",
+    "--strict": "attlog batch takes it; in the file of --gates it is strict = true",
+    "--table": "--format md|csv|tex prints the table",
+    "--workers": "it is -j or --jobs",
+    "--plotly": "every page holds all that it draws with",
+    "--watch": "run attlog batch --resume from a timer",
+    "--settle": "run attlog batch --resume from a timer",
+    "--generations": "a search has six",
+}
+"""Options that a command once had, and what serves instead."""
 
 
 class Group(AsTyped, TyperGroup):
@@ -72,8 +94,10 @@ class Group(AsTyped, TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         none_is_empty(args)
         own = {name for option in self.get_params(ctx) for name in (*option.opts, *option.secondary_opts)}
-        if args and args[0] not in self.commands and args[0] not in own and looks_like_a_log(args):
-            args = [DEFAULT, *args]
+        first = next((k for k, word in enumerate(args) if word not in own and not COMMON.fullmatch(word)), len(args))
+        rest = args[first:]
+        if rest and rest[0] not in self.commands and looks_like_a_log(rest):
+            args = [*args[:first], DEFAULT, *rest]
         return super().parse_args(ctx, args)
 
 
@@ -98,8 +122,19 @@ def none_is_empty(args: list[str]) -> None:
 class Plain(AsTyped, TyperCommand):
     """A command, which overwrites none of the files that it reads."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        own = {name for option in self.get_params(ctx) for name in option.opts}
+        for word in args[: args.index("--")] if "--" in args else args:
+            name = word.partition("=")[0]
+            if name in ELSEWHERE and name not in own:
+                raise UsageError(f"{name}: no option of {self.name}; {ELSEWHERE[name]}")
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
         check(str(self.name), ctx.params)
+        if isinstance(ctx.obj, CommonOptions):  # what stood before the command
+            ctx.params["quiet"] |= ctx.obj.quiet
+            ctx.params["verbose"] += ctx.obj.verbose
         return super().invoke(ctx)
 
 

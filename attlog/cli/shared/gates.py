@@ -1,9 +1,10 @@
-"""The options of gates, the same for ``analyze`` and ``batch``, and what is printed of them."""
+"""The options of gates, and what is printed of them."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,77 +28,102 @@ GatesFile = Annotated[
     typer.Option(
         "--gates",
         metavar="F.toml",
-        help="Limits that every log must keep; exit code 1 where one does not. [default: none]",
+        help="Hold every log against the limits of this file; exit code 1 where one fails. [default: none]",
     ),
 ]
-Strict = Annotated[
-    bool | None,
-    typer.Option(
-        "--strict/--no-strict",
-        show_default=False,
-        help="End with 1 where a filter failed or diverged. [default: with --gates (unless its file says otherwise), "
-        "--junit and --summary]",
-    ),
-]
-Junit = Annotated[
-    Path | None, typer.Option("--junit", metavar="F.xml", help="Write what gates said as JUnit XML. [default: none]")
-]
-Summary = Annotated[
-    str | None,
-    typer.Option(
-        "--summary",
-        metavar="[F.md]",
-        help="Write what gates said as Markdown: to $GITHUB_STEP_SUMMARY where that is set, else to the terminal; "
-        "with F.md to a file. [default: none]",
-    ),
-]
+HEADING = b"## "
+"""How a summary begins."""
 ANYWHERE = "-"
 """The value of a bare ``--summary``."""
 
 
-def tell_refused(why: str, words: Sequence[str]) -> None:
-    """Tell CI systems, where one asks, what was wrong with gates or options; ``words``: of the command line.
+def report_refusal(why: str, words: Sequence[str]) -> None:
+    """Say to CI systems, where one asks, what is wrong with gates or options; ``words``: of the command line.
 
-    They are read before any log, so nothing else would be told: the step was red with an empty summary.
+    They are read before any log, so nothing else would be said: the step was red with an empty summary. A file that
+    is no summary stays: that it would be overwritten may be what is wrong.
     """
-    given = [k for k, word in enumerate(words) if word.partition("=")[0] == "--summary"]
-    if not given and not os.environ.get("GITHUB_ACTIONS"):
+    asked = [k for k, word in enumerate(words) if word.partition("=")[0] == "--summary"]
+    if not asked and not os.environ.get("GITHUB_ACTIONS"):
         return
-    from attlog.fleet.ci.gating import tell_refused as tell
+    from attlog.fleet.ci.gating import tell_refused
 
-    file = ""
-    for k in given:
+    summary: Path | bool = bool(asked)
+    for k in asked:
         behind = words[k + 1] if k + 1 < len(words) else ""
-        file = words[k].partition("=")[2] or behind
+        named = words[k].partition("=")[2] or behind
+        if named.endswith(".md"):
+            summary = Path(named) if _may_be_written(Path(named)) else False
     try:
-        tell(why, Path(file) if file.endswith(".md") else bool(given))
+        tell_refused(why, summary)
     except OutputError as error:
         to_stderr(message(error, __version__))
 
 
-class Gated:
-    """The gates of a command: read before any log, told after the last."""
+def _may_be_written(file: Path) -> bool:
+    """Whether a file is not there, or an earlier summary."""
+    if not os.path.isfile(file):
+        return True
+    with open(file, "rb") as opened:
+        return opened.read(len(HEADING)) == HEADING
 
-    def __init__(
-        self, file: Path | None, strict: bool | None, junit: Path | None, summary: str | None, output: Path
-    ) -> None:
-        if summary not in (None, ANYWHERE) and not str(summary).endswith(".md"):
-            raise UsageError(f"--summary {summary}: the name of a Markdown file ends with .md")
-        for option, file_ in (("--junit", junit), ("--summary", summary)):
-            if file_ not in (None, ANYWHERE) and os.path.isdir(str(file_)):
-                raise UsageError(f"{option} {file_}: is a folder; give the name of a file")
-        self._junit, self._summary = junit, summary
+
+@dataclass(frozen=True, slots=True)
+class GateOptions:
+    """What is judged, and where the verdicts go."""
+
+    gates: GatesFile = None
+    strict: Annotated[
+        bool | None,
+        typer.Option(
+            "--strict/--no-strict",
+            show_default=False,
+            help="End with 1 where a filter failed or diverged. [default: with --gates (unless its file says "
+            "otherwise), --junit and --summary]",
+        ),
+    ] = None
+    junit: Annotated[
+        Path | None, typer.Option(metavar="F.xml", help="Write the verdicts of gates as JUnit XML. [default: none]")
+    ] = None
+    summary: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[F.md]",
+            help="Write the verdicts of gates as Markdown: to $GITHUB_STEP_SUMMARY where that is set, else to the "
+            "terminal; with F.md to a file. [default: none]",
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.summary not in (None, ANYWHERE) and not str(self.summary).endswith(".md"):
+            raise UsageError(f"--summary {self.summary}: the name of a Markdown file ends with .md")
+        for option, place in (("--junit", self.junit), ("--summary", self.summary)):
+            if place not in (None, ANYWHERE) and os.path.isdir(str(place)):
+                raise UsageError(f"{option} {place}: is a folder; use the name of a file")
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is to be judged."""
+        return self.gates is not None or bool(self.strict) or self.junit is not None or self.summary is not None
+
+
+class GateReport:
+    """The gates of a command: read before any log, judged as logs come, written after the last."""
+
+    def __init__(self, options: GateOptions, output: Path) -> None:
+        self._options = options
         self.gating: Gating | None = None
-        if file is not None or strict or junit is not None or summary is not None:  # else nothing of it is imported
+        if options.any:  # else nothing of it is imported
             from attlog.compare.gates.gates import Gates
             from attlog.fleet.ci.gating import Gating, gating
 
-            self.gating = gating(file, strict, output) or Gating(Gates((), strict=strict is not False))
+            strict = options.strict
+            self.gating = gating(options.gates, strict, output) or Gating(Gates((), strict=strict is not False))
 
     def judge(self, folder: Path, deterministic: bool) -> Callable[[Record], tuple[str, ...]] | None:
         """What judges the records of a batch in a folder as they come; None without gates."""
-        held = self.gating
-        if held is None:
+        gating = self.gating
+        if gating is None:
             return None
 
         def failures(record: Record) -> tuple[str, ...]:
@@ -105,7 +131,7 @@ class Gated:
                 seconds = 0.0 if deterministic else record.wall_s
                 self.broken(record.log, record.name, record.code, record.message, seconds, record.known)
                 return ()
-            return held.record(record, folder, timed=not deterministic).sentences
+            return gating.record(record, folder, timed=not deterministic).sentences
 
         return failures
 
@@ -139,10 +165,11 @@ class Gated:
         for name, error in zip(missing, wrong, strict=True):
             self.broken("command line", name, error.exit_code, str(error))
         logs = self.gating.in_order([*missing, *names])
-        summary = False if self._summary is None else self._summary == ANYWHERE or Path(self._summary)
+        named = self._options.summary
+        summary = False if named is None else named == ANYWHERE or Path(named)
         codes = {1} if any(judged.failed for judged in logs) else set[int]()
         try:
-            tell(logs, self._junit, summary)
+            tell(logs, self._options.junit, summary)
         except OutputError as error:
             to_stderr(message(error, __version__))
             codes |= {error.exit_code}
@@ -150,7 +177,7 @@ class Gated:
 
 
 def lines(judged: Judged) -> list[Line]:
-    """What gates said of one log, the worst first."""
+    """The verdicts of gates on one log, the worst first."""
     from attlog.cli.shared.printing import Line
     from attlog.present.numbers import counted
 

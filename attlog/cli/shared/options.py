@@ -1,234 +1,239 @@
-"""The options that say how a log is analysed: the same for ``analyze`` and ``batch``, and the Config they make."""
+"""Options that several commands take, each declared once: single ones as annotated types, sets of them as dataclasses.
+
+A command takes a set as one parameter; :func:`expanded` gives Typer an option for each of its fields.
+"""
 
 from __future__ import annotations
 
+import functools
+import inspect
+import math
 import os
-import shlex
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import typer
 
-from attlog.base.errors import PluginError, UsageError
+from attlog.base.errors import UsageError
 from attlog.cli.shared import completion
-from attlog.cli.shared.printing import finite, number_or
 
-if TYPE_CHECKING:
-    from attlog.config import Config
-
-
-def _filter_timeout(seconds: float | None) -> None:
-    """The processes of filters, at whatever depth they are started, ask the environment."""
-    if seconds is not None:
-        os.environ["ATTLOG_FILTER_TIMEOUT"] = f"{seconds:g}"
-
-
-Estimators = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LIST",
-        autocompletion=completion.rows,
-        help="default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. [default: default]",
+Logs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="LOG|DIR|GLOB...",
+        readable=False,
+        show_default=False,
+        help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns.",
     ),
 ]
-ImuOption = Annotated[str | None, typer.Option(metavar="N|all", help="IMU to replay. [default: the one that flew]")]
-MagOption = Annotated[
-    str | None, typer.Option(metavar="N|none", help="Magnetometer to use. [default: the log's choice]")
+Places = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="LOG|DIR|GLOB|URL...",
+        show_default=False,
+        help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns, "
+        "zip archives and members, URLs.",
+    ),
 ]
-ReferenceOption = Annotated[
+Log = Annotated[
+    Path,
+    typer.Argument(
+        metavar="LOG", readable=False, show_default=False, help="A flight log, known by its content; also as .gz."
+    ),
+]
+Folder = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Write pages and data to this folder.")]
+OneFile = Annotated[
+    Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write to this file. [default: print]")
+]
+Jobs = Annotated[int, typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on so many at a time.")]
+JobsOfCores = Annotated[
+    int | None,
+    typer.Option("-j", "--jobs", metavar="N", min=1, help="Work on so many at a time. [default: one for each core]"),
+]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print JSON on standard output (--json - does the same), one line for each log.")
+]
+TableForm = Literal["md", "csv", "tex"]
+"""As in ``compare.tables.files``, which is not imported for help."""
+Form = Annotated[
+    TableForm | None,
+    typer.Option(
+        "--format", metavar="md|csv|tex", help="Print the table in this form on standard output. [default: for reading]"
+    ),
+]
+Open = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
+Reference = Annotated[
     str | None,
     typer.Option(
         metavar="R",
         autocompletion=completion.references,
-        help="auto, truth, smoother, onboard, onboard:NAME or none. [default: auto]",
+        help="Compare with auto, truth, smoother, onboard, onboard:NAME or none. [default: auto]",
     ),
-]
-Window = Annotated[
-    str | None,
-    typer.Option(
-        metavar="W",
-        autocompletion=completion.windows,
-        help="all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). [default: all]",
-    ),
-]
-ScoreFrom = Annotated[
-    float | None, typer.Option(metavar="S", callback=finite, help="Compare from this time on. [default: 15 s]")
-]
-Clock = Annotated[
-    str | None, typer.Option(metavar="sample|publication", help="Which time stamps count. [default: sample]")
-]
-Declination = Annotated[
-    str | None, typer.Option(metavar="DEG|model|param", help="Magnetic declination. [default: model, else parameter]")
-]
-Trim = Annotated[
-    str | None, typer.Option(metavar="on|off", help="Apply the autopilot's trim to the replay. [default: on]")
-]
-InputDelay = Annotated[
-    str | None, typer.Option(metavar="MS|off", help="Known delay of the logged IMU. [default: from the log]")
 ]
 GyroBias = Annotated[
     str | None,
     typer.Option(
         metavar="rest|none|onboard",
-        help="Gyro bias to take off for every filter: its mean at rest before take-off, none, or the onboard "
+        help="Subtract this gyro bias for every filter: the mean at rest before take-off, none, or the onboard "
         "estimator's. [default: rest]",
-    ),
-]
-Params = Annotated[
-    str | None,
-    typer.Option(
-        metavar="F.param",
-        help="What if: parameters for the autopilots' filters, and where the log has none. [default: none]",
     ),
 ]
 ConfigFile = Annotated[
     Path | None,
     typer.Option(
-        metavar="F.toml|F.json", help="Options from a file or from an earlier result; options here win. [default: none]"
+        metavar="F.toml|F.json",
+        help="Read settings from a file or an earlier result; options win. Only here: score_from, clock, declination, "
+        "trim, input_delay. [default: none]",
     ),
 ]
-FilterTimeout = Annotated[
-    float | None,
-    typer.Option(
-        "--filter-timeout",
-        metavar="S",
-        min=0,
-        callback=_filter_timeout,
-        show_default=False,
-        help="Seconds that one run of a filter that is not attlog's may take; 0: any time. [default: 60]",
-    ),
+Boot = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Take this power-up of a log with several, from 0. [default: with most data]"),
 ]
-Plotly = Annotated[str, typer.Option(metavar="inline|shared", help="shared: one plotly bundle beside many reports.")]
-Deterministic = Annotated[
-    bool, typer.Option("--deterministic", help="Leave measured times out of JSON and report: same log, same bytes.")
+System = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Take this MAVLink system of a log with several. [default: the autopilot]"),
 ]
-BUNDLES: dict[str, Literal["inline", "shared"]] = {"inline": "inline", "shared": "shared"}
-"""Where reports have plotly from."""
-OF_A_LOG = frozenset(
-    (
-        "estimators",
-        "imu",
-        "mag",
-        "reference",
-        "window",
-        "score_from",
-        "clock",
-        "declination",
-        "trim",
-        "input_delay",
-        "gyro_bias",
-        "params",
-        "config",
-        "boot",
-        "system",
-        "plotly",
-        "deterministic",
+
+
+def one_form(json: bool, form: str | None) -> None:
+    """UsageError where two things are to be printed on standard output."""
+    if json and form is not None:
+        raise UsageError("--json and --format: one or the other; both print on standard output")
+
+
+def finite(value: float | None) -> float | None:
+    """The value of an option that is a number, for its callback: "nan" and "inf" are none."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter("use a finite number")
+    return value
+
+
+def _no_color(wanted: bool) -> None:
+    if wanted:
+        os.environ["NO_COLOR"] = "1"
+
+
+@dataclass(frozen=True, slots=True)
+class CommonOptions:
+    """Options of every command, which may stand before the command too."""
+
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")] = False
+    verbose: Annotated[
+        int,
+        typer.Option(
+            "-v", "--verbose", count=True, show_default=False, help="Say more; -vv shows a traceback for a bug."
+        ),
+    ] = 0
+    no_color: Annotated[
+        bool, typer.Option("--no-color", callback=_no_color, is_eager=True, help="No colours (also by NO_COLOR).")
+    ] = False
+
+
+@dataclass(frozen=True, slots=True)
+class LogOptions:
+    """How a log is analysed: options of ``analyze`` and ``batch``. None: not asked for."""
+
+    estimators: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            autocompletion=completion.rows,
+            help="Run these filters: default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. "
+            "[default: default]",
+        ),
+    ] = None
+    imu: Annotated[str | None, typer.Option(metavar="N|all", help="Replay this IMU. [default: the one that flew]")] = (
+        None
     )
-)
-"""Options that decide what is written of a log; others decide where, how many at a time and what is printed."""
+    mag: Annotated[
+        str | None, typer.Option(metavar="N|none", help="Replay this magnetometer. [default: the log's choice]")
+    ] = None
+    reference: Reference = None
+    window: Annotated[
+        str | None,
+        typer.Option(
+            metavar="W",
+            autocompletion=completion.windows,
+            help="Show the table of all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). "
+            "[default: all]",
+        ),
+    ] = None
+    gyro_bias: GyroBias = None
+    params: Annotated[
+        str | None,
+        typer.Option(
+            metavar="F.param",
+            help="What if: parameters for the autopilots' filters, and where the log has none. [default: none]",
+        ),
+    ] = None
+    config: ConfigFile = None
+    boot: Boot = None
+    system: System = None
+    deterministic: Annotated[
+        bool, typer.Option(help="Leave measured times out of JSON and report: same log, same bytes.")
+    ] = False
 
 
-def bundle(word: str) -> Literal["inline", "shared"]:
-    """The value of ``--plotly``."""
-    if word not in BUNDLES:
-        raise UsageError(f"--plotly {word}: use inline or shared")
-    return BUNDLES[word]
+@dataclass(frozen=True, slots=True)
+class ComparisonOptions:
+    """How settings are compared on logs: options of ``compare``, ``sweep`` and ``tune``."""
+
+    output: Folder = Path("reports")
+    form: Form = None
+    json: Json = False
+    reference: Reference = None
+    gyro_bias: GyroBias = None
+    config: ConfigFile = None
+
+    def __post_init__(self) -> None:
+        one_form(self.json, self.form)
+
+    @property
+    def for_a_program(self) -> bool:
+        """Whether standard output is for a program: what people read goes to standard error."""
+        return self.json or self.form is not None
+
+    def of_analysis(self) -> dict[str, Any]:
+        """The options that prepare a log, as far as they are given, by their names in a configuration."""
+        options = {"reference": self.reference, "gyro_bias": self.gyro_bias}
+        return {name: value for name, value in options.items() if value is not None}
 
 
-def settings(file: Path | None, **options: Any) -> Config:
-    """The configuration of a file and of options as they were typed (None: not given). UsageError for what is wrong.
+def expanded(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with an option for each field of its sets of options, and those of every command.
 
-    Parameter files and names of filters are looked at here too: what is wrong is said once, not for each log.
+    A parameter whose type is a dataclass is such a set. What Typer sees is the signature; what it calls puts the sets
+    together.
     """
-    from attlog.config import Config
+    hints = get_type_hints(command, include_extras=True)
+    sets: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    seen: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        if name not in sets:
+            seen.append(parameter.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY))
+        elif sets[name] is not CommonOptions:
+            seen += _parameters(sets[name])
+    common = list(_parameters(CommonOptions))
 
-    read = {"imu": _imu, "mag": _mag, "declination": _declination, "trim": _trim, "input_delay": _input_delay}
-    given = {k: read[k](v) if k in read else v for k, v in options.items() if v is not None}
-    config = Config.build(given) if file is None else Config.load(file, **given)
-    check_window(config.window)
-    if config.params is not None:
-        from attlog.flight.parameters.file import read_file
+    @functools.wraps(command)
+    def run(**values: Any) -> None:
+        for name, kind in sets.items():
+            values[name] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+        command(**{name: value for name, value in values.items() if name in hints})
 
-        read_file(config.params)
-    for item in config.estimators:
-        check_filter(item)
-    return config
-
-
-def check_window(window: str | None) -> None:
-    """UsageError for what is no window, before any log is read."""
-    if window is not None:
-        from attlog.segments.model import Segments
-
-        try:
-            Segments().spans(window)
-        except ValueError as error:
-            raise UsageError(f"--{error}") from None
+    run.__signature__ = inspect.Signature(seen + common)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in seen + common}
+    return run
 
 
-def check_filter(item: str) -> None:
-    """UsageError for a filter, preset or parameter that is not there; a file's own code runs with the logs only."""
-    from attlog import estimators
-
-    name = item.partition(":")[0].partition("@")[0]
-    if not (name.endswith((".py", ".csv")) and os.path.isfile(name)):
-        with suppress(PluginError):  # what a filter of a package does is told in its row
-            try:
-                estimators.select(item)
-            except UsageError as error:
-                if hint := _of_compare(item):
-                    raise UsageError(f"{error}{hint}") from None
-                raise
-
-
-def _of_compare(item: str) -> str:
-    """The end of an error sentence for a filter with something that ``attlog compare`` puts before it; else empty."""
-    from attlog.compare.configurations.settings import SETTINGS
-
-    name, _, pairs = item.partition(":")
-    before = [key for pair in pairs.split(",") if (key := pair.partition("=")[0].strip()) in SETTINGS]
-    return f"; {', '.join(before)} may come before a filter: attlog compare LOG {name} {item}" if before else ""
-
-
-def commands(context: typer.Context, logs: Sequence[str]) -> list[str]:
-    """For each log the command that makes its report alone, with the options of this one that matter to it."""
-    given = []
-    for option in context.command.params:
-        name = str(option.name)
-        source = context.get_parameter_source(name)
-        if name in OF_A_LOG and source is not None and source.name == "COMMANDLINE":
-            value = context.params[name]
-            given += [option.opts[-1], *([] if value is True else [str(value)])]
-    return [shlex.join(["attlog", "analyze", log, *given]) for log in logs]
-
-
-def _imu(text: str) -> int | str:
-    return _int_or(text, "all", "--imu")
-
-
-def _mag(text: str) -> int | str:
-    return _int_or(text, "none", "--mag")
-
-
-def _declination(text: str) -> float | str:
-    return number_or(text, ("auto", "model", "param"), "--declination")
-
-
-def _input_delay(text: str) -> float | str:
-    return number_or(text, ("auto", "off"), "--input-delay")
-
-
-def _int_or(text: str, word: str, option: str) -> int | str:
-    if text == word:
-        return text
-    if not text.isdecimal():
-        raise UsageError(f"{option} {text!r}: use a number from 0 or {word}")
-    return int(text)
-
-
-def _trim(text: str) -> bool:
-    if text in ("on", "off"):
-        return text == "on"
-    raise UsageError(f"--trim {text!r}: use on or off")
+def _parameters(kind: Any) -> Iterator[inspect.Parameter]:
+    """The fields of a set of options as parameters."""
+    hints = get_type_hints(kind, include_extras=True)
+    for field in fields(kind):
+        default = inspect.Parameter.empty if field.default is MISSING else field.default
+        yield inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[field.name]
+        )

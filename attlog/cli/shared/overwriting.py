@@ -11,7 +11,7 @@ from typing import Any
 
 from attlog.base.errors import AttlogError, UsageError
 
-WRITTEN = {"junit": "--junit", "summary": "--summary", "table": "--table", "output": "-o"}
+WRITTEN = {"junit": "--junit", "summary": "--summary", "output": "-o"}
 """Parameters of commands that name what is written, and the options that people type."""
 OUTPUT_IS_A_FILE = ("extract", "diff", "table", "simulate")
 """Elsewhere ``-o`` is a folder, and a file of that name is left alone without this."""

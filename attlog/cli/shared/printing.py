@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import errno
-import math
 import os
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
-
-import typer
-
-from attlog.base.errors import UsageError
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from attlog.compare.tables.files import TableForm
 
 GAP = 2
 NARROWEST = 30
@@ -42,6 +38,17 @@ def wrapped(label: str, text: str, width: int) -> Iterator[Line]:
         yield Line(((label if i == 0 else " " * len(label)) + line).rstrip())
 
 
+def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[Line]:
+    """A table: words of the last and first column to the left, all between to the right"""
+    widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+    for number, row in enumerate([head, *rows]):
+        cells = [
+            c.ljust(w) if i in (0, len(head) - 1) else c.rjust(w)
+            for i, (c, w) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield Line("  " + "  ".join(cells).rstrip(), "bold" if number == 0 else "")
+
+
 def columns(rows: Iterable[tuple[str, ...]], width: int, indent: str = "  ") -> list[list[str]]:
     """The lines of each row; all but the last column are as wide as their longest cell."""
     listed = list(rows)
@@ -54,60 +61,6 @@ def columns(rows: Iterable[tuple[str, ...]], width: int, indent: str = "  ") -> 
         last = textwrap.wrap(row[-1], room, break_long_words=False, break_on_hyphens=False) or [""]
         found.append([(head + last[0]).rstrip(), *(" " * before + line for line in last[1:])])
     return found
-
-
-def _no_color(wanted: bool) -> None:
-    if wanted:
-        os.environ["NO_COLOR"] = "1"
-
-
-Logs = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="LOG|DIR|GLOB...",
-        readable=False,
-        show_default=False,
-        help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns.",
-    ),
-]
-Places = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="LOG|DIR|GLOB|URL...",
-        show_default=False,
-        help="Flight logs (.ulg, .bin, .log, .tlog, .px4log, any of them as .gz), folders, quoted patterns, "
-        "zip archives and members, URLs.",
-    ),
-]
-Log = Annotated[
-    Path,
-    typer.Argument(
-        metavar="LOG", readable=False, show_default=False, help="A flight log (told apart by content; .gz works too)."
-    ),
-]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print JSON on standard output (--json - does the same), one line for each log.")
-]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]
-Verbose = Annotated[
-    int,
-    typer.Option("-v", "--verbose", count=True, show_default=False, help="Say more; -vv shows a traceback for a bug."),
-]
-NoColor = Annotated[
-    bool, typer.Option("--no-color", callback=_no_color, is_eager=True, help="No colours (also by NO_COLOR).")
-]
-Boot = Annotated[
-    int | None,
-    typer.Option(
-        "--boot", metavar="N", help="Which power-up of a log with several, from 0. [default: the one with most data]"
-    ),
-]
-System = Annotated[
-    int | None,
-    typer.Option(
-        "--system", metavar="N", help="Which MAVLink system of a log with several. [default: the autopilot heard most]"
-    ),
-]
 
 
 class Piped:
@@ -173,6 +126,18 @@ def to_stdout(text: str) -> None:
     print(for_terminal(text))
 
 
+def table_to_stdout(form: TableForm, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on standard output as Markdown, CSV or LaTeX."""
+    from attlog.compare.tables.files import text
+
+    text_to_stdout(text(form, head, rows))
+
+
+def text_to_stdout(text: str) -> None:
+    """A text of several lines on standard output, as :func:`to_stderr`."""
+    say(map(Line, text.splitlines()), Piped(sys.stdout))
+
+
 def json_to_stdout(text: str) -> None:
     """JSON on standard output, as it is but for escapes of what would steer a terminal."""
     from attlog.present.text import json_for_terminal
@@ -205,37 +170,3 @@ def say(lines: Iterable[Line], out: Console | Piped) -> None:
 
     for line in lines:
         out.print(Text(stand_in(for_terminal(line.text), out.encoding).rstrip(), line.style), soft_wrap=True)
-
-
-def one_log(path: Path) -> Path:
-    """The one log that a name means, also where it is a folder or a pattern. Errors as in ``fleet.find``."""
-    from attlog.fleet.sources.find import find
-
-    logs, wrong = find([path])
-    if wrong:
-        raise wrong[0]
-    if len(logs) > 1:
-        raise UsageError(
-            f"{path}: {len(logs)} logs; this command takes one ({', '.join(p.name for p in logs[:3])} ...)"
-        )
-    return logs[0]
-
-
-def number_or(text: str, words: tuple[str, ...], option: str) -> float | str:
-    """An option that is a number or one of a few words. UsageError otherwise."""
-    if text in words:
-        return text
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise UsageError(f"{option} {text!r}: use a number or {' or '.join(words)}")
-    return number
-
-
-def finite(value: float | None) -> float | None:
-    """The value of an option that is a number, for its callback: "nan" and "inf" are none."""
-    if value is not None and not math.isfinite(value):
-        raise typer.BadParameter("use a finite number")
-    return value

@@ -21,7 +21,7 @@ STAGES, COMPILING = "attlog.stages", "attlog.compiling"
 """Loggers: the stage an analysis is in, and filters that are compiled."""
 
 
-class Shown(logging.Handler):
+class StageHandler(logging.Handler):
     """Writes to standard error: each compiled filter a line, stages one line that is overwritten.
 
     ``before`` begins every stage (``[2/5] flight.ulg: ``).
@@ -58,10 +58,10 @@ class Shown(logging.Handler):
 
 
 @contextmanager
-def progress(quiet: bool, verbose: bool) -> Iterator[Shown]:
+def progress(quiet: bool, verbose: bool) -> Iterator[StageHandler]:
     """Show progress while the block runs: all of it on a terminal, what is compiled also with ``verbose``."""
     terminal = sys.stderr.isatty() and not quiet
-    shown = Shown(stages=terminal)
+    shown = StageHandler(stages=terminal)
     loggers = [logging.getLogger(name) for name in (STAGES, COMPILING)] if terminal or verbose else []
     for logger in loggers:
         logger.addHandler(shown)
@@ -86,14 +86,14 @@ SHOWN = 40
 class Bar:
     """Shown on standard error while the block runs, if that is a terminal and ``quiet`` is not asked for.
 
-    ``verbose``: filters that are compiled are told where there is no terminal too.
+    ``verbose``: filters that are compiled are named where there is no terminal too.
     """
 
     def __init__(self, quiet: bool = False, verbose: bool = False) -> None:
         self._shown = sys.stderr.isatty() and not quiet
         self._compiling = (self._shown or verbose) and not quiet
         self._progress: Any = None
-        self._told: set[str] = set()
+        self._compiled: set[str] = set()
         self._lock = threading.RLock()
         self._weights: dict[str, float] = {}
         self._all = self._done = self._failed = self._mine = 0
@@ -128,18 +128,18 @@ class Bar:
         self._task = self._progress.add_task("", total=len(works), more="", now="")
         self._progress.start()
 
-    def heard(self, work: Work, told: dict[str, Any]) -> None:
-        """A log is at a stage, or compiles a filter, which is told once. Called from any thread."""
+    def stage(self, work: Work, news: dict[str, Any]) -> None:
+        """A log is at a stage, or compiles a filter, which is said once. Called from any thread."""
         from attlog.present.text import for_terminal
 
-        compiling = told.get("compiling", "")
+        compiling = news.get("compiling", "")
         with self._lock:
-            if compiling and self._compiling and compiling not in self._told:
-                self._told.add(compiling)
+            if compiling and self._compiling and compiling not in self._compiled:
+                self._compiled.add(compiling)
                 with self.aside():
                     to_stderr(f"attlog: {compiling}")
-            if self._progress is not None and "stage" in told:
-                self._progress.update(self._task, now=for_terminal(f"{work.name[-SHOWN:]}: {told['stage']}"))
+            if self._progress is not None and "stage" in news:
+                self._progress.update(self._task, now=for_terminal(f"{work.name[-SHOWN:]}: {news['stage']}"))
 
     def advance(self, record: Record) -> None:
         """One log is done or has failed."""
@@ -153,7 +153,7 @@ class Bar:
             self._progress.update(self._task, completed=self._done, more=self._more(), now="")
 
     def _more(self) -> str:
-        """Behind the count: what failed, how fast, how long still. Logs that were done before tell no speed."""
+        """Behind the count: what failed, how fast, how long still. Logs that were done before have no speed."""
         seconds = time.monotonic() - self._started
         text = f", {self._failed} failed" if self._failed else ""
         if self._mine and seconds > 0:

@@ -1,22 +1,18 @@
-"""The tables of a comparison as files for papers: CSV, LaTeX (booktabs) and Markdown, by the name's ending."""
+"""The tables of a comparison as files for papers: CSV, LaTeX (booktabs) and Markdown, for ``--format``."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 from attlog.base import spreadsheet
 from attlog.compare.differences.comparison import Comparison
 from attlog.compare.tables import files as table_file
-from attlog.compare.tables.files import check_suffix, in_latex
+from attlog.compare.tables.files import TableForm, in_latex
 from attlog.compare.tables.table import tables
 from attlog.present.table.markdown import escaped
 
 
-def text(found: Comparison, path: Path) -> str:
-    """The tables of a comparison as the file's name asks for them. UsageError for a name that says no format."""
-    check_suffix(path)
-    form = path.suffix.lower()
-    return numbers(found) if form == ".csv" else latex(found) if form == ".tex" else markdown(found)
+def text(found: Comparison, form: TableForm) -> str:
+    """The tables of a comparison in this form."""
+    return {"csv": numbers, "md": markdown, "tex": latex}[form](found)
 
 
 def numbers(found: Comparison) -> str:

@@ -1,16 +1,15 @@
-"""A table as a file for a paper or a spreadsheet: CSV, Markdown or LaTeX, by the file's suffix."""
+"""A table for a paper or a spreadsheet: CSV, Markdown or LaTeX."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from typing import Literal
 
 from attlog.base import spreadsheet
-from attlog.base.errors import UsageError
 from attlog.present.table.markdown import escaped
 from attlog.present.text import CONTROL
 
-SUFFIXES = (".csv", ".md", ".tex")
+TableForm = Literal["md", "csv", "tex"]
 LATEX = {
     "\\": r"\textbackslash{}",
     "&": r"\&",
@@ -36,16 +35,9 @@ LATEX = {
 }
 
 
-def check_suffix(path: Path) -> None:
-    """UsageError for a file that is of no known kind."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise UsageError(f"--table {path}: end its name with {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
-
-
-def text(path: Path, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table as the file's name asks for it. UsageError for an unknown suffix."""
-    check_suffix(path)
-    return {".csv": csv_text, ".md": markdown, ".tex": latex}[path.suffix.lower()](head, rows)
+def text(form: TableForm, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in this form."""
+    return {"csv": csv_text, "md": markdown, "tex": latex}[form](head, rows)
 
 
 def csv_text(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

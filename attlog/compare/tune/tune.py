@@ -67,6 +67,10 @@ class Tuning:
     seed: int
 
 
+GENERATIONS = 6
+"""Of 32 settings in each search."""
+
+
 def tune(
     filter_name: str,
     free: Sequence[FreeParameter],

@@ -148,7 +148,7 @@ def _died(status: int | None, changed: bool) -> tuple[int, str]:
     if signalled == "SIGKILL":
         return BUG, (
             "its process was killed from outside (signal 9), as systems do when memory runs out; "
-            "fewer --workers or a limit by --memory leaves room for the others"
+            "fewer --jobs or a limit by --memory leaves room for the others"
         )
     if status is None:
         return BUG, "its process is gone without a word, and so is the one that started it"

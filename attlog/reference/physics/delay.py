@@ -104,7 +104,7 @@ def seen_in_rates(imu: Imu, reference: Reference) -> float | None:
 
 def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | float) -> tuple[float, AlignmentStep]:
     """The input delay in s that lags of replayed rows are freed of; the step tells the one seen in the rates too."""
-    name, switch = "input_delay", "--input-delay"
+    name, switch = "input_delay", "config: input_delay"
     if option == "off":
         text = "switched off: lags contain the sensor's filters"
         return 0.0, AlignmentStep(name, text, 0.0, "ms", "option", False, switch)
@@ -123,7 +123,7 @@ def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | fl
     elif seen is None:
         check = "the log turns too little to check it"
     else:
-        verdict = "" if abs(seen - told) <= AGREES_S else ", which disagrees: look at --clock"
+        verdict = "" if abs(seen - told) <= AGREES_S else ", which disagrees: look at clock in --config"
         check = f"the rates show {1e3 * seen:.1f} ms against {reference.source}{verdict}"
     text = f"{1e3 * told:.1f} ms by {source}; {check}"
     return told, AlignmentStep(name, text, 1e3 * told, "ms", source, told > 0, switch)

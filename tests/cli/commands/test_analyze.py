@@ -100,7 +100,7 @@ def test_deterministic_bytes_do_not_tell_how_the_command_was_spelled(attlog, sam
     monkeypatch.chdir(log.parent)
     for k, words in enumerate([
         ["analyze", log, "--estimators", "gyro,mahony", "-q"],
-        [log.name, "--trim", "on", "--estimators=gyro, mahony", "-v", "--json"],
+        [log.name, "--gyro-bias", "rest", "--estimators=gyro, mahony", "-v", "--json"],
         ["batch", f"../{log.parent.name}/{log.name}", "--estimators", "gyro,mahony"],
     ]):  # fmt: skip
         assert attlog(*words, "--deterministic", "--reference", "onboard", "-o", tmp_path / str(k)).code == 0

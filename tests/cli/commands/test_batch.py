@@ -46,10 +46,10 @@ def test_a_batch_writes_reports_index_and_table_and_sums_up(attlog, small, tmp_p
 def test_a_result_tells_the_command_that_makes_it_alone(attlog, small, tmp_path):
     import json
 
-    given = ("--estimators", "gyro", "--score-from", "5", "--trim", "off")
-    attlog("batch", small, "-o", tmp_path / "a", "--workers", "2", "--timeout", "50", *given)
+    given = ("--deterministic", "--window", "rest", "--estimators", "gyro")
+    attlog("batch", small, "-o", tmp_path / "a", "--jobs", "2", "--timeout", "50", *given)
     document = json.loads((tmp_path / "a" / "small.bin.json").read_bytes())
-    assert document["command"] == f"attlog analyze {small} --estimators gyro --score-from 5.0 --trim off"
+    assert document["command"] == f"attlog analyze {small} --estimators gyro --window rest --deterministic"
 
 
 def test_a_folder_with_a_batch_asks_what_to_do(attlog, small, tmp_path):
@@ -151,7 +151,7 @@ def test_an_interrupted_batch_is_consistent_and_goes_on(tmp_path, how):
         f"if pathlib.Path({str(tmp_path / 'out/1.bin.json')!r}).exists():\n    time.sleep(100)\n"
         "from attlog.estimators.filters.gyro import *\n"
     )
-    run = started(*logs, "-o", tmp_path / "out", "--estimators", sleeps, "--workers", 1)
+    run = started(*logs, "-o", tmp_path / "out", "--estimators", sleeps, "--jobs", 1)
     until((tmp_path / "out/1.bin.json").exists)
     time.sleep(1)
     run.send_signal(how)
@@ -170,16 +170,16 @@ def test_a_batch_that_is_killed_goes_on_and_ends_as_if_nothing_had_been(tmp_path
     """The process alone, and all it started; see benchmarks/kills.py for ten kills at random moments."""
     logs = [cut(tmp_path / "logs", f"{k}.bin", 250_000 + 10_000 * k) for k in range(6)]
     quiet, out = tmp_path / "quiet/out", tmp_path / "killed/out"
-    run = started(*logs, "-o", quiet, *GYRO, "--workers", 2)
+    run = started(*logs, "-o", quiet, *GYRO, "--jobs", 2)
     run.communicate(timeout=120)
     assert run.returncode == 0
     for k, wanted in enumerate((0, 1, 3)):
-        run = started(*logs, "-o", out, *GYRO, "--workers", 2, "--resume")
+        run = started(*logs, "-o", out, *GYRO, "--jobs", 2, "--resume")
         until(lambda wanted=wanted: len(list((out / ".attlog/records").glob("*.json"))) >= wanted and out.exists())
         (os.kill if k else os.killpg)(run.pid, signal.SIGKILL)
         run.communicate(timeout=20)
     before = {p.name: p.stat().st_mtime_ns for p in (out / ".attlog/records").glob("*.json")}
-    run = started(*logs, "-o", out, *GYRO, "--workers", 2, "--resume", "-v")
+    run = started(*logs, "-o", out, *GYRO, "--jobs", 2, "--resume", "-v")
     _, err = run.communicate(timeout=120)
     assert run.returncode == 0
     assert err.count("done before") == len(before) >= 3

@@ -16,8 +16,7 @@ STEPS = SAMPLES / "copter_steps_stabilize.bin"
 
 
 def test_two_settings_on_one_log(attlog, tmp_path: Path) -> None:
-    tex = tmp_path / "t.tex"
-    done = attlog("compare", str(STEPS), "mahony:kp=0.3", "mahony:kp=0.6", "-o", str(tmp_path), "--table", str(tex))
+    done = attlog("compare", str(STEPS), "mahony:kp=0.3", "mahony:kp=0.6", "-o", str(tmp_path))
     assert done.code == 0, done.err
     found = Comparison.load(tmp_path / "compare.json")
     assert found.command.startswith("attlog compare")
@@ -25,7 +24,9 @@ def test_two_settings_on_one_log(attlog, tmp_path: Path) -> None:
     assert lead.startswith(found.verdicts[0].lead)
     assert (tmp_path / "compare.html").stat().st_size > 100_000
     assert (tmp_path / "compare.csv").read_text().startswith("metric,")
-    assert tex.read_text().count(r"\toprule") == len(found.questions)
+    tex = attlog("compare", str(STEPS), "mahony:kp=0.3", "mahony:kp=0.6", "-o", str(tmp_path), "--format", "tex")
+    assert tex.out.count(r"\toprule") == len(found.questions)
+    assert found.verdicts[0].lead in " ".join(tex.err.split())
 
 
 def test_json_goes_to_standard_output_and_the_tables_do_not(attlog, tmp_path: Path) -> None:
@@ -42,7 +43,7 @@ def test_json_goes_to_standard_output_and_the_tables_do_not(attlog, tmp_path: Pa
         (["{log}", "mahony", "mahoni"], 2, "neither a file nor a filter; did you mean mahony?"),
         (["{log}", "mahony:kpp=1", "vqf:lowpas=2"], 2, "did you mean lowpass?"),
         (["{log}", "mahony", "vqf", "--metric", "lagms"], 2, "did you mean lag_ms?"),
-        (["{log}", "mahony", "vqf", "--table", "t.xls"], 2, "end its name with .csv, .md or .tex"),
+        (["{log}", "mahony", "vqf", "--format", "xls"], 2, "'md', 'csv', 'tex'"),
         (["{log}", "mahony", "vqf", "--reference", "thruth"], 2, "use auto, truth"),
         (["{log}", "none.toml"], 66, "cannot be read"),
         (["none.bin", "mahony", "vqf"], 66, "none.bin"),
@@ -121,36 +122,23 @@ def test_an_estimate_of_another_log_is_a_row_with_its_reason(attlog, tmp_path: P
     assert attlog("compare", str(STEPS), "mahony", f"{file}:frame=xyz", "-o", str(tmp_path)).code == 2
 
 
-def test_the_table_of_analyze_goes_to_a_file_for_a_paper(attlog, tmp_path: Path) -> None:
-    files = [tmp_path / f"t{suffix}" for suffix in (".csv", ".tex", ".md")]
-    named = [word for file in files for word in ("--table", str(file))]
-    done = attlog("analyze", str(STEPS), "--estimators", "mahony,madgwick", "-o", str(tmp_path), *named)
-    assert done.code == 0, done.err
-    lines = files[0].read_text().splitlines()
+def test_the_table_of_analyze_is_printed_for_a_paper(attlog, tmp_path: Path) -> None:
+    words = ("analyze", str(STEPS), "--estimators", "mahony,madgwick", "-o", str(tmp_path))
+    found = {form: attlog(*words, "--format", form) for form in ("csv", "tex", "md")}
+    assert {done.code for done in found.values()} == {0}
+    lines = found["csv"].out.splitlines()
     assert lines[0].startswith('filter,"Tilt error RMS, °"')
     assert any(line.startswith("Madgwick,") for line in lines)
-    assert "Madgwick & " in files[1].read_text()
-    assert "| Madgwick | " in files[2].read_text()
-    assert attlog("analyze", str(STEPS), "--table", "t.xls", "-o", str(tmp_path)).code == 2
+    assert "Madgwick & " in found["tex"].out
+    assert "| Madgwick | " in found["md"].out
+    assert "report: " in found["md"].err
 
 
 def test_files_are_written_together_or_the_old_ones_stay(attlog, tmp_path: Path) -> None:
     for name in ("compare.html", "compare.json"):
         (tmp_path / name).write_text("old")
-    (tmp_path / "t.tex").mkdir()
-    command = [
-        "compare",
-        STEPS,
-        "gyro",
-        "mahony",
-        "--reference",
-        "onboard",
-        "-o",
-        tmp_path,
-        "--table",
-        tmp_path / "t.tex",
-    ]
-    done = attlog(*map(str, command))
-    assert (done.code, "t.tex: cannot be written" in done.err) == (73, True), done.err
+    (tmp_path / "compare.csv").mkdir()
+    done = attlog("compare", str(STEPS), "gyro", "mahony", "--reference", "onboard", "-o", str(tmp_path))
+    assert (done.code, "compare.csv: cannot be written" in done.err) == (73, True), done.err
     assert [(tmp_path / name).read_text() for name in ("compare.html", "compare.json")] == ["old", "old"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["compare.html", "compare.json", "t.tex"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["compare.csv", "compare.html", "compare.json"]

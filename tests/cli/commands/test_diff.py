@@ -35,10 +35,10 @@ def test_equal_is_0_and_a_difference_is_1(attlog, two: tuple[Path, Path]) -> Non
 
 
 def test_formats_go_to_the_terminal_or_to_a_file(attlog, two: tuple[Path, Path], tmp_path: Path) -> None:
-    found = json.loads(attlog("diff", *two, "--format", "json").out)
+    found = json.loads(attlog("diff", *two, "--json").out)
     assert found["schema"] == "attlog-diff/1"
     assert found["logs"][0]["moved"][0]["new"] == 9.0
-    done = attlog("diff", *two, "--format", "markdown", "-o", tmp_path / "x.md")
+    done = attlog("diff", *two, "--format", "md", "-o", tmp_path / "x.md")
     assert (done.code, done.out) == (1, "")
     assert r"| mahony | airborne | lag\_ms |" in (tmp_path / "x.md").read_text(encoding="utf-8")
 
@@ -48,7 +48,7 @@ def test_wrong_usage_is_2_and_files_that_cannot_be_used_are_65_and_66(
 ) -> None:
     (tmp_path / "no.json").write_text("{}")
     for arguments, code, word in (
-        ((*two, "--format", "xml"), 2, "table, markdown or json"),
+        ((*two, "--format", "xml"), 2, "'md'"),
         ((*two, "--tolerance", "lagms=1"), 2, "did you mean lag_ms"),
         ((*two, "--window", "flight"), 2, "airborne"),
         ((two[0], tmp_path), 2, "two folders"),

@@ -1,4 +1,4 @@
-"""``--gates``, ``--strict``, ``--junit`` and ``--summary`` of analyze and batch."""
+"""``--gates`` of analyze and batch; ``--strict``, ``--junit`` and ``--summary`` of batch."""
 
 from __future__ import annotations
 
@@ -81,16 +81,16 @@ def test_a_wrong_gate_file_is_2_before_anything_is_analysed(attlog, command: str
 
 
 @pytest.mark.slow
-def test_a_log_that_cannot_be_read_is_an_error_and_its_code_wins(attlog, command: str, gates, tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_read_is_an_error_and_its_code_wins(attlog, gates, tmp_path: Path) -> None:
     (tmp_path / "no.ulg").write_bytes(b"no log at all")
     report = tmp_path / "junit.xml"
     logs = (tmp_path / "no.ulg", LOG, tmp_path / "gone.ulg")
     text = "total_p95_deg = { max = 0.5 }"
-    done = attlog(command, *logs, *FAST, "-o", tmp_path / "out", "--gates", gates(text), "--junit", report)
+    done = attlog("batch", *logs, *FAST, "-o", tmp_path / "out", "--gates", gates(text), "--junit", report)
     assert done.code == 66
     suites = {Path(s.name).name: (s.tests, s.failures, s.errors) for s in JUnitXml.fromfile(str(report))}
     assert suites == {"no.ulg": (1, 0, 1), "px4_steps.ulg": (3, 1, 0), "gone.ulg": (1, 0, 1)}
-    done = attlog(command, tmp_path / "none*.ulg", "-o", tmp_path / "out2", "--junit", report)
+    done = attlog("batch", tmp_path / "none*.ulg", "-o", tmp_path / "out2", "--junit", report)
     assert done.code == 66
     assert [s.errors for s in JUnitXml.fromfile(str(report))] == [1]
 
@@ -101,10 +101,10 @@ def test_a_log_that_cannot_be_read_is_an_error_and_its_code_wins(attlog, command
     ids=["crash", "nan", "across"],
 )
 def test_strict_ends_with_1_where_a_filter_crashes_returns_nan_or_stands_across(
-    attlog, command: str, tmp_path: Path, text: str, word: str
+    attlog, tmp_path: Path, text: str, word: str
 ) -> None:
     (tmp_path / "mine.py").write_text(text)
-    args = (command, LOG, "--estimators", f"mekf,{tmp_path / 'mine.py'}", "-o")
+    args = ("batch", LOG, "--estimators", f"mekf,{tmp_path / 'mine.py'}", "-o")
     assert attlog(*args, tmp_path / "a").code == 0
     done = attlog(*args, tmp_path / "b", "--strict")
     assert done.code == 1
@@ -116,7 +116,17 @@ def test_strict_ends_with_1_where_a_filter_crashes_returns_nan_or_stands_across(
 @pytest.mark.slow
 def test_strict_is_what_gates_are_unless_they_say_otherwise(attlog, gates, tmp_path: Path) -> None:
     (tmp_path / "crash.py").write_text(CRASH)
-    args = ("analyze", LOG, "--estimators", f"mekf,{tmp_path / 'crash.py'}", "-q", "-o", tmp_path / "out", "--gates")
+    args = (
+        "batch",
+        LOG,
+        "--resume",
+        "--estimators",
+        f"mekf,{tmp_path / 'crash.py'}",
+        "-q",
+        "-o",
+        tmp_path / "out",
+        "--gates",
+    )
     text = 'lag_ms = { max = 5, filters = ["mekf"] }'
     assert attlog(*args, gates(text)).code == 1
     assert attlog(*args, gates(text), "--no-strict").code == 0
@@ -126,10 +136,10 @@ def test_strict_is_what_gates_are_unless_they_say_otherwise(attlog, gates, tmp_p
 
 @pytest.mark.slow
 def test_the_summary_goes_to_a_file_to_the_step_or_to_the_terminal(
-    attlog, command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    attlog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
-    args = (command, LOG, "--estimators", "gyro", "-q", "-o")
+    args = ("batch", LOG, "--estimators", "gyro", "-q", "-o")
     done = attlog(*args, tmp_path / "a", "--summary")
     assert (done.code, done.out.startswith("## ✅ attlog: 1 log, no gate failed")) == (0, True)
     done = attlog(*args, tmp_path / "b", "--summary", tmp_path / "s.md")
@@ -137,14 +147,14 @@ def test_the_summary_goes_to_a_file_to_the_step_or_to_the_terminal(
     assert (tmp_path / "s.md").read_text(encoding="utf-8").startswith("## ✅")
     step = tmp_path / "step"
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(step))
-    assert attlog(command, "--summary", LOG, "--estimators", "gyro", "-q", "-o", tmp_path / "c").out == ""
+    assert attlog("batch", "--summary", LOG, "--estimators", "gyro", "-q", "-o", tmp_path / "c").out == ""
     assert step.read_text(encoding="utf-8").startswith("## ✅")
     assert attlog(*args, tmp_path / "d", "--summary=s.txt").code == 2
 
 
 @pytest.mark.parametrize("wrong", ["gates", "config"])
 def test_what_is_wrong_with_gates_and_options_is_told_where_ci_looks(
-    attlog, command: str, gates, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
+    attlog, gates, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
 ) -> None:
     """The step was red, with no annotation and an empty summary."""
     (tmp_path / "c.toml").write_text("imuu = 0\n")
@@ -153,7 +163,7 @@ def test_what_is_wrong_with_gates_and_options_is_told_where_ci_looks(
     step = tmp_path / "step"
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(step))
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
-    done = attlog(command, LOG, *option, "-o", tmp_path / "out", "--summary")
+    done = attlog("batch", LOG, *option, "-o", tmp_path / "out", "--summary")
     assert done.code == 2
     annotation = next(line for line in done.err.splitlines() if line.startswith("::error "))
     assert word in annotation
@@ -161,7 +171,7 @@ def test_what_is_wrong_with_gates_and_options_is_told_where_ci_looks(
     assert word in step.read_text(encoding="utf-8")
     monkeypatch.delenv("GITHUB_ACTIONS")
     monkeypatch.delenv("GITHUB_STEP_SUMMARY")
-    done = attlog(command, LOG, *option, "-o", tmp_path / "out", "--summary", tmp_path / "s.md")
+    done = attlog("batch", LOG, *option, "-o", tmp_path / "out", "--summary", tmp_path / "s.md")
     assert "::error" not in done.err
     assert word in (tmp_path / "s.md").read_text(encoding="utf-8")
 
@@ -188,7 +198,7 @@ def test_json_lines_are_a_baseline(attlog, gates, tmp_path: Path) -> None:
         assert "mekf: inclination_rmse_deg not worse than baseline" in {case.name for case in suite}
 
 
-def test_an_output_that_cannot_be_written_is_73(attlog, command: str, tmp_path: Path) -> None:
+def test_an_output_that_cannot_be_written_is_73(attlog, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
-    done = attlog(command, LOG, "--estimators", "gyro", "-o", tmp_path / "out", "--junit", tmp_path / "file" / "j.xml")
+    done = attlog("batch", LOG, "--estimators", "gyro", "-o", tmp_path / "out", "--junit", tmp_path / "file" / "j.xml")
     assert done.code == 73

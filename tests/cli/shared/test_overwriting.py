@@ -28,7 +28,7 @@ def log(tmp_path: Path) -> Path:
     return Path(shutil.copy(LOG, tmp_path / "flight.md"))
 
 
-@pytest.mark.parametrize("option", ["--junit", "--summary", "--table"])
+@pytest.mark.parametrize("option", ["--junit", "--summary"])
 @pytest.mark.parametrize("which", ["this log", "another log", "a link to it"])
 def test_no_output_takes_the_place_of_a_log(
     attlog: Callable[..., Any], log: Path, tmp_path: Path, option: str, which: str
@@ -39,7 +39,7 @@ def test_no_output_takes_the_place_of_a_log(
     elif which == "a link to it":
         written = tmp_path / "link.md"
         written.symlink_to(log)
-    done = attlog("analyze", read, *GYRO, "-o", tmp_path / "out", option, written)
+    done = attlog("batch", read, *GYRO, "-o", tmp_path / "out", option, written)
     assert done.code == 2
     assert "would be overwritten" in done.err
     assert log.read_bytes() == LOG.read_bytes()
@@ -49,12 +49,11 @@ def test_no_output_takes_the_place_of_a_log(
 def test_no_output_takes_the_place_of_another_input(attlog: Callable[..., Any], tmp_path: Path) -> None:
     gates = tmp_path / "gates.toml"
     gates.write_text("[gates]\nlag_ms = { max = 5 }\n")
-    assert attlog("analyze", LOG, *GYRO, "--gates", gates, "--junit", gates).code == 2
+    assert attlog("batch", LOG, *GYRO, "-o", tmp_path / "out", "--gates", gates, "--junit", gates).code == 2
     estimate = tmp_path / "mine.csv"
     estimate.write_text("time_s,roll_deg\n")
-    words = ("compare", LOG, "gyro", estimate, "--table", estimate, "-o", tmp_path)
+    words = ("batch", LOG, "--estimators", f"gyro,{estimate}", "--junit", estimate, "-o", tmp_path / "out")
     assert attlog(*words).code == 2
-    assert attlog("analyze", LOG, "--estimators", f"gyro,{estimate}", "--table", estimate, "-o", tmp_path).code == 2
     assert attlog("diff", estimate, gates, "-o", estimate).code == 2
     assert attlog("diff", gates, estimate, "-o", estimate).code == 2
     assert estimate.read_text() == "time_s,roll_deg\n"
@@ -71,14 +70,14 @@ def test_what_a_command_wrote_before_is_replaced(attlog: Callable[..., Any], tmp
 def test_a_pipe_is_written_into_and_stays(attlog: Callable[..., Any], tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    heard: list[str] = []
-    reader = threading.Thread(target=lambda: heard.append(pipe.read_text()), daemon=True)
+    read: list[str] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()), daemon=True)
     place = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # so that the writer meets a reader, whoever is first
     reader.start()
-    assert attlog("analyze", LOG, *GYRO, "-o", tmp_path / "out", "--junit", pipe).code == 0
+    assert attlog("batch", LOG, *GYRO, "-o", tmp_path / "out", "--junit", pipe).code == 0
     os.close(place)
     reader.join(10)
-    assert heard[0].endswith("</testsuites>\n")
+    assert read[0].endswith("</testsuites>\n")
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
@@ -139,8 +138,7 @@ def test_a_log_that_no_memory_can_hold_is_no_bug(
 
 
 @pytest.mark.parametrize(
-    "words",
-    [["analyze", ""], ["diff", "", ""], ["table", ""], ["analyze", LOG, "-o", ""], ["analyze", LOG, "--junit="]],
+    "words", [["analyze", ""], ["diff", "", ""], ["table", ""], ["analyze", LOG, "-o", ""], ["batch", LOG, "--junit="]]
 )
 def test_an_unset_variable_means_no_folder(
     attlog: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[Any]

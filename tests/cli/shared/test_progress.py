@@ -97,8 +97,8 @@ def screen(monkeypatch: pytest.MonkeyPatch, terminal: bool, verbose: bool = Fals
         bar.planned(WORKS)
         for k, work in enumerate(WORKS):
             for _ in range(2):
-                bar.heard(work, {"compiling": "compiling mahony (once)"})
-            bar.heard(work, {"stage": "reading the log"})
+                bar.stage(work, {"compiling": "compiling mahony (once)"})
+            bar.stage(work, {"stage": "reading the log"})
             time.sleep(0.1 * (k > 1))
             bar.advance(Record(work.source.name, work.name, code=66 * (k == 3), again=k < 2))
             with bar.aside():

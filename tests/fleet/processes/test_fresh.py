@@ -156,7 +156,7 @@ def test_several_logs_are_analysed_without_fork_and_no_file_beside_them_is_impor
 
 def test_a_fresh_process_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     body = f"import os, time\nopen({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid()))\ntime.sleep(100)"
-    more = ("--estimators", plugin(tmp_path, body), "--workers", 1)
+    more = ("--estimators", plugin(tmp_path, body), "--jobs", 1)
     run = subprocess.Popen(
         command_without("batch", LOG, "-o", tmp_path / "out", *more),
         env=os.environ | FOUND, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

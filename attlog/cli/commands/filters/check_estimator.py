@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from attlog.cli.shared import completion, options
-from attlog.cli.shared.printing import NoColor, terminal
+from attlog.cli.shared import completion
+from attlog.cli.shared.printing import terminal
 
 if TYPE_CHECKING:
     from attlog.testing import Outcome
@@ -21,8 +21,13 @@ Name = Annotated[
 ]
 
 
-def command(name: Name, filter_timeout: options.FilterTimeout = None, no_color: NoColor = False) -> None:
-    """Run the conformance checks on a filter; exit code 1 if one fails."""
+def command(name: Name) -> None:
+    """Check that a filter keeps the contract.
+
+    The exit code is 1 if a check fails.
+
+    Example: attlog check-estimator my_filter.py
+    """
     from attlog.estimators import parse
     from attlog.present.text import for_terminal
     from attlog.testing import about, check_estimator, speed_ns

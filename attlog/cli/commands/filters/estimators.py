@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli.shared import completion
-from attlog.cli.shared.options import FilterTimeout
-from attlog.cli.shared.printing import Line, NoColor, columns, console, say, to_stdout
+from attlog.cli.shared.printing import Line, columns, console, say, to_stdout
 
 if TYPE_CHECKING:
     from attlog.estimators import Estimator
@@ -24,8 +23,11 @@ Name = Annotated[
 ]
 
 
-def command(name: Name = None, filter_timeout: FilterTimeout = None, no_color: NoColor = False) -> None:
-    """List the filters, or print one filter's parameters and equations."""
+def command(name: Name = None) -> None:
+    """List the filters, or show one with its equations.
+
+    Example: attlog estimators mahony
+    """
     from attlog.estimators import get
 
     if name is None:

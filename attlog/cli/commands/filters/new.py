@@ -131,10 +131,15 @@ def run(t, gyr, acc, mag, aids, params):
 def command(
     file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file to write; must not exist.")],
     run: Annotated[
-        bool, typer.Option("--run", help="A filter that takes whole segments: for packages, C libraries, smoothers.")
+        bool, typer.Option("--run", help="Write one that takes whole segments: for packages, C libraries, smoothers.")
     ] = False,
 ) -> None:
-    """Write a commented filter to start from; it passes the checks as it is."""
+    """Write a filter of your own to start from.
+
+    The file is commented and passes the checks as it is.
+
+    Example: attlog new my_filter.py
+    """
     from attlog.base.errors import OutputError, UsageError
     from attlog.base.output import write_atomic
     from attlog.cli.shared.printing import to_stdout

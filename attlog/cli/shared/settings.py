@@ -1,0 +1,110 @@
+"""The Config that options make, and what is wrong with them before any log is read."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from attlog.base.errors import PluginError, UsageError
+from attlog.cli.shared.options import ComparisonOptions, LogOptions
+
+if TYPE_CHECKING:
+    from attlog.config import Config
+
+
+def configured(options: LogOptions) -> Config:
+    """The configuration of options and of the file that they name. UsageError for what is wrong.
+
+    Parameter files and names of filters are looked at here too: what is wrong is said once, not for each log.
+    """
+    config = from_file(options.config, _typed(options))
+    check_window(config.window)
+    if config.params is not None:
+        from attlog.flight.parameters.file import read_file
+
+        read_file(config.params)
+    for item in config.estimators:
+        check_filter(item)
+    return config
+
+
+def from_file(file: Path | None, options: dict[str, Any]) -> Config:
+    """The configuration of a file, where there is one, and of values that win."""
+    from attlog.config import Config
+
+    return Config.build(options) if file is None else Config.load(file, **options)
+
+
+def for_comparison(options: ComparisonOptions, before: dict[str, Any] | None = None) -> Config:
+    """The configuration in which settings are compared; filters of its file are left out. Options win over others."""
+    defaults = {} if options.config is None else {"estimators": ["default"]}
+    return from_file(options.config, defaults | (before or {}) | options.of_analysis())
+
+
+def _typed(options: LogOptions) -> dict[str, Any]:
+    """The options that were typed, by their names in a configuration."""
+    names = [field.name for field in fields(options) if field.name not in ("config", "deterministic")]
+    found = {name: value for name in names if (value := getattr(options, name)) is not None}
+    if "imu" in found:
+        found["imu"] = _instance(found["imu"], "all", "--imu")
+    if "mag" in found:
+        found["mag"] = _instance(found["mag"], "none", "--mag")
+    return found
+
+
+def _instance(text: str, word: str, option: str) -> int | str:
+    if text == word:
+        return text
+    if not text.isdecimal():
+        raise UsageError(f"{option} {text!r}: use a number from 0 or {word}")
+    return int(text)
+
+
+def check_window(window: str | None) -> None:
+    """UsageError for what is no window, before any log is read."""
+    if window is not None:
+        from attlog.segments.model import Segments
+
+        try:
+            Segments().spans(window)
+        except ValueError as error:
+            raise UsageError(f"--{error}") from None
+
+
+def check_filter(item: str) -> None:
+    """UsageError for a filter, preset or parameter that is not there; a file's own code runs with the logs only."""
+    from attlog import estimators
+
+    name = item.partition(":")[0].partition("@")[0]
+    if not (name.endswith((".py", ".csv")) and os.path.isfile(name)):
+        with suppress(PluginError):  # what a filter of a package does is told in its row
+            try:
+                estimators.select(item)
+            except UsageError as error:
+                if hint := _of_compare(item):
+                    raise UsageError(f"{error}{hint}") from None
+                raise
+
+
+def _of_compare(item: str) -> str:
+    """The end of an error sentence for a filter with something that ``attlog compare`` puts before it; else empty."""
+    from attlog.compare.configurations.settings import SETTINGS
+
+    name, _, pairs = item.partition(":")
+    before = [key for pair in pairs.split(",") if (key := pair.partition("=")[0].strip()) in SETTINGS]
+    return f"; {', '.join(before)} may come before a filter: attlog compare LOG {name} {item}" if before else ""
+
+
+def commands(options: LogOptions, logs: Sequence[str]) -> list[str]:
+    """For each log the command that makes its report alone."""
+    words: list[str] = []
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if value != field.default:
+            words += [f"--{field.name.replace('_', '-')}", *([] if value is True else [str(value)])]
+    return [shlex.join(["attlog", "analyze", log, *words]) for log in logs]
