@@ -96,3 +96,12 @@ def test_numbers_that_rise_by_one_already_are_themselves():
     assert gaps.renumber(own, other).tolist() == [0, 0, 1, 2, 3]
     assert gaps.renumber(other).tolist() == [0, 0, 0, 1, 1]
     assert gaps.renumber(np.zeros(0, np.int64)).tolist() == []
+
+
+@pytest.mark.parametrize("number", [[0, 0, 1, 1], [1, 1, 0, 0]])
+def test_neighbours_of_two_segments_are_never_one_range(number):
+    """Numbers rise by one; of two kinds joined they may also fall."""
+    inside = np.array([True, True, True, True])
+    assert gaps.slices(inside, np.array(number)) == [slice(0, 2), slice(2, 4)]
+    assert gaps.renumber(np.array(number), np.zeros(4, np.int64)).tolist() == [0, 0, 1, 1]
+    assert gaps.renumber(np.array([4, 4, 4, 5]), np.array(number)).tolist() == [0, 0, 1, 2]
