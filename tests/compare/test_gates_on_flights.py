@@ -42,8 +42,8 @@ def found(flight: Path, folder: Path, fault: str) -> list[GateOutcome]:
     start = read.t0_us / 1e6 + segments.build(read).of("airborne")[0].t0 + 5.0
     log = faulty.write(flight, folder / f"flight{flight.suffix}", fault, start)
     (folder / "gates.toml").write_text(GATES)
-    document = attlog.analyze(log, {"estimators": ["mekf"], "reference": "truth"}).to_dict()
-    return [o for o in judge(gate_file.read(folder / "gates.toml"), document) if o.status == "failed"]
+    result = attlog.analyze(log, {"estimators": ["mekf"], "reference": "truth"})
+    return [o for o in judge(gate_file.read(folder / "gates.toml"), result) if o.status == "failed"]
 
 
 @pytest.mark.parametrize("flight", few(FLIGHTS, 1))
