@@ -32,7 +32,7 @@ from attlog.flight import memory as room
 from attlog.flight import read
 from attlog.flight.model import FlightLog, Imu, Problem, part_of
 from attlog.health import Check, answerable, audit
-from attlog.health.findings import OpenQuestion, contradiction, findings, hopeless
+from attlog.health.findings import OpenQuestion, contradiction, findings, unusable
 from attlog.metrics.base import Case, per_case
 from attlog.metrics.evidence.common_bias import common_bias
 from attlog.metrics.evidence.common_bias import none as no_bias
@@ -135,7 +135,7 @@ def evaluate(
         with clock("audit"):
             checks = _checks(case)
     give_back(0 if case.log.replay_imu is None else len(case.log.replay_imu.gyro.t))
-    passing = Passing(case, chosen, onboard, hopeless(checks), traces=traces, only=only)
+    passing = Passing(case, chosen, onboard, unusable(checks), traces=traces, only=only)
     with clock("estimators"):
         for row, line in replay.replays(case, chosen, failed):
             lines.append(line)
@@ -201,14 +201,14 @@ class Passing:
         case: Case,
         chosen: Mapping[str, replay.Chosen],
         onboard: list[Row],
-        hopeless: str,
+        unusable: str,
         *,
         traces: bool,
         only: Collection[str],
     ) -> None:
-        """``hopeless``: why no filter can be judged, empty where they can."""
+        """``unusable``: why no filter can be judged, empty where they can."""
         self.seen = case.looked_at_with([])
-        self._hopeless, self._traces, self._only = hopeless, traces, only
+        self._unusable, self._traces, self._only = unusable, traces, only
         expected = len(case.imus) * sum(not isinstance(spec, PluginError) for spec in chosen.values())
         self._drawing = metrics.Drawing(self.seen, expected, onboard)
         self._drawn: list[Trace] = []
@@ -222,16 +222,16 @@ class Passing:
         asked = case.settings.get("reference", "auto") == "auto" and not case.reference.gyro_fault
         # nor does a force in wrong axes say who is right
         asked = asked and reference.FRAME not in case.reference.sensor_faults
-        self.witnesses = reference.ReferenceCheck(case.log, imu, case.reference, again) if asked and imu else None
+        self.reference_check = reference.ReferenceCheck(case.log, imu, case.reference, again) if asked and imu else None
 
     def hear(self, row: Row, line: EstimatorRow) -> None:
         """Fill in a row's line of the table; a replayed row is empty afterwards."""
         case, log, samples = self.seen, self.seen.log, len(row.t)
         row.aux = {}  # no metric looks at it, and in a long log it is as large as the attitude
         case.rows.append(row)
-        if self.witnesses is not None:
-            part_of(log, "What filters say against the reference", partial(self.witnesses.hear, row), lambda: None)
-        _withhold(self._hopeless, row, line)
+        if self.reference_check is not None:
+            part_of(log, "What filters say against the reference", partial(self.reference_check.add, row), lambda: None)
+        _withhold(self._unusable, row, line)
         part_of(log, "Which rows are alike", partial(self.likeness.hear, row), lambda: None)
         line.metrics = metrics.compute(case, row, case.windows, cost=False, only=self._only)
         if self._traces:
@@ -242,10 +242,10 @@ class Passing:
 
     def contradicted(self) -> tuple[str, AlignmentStep] | None:
         """Why the reference is refused after all, by filters that agree; None where it is not."""
-        if self.witnesses is None:
+        if self.reference_check is None:
             return None
         what = "What filters say against the reference"
-        return part_of(self.seen.log, what, self.witnesses.contradicted, lambda: None)
+        return part_of(self.seen.log, what, self.reference_check.contradicted, lambda: None)
 
     def drawn(self) -> list[Trace]:
         """The traces of all rows and of what is drawn beside them."""

@@ -68,7 +68,7 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     answers = part_of(log, "What can be answered", lambda: answerable(log, case), list)
     compared = ""
     if phases is not None and chosen is not None:
-        compared = part_of(log, "The reference", partial(reference.foreseen, log, phases, chosen), str)
+        compared = part_of(log, "The reference", partial(reference.expected_reference, log, phases, chosen), str)
     verification = None
     if verify:
         from attlog.formats.verify import verify as compare

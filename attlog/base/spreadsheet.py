@@ -37,11 +37,11 @@ def cell(value: Any) -> Any:
     text = UNSEEN.sub("\ufffd", LINE_END.sub("\n", value))
     parts = ANOTHER.split(text)
     if len(parts) == 1:
-        return _said(text, text)
-    return _said(parts[0], text) + "".join(_said(part, part) for part in parts[1:])
+        return _quoted(text, text)
+    return _quoted(parts[0], text) + "".join(_quoted(part, part) for part in parts[1:])
 
 
-def _said(text: str, whole: str) -> str:
+def _quoted(text: str, whole: str) -> str:
     """A part of a text, behind an apostrophe where it, or the whole that it begins, would be run."""
     return f"'{text}" if FORMULA.match(whole) and not NUMBER.fullmatch(text.strip()) else text
 

@@ -19,7 +19,7 @@ from attlog.health.onboard import against_smoother
 from attlog.health.onboard.attitude import CONTRADICTED
 from attlog.health.reason import as_sentence
 from attlog.health.sensors import frozen
-from attlog.health.sensors.gyro import HOPELESS_DPS
+from attlog.health.sensors.gyro import UNUSABLE_DPS
 from attlog.reference.model import Reference
 from attlog.reference.physics.sensor_faults import FRAME
 
@@ -277,15 +277,15 @@ def contradiction(reference: Reference) -> list[Problem]:
     return [Problem("reference_contradicted", "error", text, means=f"{means}.")]
 
 
-def hopeless(checks: Iterable[Check]) -> str:
+def unusable(checks: Iterable[Check]) -> str:
     """Why no filter can be judged at all: a gyro far from zero while the vehicle stands, or one that is not what
     turned or stopped; empty where one can."""
     for check in checks:
         if check.name == "gyro against attitude" and check.value == CONTRADICTED:
             return f"{check.text[0].lower()}{check.text[1:].rstrip('.')}"
-        if check.name == "gyro bias" and isinstance(check.value, float) and abs(check.value) >= HOPELESS_DPS:
+        if check.name == "gyro bias" and isinstance(check.value, float) and abs(check.value) >= UNUSABLE_DPS:
             return f"the gyro reads {check.value:.0f} deg/s while the vehicle stands still"
-        if why := frozen.hopeless(check):
+        if why := frozen.unusable(check):
             return why
     return ""
 
@@ -296,7 +296,7 @@ def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
     severity = about.bad if check.verdict == "bad" else about.warn
     value = check.value if isinstance(check.value, (int, float)) else None
     means = about.means
-    if hopeless([check]):
+    if unusable([check]):
         means = "Nothing below is judged: filters would show how they cope with this gyro, not how good they are."
     elif check.name == "gyro bias" and severity == "error":
         severity = "warning"

@@ -26,10 +26,10 @@ def answerable(log: FlightLog, case: Case | None) -> list[Answerable]:
         return [Answerable(q, False, reason, "" if setting in reason else setting) for q in ASKED]
     if fault := case.reference.gyro_fault:
         return [Answerable(q, False, as_sentence(fault)) for q in ASKED]
-    return [_told(q, ask(case, q), case) for q in ASKED]
+    return [_answerable(q, ask(case, q), case) for q in ASKED]
 
 
-def _told(question: str, found: Possible, case: Case) -> Answerable:
+def _answerable(question: str, found: Possible, case: Case) -> Answerable:
     reason = as_sentence("; ".join(found.found or found.why))
     return Answerable(question, found.can, reason, "" if found.can else setting(question, found.codes, case))
 

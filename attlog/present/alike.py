@@ -10,10 +10,10 @@ from attlog.result import Alike, Result
 def alike(result: Result) -> list[str]:
     """A sentence for each group of rows that share an equation or their attitudes."""
     names = {row.name: name_in_sentence(row) for row in result.estimators}
-    return [said(group, [names.get(row, row) for row in group.rows]) for group in result.alike]
+    return [likeness_sentence(group, [names.get(row, row) for row in group.rows]) for group in result.alike]
 
 
-def said(group: Alike, names: list[str]) -> str:
+def likeness_sentence(group: Alike, names: list[str]) -> str:
     """The sentence for one group."""
     which = listed(names)
     values = [f"{name} ({', '.join(_short(v) for v in told)})" for name, told in group.differ.items()]

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 def gyro_bias(result: Result) -> list[str]:
     """A sentence for each replayed IMU: how much was taken off its gyro and where that is from, or why nothing was."""
     several = len(result.gyro_bias) > 1
-    return [(f"{bias.imu}: " if several else "") + said(bias) for bias in result.gyro_bias]
+    return [(f"{bias.imu}: " if several else "") + bias_sentence(bias) for bias in result.gyro_bias]
 
 
-def said(bias: CommonBias) -> str:
+def bias_sentence(bias: CommonBias) -> str:
     """The sentence for one IMU."""
     if bias.dps is None:
         why = f": {bias.why}" if bias.why else " (--gyro-bias none)"

@@ -39,10 +39,10 @@ class ProblemText:
 
 def problems(result: Result) -> list[ProblemText]:
     """What is wrong with a log as it is shown."""
-    return said(result.problems)
+    return problem_texts(result.problems)
 
 
-def said(found: Iterable[Problem]) -> list[ProblemText]:
+def problem_texts(found: Iterable[Problem]) -> list[ProblemText]:
     """Problems, the worst first, equal sentences once with their count."""
     order = {name: i for i, name in enumerate(SEVERITY)}
     gathered: dict[tuple[str, str], ProblemText] = {}
@@ -60,9 +60,9 @@ def more(problem: Problem) -> tuple[tuple[str, str], ...]:
     return tuple((label, text) for label, text in known if text)
 
 
-def nothing_wrong(said: list[ProblemText], hidden: int = 0) -> str:
+def nothing_wrong(problem_texts: list[ProblemText], hidden: int = 0) -> str:
     """What stands where no problem is listed; ``hidden`` notes are not."""
-    if said:
+    if problem_texts:
         return ""
     return (
         f"No problem was found; {hidden} notes with -v."
@@ -81,5 +81,5 @@ def where(problem: Problem) -> str:
     if (t := shown_time(problem)) is not None:
         told = any(f" {t:.{k}f} s" in problem.text for k in (0, 1))  # not twice
         return "" if told else f"at {moment(t)}"
-    said = problem.offset is None or str(problem.offset) in problem.text
-    return "" if said else f"at byte {problem.offset:,}"
+    problem_texts = problem.offset is None or str(problem.offset) in problem.text
+    return "" if problem_texts else f"at byte {problem.offset:,}"

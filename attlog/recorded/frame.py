@@ -84,7 +84,7 @@ def _quaternions(table: Columns, rows: NDArray[np.int64], angles: str) -> Iterat
 
 def chosen(path: Path, t: Array, found: list[FrameCandidate], imu: Imu) -> FrameFit:
     """The reading that gyro and gravity agree with. UsageError where none does, or two do and they are not the same."""
-    measured = [(c, _rates_apart(t, c.q, imu), _force(t, c.q, imu)) for c in found]
+    measured = [(c, _rate_difference(t, c.q, imu), _force(t, c.q, imu)) for c in found]
     upright = [m for m in measured if m[2] is None or m[2] <= TILT_DEG]
     moves = [m for m in upright if m[1] is not None]
     if moves:
@@ -144,7 +144,7 @@ def _why(measured: list[tuple[FrameCandidate, float | None, float | None]], move
     )
 
 
-def _rates_apart(t: Array, q: Array, imu: Imu) -> float | None:
+def _rate_difference(t: Array, q: Array, imu: Imu) -> float | None:
     """How far the turning of the attitude is from the gyro's, over its size; None where the vehicle hardly turns."""
     step = max(1, round(INTERVAL_S / max(float(np.median(np.diff(t))), 1e-4))) if len(t) > 1 else 1
     first = np.arange(0, len(t) - step, max(step, len(t) // MANY))

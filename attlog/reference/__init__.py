@@ -1,7 +1,7 @@
 """What attitudes are compared with, and how the comparison is made fair."""
 
 from attlog.reference.choose import choose
-from attlog.reference.declination import seen_deg
+from attlog.reference.declination import measured_deg
 from attlog.reference.heading_references import heading_references
 from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, Row
 from attlog.reference.options import ReferenceOptions
@@ -9,7 +9,7 @@ from attlog.reference.physics.contradiction import ReferenceCheck, contradicted
 from attlog.reference.physics.sensor_faults import FRAME
 from attlog.reference.rows import onboard_rows, replayed
 from attlog.reference.smoothed import NAME as SMOOTHER
-from attlog.reference.smoothed import foreseen, joined, not_smoothed, pieces, sigma_deg
+from attlog.reference.smoothed import expected_reference, joined, not_smoothed, pieces, sigma_deg
 
 __all__ = [
     "FRAME",
@@ -23,13 +23,13 @@ __all__ = [
     "Row",
     "choose",
     "contradicted",
-    "foreseen",
+    "expected_reference",
     "heading_references",
     "joined",
+    "measured_deg",
     "not_smoothed",
     "onboard_rows",
     "pieces",
     "replayed",
-    "seen_deg",
     "sigma_deg",
 ]

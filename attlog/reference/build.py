@@ -145,7 +145,7 @@ def _reset_text(sentences: list[str]) -> str:
 
 def _north(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[AlignmentStep]:
     """The declination, and where this reference sees magnetic north."""
-    seen = declination.seen_deg(log, reference)
+    seen = declination.measured_deg(log, reference)
     if seen is None:
         return [north]
     text = f"the measured field, turned by {reference.source}, points this far east of its north (median)"

@@ -63,7 +63,7 @@ def step(log: FlightLog, option: str | float) -> tuple[float | None, AlignmentSt
     return None, AlignmentStep("declination", text, None, "deg", "", False, "config: declination")
 
 
-def seen_deg(log: FlightLog, reference: Reference) -> float | None:
+def measured_deg(log: FlightLog, reference: Reference) -> float | None:
     """Direction in deg in which the reference, turning the measured field to earth, sees magnetic north.
 
     The circular median over the log, outside unscored time. With truth as the

@@ -147,7 +147,7 @@ def _judge(row: Row, segments: Segments, reference: Reference) -> None:
         row.status = "diverged"
         limit = f"{scoring.DIVERGED_HEADING_DEG:.0f} deg for {scoring.DIVERGED_HEADING_S:.0f} s or half of the time"
         row.reason = f"heading error above {limit} from {turned:.1f} s"
-    elif row.convergence_s is None and scoring.can_be_seen(errors):
+    elif row.convergence_s is None and scoring.convergence_observable(errors):
         row.status = "not_converged"
         seen = min(float(errors.t[-1]) - row.start, scoring.CONVERGED_LIMIT_S)
         row.reason = f"had not settled {seen:.0f} s after its start"

@@ -132,7 +132,7 @@ def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments
     return float(attitude.t[jumped[-1]]) if len(jumped) else None
 
 
-def can_be_seen(errors: AttitudeErrors) -> bool:
+def convergence_observable(errors: AttitudeErrors) -> bool:
     """Whether there are 5 s without a break long enough to end an estimate: else nothing tells that a row converged."""
     whole = gaps.slices(np.ones(len(errors.t), bool), _unbroken(errors))
     return any(np.ptp(errors.t[part]) >= CONVERGED_S for part in whole)
@@ -151,7 +151,7 @@ def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> f
     One-sided: a filter that starts right and is pushed off later has converged at 0 s.
     """
     later = errors.scored if errors.scored.any() else np.ones(len(errors.t), bool)
-    if not can_be_seen(errors):
+    if not convergence_observable(errors):
         return None
     good = errors.inclination <= np.median(errors.inclination[later]) + CONVERGED_TILT_DEG
     if with_heading:

@@ -87,7 +87,7 @@ def not_smoothed(log: FlightLog, segments: Segments) -> str:
     return f"it needs {SECONDS[0]:.0f} s without a gap, an impact or a loss of control"
 
 
-def foreseen(log: FlightLog, segments: Segments, chosen: Reference) -> str:
+def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) -> str:
     """What an analysis will compare with, before any smoother ran; ``chosen`` is the reference without one."""
     otherwise = {"truth": "the logged truth", "onboard": f"the onboard attitude ({chosen.source})"}.get(
         chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.fault else "nothing"
@@ -194,7 +194,7 @@ def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None
     return float(np.sqrt(np.mean(used))) if len(used) else float("nan")
 
 
-def apart_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
+def differences_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
     """Tilt, and heading with its sign, of attitudes (n, 4) at ``t`` against a reference, deg; NaN where it has none."""
     own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
     e = rotation.error(q, own)
@@ -218,7 +218,7 @@ def contradicts(reference: Reference, onboard: Reference) -> str:
     """Why a smoother refuses an onboard attitude: its tilt is elsewhere, by far and for long; empty where it is not."""
     if reference.sigma_tilt_deg is None:
         return ""
-    tilt, _ = apart_deg(reference, onboard.t, onboard.q)
+    tilt, _ = differences_deg(reference, onboard.t, onboard.q)
     counted = np.isfinite(tilt) & scoring.scored(onboard, onboard.t)
     sigma = np.interp(onboard.t, reference.t, reference.sigma_tilt_deg)
     wrong = counted & (tilt > np.maximum(WRONG_DEG, WRONG_SIGMAS * sigma))
@@ -242,7 +242,7 @@ def with_heading_of(reference: Reference, onboard: Reference | None) -> Referenc
         return reference
     why = f"the smoother's own heading sigma is {sigma_deg(reference, 'heading'):.1f} deg"
     step = AlignmentStep("heading_by", f"{why}: no heading is compared", source="nobody")
-    heading = np.zeros(0) if onboard is None else apart_deg(reference, onboard.t, onboard.q)[1]
+    heading = np.zeros(0) if onboard is None else differences_deg(reference, onboard.t, onboard.q)[1]
     known = np.isfinite(heading)
     if onboard is None or np.count_nonzero(known) < 2:
         steps = [*reference.steps[:2], step, *reference.steps[2:]]

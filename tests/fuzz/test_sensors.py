@@ -121,7 +121,7 @@ def test_what_judges_after_any_fault_of_a_sensor_is_right(name: str, sensor: str
 def test_what_info_foresees_of_a_gyro_that_is_wrong_is_what_analyze_does() -> None:
     case = prepared(faulty(opened(PX4), "gyro", "one axis reversed"))
     assert case.reference.kind == "onboard"
-    assert "no smoother: the logged gyro" in smoothed.foreseen(case.log, case.segments, case.reference)
+    assert "no smoother: the logged gyro" in smoothed.expected_reference(case.log, case.segments, case.reference)
     assert not any(answer.can for answer in answerable(case.log, case))
     sound = prepared(opened(PX4))
     assert any(answer.can for answer in answerable(sound.log, sound))

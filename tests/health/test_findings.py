@@ -11,7 +11,7 @@ import pytest
 from attlog import health
 from attlog.flight.model import FlightLog, Problem
 from attlog.flight.remedies import GENERAL
-from attlog.health.findings import ABOUT, OpenQuestion, findings, hopeless
+from attlog.health.findings import ABOUT, OpenQuestion, findings, unusable
 from attlog.health.model import Check, not_judged
 from tests.conftest import ROOT
 from tests.health.test_health import good
@@ -83,8 +83,8 @@ def test_checks_that_could_not_be_made_and_open_questions_are_one_entry_each(log
 
 
 def test_a_gyro_is_hopeless_from_ten_degrees_a_second_on(log: FlightLog) -> None:
-    assert hopeless([check("gyro bias", value=9.9)]) == ""
-    assert "-24 deg/s" in hopeless([check("gyro bias", value=-24.3)])
+    assert unusable([check("gyro bias", value=9.9)]) == ""
+    assert "-24 deg/s" in unusable([check("gyro bias", value=-24.3)])
     (one,) = findings(log, [check("gyro bias", value=-24.3)])
     assert one.severity == "error"
     assert "Nothing below is judged" in one.means

@@ -10,7 +10,7 @@ import pytest
 from attlog import segments
 from attlog.base import earth, rotation
 from attlog.flight.model import Gnss, Mag, Stream
-from attlog.reference import Reference, ReferenceOptions, choose, declination, floor, seen_deg
+from attlog.reference import Reference, ReferenceOptions, choose, declination, floor, measured_deg
 from attlog.reference.physics import delay
 
 from .flights import RATE, SECONDS, ardupilot, attitude_at, flight, sampled
@@ -106,7 +106,7 @@ def test_the_declination_seen_is_where_the_reference_turns_the_field_to():
     log.mags = [Mag(0, Stream(t, rotation.rotate_inverse(attitude_at(t), north), "T", "FRD", "MAG:0"))]
     log.mag = 0
     reference = chosen(log)
-    assert seen_deg(log, reference) == pytest.approx(12.0, abs=0.05)
+    assert measured_deg(log, reference) == pytest.approx(12.0, abs=0.05)
     assert "points this far east" in text_of(reference, "declination_seen")
 
 

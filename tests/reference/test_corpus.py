@@ -12,7 +12,7 @@ import attlog
 from attlog import segments
 from attlog.base.errors import AttlogError
 from attlog.flight.model import FlightLog
-from attlog.reference import Reference, ReferenceOptions, choose, heading_references, onboard_rows, seen_deg
+from attlog.reference import Reference, ReferenceOptions, choose, heading_references, measured_deg, onboard_rows
 from tests.conftest import corpus_logs, corpus_root
 
 ROOT = corpus_root()
@@ -58,7 +58,7 @@ def test_onboard_errors_are_those_of_the_manifest(row):
 def test_the_declination_seen_by_truth_is_the_simulators(row):
     log, found, reference = flown(row)
     true = float(row["declination_true"])
-    assert seen_deg(log, reference) == pytest.approx(true, abs=0.5)
+    assert measured_deg(log, reference) == pytest.approx(true, abs=0.5)
     assert reference.declination_deg == pytest.approx(true, abs=2.2)
     heading = heading_references(log, found, reference)["mag"].heading_deg - reference.declination_deg + true
     heading_reference = heading_references(log, found, reference)["mag"]

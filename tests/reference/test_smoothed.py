@@ -22,7 +22,7 @@ from attlog.reference import (
     ReferenceOptions,
     choose,
     contradicted,
-    foreseen,
+    expected_reference,
     heading_references,
     onboard_rows,
     sigma_deg,
@@ -293,7 +293,7 @@ def test_too_short_and_too_long_logs_are_not_smoothed(runs) -> None:
     short = Segments([Segment("impact", 12.0, 13.0)])
     with pytest.raises(UsageError, match="needs 20 s without a gap"):
         replay.smoother(log, short, ReferenceOptions())
-    assert "onboard attitude (ATT) (no smoother: it needs 20 s" in foreseen(log, short, choose(log, short))
+    assert "onboard attitude (ATT) (no smoother: it needs 20 s" in expected_reference(log, short, choose(log, short))
     imu = log.imus[0]
     for stream in (imu.gyro, imu.acc):
         stream.t = stream.t * 40.0
@@ -344,11 +344,11 @@ def test_filters_that_agree_against_a_smoother_refuse_it_for_the_onboard_attitud
 def test_what_an_analysis_would_compare_with_is_foreseen_without_running_it() -> None:
     log = flight()
     phases = segments.build(log)
-    told = foreseen(log, phases, choose(log, phases))
+    told = expected_reference(log, phases, choose(log, phases))
     assert told.startswith("the smoother, aided by gravity alone")
     assert "else the onboard attitude (ATT)" in told
     truth = flight(truth_hz=50.0)
-    assert foreseen(truth, phases, choose(truth, phases)) == "the logged truth."
+    assert expected_reference(truth, phases, choose(truth, phases)) == "the logged truth."
     assert sampled(20.0).source in told
 
 

@@ -76,8 +76,8 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
     from attlog.cli.shared.terminal import wrong
     from attlog.flight.model import Problem
     from attlog.metrics.evidence.common_bias import CommonBias
-    from attlog.present.gyro_bias import said as said_bias
-    from attlog.present.problems import said
+    from attlog.present.gyro_bias import bias_sentence as said_bias
+    from attlog.present.problems import problem_texts
 
     yield from _head(report["log"], width)
     checks = [(c["name"], WORDS[c["verdict"]], c["text"]) for c in report["audit"]]
@@ -94,7 +94,7 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
         yield from _part("Compared with", [("reference", "", report["compared_with"])], width, [""])
     yield Line("")
     found = [Problem(**p) for p in report["problems"] if verbose or p["severity"] != "info"]
-    yield from wrong(said(found), str, width, verbose=True)
+    yield from wrong(problem_texts(found), str, width, verbose=True)
     messages = [
         (
             m["name"] + (f".{m['instance']}" if m["instance"] else ""),

@@ -51,11 +51,11 @@ def command(words: SettingWords, options: ComparisonOptions, common: CommonOptio
     from attlog.compare.configurations.configuration import parse
     from attlog.compare.sweep import many
     from attlog.compare.sweep import text as sweep_words
-    from attlog.compare.sweep.arguments import told_apart
+    from attlog.compare.sweep.arguments import search_request
     from attlog.compare.sweep.grid import grid, like_decimal_commas
     from attlog.compare.sweep.sweep import sweep
 
-    asked = told_apart(words, EXAMPLE)
+    asked = search_request(words, EXAMPLE)
     base = parse(asked.filter)
     metrics = metric or METRICS
     all_problems(lambda: grid(asked.axes, base.row.estimator), lambda: many.wanted(metrics))

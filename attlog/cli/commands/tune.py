@@ -66,13 +66,13 @@ def command(
     from attlog.compare.configurations.configuration import parse
     from attlog.compare.configurations.firmware_names import firmware_names
     from attlog.compare.sweep import many
-    from attlog.compare.sweep.arguments import told_apart
+    from attlog.compare.sweep.arguments import search_request
     from attlog.compare.tune import text as tune_words
     from attlog.compare.tune.objective import objective as terms_of
     from attlog.compare.tune.search import free_parameters
     from attlog.compare.tune.tune import GENERATIONS, tune
 
-    asked = told_apart(words, EXAMPLE)
+    asked = search_request(words, EXAMPLE)
     base = parse(asked.filter)
     uses_mag = "mag" in base.row.estimator.uses and base.before.get("mag") != "off"
     goals = objective or ["tilt=1,heading=1" if uses_mag else "tilt=1"]

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from attlog import estimators
 from attlog.base.errors import UsageError, suggestion
-from attlog.compare.configurations.settings import SETTINGS, Value, said, written
+from attlog.compare.configurations.settings import SETTINGS, Value, setting_text, written
 from attlog.estimators.base import Estimator
 from attlog.estimators.spelling import cut_by_comma, number_spelled
 
@@ -129,8 +129,8 @@ def checked(estimator: Estimator, key: str, value: object) -> float | str:
         found = WITH_UNIT.fullmatch(value.strip())
         if found is not None and found[2] != parameter.unit:
             wanted = f"is given in {parameter.unit}" if parameter.unit else "has no unit"
-            said = number_spelled(key, value) or f"{key} {wanted}, not in {found[2]}"
-            raise UsageError(f"{estimator.name}: {key}={value}: {said}")
+            hint = number_spelled(key, value) or f"{key} {wanted}, not in {found[2]}"
+            raise UsageError(f"{estimator.name}: {key}={value}: {hint}")
         value = found[1] if found is not None else value
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise UsageError(f"{estimator.name}: {key}={value!r} is of the wrong type; give a number or a word")
@@ -170,7 +170,7 @@ def labels(configurations: Sequence[Configuration]) -> dict[str, str]:
 
 def _parts(c: Configuration) -> list[str]:
     gains = [f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in c.row.params.items()]
-    return gains + [said(name, value) for name, value in c.before.items()]
+    return gains + [setting_text(name, value) for name, value in c.before.items()]
 
 
 def _together(before: Mapping[str, Value]) -> None:

@@ -141,7 +141,7 @@ def written(name: str, value: Value) -> str:
     return f"{name}={value if isinstance(value, str) else '/'.join(f'{x:g}' for x in value)}"
 
 
-def said(name: str, value: Value) -> str:
+def setting_text(name: str, value: Value) -> str:
     """A setting for people: ``low-pass 20 Hz``, ``no magnetometer``."""
     if name == "mag":
         return "no magnetometer" if value == "off" else "magnetometer"

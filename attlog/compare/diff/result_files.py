@@ -52,7 +52,7 @@ def loaded(path: Path) -> Result:
 
 def _of_folder(folder: Path, wrong: list[AttlogError]) -> dict[str, Result]:
     """The results below a folder by their path in it; other JSON files are not meant."""
-    meant = [p for p in sorted(folder.rglob("*.json")) if os.path.isfile(p) and _is_meant(p)]
+    meant = [p for p in sorted(folder.rglob("*.json")) if os.path.isfile(p) and _is_result_file(p)]
     if not meant:
         raise LogUnreadable(f"{folder}: is a folder without a result of attlog analyze (*.json)")
     results: dict[str, Result] = {}
@@ -64,7 +64,7 @@ def _of_folder(folder: Path, wrong: list[AttlogError]) -> dict[str, Result]:
     return results
 
 
-def _is_meant(path: Path) -> bool:
+def _is_result_file(path: Path) -> bool:
     try:
         with open(path, "rb") as file:
             return SCHEMA_NAME.encode() in file.read(HEAD)

@@ -37,7 +37,7 @@ def lines(differences: Sequence[RunDifference], alone: Sequence[tuple[str, str]]
         yield clean(f"{d.name}: {summary(d)}")
         for title, entries in _settings(d):
             yield f"  {title}"
-            yield from (f"    {text}" for text in _limited([_told(e) for e in entries], everything))
+            yield from (f"    {text}" for text in _limited([_entry_line(e) for e in entries], everything))
         rows, left = _numbers(d, everything)
         yield from _aligned(rows)
         if left:
@@ -51,7 +51,7 @@ def markdown(differences: Sequence[RunDifference], alone: Sequence[tuple[str, st
     for d in differences:
         yield from (f"### {escaped(d.name)}", "", escaped(summary(d)), "")
         for title, entries in _settings(d):
-            texts = _limited([_told(e) for e in entries], everything)
+            texts = _limited([_entry_line(e) for e in entries], everything)
             yield from (f"**{title}**", "", *(f"- {escaped(text)}" for text in texts), "")
         rows, left = _numbers(d, everything)
         if len(rows) > 1:
@@ -129,7 +129,7 @@ def _value(value: float | None, ci95: tuple[float, float] | None, unit: str) -> 
     return " ".join(x for x in (quantity(value, unit, signed=None), half_width(ci95, unit)) if x)
 
 
-def _told(entry: TextChange | str) -> str:
+def _entry_line(entry: TextChange | str) -> str:
     if isinstance(entry, str):
         return clean(entry)
     ends = entry.old, entry.new

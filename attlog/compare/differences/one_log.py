@@ -97,7 +97,7 @@ def read_off(
         found.cells[question.id] = {row.name: _cell(row, answers[row.name], window) for row in rows}
         better = result.definitions.get(metric, {}).get("better", "low")
         found.beside[question.id] = {
-            row.name: _beside(
+            row.name: _differences(
                 found.line.name, first, row, answers[first.name], answers[row.name], better, window, question.scale
             )
             for row in rows[1:]
@@ -129,7 +129,7 @@ def _cell(row: EstimatorRow, answer: Answer | None, window: str) -> Configuratio
     )
 
 
-def _beside(
+def _differences(
     log: str,
     first: EstimatorRow,
     row: EstimatorRow,

@@ -8,7 +8,7 @@ The subject of a lead is who is better; where nothing is told apart that is said
 from __future__ import annotations
 
 from attlog.compare.differences.comparison import Comparison, ConfigurationSentences
-from attlog.compare.differences.wording import DirectedDifference, clause, seen
+from attlog.compare.differences.wording import DirectedDifference, clause, directed
 from attlog.present.contest import BY_ITSELF
 from attlog.present.names import AGREEMENT
 from attlog.present.numbers import counted, listed
@@ -26,10 +26,10 @@ STATUS = {
 
 def verdicts(found: Comparison) -> list[ConfigurationSentences]:
     """The sentences of a comparison, one entry for each configuration after the first."""
-    return [_said(found, c.name) for c in found.configurations[1:]]
+    return [_sentences(found, c.name) for c in found.configurations[1:]]
 
 
-def _said(found: Comparison, name: str) -> ConfigurationSentences:
+def _sentences(found: Comparison, name: str) -> ConfigurationSentences:
     called = {c.name: c.label for c in found.configurations}
     first = found.configurations[0].name
     a, b, lost = called[first], called[name], _lost(found, name)
@@ -37,7 +37,7 @@ def _said(found: Comparison, name: str) -> ConfigurationSentences:
         view
         for q in found.questions
         for c in q.contrasts
-        if q.main and c.configuration == name and c.over is not None and (view := seen(q, c.over)) is not None
+        if q.main and c.configuration == name and c.over is not None and (view := directed(q, c.over)) is not None
     ]
     if not views:
         return ConfigurationSentences(name, f"{b} and {a} cannot be compared: {_why(found, name)}.", lost)

@@ -54,7 +54,7 @@ class DirectedDifference:
         return -x if x else 0.0
 
 
-def seen(question: Question, found: LogDifference | PooledDifference) -> DirectedDifference | None:
+def directed(question: Question, found: LogDifference | PooledDifference) -> DirectedDifference | None:
     """A difference as the second configuration sees it; None where there is none."""
     if found.value is None:
         return None

@@ -91,7 +91,7 @@ def judge(gates: Gates, result: Result, baselines: Mapping[Path, Baseline] | Non
     for gate in gates.gates:
         baseline = (baselines or {}).get(gate.baseline) if gate.baseline is not None else None
         beside = "no baseline was given" if baseline is None else baseline.of(result.log)
-        meant, unmatched = gate_rows.meant(rows, gate.filters)
+        meant, unmatched = gate_rows.selected(rows, gate.filters)
         if gate.filters is None and not meant:
             unmatched = ["*"]
         for limit in gate.limits:
@@ -101,7 +101,7 @@ def judge(gates: Gates, result: Result, baselines: Mapping[Path, Baseline] | Non
                 found.append(_without_value(gate, limit, pattern, "no_row", text))
             found += [_of_limit(gate, limit, row, rows, beside) for row in meant]
     if gates.strict:
-        found += [_of_row(row) for row in gate_rows.meant(rows, None)[0]]
+        found += [_of_row(row) for row in gate_rows.selected(rows, None)[0]]
     return worst_first(found)
 
 

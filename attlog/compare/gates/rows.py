@@ -13,7 +13,7 @@ BASELINES = ("gyro", "accel_mag")
 WILD = frozenset("*?[")
 
 
-def meant(rows: Sequence[EstimatorRow], filters: Iterable[str] | None) -> tuple[list[EstimatorRow], list[str]]:
+def selected(rows: Sequence[EstimatorRow], filters: Iterable[str] | None) -> tuple[list[EstimatorRow], list[str]]:
     """The rows that patterns name, each once, in the order of the table; and the patterns that name none.
 
     A pattern means a row's whole name or what stands before ``/imuN`` in it. Onboard attitudes, baselines and the

@@ -49,7 +49,7 @@ def measured(
     unit, sign, shown = answer.unit, _with(answer.unit), quantity(answer.value, answer.unit)
     if limit.kind in ("min", "max"):
         word = "least" if limit.kind == "min" else "most"
-        value = apart(float(answer.value or 0.0), limit.value, shown, sign)
+        value = beyond_limit_text(float(answer.value or 0.0), limit.value, shown, sign)
         return f"{row}: {metric} {value} ({window}), at {word} {limit.value:g}{sign}"
     what = "onboard" if limit.against == "onboard" else "the baseline"
     text = f"{row}: {metric} {shown} ({window}), {what} {quantity(None if other is None else other.value, unit)}"
@@ -57,7 +57,7 @@ def measured(
         text += f": {_ratio(told.size, told.other, limit.value)}, at most {limit.value:g} times"
     elif "above" in limit.kind:
         more = told.size - (told.other or 0.0)
-        text += f": {apart(more, limit.value, f'{more:+.3g}{sign}', sign)}, at most {limit.value:+g}{sign}"
+        text += f": {beyond_limit_text(more, limit.value, f'{more:+.3g}{sign}', sign)}, at most {limit.value:+g}{sign}"
     else:
         text += ": not to be worse" if told.passed else ": worse"
     return text + (" (not told from it by the evidence)" if told.excused else "")
@@ -66,10 +66,10 @@ def measured(
 def _ratio(size: float, other: float | None, limit: float) -> str:
     if not other:
         return "nothing to divide by"
-    return apart(size / other, limit, f"{size / other:.2f}", "") + " times"
+    return beyond_limit_text(size / other, limit, f"{size / other:.2f}", "") + " times"
 
 
-def apart(value: float, limit: float, text: str, unit: str) -> str:
+def beyond_limit_text(value: float, limit: float, text: str, unit: str) -> str:
     """The text of a value; with as many digits as it takes to see on which side of the limit its size lies."""
     size = abs(value)
     if size == limit or abs(size - limit) > 0.1 * limit:

@@ -20,7 +20,7 @@ class SearchRequest:
     axes: list[str]
 
 
-def told_apart(words: Sequence[str], example: str) -> SearchRequest:
+def search_request(words: Sequence[str], example: str) -> SearchRequest:
     """``LOG... FILTER NAME=VALUES...``: an axis is NAME=... that is no file, the filter is the last of the others.
 
     UsageError with the ``example`` where logs or filter are missing.

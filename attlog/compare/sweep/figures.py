@@ -11,7 +11,7 @@ import numpy as np
 
 from attlog.compare.sweep.grid import GridAxis
 from attlog.compare.sweep.sweep import Sweep, SweepColumn
-from attlog.compare.sweep.text import beside_text, named
+from attlog.compare.sweep.text import difference_text, named
 from attlog.present.numbers import number, quantity, unit_sign
 from attlog.report.figures.figure import PageFigure, listed
 
@@ -125,7 +125,7 @@ def _at_best(others: str) -> str:
 def _words(s: Sweep, c: SweepColumn, k: int) -> str:
     """What the pointer is told of a setting."""
     value = quantity(float(c.score[k]), c.metric.unit, False) or "no value"
-    return f"{named(s.settings[k])}: {value}, {beside_text(c.beside[k], c.metric.unit)}"
+    return f"{named(s.settings[k])}: {value}, {difference_text(c.beside[k], c.metric.unit)}"
 
 
 def _described(s: Sweep, c: SweepColumn) -> str:

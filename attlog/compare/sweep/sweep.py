@@ -116,7 +116,7 @@ def column(metric: SweptMetric, cells: Sequence[Sequence[SettingResult]]) -> Swe
         if best is None
         else [
             k
-            for k, b in enumerate(_beside_on_log(metric, [row[j] for row in cells], best)[:-1])
+            for k, b in enumerate(_differences_on_log(metric, [row[j] for row in cells], best)[:-1])
             if not b.told and math.isfinite(sizes[k, j])
         ]
         for j, best in enumerate(own)
@@ -124,7 +124,7 @@ def column(metric: SweptMetric, cells: Sequence[Sequence[SettingResult]]) -> Swe
     used = usable(sizes)
     score = np.mean(sizes[:, used], axis=1) if used else np.full(len(cells), math.nan)
     single = lowest(score[:-1])
-    beside = [] if single is None else _beside(metric, [[row[j] for j in used] for row in cells], single)
+    beside = [] if single is None else _differences(metric, [[row[j] for j in used] for row in cells], single)
     nothing = SettingDifference("ratio", None, None, False, "no setting has a value on every log")
     left_out = {j: _why(metric, [row[j] for row in cells]) for j in range(sizes.shape[1]) if j not in used}
     return SweepColumn(metric, values, own, own_near, score, single, beside or [nothing] * len(cells), used, left_out)
@@ -151,14 +151,14 @@ def lowest(sizes: Array) -> int | None:
     return None if not np.isfinite(sizes).any() else int(np.nanargmin(sizes))
 
 
-def _beside(metric: SweptMetric, cells: Sequence[Sequence[SettingResult]], best: int) -> list[SettingDifference]:
+def _differences(metric: SweptMetric, cells: Sequence[Sequence[SettingResult]], best: int) -> list[SettingDifference]:
     """Every setting next to the best, over all logs."""
     if len(cells[best]) == 1:
-        return _beside_on_log(metric, [row[0] for row in cells], best)
+        return _differences_on_log(metric, [row[0] for row in cells], best)
     found: list[tuple[SettingDifference, float]] = []
     for row in cells:
         found.append(over_logs(metric, cells[best], row))
-    return _told(found)
+    return _significant(found)
 
 
 def over_logs(
@@ -195,7 +195,7 @@ def whole(
     return "difference", b - a, None, b - a
 
 
-def _beside_on_log(metric: SweptMetric, cells: Sequence[SettingResult], best: int) -> list[SettingDifference]:
+def _differences_on_log(metric: SweptMetric, cells: Sequence[SettingResult], best: int) -> list[SettingDifference]:
     """Every setting next to the best of one log."""
     found: list[tuple[SettingDifference, float]] = []
     for cell in cells:
@@ -204,7 +204,7 @@ def _beside_on_log(metric: SweptMetric, cells: Sequence[SettingResult], best: in
             found.append((SettingDifference("ratio", None, None, False, p), 1.0))
         else:
             found.append((_shown(p.scale, p.value, p.ci95), 1.0 if p.p is None or p.direction == "same" else p.p))
-    return _told(found)
+    return _significant(found)
 
 
 def _pair(metric: SweptMetric, best: SettingResult, other: SettingResult) -> PairedDifference | str:
@@ -222,7 +222,7 @@ def _shown(scale: str, value: float, ci95: tuple[float, float] | None) -> Settin
     )
 
 
-def _told(found: Sequence[tuple[SettingDifference, float]]) -> list[SettingDifference]:
+def _significant(found: Sequence[tuple[SettingDifference, float]]) -> list[SettingDifference]:
     """The claims that stand together: worse, with the interval of the difference on that side."""
     stand = pairs.told_apart(np.array([p for _, p in found]))
     neutral = {"ratio": 1.0}

@@ -68,7 +68,7 @@ def _of(s: Sweep, c: SweepColumn) -> Iterator[str]:
         yield "All others are told to be worse, or have no value on some log."
     beside = c.beside[s.base]
     if beside.value is not None:
-        yield f"The filter as it is: {beside_text(beside, unit)}."
+        yield f"The filter as it is: {difference_text(beside, unit)}."
     edges = at_edge(s, c.single)
     if {*c.near, c.single, s.base} >= set(range(len(s.settings))):
         edges = []  # which end is best is chance
@@ -103,7 +103,7 @@ def at_edge(s: Sweep, best: int) -> list[str]:
     return found
 
 
-def beside_text(b: SettingDifference, unit: str) -> str:
+def difference_text(b: SettingDifference, unit: str) -> str:
     """A setting beside the best: ``27 % worse (15 to 41 %)``, ``not told apart``, or why they are not compared."""
     if b.value is None:
         return b.why or "no value"
@@ -143,7 +143,7 @@ def rows(s: Sweep) -> tuple[list[str], list[list[str]]]:
         setting = s.settings[k]
         values = [value_text(setting.get(a.name, AS_IS)) for a in s.grid.axes]
         scores = [digits(float(c.score[k])) for c in s.columns]
-        beside = "best" if k == first.single else beside_text(first.beside[k], first.metric.unit)
+        beside = "best" if k == first.single else difference_text(first.beside[k], first.metric.unit)
         found.append([*values, *scores, beside])
     return head, found
 

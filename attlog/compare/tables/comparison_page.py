@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from attlog.base.plain import plain
 from attlog.compare.differences.comparison import Comparison, LogDifference, PooledDifference, Question
-from attlog.compare.differences.wording import scale_title, seen, signed, span
+from attlog.compare.differences.wording import directed, scale_title, signed, span
 from attlog.compare.tables.table import ComparisonTable, tables
 from attlog.report import shell
 from attlog.report.bundle import bundle
@@ -89,7 +89,7 @@ def _forest(found: Comparison, question: Question, number: int) -> PageFigure:
         if c.over is not None and c.over.logs > 1:
             places.append((c.over, len(logs), "all logs"))
         for one, line, name in places:
-            view = seen(question, one)
+            view = directed(question, one)
             if view is None:
                 continue
             ends: list[float | None] | None = list(one.ci95) if one.ci95 is not None else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from attlog.compare.differences.comparison import Comparison, LogDifference, PooledDifference, Question
-from attlog.compare.differences.wording import favour, seen, signed, span, value
+from attlog.compare.differences.wording import directed, favour, signed, span, value
 from attlog.present.numbers import counted, unit_sign
 
 
@@ -42,7 +42,11 @@ def _table(found: Comparison, question: Question, name: str) -> ComparisonTable:
         if beside.value is None:
             values = tuple(cells[n].value if n in cells else None for n in (first, name))  # type: ignore[assignment]
         rows.append(
-            (beside.log, *(value(v, question) for v in values), *_told(question, beside, called[first], called[name]))
+            (
+                beside.log,
+                *(value(v, question) for v in values),
+                *_difference_cells(question, beside, called[first], called[name]),
+            )
         )
         reasons.append(beside.reason)
     if contrast.over is not None and contrast.over.logs > 1:
@@ -52,14 +56,16 @@ def _table(found: Comparison, question: Question, name: str) -> ComparisonTable:
             if over.logs < len(found.logs)
             else f"all {over.logs} logs"
         )
-        rows.append((label, "", "", *_told(question, over, called[first], called[name])))
+        rows.append((label, "", "", *_difference_cells(question, over, called[first], called[name])))
         reasons.append("")
     return ComparisonTable(question, name, question.title, _caption(question), head, rows, reasons)
 
 
-def _told(question: Question, found: LogDifference | PooledDifference, first: str, second: str) -> tuple[str, str, str]:
+def _difference_cells(
+    question: Question, found: LogDifference | PooledDifference, first: str, second: str
+) -> tuple[str, str, str]:
     """Change, interval and who is told to be better by how much."""
-    view = seen(question, found)
+    view = directed(question, found)
     if view is None:
         return "", "", "–"
     if view.direction == "same":

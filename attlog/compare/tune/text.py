@@ -51,12 +51,12 @@ def judged_text(j: HeldOutScore) -> str:
     if b.ci95 is not None and b.ci95 == (b.value, b.value):
         return f"{j.metric.title} the same"
     change, ends = _change(b, j.metric.unit)
-    told = told_side(b)
+    told = significant_side(b)
     words = {-1: "closer to perfect", 1: "further from perfect", 0: "not told apart"}[told]
     return f"{j.metric.title} {change} {words}{ends}, {on}"
 
 
-def told_side(b: SettingDifference) -> int:
+def significant_side(b: SettingDifference) -> int:
     """-1 where the tuned filter is told to be better, 1 worse, 0 not told."""
     if b.value is None or b.ci95 is None:
         return 0
@@ -71,7 +71,7 @@ def _change(b: SettingDifference, unit: str, signed: bool = False) -> tuple[str,
         ends = "" if b.ci95 is None else f" ({number(b.ci95[0], unit, True)} to {number(b.ci95[1], unit, True)})"
         return quantity(b.value, unit, signed=True), ends
     value, low, high = (100.0 * (x - 1.0) for x in (b.value, *(b.ci95 or (b.value, b.value))))
-    if b.ci95 is None or signed or told_side(b) == 0:
+    if b.ci95 is None or signed or significant_side(b) == 0:
         ends = "" if b.ci95 is None else f" ({number(low, '%', True)} to {number(high, '%', True)} %)"
         return f"{number(value, '%', True)} %", ends
     a, z = sorted((abs(low), abs(high)))
@@ -88,9 +88,11 @@ def _sure(t: Tuning) -> str:
     weighed = [j for j in t.judged if j.weight > 0]
     fitted, left = (100.0 * (1.0 - math.exp(x)) for x in (t.found.cost, mean_left_out(t)))
     sizes = f"the objective {_moved(fitted)} where the gains were found and {_moved(left)} where they were not"
-    if any(told_side(j.beside) < 0 for j in weighed) and not any(told_side(j.beside) > 0 for j in weighed):
+    if any(significant_side(j.beside) < 0 for j in weighed) and not any(
+        significant_side(j.beside) > 0 for j in weighed
+    ):
         return f"Worth taking: {sizes}."
-    if any(told_side(j.beside) > 0 for j in weighed):
+    if any(significant_side(j.beside) > 0 for j in weighed):
         return f"To be weighed: one of the metrics is told to be worse on what was left out; {sizes}."
     return f"No gain is told on what was left out ({sizes}): keep what you have until more logs tell one."
 
@@ -155,7 +157,7 @@ def judged_rows(t: Tuning) -> tuple[list[str], list[list[str]]]:
     for j in t.judged:
         b = j.beside
         change, ends = ("none", "") if b.value is None else _change(b, j.metric.unit, signed=True)
-        words = {-1: "better", 1: "worse", 0: "not told apart"}[told_side(b)] if b.value is not None else b.why
+        words = {-1: "better", 1: "worse", 0: "not told apart"}[significant_side(b)] if b.value is not None else b.why
         weight = f"{j.weight:g}" if j.weight else "elsewhere"
         rows.append([j.metric.title, weight, change + ends, f"{j.better} of {j.better + j.worse}", words])
     return ["metric", "weight", "tuned beside as it is (95 %)", "better on", ""], rows

@@ -147,7 +147,7 @@ def longest_rising(t: Stamps) -> NDArray[np.int64]:
 
 
 def _contradicted(t: Stamps, alone: Alone, whole: Stamps) -> NDArray[np.int64]:
-    """The positions among rising times (n,) of the few that a gap sets apart and that have no witness."""
+    """The positions among rising times (n,) of the few that a gap sets apart and that have nothing else beside it."""
     cuts = np.flatnonzero(np.diff(t) > ISOLATED_US) + 1
     edges = np.concatenate([[0], cuts, [len(t)]])
     sizes = np.diff(edges)

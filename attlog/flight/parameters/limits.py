@@ -76,10 +76,10 @@ def refuse(messages: Messages) -> list[Problem]:
         quantity = quantity_of(name)
         assert quantity is not None
         alike.setdefault(quantity, []).append(name)
-    return [_told(quantity, names, wrong, kept) for quantity, names in alike.items()]
+    return [_problem(quantity, names, wrong, kept) for quantity, names in alike.items()]
 
 
-def _told(
+def _problem(
     quantity: Quantity, names: list[str], wrong: dict[str, list[ParamChange]], kept: Iterable[ParamChange]
 ) -> Problem:
     """One sentence for the parameters of a quantity that had impossible values."""

@@ -13,7 +13,7 @@ from attlog.health.model import Check
 from attlog.reference import clock, scoring, trim
 from attlog.reference.compare import interpolate
 from attlog.reference.model import Reference
-from attlog.reference.smoothed import apart_deg
+from attlog.reference.smoothed import differences_deg
 from attlog.segments import gaps, resets
 from attlog.segments.model import Segments
 from attlog.segments.spans import Span
@@ -67,7 +67,7 @@ def checks(log: FlightLog, segments: Segments, reference: Reference | None) -> l
     index, _ = resets.known(log, log.onboard or "", segments)
     aligned = scoring.aligned_at(attitude, index, segments)
     counted = scoring.scored(reference, t) & (t >= (-np.inf if aligned is None else aligned))
-    tilt, heading = apart_deg(reference, t, q)
+    tilt, heading = differences_deg(reference, t, q)
     counted &= np.isfinite(tilt)
     if np.count_nonzero(counted) < 2:
         return []

@@ -18,7 +18,7 @@ def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
         return []
     imu = log.imus[log.imu or 0]
     told = 1e3 * imu.gyro.delay
-    seen = None if reference is None or log.imu is None else delay.seen_in_rates(imu, reference)
+    seen = None if reference is None or log.imu is None else delay.measured(imu, reference)
     limit = f"good up to {SHORT_MS:.0f} ms, and confirmed to {AGREES_MS:.0f} ms where it can be measured"
     known = told > 0 or imu.filtered not in ("unknown", "driver")
     if not known and seen is None:

@@ -24,7 +24,7 @@ RECORDS = 20
 MOVING_DPS, TURNED_DEG, CLIMBED_M = 3.0, 5.0, 10.0
 """A vehicle that moves: the gyro shows so much (standard deviation), attitude or field turn, GNSS rises so far.
 An accelerometer that shakes is no sign of it: engines run on the ground."""
-HOPELESS_PCT = 5.0
+UNUSABLE_PCT = 5.0
 """A gyro that stood still for more than this part of the record makes every replay wrong from there on."""
 LIMIT = (
     f"good: no value stays for {IMU_S:.0f} s (compass {MAG_S:.0f} s, barometer {BARO_S:.0f} s) while the vehicle moves"
@@ -43,10 +43,10 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         return []
     stopped = [s for s in held(imu.gyro, IMU_S) if _turned(log, s) >= TURNED_DEG]
     lost = 100.0 * seconds(stopped) / max(log.seconds, 1e-9)
-    text = f"{imu.gyro.source}: {_said('gyro', stopped)}." if stopped else "The gyro never stands still in motion."
+    text = f"{imu.gyro.source}: {_sentence('gyro', stopped)}." if stopped else "The gyro never stands still in motion."
     found = [Check(GYRO, "bad" if stopped else "good", text, round(lost, 1), "%", LIMIT, **_first(stopped))]
     others = {
-        f"{imu.acc.source}: {_said('accelerometer', spans)}": spans
+        f"{imu.acc.source}: {_sentence('accelerometer', spans)}": spans
         for spans in [[s for s in held(imu.acc, IMU_S) if np.degrees(_spread(imu.gyro, s)) >= MOVING_DPS]]
         if spans
     }
@@ -59,9 +59,9 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     return [*found, Check(OTHERS, verdict, text, longest, "s", LIMIT, **_first(every))]
 
 
-def hopeless(check: Check) -> str:
+def unusable(check: Check) -> str:
     """Why no filter can be judged where the gyro stood still for too long, empty where it did not."""
-    if check.name != GYRO or not isinstance(check.value, float) or check.value <= HOPELESS_PCT:
+    if check.name != GYRO or not isinstance(check.value, float) or check.value <= UNUSABLE_PCT:
         return ""
     return f"the gyro stands still for {check.value:.0f} % of the record while the vehicle moves"
 
@@ -92,7 +92,7 @@ def compass(log: FlightLog) -> list[Span]:
 def _compass(log: FlightLog) -> dict[str, list[Span]]:
     """What is said of the compass in use that stopped, and where."""
     spans = compass(log)
-    return {f"{log.mags[log.mag or 0].field.source}: {_said('compass', spans)}": spans} if spans else {}
+    return {f"{log.mags[log.mag or 0].field.source}: {_sentence('compass', spans)}": spans} if spans else {}
 
 
 def _barometer(log: FlightLog, segments: Segments) -> dict[str, list[Span]]:
@@ -101,7 +101,7 @@ def _barometer(log: FlightLog, segments: Segments) -> dict[str, list[Span]]:
         return {}
     flown = intersect(held(log.baro[0], BARO_S), segments.spans("airborne"))
     flown = [s for s in flown if max((_climbed(gnss, s) for gnss in log.gnss), default=0.0) >= CLIMBED_M]
-    return {f"{log.baro[0].source}: {_said('barometer', flown)}": flown} if flown else {}
+    return {f"{log.baro[0].source}: {_sentence('barometer', flown)}": flown} if flown else {}
 
 
 def _climbed(gnss: Gnss, span: Span) -> float:
@@ -137,7 +137,7 @@ def _spread(stream: Stream, span: Span) -> float:
     return float(np.nanmax(np.std(inside, axis=0), initial=0.0)) if len(inside) > 1 else 0.0
 
 
-def _said(what: str, spans: list[Span]) -> str:
+def _sentence(what: str, spans: list[Span]) -> str:
     if len(spans) == 1:
         return f"the {what} says the same from {spans[0][0]:.1f} s to {spans[0][1]:.1f} s while the vehicle moves"
     return f"the {what} says the same {len(spans)} times, {seconds(spans):.1f} s in all, while the vehicle moves"

@@ -11,7 +11,7 @@ from attlog.health.model import Check, graded, not_judged
 from attlog.segments.model import Segments
 
 BIAS_DPS = (1.0, 3.0)
-HOPELESS_DPS = 10.0
+UNUSABLE_DPS = 10.0
 """From here on no filter can be judged: it shows how it copes with a broken gyro."""
 RANGES_DPS = (125.0, 250.0, 500.0, 1000.0, 2000.0)
 """Ranges of an autopilot's gyros; 2000 deg/s is the usual one."""

@@ -10,7 +10,7 @@ from attlog.present.heading import DRIFT_AIR, quoted_heading_reference
 from attlog.present.names import NOT_JUDGED, against_heading
 from attlog.present.numbers import below, duration, moment, quantity
 from attlog.present.numbers import counted as count
-from attlog.present.sentences.reasons import cannot, commonest, switch, untold, why_not
+from attlog.present.sentences.reasons import cannot, commonest, switch, undetermined, why_not
 from attlog.present.sentences.words import NAMED, bars, bound, counted, left_out, onboard_part, some, values
 from attlog.present.table.rows import AIR, REST
 from attlog.present.text import typeset
@@ -83,7 +83,7 @@ def drift_part(found: ColumnRanking, where: str) -> str:
     others = [j for j in found.filters if not j.ranked and j not in disagree and j.row.status == "ok"]
     if others:
         parts.append(f"{counted([j.name for j in others])} {'is' if len(others) == 1 else 'are'} not ranked")
-    parts += [unsure] if (unsure := untold(found)) else []
+    parts += [unsure] if (unsure := undetermined(found)) else []
     parts += last_named([j for j in found.filters if j.row.status not in ("ok", "not_judged")])
     if not parts:
         parts = [f"no filter can be ranked: {why_not(found)}"]

@@ -8,7 +8,7 @@ from attlog.present.contest import ColumnRanking, RankedValue, contest
 from attlog.present.names import against_whom
 from attlog.present.numbers import counted as count
 from attlog.present.numbers import listed, number, quantity
-from attlog.present.sentences.reasons import cannot, untold, why_not
+from attlog.present.sentences.reasons import cannot, undetermined, why_not
 from attlog.present.sentences.words import NAMED, bars, bound, counted, left_out, some, values
 from attlog.present.table.rows import AIR, is_baseline
 from attlog.result import Result, Verdict
@@ -29,7 +29,7 @@ def late(result: Result) -> Verdict:
     lag, step = contest(result, LAG, AIR), contest(result, STEP_DEG, AIR)
     impure = [a for a in lag.absent if a.code in NOT_PURE and a.row.kind == "replay" and not is_baseline(a.row)]
     if lag.ranked:
-        unsure = untold(lag)
+        unsure = undetermined(lag)
         sentence = says(result, lag) + (f" {unsure[0].upper()}{unsure[1:]}." if unsure else "")
         sentence += impure_part([a.row.name for a in impure], result)
         sentence += onboard_lag(lag) + step_part(result, step)

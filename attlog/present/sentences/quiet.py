@@ -38,13 +38,13 @@ def quiet(result: Result) -> Verdict:
 def says(result: Result, ranked: list[ColumnRanking]) -> str:
     """Who wanders least in the first phase, what its tilt is worth, who wanders most, then the other phases."""
     lead = ranked[0]
-    text = leading(lead, WORDS, SIGMA, f" {WHERE[lead.window]}") + beside(result, lead) + "."
+    text = leading(lead, WORDS, SIGMA, f" {WHERE[lead.window]}") + tilt_errors(result, lead) + "."
     text += last(lead, WORDS)
     others = [f"{WHERE[found.window]} {clause(found)}" for found in ranked[1:]]
     return text + (f" {others[0][0].upper()}{'; '.join(others)[1:]}." if others else "")
 
 
-def beside(result: Result, lead: ColumnRanking) -> str:
+def tilt_errors(result: Result, lead: ColumnRanking) -> str:
     """The tilt error of who wanders least: a filter may be quiet and wrong."""
     tilt = contest(result, TILT, AIR)
     leaders = lead.best or (lead.ranked if len(lead.ranked) == 1 else [])

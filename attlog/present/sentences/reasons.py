@@ -31,7 +31,7 @@ def cannot(result: Result, without: list[MissingValue], nothing: str) -> str:
     return f"Cannot be judged: {reason or nothing}.{switch(result, code)}{advice}"
 
 
-def untold(found: ColumnRanking) -> str:
+def undetermined(found: ColumnRanking) -> str:
     """Whose value leaves too much open, and why: ``it cannot be told of Madgwick: ...``; empty for nobody."""
     unsure = [a for a in found.absent if a.code == TOO_UNCERTAIN and a.row.status == "ok"]
     rows = [a for a in unsure if a.row.kind == "replay" and not is_baseline(a.row)]

@@ -49,7 +49,7 @@ class ReferenceCheck:
         self._asked = reference.kind in ("onboard", "smoother") and len(self._use) >= 10
         self._heard: dict[str, tuple[Row, Array]] = {}
 
-    def hear(self, row: Row) -> None:
+    def add(self, row: Row) -> None:
         """Take what a row says; of several rows of a filter the last one counts."""
         own = row.imu is None or row.imu.index == self._imu.index
         if self._asked and own and row.kind == "replay" and len(row.t) > 1 and row.estimator != smoothed.NAME:
@@ -67,10 +67,10 @@ def contradicted(
     log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
 ) -> tuple[str, AlignmentStep] | None:
     """What :class:`ReferenceCheck` find in rows that are all at hand."""
-    witnesses = ReferenceCheck(log, imu, reference, lambda row: row)
+    check = ReferenceCheck(log, imu, reference, lambda row: row)
     for row in rows:
-        witnesses.hear(row)
-    return witnesses.contradicted()
+        check.add(row)
+    return check.contradicted()
 
 
 def _judged(

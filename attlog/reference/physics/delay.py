@@ -92,7 +92,7 @@ def by_rates(imu: Imu, reference: Reference) -> float | None:
     return float(coarse[best] - b / (2 * a))
 
 
-def seen_in_rates(imu: Imu, reference: Reference) -> float | None:
+def measured(imu: Imu, reference: Reference) -> float | None:
     """The same, measured once for a unit and a reference."""
     for known, delay in reference.delays_seen:
         if known is imu:
@@ -117,7 +117,7 @@ def step(log: FlightLog, imu: Imu | None, reference: Reference, option: str | fl
     if imu is None:
         return 0.0, AlignmentStep(name, "no IMU is replayed", 0.0, "ms", "", False, switch)
     told, source = by_parameter(imu)
-    seen = None if reference.kind == "smoother" else seen_in_rates(imu, reference)
+    seen = None if reference.kind == "smoother" else measured(imu, reference)
     if reference.kind == "smoother":
         check = "the smoother is freed of it; made of this gyro, it cannot check it"
     elif seen is None:

@@ -24,15 +24,15 @@ def found(log: FlightLog, segments: Segments) -> dict[str, SensorFault]:
     seen = part_of(log, "The dip of the field", lambda: dip.dips(log, segments, attitude), lambda: None)
     asked: dict[str, Callable[[], SensorFault | None]] = {
         GYRO: lambda: _spikes(log),
-        COMPASS: lambda: _said(compass.other_axes(log) or dip.compass_contradicted(seen, attitude, source)),
+        COMPASS: lambda: _fault(compass.other_axes(log) or dip.compass_contradicted(seen, attitude, source)),
         LATE: lambda: _late(log),
-        FRAME: lambda: _said(dip.accelerometer_contradicted(seen, attitude)),
+        FRAME: lambda: _fault(dip.accelerometer_contradicted(seen, attitude)),
     }
     made = {name: part_of(log, f"The check {name}", ask, lambda: None) for name, ask in asked.items()}
     return {name: fault for name, fault in made.items() if fault is not None}
 
 
-def _said(why: str) -> SensorFault | None:
+def _fault(why: str) -> SensorFault | None:
     return SensorFault(why) if why else None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from attlog.present.names import heading_reference_name
-from attlog.report.figures.figure import PageFigure, Rows, dot, dot_height, reach, series, told
+from attlog.report.figures.figure import PageFigure, Rows, dot, dot_height, dots_text, reach, series
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
@@ -32,9 +32,9 @@ def drift(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result)
     dots = drift_dots(result, names)
     if dots:
         symbols = dict.fromkeys(d["where"] for d in dots)
-        caption = ", ".join(f"{SYMBOLS.get(where, '○')} {told_where(where)}" for where in symbols)
+        caption = ", ".join(f"{SYMBOLS.get(where, '○')} {place_text(where)}" for where in symbols)
         caption += ". An interval across zero: no drift that differs from zero. ▶ beyond the figure."
-        height, words = dot_height(dots), told(dots, names, "deg/min")
+        height, words = dot_height(dots), dots_text(dots, names, "deg/min")
         figures.append(
             PageFigure("drifts", "drifts", "Drift with 95 % interval", caption, height, {"rows": dots}, False, words)
         )
@@ -69,7 +69,7 @@ def drift_dots(result: Result, names: Rows) -> list[dict[str, Any]]:
     return dots
 
 
-def told_where(where: str) -> str:
+def place_text(where: str) -> str:
     """Where a drift was found, in words."""
     word, _, reference = where.partition(" ")
     return f"against {heading_reference_name(reference)}" if word == "against" else where

@@ -77,7 +77,7 @@ def stored(trace: Trace, columns: tuple[str, ...], store: Store, step: float) ->
     }
 
 
-def said(ratio: float) -> str:
+def reduction_text(ratio: float) -> str:
     """The sentence about reduction."""
     if ratio <= 1.005:
         return "Every sample is stored."
@@ -96,7 +96,7 @@ def reach(traces: list[Trace], names: Rows, unit: str = "deg") -> str:
     return "; ".join(f"{names[names.index(row)]}: {', '.join(parts)}" for row, parts in rows.items())
 
 
-def told(dots: list[dict[str, Any]], names: Rows, unit: str) -> str:
+def dots_text(dots: list[dict[str, Any]], names: Rows, unit: str) -> str:
     """What dots show in words: of each the row, where it was found, the value and its interval."""
     parts = []
     for d in dots:

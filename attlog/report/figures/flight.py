@@ -6,7 +6,7 @@ import numpy as np
 
 from attlog.present.messages import alarming, messages
 from attlog.present.numbers import moment
-from attlog.report.figures.figure import PageFigure, Rows, reach, said, series, stored
+from attlog.report.figures.figure import PageFigure, Rows, reach, reduction_text, series, stored
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
@@ -27,7 +27,7 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
     if by.get("attitude"):
         drawn, ratio = series(by["attitude"], ("roll", "pitch", "heading"), names, store, ANGLE_STEP)
         caption = "Drag across a figure to zoom: all figures with flight time follow. Double-click to go back. "
-        caption += " ".join([*legend(result), said(ratio)])
+        caption += " ".join([*legend(result), reduction_text(ratio)])
         data = {"series": drawn, "cut": heading_cut(by["attitude"])}
         figures.append(
             PageFigure("attitude", "attitude", "Attitude", caption, 470, data, words=reach(by["attitude"], names))
@@ -40,7 +40,7 @@ def flight(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result
             "truth": "Zero is the logged truth. ",
             "smoother": "Zero is the smoother; grey: its own sigma. ",
         }.get(reference, "Zero is agreement with onboard, not truth. ")
-        caption += "Tilt is the angle between the two down directions. " + said(ratio)
+        caption += "Tilt is the angle between the two down directions. " + reduction_text(ratio)
         start = scored_from(result)
         if start > float(min(t.t[0] for t in by["difference"])):
             caption += f" Scored from {moment(start, 0)} on; larger differences before may leave the figure."

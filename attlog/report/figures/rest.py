@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from attlog.present.numbers import duration, moment
-from attlog.report.figures.figure import PageFigure, Rows, listed, reach, said, series
+from attlog.report.figures.figure import PageFigure, Rows, listed, reach, reduction_text, series
 from attlog.report.pack import Store
 from attlog.result import Trace
 
@@ -19,7 +19,8 @@ def rest(by: dict[str, list[Trace]], names: Rows, store: Store) -> list[PageFigu
         drawn, ratio = series(same, ANGLES, names, store, 1e-5)
         caption = (
             f"{duration(span[1] - span[0])} from {moment(span[0], 0)} on, motors off. "
-            "Each line minus its straight line; ▲ a filter that bends far more leaves the figure. " + said(ratio)
+            "Each line minus its straight line; ▲ a filter that bends far more leaves the figure. "
+            + reduction_text(ratio)
         )
         data = {"series": drawn, "range": span}
         figures.append(PageFigure("rest", "rest", "Rest, close up", caption, 430, data, words=reach(same, names)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from attlog.present.numbers import counted, duration, quantity
-from attlog.report.figures.figure import PageFigure, Rows, listed, reach, said, series
+from attlog.report.figures.figure import PageFigure, Rows, listed, reach, reduction_text, series
 from attlog.report.pack import Store
 from attlog.result import Trace
 
@@ -95,4 +95,6 @@ def bias(found: list[Trace], rests: list[Trace], names: Rows, store: Store) -> P
         data["rests"] = {"t": listed(rests[0].t)} | {a: listed(rests[0].columns[a]) for a in AXES}
         caption += "● what the gyro shows at rest. "
     title = "Gyro bias that the filters found" if found else "Gyro bias at rest"
-    return PageFigure("bias", "bias", title, caption + said(ratio), 430, data, True, reach(found, names, "deg/s"))
+    return PageFigure(
+        "bias", "bias", title, caption + reduction_text(ratio), 430, data, True, reach(found, names, "deg/s")
+    )

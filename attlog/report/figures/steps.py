@@ -6,7 +6,7 @@ from typing import Any
 
 from attlog.present.numbers import counted, moment
 from attlog.present.table.rows import AIR, find
-from attlog.report.figures.figure import PageFigure, Rows, dot, dot_height, listed, number, series, stored, told
+from attlog.report.figures.figure import PageFigure, Rows, dot, dot_height, dots_text, listed, number, series, stored
 from attlog.report.pack import Store
 from attlog.result import Result, Trace
 
@@ -30,7 +30,9 @@ def steps(by: dict[str, list[Trace]], names: Rows, store: Store, result: Result)
         rate = float((result.log.get("imu") or {}).get("rate_hz") or 0.0)
         data = {"rows": dots, "half": 500.0 / rate if rate > 0 else 0.0}
         figures.append(
-            PageFigure("lag", "lag", "Lag", caption, dot_height(dots), data, wide=False, words=told(dots, names, "ms"))
+            PageFigure(
+                "lag", "lag", "Lag", caption, dot_height(dots), data, wide=False, words=dots_text(dots, names, "ms")
+            )
         )
     if by.get("setpoint"):
         axes = tuple(dict.fromkeys(c for t in by["setpoint"] for c in t.columns))

@@ -124,7 +124,7 @@ def _step(runs: GainErrors, axis: int, high: float, low: float) -> PaperNumber:
     return ratio(what, runs.in_band(gain(high), axis), runs.in_band(gain(low), axis))
 
 
-def _told(numbers: Sequence[PaperNumber]) -> str:
+def _text(numbers: Sequence[PaperNumber]) -> str:
     """Numbers with their intervals in words."""
     return listed([quantity(n.value, n.unit) + (f" ({interval(n.ci95, n.unit)})" if n.ci95 else "") for n in numbers])
 
@@ -152,7 +152,7 @@ def _oscillates(runs: Sequence[GainErrors]) -> Claim:
         "gains are above 1. Dominant: the frequency with most power per octave.",
         (*(n for r in runs for n in steps[r.called]), *hz),
         _verdict(runs, {called: [above(n, 1.0) for n in numbers] for called, numbers in steps.items()}),
-        f"With kp 2 roll moves {listed([f'{_told([n])} on {called}' for called, n in whole.items()])} as much as with "
+        f"With kp 2 roll moves {listed([f'{_text([n])} on {called}' for called, n in whole.items()])} as much as with "
         "0.6. A filter with ki = 0 has no frequency of its own: the one with most power is on average "
         f"{min(ends):.2f} to {max(ends):.2f} Hz, near the slow end of what was looked at, with every gain.",
     )
@@ -171,8 +171,8 @@ def _heading(runs: Sequence[GainErrors]) -> Claim:
         f"it does not yet: from {CALMER:g} to 0.6 by less than {100 * (LITTLE - 1):.0f} %.",
         tuple(n for r in runs for n in (*grows[r.called], calm[r.called])),
         _verdict(runs, parts),
-        f"On {first} it is {_told(grows[first])} as much at the steps from 0.6 over 1.1 to 2. Whether anything begins "
-        f"there: at the step from {CALMER:g} to 0.6 it is {_told([calm[first]])}.",
+        f"On {first} it is {_text(grows[first])} as much at the steps from 0.6 over 1.1 to 2. Whether anything begins "
+        f"there: at the step from {CALMER:g} to 0.6 it is {_text([calm[first]])}.",
     )
 
 
@@ -200,7 +200,7 @@ def _best(runs: Sequence[GainErrors]) -> Claim:
         "and 2 in tilt; a gain between 0.6 and 1.1 is best or not told apart from the best.",
         tuple(n for called, found in best.items() for n in (*three[called], *(b.over for b in found))),
         _verdict(measured, parts),
-        f"The errors of tilt with 1.1 and 2 are {_told(three[first])} that of 0.6 on {first}. Of all gains: "
+        f"The errors of tilt with 1.1 and 2 are {_text(three[first])} that of 0.6 on {first}. Of all gains: "
         f"{'; '.join(errors)}.",
     )
 
@@ -213,7 +213,7 @@ def _adaptive(runs: Sequence[GainErrors]) -> Claim:
         own, other = r.in_band(ADAPTIVE, 0), r.in_band(fixed, 0)
         roll = ratio(f"roll in the band, adaptive over fixed 0.6, {r.called}", own, other)
         numbers[r.called] = [n for n in (tilt, roll) if n.value is not None]
-    told = [f"{_told(found[:1])} on {called}" for called, found in numbers.items()]
+    told = [f"{_text(found[:1])} on {called}" for called, found in numbers.items()]
     return Claim(
         "adaptive",
         "A gain that adapts is better than a fixed one.",

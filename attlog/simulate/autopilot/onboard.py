@@ -62,7 +62,7 @@ def stepping(text: str) -> Row:
     return row
 
 
-def _told(estimator: Estimator, advance: Callable[..., Any]) -> Callable[..., Any]:
+def _with_errors(estimator: Estimator, advance: Callable[..., Any]) -> Callable[..., Any]:
     """A filter's loop; what that of a file raises is a PluginError with its name, as in a replay."""
     if estimator.origin == "attlog":
         return advance
@@ -113,7 +113,7 @@ class Live:
         facts = log or LogFacts(info=LogInfo(declination_deg=declination, imu_rate_hz=imu_rate, mag_rate_hz=mag_rate))
         self.values = {k: v for k, (v, _) in filter_.resolve(self.row.preset, given, log=facts).items()}
         self._params = filter_.pack(self.values)
-        self._advance = _told(filter_, kernel(filter_))
+        self._advance = _with_errors(filter_, kernel(filter_))
         self._north = declination_rad(self.values)
         self._turn = (math.cos(0.5 * self._north), math.sin(0.5 * self._north))
         self.aids = Inbox(self._north, "at_rest" in filter_.uses)

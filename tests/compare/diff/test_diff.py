@@ -8,7 +8,7 @@ import pytest
 
 from attlog.base.errors import UsageError
 from attlog.compare.diff.diff import TextChange, difference, interval, units_of
-from attlog.compare.diff.text import _told, document, lines, markdown
+from attlog.compare.diff.text import _entry_line, document, lines, markdown
 from attlog.compare.diff.tolerance import SHARE, SMALLEST, Tolerances, tolerances
 from attlog.metrics.answer import Answer
 from tests.compare.made import filtered, result
@@ -150,5 +150,8 @@ def test_the_json_holds_what_was_compared_and_what_stands_alone() -> None:
 
 
 def test_what_differs_behind_the_digits_shown_is_shown_with_all_of_them_and_nothing_as_none() -> None:
-    said = [_told(TextChange(*change)) for change in (("a", 3.473641512, 3.473641513), ("b", "", "x"), ("c", 1.5, 2.0))]
+    said = [
+        _entry_line(TextChange(*change))
+        for change in (("a", 3.473641512, 3.473641513), ("b", "", "x"), ("c", 1.5, 2.0))
+    ]
     assert said == ["a: 3.473641512 → 3.473641513", "b: none → x", "c: 1.5 → 2"]

@@ -16,7 +16,7 @@ from attlog.compare.sweep.many import SettingsOnLog, wanted
 from attlog.compare.tune.objective import objective
 from attlog.compare.tune.page import tune_page
 from attlog.compare.tune.search import free_parameters
-from attlog.compare.tune.text import document, mean_left_out, paste, sentences, told_side
+from attlog.compare.tune.text import document, mean_left_out, paste, sentences, significant_side
 from attlog.compare.tune.tune import Tuning, tune
 from attlog.flight.model import Attitude, FlightLog
 from attlog.testing.motion import GRAVITY, Noise, motion
@@ -74,7 +74,7 @@ def test_its_worth_on_logs_left_out_is_what_theory_gives(planted: Tuning) -> Non
     expected = 1.0 / np.sqrt(0.5 * (ratio + 1.0 / ratio))
     tilt = planted.judged[0]
     assert tilt.beside.value == pytest.approx(expected, rel=0.1)
-    assert told_side(tilt.beside) == -1
+    assert significant_side(tilt.beside) == -1
     assert (tilt.better, tilt.worse) == (4, 0)
     assert np.exp(mean_left_out(planted)) == pytest.approx(expected, rel=0.1)
 
@@ -82,7 +82,7 @@ def test_its_worth_on_logs_left_out_is_what_theory_gives(planted: Tuning) -> Non
 @pytest.mark.slow
 def test_no_gain_is_promised_where_the_filter_is_at_its_best_already() -> None:
     found = tuned([noisy(seed, 100.0) for seed in range(3)], ["kp=0.1..10log"], start=PLANTED, generations=2)
-    assert told_side(found.judged[0].beside) == 0
+    assert significant_side(found.judged[0].beside) == 0
     said = next(s for s in sentences(found, {"truth": 3}) if "No gain is told" in s)
     left_out = 100.0 * (1.0 - np.exp(mean_left_out(found)))
     assert f" {'falls' if left_out >= 0 else 'rises'} by {abs(left_out):.0f} % where they were not" in said
@@ -151,5 +151,5 @@ def test_flights_left_out_are_improved(corpus: Path) -> None:
     ]
     free = free_parameters(["kp=0.03..3log", "ki=0.0001..0.1log"], base.row.estimator)
     found = tune("mahony", free, asked, on, [], {f.name: on[0].values[f.name] for f in free}, 4, 0)
-    assert told_side(found.judged[0].beside) == -1
+    assert significant_side(found.judged[0].beside) == -1
     assert found.judged[0].better >= 5

@@ -7,7 +7,7 @@ import pytest
 
 from attlog import segments
 from attlog.flight.model import FlightLog, Mag, Stream
-from attlog.health.findings import hopeless
+from attlog.health.findings import unusable
 from attlog.health.model import Check
 from attlog.health.sensors import frozen
 from tests.reference.flights import Array, flight
@@ -44,7 +44,7 @@ def test_a_gyro_that_stops_in_motion_is_said_and_nothing_is_judged(attitude: boo
     check = found(log)["frozen gyro"]
     assert (check.verdict, check.t) == ("bad", pytest.approx(40.0))
     assert check.value == pytest.approx(100 * 10 / 60, abs=0.2)
-    assert "stands still for 17 %" in hopeless([check])
+    assert "stands still for 17 %" in unusable([check])
 
 
 def test_a_gyro_that_stops_for_a_moment_leaves_the_filters_judged() -> None:
@@ -52,7 +52,7 @@ def test_a_gyro_that_stops_for_a_moment_leaves_the_filters_judged() -> None:
     stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 42.0)
     check = found(log)["frozen gyro"]
     assert check.verdict == "bad"
-    assert hopeless([check]) == ""
+    assert unusable([check]) == ""
 
 
 def test_a_gyro_that_is_coarse_and_at_rest_is_not_frozen() -> None:
@@ -74,7 +74,7 @@ def test_an_accelerometer_and_a_compass_that_stop_are_told_together() -> None:
     assert check.value == pytest.approx(20.0, abs=0.1)
     assert "accelerometer" in check.text
     assert "compass" in check.text
-    assert hopeless([check]) == ""
+    assert unusable([check]) == ""
 
 
 def test_values_without_a_number_are_no_value_that_stays() -> None:

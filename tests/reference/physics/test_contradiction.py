@@ -54,12 +54,12 @@ def test_rows_that_have_passed_and_are_empty_refuse_it_as_well_and_one_is_run_ag
         asked.append(row.name)
         return whole[row.name]
 
-    witnesses = ReferenceCheck(log, log.imus[0], choose(log, phases, ReferenceOptions()), again)
+    check = ReferenceCheck(log, log.imus[0], choose(log, phases, ReferenceOptions()), again)
     for row in rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0)):
-        witnesses.hear(row)
+        check.add(row)
         row.let_go()
     assert asked == []
-    found = witnesses.contradicted()
+    found = check.contradicted()
     assert found is not None
     assert asked == ["f0"]
     assert found == contradicted(log, log.imus[0], choose(log, phases, ReferenceOptions()), list(whole.values()))

@@ -12,7 +12,7 @@ import attlog
 from attlog import segments
 from attlog.base import rotation
 from attlog.flight.model import FlightLog, Mag, Stream
-from attlog.health.findings import contradiction, hopeless
+from attlog.health.findings import contradiction, unusable
 from attlog.health.onboard.attitude import CONTRADICTED, checks
 from attlog.reference import choose
 from attlog.reference.physics import turning
@@ -61,7 +61,7 @@ def test_the_field_finds_the_gyro_that_is_wrong(what: str) -> None:
     assert "smoother" in found.refused
     (against,) = [c for c in checks(log, segments.build(log), found.gyro_fault) if c.name == "gyro against attitude"]
     assert (against.verdict, against.value) == ("bad", CONTRADICTED)
-    assert "turn differently" in hopeless([against])
+    assert "turn differently" in unusable([against])
 
 
 @pytest.mark.parametrize("what", ["one sign", "swapped axes", "3 s late"])

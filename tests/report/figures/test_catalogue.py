@@ -10,7 +10,7 @@ from attlog.present.names import row_name
 from attlog.report import write_report
 from attlog.report.cards import card
 from attlog.report.figures.catalogue import sections
-from attlog.report.figures.figure import Rows, reach, told
+from attlog.report.figures.figure import Rows, dots_text, reach
 from attlog.report.figures.marks import time_marks
 from attlog.report.look import looks
 from attlog.report.pack import Store
@@ -69,7 +69,7 @@ def test_lines_in_words_are_their_smallest_and_largest_value():
 
 def test_dots_in_words_are_value_and_interval():
     dots = [{"r": 0, "v": 9.3, "ci": [7.0, 11.0], "ok": True}, {"r": 1, "v": None, "ci": None, "ok": False}]
-    assert told(dots, ["ekf", "fan"], "ms") == "ekf: +9 ms (+7 to +11); fan: not judged"
+    assert dots_text(dots, ["ekf", "fan"], "ms") == "ekf: +9 ms (+7 to +11); fan: not judged"
 
 
 def test_a_row_that_is_not_ranked_and_far_beyond_runs_out_of_its_card():
