@@ -26,7 +26,7 @@ from attlog.cli.shared.options import (
     TableForm,
     one_form,
 )
-from attlog.cli.shared.printing import Line, console, json_line, json_to_stdout, say, table_to_stdout, to_stderr
+from attlog.cli.shared.printing import TextLine, console, json_line, json_to_stdout, say, table_to_stdout, to_stderr
 from attlog.cli.shared.process import is_of_a_stream
 from attlog.cli.shared.progress import Bar, progress
 from attlog.cli.shared.settings import commands, configured
@@ -191,7 +191,7 @@ class AnalyzeRun:
             from attlog.report import bundle_notice
 
             say(printed(result, self.config.window or "all", out.width, out.encoding, self.verbose > 0), out)
-            say([Line(f"report: {report}")], out)
+            say([TextLine(f"report: {report}")], out)
             if notice := bundle_notice():
                 to_stderr(f"attlog: {notice}")
         self.gates.shown(log, report, self.quiet, out)
@@ -217,7 +217,7 @@ class AnalyzeRun:
 
         out = console(stderr=self._on_stderr)
         first, *others = summary(entries, total, seconds, self.folder, width=out.width)
-        say([Line(""), Line(first, "bold"), *map(Line, others)], out)
+        say([TextLine(""), TextLine(first, "bold"), *map(TextLine, others)], out)
 
 
 def _kept(reports: Sequence[str], total: int, folder: Path) -> str:

@@ -13,7 +13,7 @@ from attlog import __version__
 from attlog.base.errors import INTERRUPTED, UsageError, exit_code, message, worst
 from attlog.cli.shared.gates import GateOptions, GateReport
 from attlog.cli.shared.options import CommonOptions, JobsOfCores, LogOptions, Places, finite
-from attlog.cli.shared.printing import Line, console, say, to_stderr
+from attlog.cli.shared.printing import TextLine, console, say, to_stderr
 from attlog.cli.shared.process import ended_by_signals
 from attlog.cli.shared.progress import Bar
 from attlog.cli.shared.settings import commands, configured
@@ -161,9 +161,9 @@ def _say_outcome(outcome: Outcome, folder: Path, quiet: bool) -> None:
         first, *others = summary(
             outcome.entries, outcome.total, outcome.seconds, folder, outcome.again, width=out.width
         )
-        say([Line(first, "bold"), *map(Line, others)], out)
+        say([TextLine(first, "bold"), *map(TextLine, others)], out)
         if outcome.entries:
-            say([Line(f"index: {folder / 'index.html'}")], out)
+            say([TextLine(f"index: {folder / 'index.html'}")], out)
     if outcome.lost:
         to_stderr(f"attlog: {outcome.lost}")
     if outcome.stopped:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,14 +15,51 @@ from attlog.base.file_names import file_name
 from attlog.cli.shared import completion
 from attlog.cli.shared.arguments import command_line
 from attlog.cli.shared.options import CommonOptions, ComparisonOptions, Jobs, Open
-from attlog.cli.shared.printing import Line, aligned, console, json_to_stdout, say, text_to_stdout, to_stderr, wrapped
+from attlog.cli.shared.printing import (
+    TextLine,
+    aligned,
+    console,
+    json_to_stdout,
+    say,
+    text_to_stdout,
+    to_stderr,
+    wrapped,
+)
 from attlog.cli.shared.progress import StageHandler, progress
 from attlog.cli.shared.settings import check_window, for_comparison
 
 if TYPE_CHECKING:
-    from attlog.cli.shared.printing import Line
+    from attlog.cli.shared.printing import TextLine
     from attlog.compare.differences.comparison import Comparison
     from attlog.compare.differences.one_log import LogComparison
+
+
+@dataclass(frozen=True, slots=True)
+class CompareOptions:
+    """What is compared, where, and what the files are called."""
+
+    metric: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ID|all", help="Compare by this metric; may be repeated. [default: the main ones]"),
+    ] = None
+    window: Annotated[
+        str | None,
+        typer.Option(
+            metavar="W",
+            autocompletion=completion.windows,
+            help="Look here only: all, rest, airborne, hover, cruise, ... or T0:T1 (s). [default: by question]",
+        ),
+    ] = None
+    params: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="NEW.param",
+            help="Run the firmware's own filters with the parameters of this file too. [default: none]",
+        ),
+    ] = None
+    name: Annotated[str, typer.Option(metavar="NAME", help="Call the files this.")] = "compare"
+    jobs: Jobs = 1
+    open_page: Open = False
 
 
 def command(
@@ -34,29 +72,8 @@ def command(
         ),
     ],
     options: ComparisonOptions,
+    own: CompareOptions,
     common: CommonOptions,
-    metric: Annotated[
-        list[str] | None,
-        typer.Option(metavar="ID|all", help="Compare by this metric; may be repeated. [default: the main ones]"),
-    ] = None,
-    window: Annotated[
-        str | None,
-        typer.Option(
-            metavar="W",
-            autocompletion=completion.windows,
-            help="Look here only: all, rest, airborne, hover, cruise, ... or T0:T1 (s). [default: by question]",
-        ),
-    ] = None,
-    params: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="NEW.param",
-            help="Run the firmware's own filters with the parameters of this file too. [default: none]",
-        ),
-    ] = None,
-    name: Annotated[str, typer.Option(metavar="NAME", help="Call the files this.")] = "compare",
-    jobs: Jobs = 1,
-    open_page: Open = False,
 ) -> None:
     """Compare configurations of filters on logs.
 
@@ -65,20 +82,20 @@ def command(
 
     Example: attlog compare a.bin b.bin mahony:kp=0.3 mahony:kp=0.6
     """
-    if file_name(name) != name:
-        raise UsageError(f"--name {name!r}: no name of a file in the folder of -o; such as {file_name(name)}")
-    check_window(window)
+    if file_name(own.name) != own.name:
+        raise UsageError(f"--name {own.name!r}: no name of a file in the folder of -o; such as {file_name(own.name)}")
+    check_window(own.window)
     from attlog.compare.configurations.command_words import sorted_out, with_params
     from attlog.compare.differences.compare import compare
     from attlog.fleet.sources.find import find
 
     found = sorted_out(words)
-    configurations = with_params(found.wanted.configurations, params) if params else found.wanted.configurations
+    configurations = with_params(found.wanted.configurations, own.params) if own.params else found.wanted.configurations
     if found.again and len(configurations) < 2:
         raise UsageError(f"{found.again[0]}; a comparison needs two that differ")
     for sentence in found.again:
         to_stderr(f"attlog: {sentence}; it is compared once")
-    before = found.wanted.options | ({} if window is None else {"window": window})
+    before = found.wanted.options | ({} if own.window is None else {"window": own.window})
     settings = for_comparison(options, before)
     logs, wrong = find(found.logs)
     if not found.logs:
@@ -93,16 +110,16 @@ def command(
                 logs,
                 configurations,
                 settings,
-                metrics=metric or found.wanted.metrics,
-                jobs=jobs,
+                metrics=own.metric or found.wanted.metrics,
+                jobs=own.jobs,
                 command=command_line(),
                 tell=LogReport(stages, len(logs), common.verbose, codes).one,
             )
     if result is not None:
         codes |= {line.code for line in result.logs}
-        page = _written(result, options.output, name)
+        page = _written(result, options.output, own.name)
         _print(result, page, options, common)
-        if open_page:
+        if own.open_page:
             typer.launch(str(page))
     if worst(codes):
         raise typer.Exit(worst(codes))
@@ -152,31 +169,31 @@ def _print(result: Comparison, page: Path, options: ComparisonOptions, common: C
     if not common.quiet:
         out = console(stderr=options.for_a_program)
         say(printed(result, out.width, common.verbose > 0), out)
-        say([Line(f"page: {page}")], out)
+        say([TextLine(f"page: {page}")], out)
 
 
-def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[Line]:
+def printed(result: Comparison, width: int, verbose: bool = False) -> Iterator[TextLine]:
     """Sentences and tables on the terminal, at most ``width`` columns wide where words can be broken.
 
-    ``verbose`` tells why a log has no difference.
+    ``verbose`` says why a log has no difference.
     """
     from attlog.compare.tables.table import tables
     from attlog.present.text import clean, typeset
 
     for verdict in result.verdicts:
-        yield from (Line(line.text, "bold") for line in wrapped("", typeset(clean(verdict.lead)), width))
+        yield from (TextLine(line.text, "bold") for line in wrapped("", typeset(clean(verdict.lead)), width))
         for text in verdict.more:
             yield from wrapped("  ", typeset(clean(text)), width)
-        yield Line("")
+        yield TextLine("")
     for table in tables(result):
         if not any(row[3] for row in table.rows):
             continue
-        yield Line(f"{table.title} ({table.caption})", "bold")
+        yield TextLine(f"{table.title} ({table.caption})", "bold")
         cells = [[clean(cell) for cell in row] for row in (table.head, *table.rows)]
         yield from aligned(cells[0], cells[1:])
         for reason in dict.fromkeys(r for r in table.reasons if r and verbose):
             yield from wrapped("  – ", typeset(clean(reason)), width)
-        yield Line("")
+        yield TextLine("")
     broken = [line for line in result.logs if line.code]
     for line in broken:
         yield from wrapped("not used: ", clean(f"{line.name}: {line.reason}"), width)

@@ -10,7 +10,7 @@ import typer
 from attlog import __version__
 from attlog.base.errors import UsageError, exit_code, message, worst
 from attlog.cli.shared.options import CommonOptions, Json, OneFile, one_form
-from attlog.cli.shared.printing import Line, console, say, to_stderr
+from attlog.cli.shared.printing import TextLine, console, say, to_stderr
 
 if TYPE_CHECKING:
     from attlog.compare.diff.result_files import ResultPairs
@@ -83,7 +83,7 @@ def _alone(found: ResultPairs) -> list[tuple[str, str]]:
 
 def _write(lines: list[str], output: Path | None) -> None:
     if output is None:
-        say(map(Line, lines), console())
+        say(map(TextLine, lines), console())
         return
     from attlog.base.output import write_atomic
 

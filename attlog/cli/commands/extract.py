@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,8 +21,51 @@ if TYPE_CHECKING:
 KINDS = ("csv", "parquet")
 
 
+@dataclass(frozen=True, slots=True)
+class ExtractOptions:
+    """What is written of a log, from when to when, and where."""
+
+    streams: Annotated[
+        bool, typer.Option("--streams", help="Write SI streams (imu0, mag0, attitude_...) instead of messages.")
+    ] = False
+    estimates: Annotated[
+        str | None,
+        typer.Option(
+            "--estimates",
+            metavar="LIST",
+            autocompletion=completion.rows,
+            help="Write attitudes of re-run filters: mahony@xu-0.6,gyro. [default: none]",
+        ),
+    ] = None
+    start: Annotated[
+        float | None,
+        typer.Option(
+            "--from", metavar="T", callback=finite, help="Begin at this time (s, 0 = first IMU sample). [default: all]"
+        ),
+    ] = None
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="T", callback=finite, help="End at this time (s). [default: all]")
+    ] = None
+    kind: Annotated[
+        str | None,
+        typer.Option("--format", metavar="csv|parquet", help="Write this form. [default: by the suffix of -o, or csv]"),
+    ] = None
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH|-",
+            help="Write to a folder, a file (.csv, .parquet) for one table, - for standard output.",
+        ),
+    ] = Path("extract")
+    boot: Boot = None
+    system: System = None
+
+
 def command(
     log: Log,
+    own: ExtractOptions,
     common: CommonOptions,
     messages: Annotated[
         list[str] | None,
@@ -32,42 +76,6 @@ def command(
             help="Messages by name, in any case; MAG.0 or MAG[0] is one instance. [default: all]",
         ),
     ] = None,
-    streams: Annotated[
-        bool, typer.Option("--streams", help="Write SI streams (imu0, mag0, attitude_...) instead of messages.")
-    ] = False,
-    estimates: Annotated[
-        str | None,
-        typer.Option(
-            "--estimates",
-            metavar="LIST",
-            autocompletion=completion.rows,
-            help="Write attitudes of re-run filters: mahony@xu-0.6,gyro. [default: none]",
-        ),
-    ] = None,
-    start: Annotated[
-        float | None,
-        typer.Option(
-            "--from", metavar="T", callback=finite, help="Begin at this time (s, 0 = first IMU sample). [default: all]"
-        ),
-    ] = None,
-    end: Annotated[
-        float | None, typer.Option("--to", metavar="T", callback=finite, help="End at this time (s). [default: all]")
-    ] = None,
-    kind: Annotated[
-        str | None,
-        typer.Option("--format", metavar="csv|parquet", help="Write this form. [default: by the suffix of -o, or csv]"),
-    ] = None,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="PATH|-",
-            help="Write to a folder, a file (.csv, .parquet) for one table, - for standard output.",
-        ),
-    ] = Path("extract"),
-    boot: Boot = None,
-    system: System = None,
 ) -> None:
     """Write data of a log for pandas and PlotJuggler.
 
@@ -75,30 +83,30 @@ def command(
 
     Example: attlog extract flight.ulg vehicle_attitude --from 10 --to 60
     """
-    kind = _kind(kind, output)
-    if messages and (streams or estimates):
+    kind = _kind(own.kind, own.output)
+    if messages and (own.streams or own.estimates):
         raise UsageError("name messages, or use --streams / --estimates, not both")
-    if start is not None and end is not None and start > end:
-        raise UsageError(f"--from {start:g} is after --to {end:g}")
+    if own.start is not None and own.end is not None and own.start > own.end:
+        raise UsageError(f"--from {own.start:g} is after --to {own.end:g}")
     log = one_log(log)
     from attlog import extraction
     from attlog.flight import read
 
-    flight = read(log, boot=boot, system=system)
-    whole = _tables(flight, messages or [], streams, estimates, system)
+    flight = read(log, boot=own.boot, system=own.system)
+    whole = _tables(flight, messages or [], own.streams, own.estimates, own.system)
     if not whole:
         raise LogUnusable(f"{log}: nothing to extract")
-    tables = [table.between(start, end) for table in whole]
+    tables = [table.between(own.start, own.end) for table in whole]
     if not any(map(len, tables)):
-        why = dict.fromkeys(f"{table.name}: no row {_why_empty(table, start, end)}" for table in whole)
+        why = dict.fromkeys(f"{table.name}: no row {_why_empty(table, own.start, own.end)}" for table in whole)
         raise LogUnusable("\n".join([f"{log}: nothing to extract", *why]))
     for table, cut in zip(whole, tables, strict=True):
         if not len(cut) and not common.quiet:
-            to_stderr(f"attlog: {table.name}: no row {_why_empty(table, start, end)}")
-    if str(output) == "-":
+            to_stderr(f"attlog: {table.name}: no row {_why_empty(table, own.start, own.end)}")
+    if str(own.output) == "-":
         extraction.write_stream(tables, flight, sys.stdout.buffer, kind)
         return
-    written = extraction.write(tables, flight, output, kind)
+    written = extraction.write(tables, flight, own.output, kind)
     if not common.quiet:
         for path, table in zip(written, tables, strict=True):
             to_stdout(f"{path}: {len(table)} rows, {len(table.columns)} columns")

@@ -10,7 +10,7 @@ import typer
 from attlog import __version__
 from attlog.base.errors import BUG, exit_code, message, worst
 from attlog.cli.shared.options import Boot, CommonOptions, Json, Logs, System
-from attlog.cli.shared.printing import Line, columns, console, json_line, json_to_stdout, say, to_stderr
+from attlog.cli.shared.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stderr
 
 DIFFERS, LATE = 1, 75
 WORDS = {"good": "good", "warn": "warn", "bad": "bad", "cannot_judge": "cannot judge"}
@@ -48,7 +48,7 @@ def command(
                 json_to_stdout(json_line(report))
             elif not common.quiet:
                 out = console()
-                say([Line("")] * (number > 0), out)
+                say([TextLine("")] * (number > 0), out)
                 say(lines(printable(report), out.width, common.verbose), out)
             if verify and not report["verify"]["agrees"]:
                 codes.add(LATE if report["verify"]["late"] else DIFFERS)
@@ -71,7 +71,7 @@ def printable(report: dict[str, Any]) -> dict[str, Any]:
     return safe
 
 
-def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line]:
+def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[TextLine]:
     """A report of :func:`attlog.inspection.inspect` as text of at most ``width`` columns where words can be broken."""
     from attlog.cli.shared.terminal import wrong
     from attlog.flight.model import Problem
@@ -92,7 +92,7 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
     yield from _part("What analyze does to every filter alike", taken, width, [""] * len(taken))
     if report["compared_with"]:
         yield from _part("Compared with", [("reference", "", report["compared_with"])], width, [""])
-    yield Line("")
+    yield TextLine("")
     found = [Problem(**p) for p in report["problems"] if verbose or p["severity"] != "info"]
     yield from wrong(problem_texts(found), str, width, verbose=True)
     messages = [
@@ -107,36 +107,36 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Line
     yield from _part("Messages", messages, width, [""] * len(messages))
     if report["verify"] is not None:
         v = report["verify"]
-        yield Line("")
+        yield TextLine("")
         head = {True: "Agrees with", False: "Differs from", None: "Not compared with"}[v["agrees"]]
-        yield Line(f"{head} {v['oracle']}: {v['text']}", "bold")
-        yield from (Line(f"  {line}") for line in v["differences"])
+        yield TextLine(f"{head} {v['oracle']}: {v['text']}", "bold")
+        yield from (TextLine(f"  {line}") for line in v["differences"])
 
 
-def _head(log: dict[str, Any], width: int) -> Iterator[Line]:
+def _head(log: dict[str, Any], width: int) -> Iterator[TextLine]:
     """Which file, vehicle, firmware, when, how long; the sensors and why they were chosen."""
     firmware = " ".join(x for x in (log["firmware"]["name"], log["firmware"]["version"]) if x) or "unknown firmware"
-    yield Line(f"{log['name']}  {log['format']}, {log['size'] / 1e6:.1f} MB, sha256 {log['sha256'][:12]}", "bold")
-    yield Line(f"{log['vehicle'] or 'unknown vehicle'}, {firmware}{', simulated' if log['simulated'] else ''}")
+    yield TextLine(f"{log['name']}  {log['format']}, {log['size'] / 1e6:.1f} MB, sha256 {log['sha256'][:12]}", "bold")
+    yield TextLine(f"{log['vehicle'] or 'unknown vehicle'}, {firmware}{', simulated' if log['simulated'] else ''}")
     boots = f", boot {log['boot']} of {log['boots']}" if log["boots"] > 1 else ""
-    yield Line(f"{log['date_utc'] or 'date unknown'}, {log['duration_s']:.1f} s{boots}")
+    yield TextLine(f"{log['date_utc'] or 'date unknown'}, {log['duration_s']:.1f} s{boots}")
     sensors = []
     for what in ("imu", "mag", "attitude", "truth"):
         sensor = log[what]
         found = "none" if sensor is None else f"{sensor['source']} at {sensor['rate_hz']:.1f} Hz"
         reason = log["choices"].get(what, "")
         sensors.append((what, found + (f". {reason.rstrip('.')}." if reason else "")))
-    yield from (Line(line) for row in columns(sensors, width) for line in row)
+    yield from (TextLine(line) for row in columns(sensors, width) for line in row)
     if log["seconds"]:
-        yield Line(
+        yield TextLine(
             "  " + ", ".join(f"{k} {'unknown' if s is None else f'{s:.1f} s'}" for k, s in log["seconds"].items())
         )
 
 
-def _part(title: str, rows: Sequence[tuple[str, ...]], width: int, styles: list[str]) -> Iterator[Line]:
+def _part(title: str, rows: Sequence[tuple[str, ...]], width: int, styles: list[str]) -> Iterator[TextLine]:
     """A titled table; nothing without rows."""
     if rows:
-        yield Line("")
-        yield Line(title, "bold")
+        yield TextLine("")
+        yield TextLine(title, "bold")
         for laid, style in zip(columns(rows, width), styles, strict=True):
-            yield from (Line(line, style) for line in laid)
+            yield from (TextLine(line, style) for line in laid)

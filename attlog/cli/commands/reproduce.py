@@ -12,7 +12,7 @@ import typer
 from attlog.base.errors import AttlogError, LogUnreadable, UsageError
 from attlog.cli.shared.arguments import command_line
 from attlog.cli.shared.options import CommonOptions, Folder, JobsOfCores, Json
-from attlog.cli.shared.printing import Line, console, json_to_stdout, say, wrapped
+from attlog.cli.shared.printing import TextLine, console, json_to_stdout, say, wrapped
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
@@ -81,13 +81,13 @@ def command(
             say(printed(found, place, common.verbose > 0), out)
 
 
-def printed(paper: Paper, place: Path, verbose: bool = False) -> Iterator[Line]:
+def printed(paper: Paper, place: Path, verbose: bool = False) -> Iterator[TextLine]:
     """The claims of a paper on the terminal; ``verbose`` adds how each was measured and its numbers."""
     from attlog.present.text import typeset
     from attlog.reproduce.page import measured
 
     width = 110
-    yield Line(f"{paper.key}: {paper.title}", "bold")
+    yield TextLine(f"{paper.key}: {paper.title}", "bold")
     for number, claim in enumerate(paper.claims, 1):
         yield from wrapped(f"{number:>3}. ", f"{typeset(claim.says)} ({claim.where})", width)
         yield from wrapped(f"     {claim.verdict}: ", typeset(claim.by), width)
@@ -95,5 +95,5 @@ def printed(paper: Paper, place: Path, verbose: bool = False) -> Iterator[Line]:
             yield from wrapped("       ", typeset(claim.measured), width)
             for n in claim.numbers:
                 yield from wrapped("       ", f"{typeset(n.what)}: {measured(n)}", width)
-    yield Line(f"page: {place}   data: {place.with_suffix('.json').name}")
-    yield Line("")
+    yield TextLine(f"page: {place}   data: {place.with_suffix('.json').name}")
+    yield TextLine("")

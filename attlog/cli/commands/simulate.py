@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,17 +23,10 @@ if TYPE_CHECKING:
 SUFFIXES = (".ulg", ".bin", ".tlog")
 
 
-def command(
-    common: CommonOptions,
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENARIO",
-            show_default=False,
-            autocompletion=scenarios,
-            help="The name of a scenario that comes with attlog, or a TOML file. Without one they are listed.",
-        ),
-    ] = "",
+@dataclass(frozen=True, slots=True)
+class SimulationOptions:
+    """How a scenario is flown and where its logs go."""
+
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -43,13 +37,13 @@ def command(
             help="Write x.ulg, x.bin or x.tlog; may be repeated: several logs of one flight. "
             "A folder gets SCENARIO.ulg.",
         ),
-    ] = None,
+    ] = None
     seed: Annotated[
         int | None,
         typer.Option(
             "--seed", min=0, metavar="N", show_default=False, help="Draw noise, bias and gusts by it. [default: 0]"
         ),
-    ] = None,
+    ] = None
     seeds: Annotated[
         str | None,
         typer.Option(
@@ -58,7 +52,7 @@ def command(
             show_default=False,
             help="Fly once for each; -o is a folder, which gets SCENARIO-SEED.ulg. [default: one flight]",
         ),
-    ] = None,
+    ] = None
     kinds: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,7 +61,7 @@ def command(
             show_default=False,
             help="Write this format to a folder; may be repeated. [default: ulg]",
         ),
-    ] = None,
+    ] = None
     estimator: Annotated[
         str | None,
         typer.Option(
@@ -76,7 +70,7 @@ def command(
             show_default=False,
             help="Fly on the attitude of this filter. [default: the scenario's]",
         ),
-    ] = None,
+    ] = None
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -85,7 +79,7 @@ def command(
             show_default=False,
             help="Set a value of the scenario, as in TOML: sensors.imu.0.gyro.bias_dps=[1,0,0]. May be repeated.",
         ),
-    ] = None,
+    ] = None
     params: Annotated[
         list[str] | None,
         typer.Option(
@@ -94,10 +88,24 @@ def command(
             show_default=False,
             help="Log this parameter instead, such as EKF2_MAG_DECL=20. May be repeated.",
         ),
-    ] = None,
-    jobs: Jobs = 1,
-    listed: Annotated[bool, typer.Option("--list", help="List the scenarios.")] = False,
-    printed: Annotated[bool, typer.Option("--print", help="Print the scenario with every value as TOML.")] = False,
+    ] = None
+    jobs: Jobs = 1
+    listed: Annotated[bool, typer.Option("--list", help="List the scenarios.")] = False
+    printed: Annotated[bool, typer.Option("--print", help="Print the scenario with every value as TOML.")] = False
+
+
+def command(
+    own: SimulationOptions,
+    common: CommonOptions,
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO",
+            show_default=False,
+            autocompletion=scenarios,
+            help="The name of a scenario that comes with attlog, or a TOML file. Without one they are listed.",
+        ),
+    ] = "",
 ) -> None:
     """Fly a scenario and write the logs of the flight.
 
@@ -106,27 +114,27 @@ def command(
 
     Example: attlog simulate hover -o hover.ulg
     """
-    if listed or not scenario:
-        if not listed and (output or seeds or estimator or settings or params or printed):
+    if own.listed or not scenario:
+        if not own.listed and (own.output or own.seeds or own.estimator or own.settings or own.params or own.printed):
             raise UsageError("name a scenario; attlog simulate --list shows those that come with attlog")
         _list()
         return
-    flown = _scenario(scenario, settings or [], estimator)
+    flown = _scenario(scenario, own.settings or [], own.estimator)
     if not common.quiet:
         _warn(flown, scenario)
-    if printed:
+    if own.printed:
         from attlog.simulate.scenario.text import as_toml
 
         typer.echo(as_toml(flown), nl=False)
         return
-    work = _files(flown.name, output or [], seeds, seed, kinds)
-    logged = _parameters(params or [])
+    work = _files(flown.name, own.output or [], own.seeds, own.seed, own.kinds)
+    logged = _parameters(own.params or [])
     from attlog.simulate.written import flights
 
     with progress(common.quiet, common.verbose > 0) as shown:
         if shown.stages:
             shown.show(f"{flown.name}, {len(work)} to fly ...")
-        for number, (one, result) in enumerate(flights(flown, work, logged, jobs), start=1):
+        for number, (one, result) in enumerate(flights(flown, work, logged, own.jobs), start=1):
             shown.clear()
             if isinstance(result, Exception):
                 raise result
@@ -184,11 +192,11 @@ def _files(
     folders = [path for path in output if os.path.isdir(path) or not path.suffix]
     for path in output:
         if path not in folders and path.suffix.lower() not in SUFFIXES:
-            raise UsageError(f"-o {path}: the suffix tells the format: .ulg, .bin or .tlog")
+            raise UsageError(f"-o {path}: the suffix names the format: .ulg, .bin or .tlog")
     if seeds is not None and len(folders) < len(output):
         raise UsageError(f"--seeds {seeds} writes several logs: -o must be a folder")
     if kinds and not folders:
-        raise UsageError("--format is for a folder; the suffix of a file tells its format")
+        raise UsageError("--format is for a folder; the suffix of a file names its format")
     if seeds is None:
         files = [path for path in output if path not in folders]
         return {seed or 0: [*files, *(folder / f"{name}{suffix}" for folder in folders for suffix in wanted)]}

@@ -10,7 +10,16 @@ import typer
 
 from attlog.cli.shared.options import CommonOptions, ComparisonOptions
 from attlog.cli.shared.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
-from attlog.cli.shared.printing import Line, aligned, console, json_to_stdout, say, table_to_stdout, to_stderr, wrapped
+from attlog.cli.shared.printing import (
+    TextLine,
+    aligned,
+    console,
+    json_to_stdout,
+    say,
+    table_to_stdout,
+    to_stderr,
+    wrapped,
+)
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
@@ -104,19 +113,19 @@ def _written(found: Sweep, folder: Path, about: dict[str, Any]) -> tuple[Path, P
     return paths
 
 
-def _printed(found: Sweep, files: Sequence[Path], about: dict[str, Any], everything: bool) -> Iterator[Line]:
+def _printed(found: Sweep, files: Sequence[Path], about: dict[str, Any], everything: bool) -> Iterator[TextLine]:
     from attlog.compare.sweep import text as sweep_words
 
     for sentence in sweep_words.sentences(found, sweep_words.references_of(about)):
         yield from wrapped("", sentence, 100)
-    yield Line("")
+    yield TextLine("")
     head, rows = sweep_words.rows(found)
     shown = rows if everything or len(rows) <= SHOWN + 2 else rows[:SHOWN]
     yield from aligned(head, shown)
     if len(shown) < len(rows):
-        yield Line(f"  and {len(rows) - len(shown)} more; -v lists all")
+        yield TextLine(f"  and {len(rows) - len(shown)} more; -v lists all")
     if len(found.logs) > 1 and found.columns[0].single is not None:
-        yield Line("")
+        yield TextLine("")
         yield from aligned(*sweep_words.log_rows(found, found.columns[0]))
-    yield Line("")
-    yield Line(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")
+    yield TextLine("")
+    yield TextLine(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")

@@ -14,7 +14,7 @@ from attlog import __version__
 from attlog.base import spreadsheet
 from attlog.base.errors import LogUnusable, OutputError, UsageError, exit_code, message, worst
 from attlog.cli.shared.options import OneFile
-from attlog.cli.shared.printing import Line, console, say, to_stderr
+from attlog.cli.shared.printing import TextLine, console, say, to_stderr
 
 if TYPE_CHECKING:
     from attlog.fleet.pages.across_logs import Across, Column
@@ -114,7 +114,7 @@ def _notes(found: Across, failed: int) -> None:
     against = references(found)
     if len(against) > 1:
         said = listed([f"{name} ({n})" for name, n in against.items()])
-        to_stderr(f"attlog: the logs are compared with different things: {said}; --by reference tells them apart")
+        to_stderr(f"attlog: the logs are compared with different things: {said}; --by reference separates them")
     if failed:
         to_stderr(f"attlog: {counted(failed, 'log')} could not be analysed, not in the table")
 
@@ -141,12 +141,12 @@ def _write(found: Across, by: str | None, kind: str, output: Path | None) -> Non
         table = across_table.words(found, by, found.columns, units=True)
         text = (markdown if kind == "md" else latex)(table.head, [*table.body, *table.foot])
     if output is None:
-        say(map(Line, text.splitlines()), console())
+        say(map(TextLine, text.splitlines()), console())
         return
     write_atomic(output, text.encode("utf-8", "backslashreplace"))
 
 
-def terminal(found: Across, by: str | None, width: int) -> Iterator[Line]:
+def terminal(found: Across, by: str | None, width: int) -> Iterator[TextLine]:
     """A block for each metric, with as many columns as fit."""
     from attlog.present.numbers import unit_sign
 
@@ -155,12 +155,12 @@ def terminal(found: Across, by: str | None, width: int) -> Iterator[Line]:
         columns = [c for c in found.columns if (c.metric, c.window) == (metric, where)]
         unit = unit_sign(columns[0].unit)
         if k:
-            yield Line("")
-        yield Line(f"{metric}, {where}{f', in {unit}' if unit else ''}", "bold")
+            yield TextLine("")
+        yield TextLine(f"{metric}, {where}{f', in {unit}' if unit else ''}", "bold")
         yield from _block(found, by, columns, width)
 
 
-def _block(found: Across, by: str | None, columns: Sequence[Column], width: int) -> Iterator[Line]:
+def _block(found: Across, by: str | None, columns: Sequence[Column], width: int) -> Iterator[TextLine]:
     from attlog.fleet.pages.across_table import words
     from attlog.present.text import clean
 
@@ -175,9 +175,9 @@ def _block(found: Across, by: str | None, columns: Sequence[Column], width: int)
             c.ljust(w) if k < (1 if by else 2) else c.rjust(w)
             for k, (c, w) in enumerate(zip(line, widths, strict=True))
         ]
-        yield Line(GAP.join(cells[:fit]), "bold" if i == 0 else "dim" if i > len(table.body) else "")
+        yield TextLine(GAP.join(cells[:fit]), "bold" if i == 0 else "dim" if i > len(table.body) else "")
     if fit < len(widths):
-        yield Line(f"No room for {', '.join(table.head[fit:])}: --row NAME, or -o table.csv for all.", "dim")
+        yield TextLine(f"No room for {', '.join(table.head[fit:])}: --row NAME, or -o table.csv for all.", "dim")
 
 
 def _parquet(found: Across, by: str | None) -> bytes:

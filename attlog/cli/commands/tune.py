@@ -10,7 +10,7 @@ import typer
 
 from attlog.cli.shared.options import CommonOptions, ComparisonOptions
 from attlog.cli.shared.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
-from attlog.cli.shared.printing import Line, aligned, console, json_to_stdout, say, table_to_stdout, wrapped
+from attlog.cli.shared.printing import TextLine, aligned, console, json_to_stdout, say, table_to_stdout, wrapped
 from attlog.cli.shared.progress import progress
 
 if TYPE_CHECKING:
@@ -121,18 +121,20 @@ def _written(found: Tuning, folder: Path, about: dict[str, Any], firmware: dict[
     return paths
 
 
-def _printed(found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str]) -> Iterator[Line]:
+def _printed(
+    found: Tuning, files: Sequence[Path], about: dict[str, Any], firmware: dict[str, str]
+) -> Iterator[TextLine]:
     from attlog.compare.sweep.text import references_of
     from attlog.compare.tune import text as tune_words
 
     for sentence in tune_words.sentences(found, references_of(about)):
         yield from wrapped("", sentence, 100)
-    yield Line("")
+    yield TextLine("")
     for line in tune_words.paste(found, firmware):
-        yield Line(f"  {line}", "bold")
-    yield Line("")
+        yield TextLine(f"  {line}", "bold")
+    yield TextLine("")
     yield from aligned(*tune_words.judged_rows(found))
-    yield Line("")
+    yield TextLine("")
     yield from aligned(*tune_words.gain_rows(found))
-    yield Line("")
-    yield Line(f"page: {files[0]}   data: {files[1].name}")
+    yield TextLine("")
+    yield TextLine(f"page: {files[0]}   data: {files[1].name}")

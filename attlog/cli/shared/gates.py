@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from attlog.base.errors import AttlogError
-    from attlog.cli.shared.printing import Line
+    from attlog.cli.shared.printing import TextLine
     from attlog.fleet.ci.gating import Gating
     from attlog.fleet.ci.judged import Judged
     from attlog.fleet.records.record import Record
@@ -159,7 +159,7 @@ class GateReport:
         """
         if self.gating is None or interrupted:
             return set()
-        from attlog.fleet.ci.gating import tell
+        from attlog.fleet.ci.gating import tell as report
 
         missing = [f"named {k}" for k, _ in enumerate(wrong, 1)]
         for name, error in zip(missing, wrong, strict=True):
@@ -169,16 +169,16 @@ class GateReport:
         summary = False if named is None else named == ANYWHERE or Path(named)
         codes = {1} if any(judged.failed for judged in logs) else set[int]()
         try:
-            tell(logs, self._options.junit, summary)
+            report(logs, self._options.junit, summary)
         except OutputError as error:
             to_stderr(message(error, __version__))
             codes |= {error.exit_code}
         return codes
 
 
-def lines(judged: Judged) -> list[Line]:
+def lines(judged: Judged) -> list[TextLine]:
     """The verdicts of gates on one log, the worst first."""
-    from attlog.cli.shared.printing import Line
+    from attlog.cli.shared.printing import TextLine
     from attlog.present.numbers import counted
 
     total = judged.passed + judged.failed + judged.skipped
@@ -186,10 +186,11 @@ def lines(judged: Judged) -> list[Line]:
         return []
     parts = [f"{judged.failed} of {counted(total, 'check')} failed" if judged.failed else f"{judged.passed} passed"]
     parts += [f"{judged.skipped} skipped"] if judged.skipped else []
-    parts += [f"{judged.excused} beyond a limit to the baseline, but not told from it"] if judged.excused else []
+    if judged.excused:
+        parts.append(f"{judged.excused} beyond a limit to the baseline, but not significantly different")
     style = "bold red" if judged.failed else "green" if judged.passed else ""
-    found = [Line(f"gates: {', '.join(parts)}", style)]
-    found += [Line(f"  failed   {sentence}", "red") for sentence in judged.sentences]
+    found = [TextLine(f"gates: {', '.join(parts)}", style)]
+    found += [TextLine(f"  failed   {sentence}", "red") for sentence in judged.sentences]
     if judged.failed > len(judged.worst):
-        found.append(Line(f"  ... and {judged.failed - len(judged.worst)} more"))
+        found.append(TextLine(f"  ... and {judged.failed - len(judged.worst)} more"))
     return found

@@ -197,7 +197,7 @@ class ComparisonOptions:
         return self.json or self.form is not None
 
     def of_analysis(self) -> dict[str, Any]:
-        """The options that prepare a log, as far as they are given, by their names in a configuration."""
+        """The options that prepare a log, as far as they were typed, by their names in a configuration."""
         options = {"reference": self.reference, "gyro_bias": self.gyro_bias}
         return {name: value for name, value in options.items() if value is not None}
 

@@ -18,13 +18,13 @@ OUTPUT_IS_A_FILE = ("extract", "diff", "table", "simulate")
 WRITES_LOGS = "simulate"
 
 
-def check(command: str, given: Mapping[str, Any]) -> None:
+def check(command: str, params: Mapping[str, Any]) -> None:
     """UsageError where a file to write, among the parameters of a command, is a log or one of the files to read."""
-    read = [word for name, value in given.items() if name not in WRITTEN for word in _words(value)]
+    read = [word for name, value in params.items() if name not in WRITTEN for word in _words(value)]
     for name, option in WRITTEN.items():
         if name == "output" and command not in OUTPUT_IS_A_FILE:
             continue
-        for path in _words(given.get(name)):
+        for path in _words(params.get(name)):
             if not os.path.isfile(path):
                 continue
             if any(os.path.isfile(word) and os.path.samefile(path, word) for word in read):

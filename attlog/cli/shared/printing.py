@@ -20,7 +20,7 @@ NARROWEST = 30
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class TextLine:
     """One line of text; ``style`` is empty, ``bold``, ``dim`` or a colour."""
 
     text: str
@@ -31,14 +31,14 @@ SENTENCES = 100
 """Columns over which sentences are laid out; longer lines are hard to read."""
 
 
-def wrapped(label: str, text: str, width: int) -> Iterator[Line]:
+def wrapped(label: str, text: str, width: int) -> Iterator[TextLine]:
     """A sentence after its label, broken between words."""
     lines = textwrap.wrap(text, min(width, SENTENCES) - len(label), break_long_words=False, break_on_hyphens=False)
     for i, line in enumerate(lines or [""]):
-        yield Line(((label if i == 0 else " " * len(label)) + line).rstrip())
+        yield TextLine(((label if i == 0 else " " * len(label)) + line).rstrip())
 
 
-def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[Line]:
+def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[TextLine]:
     """A table: words of the last and first column to the left, all between to the right"""
     widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
     for number, row in enumerate([head, *rows]):
@@ -46,7 +46,7 @@ def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[Line
             c.ljust(w) if i in (0, len(head) - 1) else c.rjust(w)
             for i, (c, w) in enumerate(zip(row, widths, strict=True))
         ]
-        yield Line("  " + "  ".join(cells).rstrip(), "bold" if number == 0 else "")
+        yield TextLine("  " + "  ".join(cells).rstrip(), "bold" if number == 0 else "")
 
 
 def columns(rows: Iterable[tuple[str, ...]], width: int, indent: str = "  ") -> list[list[str]]:
@@ -135,7 +135,7 @@ def table_to_stdout(form: TableForm, head: Sequence[str], rows: Sequence[Sequenc
 
 def text_to_stdout(text: str) -> None:
     """A text of several lines on standard output, as :func:`to_stderr`."""
-    say(map(Line, text.splitlines()), Piped(sys.stdout))
+    say(map(TextLine, text.splitlines()), Piped(sys.stdout))
 
 
 def json_to_stdout(text: str) -> None:
@@ -158,7 +158,7 @@ def json_line(document: dict[str, Any]) -> str:
     return text
 
 
-def say(lines: Iterable[Line], out: Console | Piped) -> None:
+def say(lines: Iterable[TextLine], out: Console | Piped) -> None:
     """Print lines as they are: not broken, nothing in them taken for markup, no blanks behind them."""
     from attlog.present.stand_ins import stand_in
     from attlog.present.text import for_terminal

@@ -19,7 +19,7 @@ from attlog.base.errors import LogUnreadable, OutputError, exit_code, message
 
 @contextmanager
 def ended_by_signals() -> Iterator[list[int]]:
-    """A block that SIGTERM, SIGHUP (a terminal that is closed) and SIGINT interrupt; it is given those that came.
+    """A block that SIGTERM, SIGHUP (a terminal that is closed) and SIGINT interrupt; it yields those that came.
 
     They raise KeyboardInterrupt. One that is ignored (SIGHUP under nohup) stays so.
     """
@@ -40,7 +40,7 @@ def ended_by_signals() -> Iterator[list[int]]:
 
 
 INTERRUPTED_S = 2
-"""A terminal interrupts both processes, another program (``kill -INT``) this one alone. Which it was cannot be told: a
+"""A terminal interrupts both processes, another program (``kill -INT``) this one alone. Which it was cannot be known: a
 child that is still there after so long is interrupted by this one."""
 
 
@@ -55,7 +55,7 @@ def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
         code = 70
         try:
             code = run()
-        except BaseException as error:  # ``run`` tells errors itself, unless memory is too short even for that
+        except BaseException as error:  # ``run`` reports errors itself, unless memory is too short even for that
             code = exit_code(error)
             os.write(2, f"{message(error, __version__)}\n".encode(errors="replace"))
         finally:

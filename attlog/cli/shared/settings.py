@@ -82,7 +82,7 @@ def check_filter(item: str) -> None:
 
     name = item.partition(":")[0].partition("@")[0]
     if not (name.endswith((".py", ".csv")) and os.path.isfile(name)):
-        with suppress(PluginError):  # what a filter of a package does is told in its row
+        with suppress(PluginError):  # what a filter of a package does stands in its row
             try:
                 estimators.select(item)
             except UsageError as error:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from attlog.cli.shared.printing import Line, wrapped
+from attlog.cli.shared.printing import TextLine, wrapped
 from attlog.present.problems import ProblemText, nothing_wrong, problems
 from attlog.present.stand_ins import stand_in
 from attlog.present.text import clean, typeset
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from attlog.result import EstimatorRow, Result
 
 
-def printed(result: Result, window: str, width: int, encoding: str, verbose: bool = False) -> Iterator[Line]:
+def printed(result: Result, window: str, width: int, encoding: str, verbose: bool = False) -> Iterator[TextLine]:
     """The lines for one log, at most ``width`` columns wide where words can be broken.
 
     ``window``: where the table looks; ``encoding``: of the output, signs that it lacks get
@@ -34,28 +34,28 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
     def shown(text: str) -> str:
         return stand_in(text, encoding)
 
-    yield Line(shown(clean(stand_in(str(result.log.get("name") or "log"), "utf-8"))), "bold")
+    yield TextLine(shown(clean(stand_in(str(result.log.get("name") or "log"), "utf-8"))), "bold")
     for verdict in result.verdicts:
         yield from wrapped(f"  {verdict.question:<10}", shown(typeset(verdict.sentence)), width)
     for sentence in gyro_bias(result):
         yield from wrapped(f"  {'gyro bias':<10}", shown(typeset(sentence)), width)
-    yield Line("")
+    yield TextLine("")
     yield from wrong(problems(result), shown, width, verbose)
     table = comparison(result, window, width, shown)
     if table:
-        yield Line("")
+        yield TextLine("")
         yield from table
     for sentence in alike(result) if table else []:
         yield from wrapped("", shown(typeset(sentence)), width)
 
 
-def wrong(found: list[ProblemText], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[Line]:
+def wrong(found: list[ProblemText], shown: Callable[[str], str], width: int, verbose: bool) -> Iterator[TextLine]:
     """What is wrong with the log, the worst first, each with cause, remedy and meaning; notes only if ``verbose``."""
     listed = [p for p in found if verbose or p.style != "note"]
-    yield Line(shown("What is wrong with this log"), "bold")
+    yield TextLine(shown("What is wrong with this log"), "bold")
     nothing = nothing_wrong(listed, len(found) - len(listed))
     if nothing:
-        yield Line(f"  {nothing}")
+        yield TextLine(f"  {nothing}")
     for problem in listed:
         where = f" ({problem.where})" if problem.where else ""
         times = f" ({problem.count} times)" if problem.count > 1 and f" {problem.count} " not in problem.text else ""
@@ -65,7 +65,7 @@ def wrong(found: list[ProblemText], shown: Callable[[str], str], width: int, ver
 
 
 GAP = "  "
-LEGEND = "* best (several: not told apart)   ~ shown, not ranked"
+LEGEND = "* best (several: no significant difference)   ~ not ranked"
 HALF = "   ± half of the 95 % interval"
 SHORTEST_NAME = 8
 
@@ -91,7 +91,7 @@ ROOMS = (
 """What is tried in turn until a table fits."""
 
 
-def comparison(result: Result, window: str, width: int, shown: Shown = str) -> list[Line]:
+def comparison(result: Result, window: str, width: int, shown: Shown = str) -> list[TextLine]:
     """The table in at most ``width`` columns, with its legend; empty where no question has a value.
 
     ``*`` marks what is best, ``~`` what may not be ranked, a word says why a value is
@@ -118,7 +118,7 @@ def comparison(result: Result, window: str, width: int, shown: Shown = str) -> l
     halves = room.halves and any(c.half for _, cells in table.rows for c in cells)
     said = [LEGEND + (HALF if halves and len(LEGEND + HALF) <= width else "")]
     said += textwrap.wrap(f"No room for: {', '.join(left_out)}.", width) if left_out else []
-    return [Line(line) for line in lines] + [Line(shown(line), "dim") for line in said]
+    return [TextLine(line) for line in lines] + [TextLine(shown(line), "dim") for line in said]
 
 
 def laid_out(

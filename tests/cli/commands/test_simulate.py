@@ -113,7 +113,7 @@ def test_values_and_parameters_are_taken_from_the_command_line(attlog, tmp_path)
         (("hovr", "-o", "x.ulg"), 2, "did you mean hover?"),
         (("static",), 2, "-o static.ulg"),
         (("-o", "x.ulg"), 2, "name a scenario"),
-        (("static", "-o", "x.csv"), 2, "x.csv: the suffix tells the format"),
+        (("static", "-o", "x.csv"), 2, "x.csv: the suffix names the format"),
         (("static", "-o", "x.ulg", "--format", "bin"), 2, "--format is for a folder"),
         (("static", "-o", "folder", "--format", "csv"), 2, "use ulg, bin or tlog"),
         (("static", "-o", "x.ulg", "--seeds", "1..3"), 2, "-o must be a folder"),

@@ -9,14 +9,14 @@ import sys
 import pytest
 from rich.console import Console
 
-from attlog.cli.shared.printing import Line, Piped, console, say, terminal
+from attlog.cli.shared.printing import Piped, TextLine, console, say, terminal
 
 TEXTS = ["", "plain", "bold [red]no markup[/red]  ", "a\tb", "rings\a and\b moves\v\f\r on", "µ° ≥ → ✓", "x" * 300]
 
 
 def test_a_pipe_and_a_terminal_without_colours_get_the_same_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     shown, piped = io.StringIO(), io.StringIO()
-    lines = [Line(text, "bold") for text in TEXTS]
+    lines = [TextLine(text, "bold") for text in TEXTS]
     say(lines, Console(file=shown, width=160, color_system=None, highlight=False))
     say(lines, Piped(piped))
     assert piped.getvalue() == shown.getvalue()
@@ -32,7 +32,7 @@ def test_what_is_no_terminal_is_written_without_rich(monkeypatch: pytest.MonkeyP
 def test_colours_can_be_forced_into_a_pipe(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("FORCE_COLOR", "1")
-    say([Line("text", "red")], console())
+    say([TextLine("text", "red")], console())
     assert "\x1b[31mtext" in capsys.readouterr().out
 
 

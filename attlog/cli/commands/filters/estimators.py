@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from attlog.cli.shared import completion
-from attlog.cli.shared.printing import Line, columns, console, say, to_stdout
+from attlog.cli.shared.printing import TextLine, columns, console, say, to_stdout
 
 if TYPE_CHECKING:
     from attlog.estimators import Estimator
@@ -58,7 +58,7 @@ def describe(estimator: Estimator) -> str:
     return "\n".join(lines)
 
 
-def overview(width: int) -> Iterator[Line]:
+def overview(width: int) -> Iterator[TextLine]:
     """Every estimator with source, sensors and presets; one that cannot be loaded says why."""
     from attlog.base.errors import AttlogError
     from attlog.estimators import DEFAULT, get, names
@@ -78,10 +78,10 @@ def overview(width: int) -> Iterator[Line]:
         ]
         rows += [("", f"presets: {', '.join(f'{name}@{p}' for p in e.presets)}")] if e.presets else []
     for row, laid in zip(rows, columns(rows, width, indent=""), strict=True):
-        yield from (Line(line, "bold" if row[0] else "") for line in laid)
-    yield Line("")
-    yield Line(f"default: {', '.join(DEFAULT)}")
-    yield Line(
+        yield from (TextLine(line, "bold" if row[0] else "") for line in laid)
+    yield TextLine("")
+    yield TextLine(f"default: {', '.join(DEFAULT)}")
+    yield TextLine(
         "attlog estimators NAME prints parameters and equations; attlog new FILE.py starts a filter of your own."
     )
 

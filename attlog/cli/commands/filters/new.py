@@ -26,7 +26,7 @@ vector in acc or mag means "no sample now". acc and mag belong to the time of th
 step is given; a filter that turns it first and compares then says VECTORS_AT = "end".
 
 USES may also name gnss, baro, airspeed and at_rest: step then takes one argument more, aid
-(attlog.estimators.aids tells what is in it).
+(attlog.estimators.aids says what is in it).
 """
 
 import numpy as np
@@ -67,7 +67,7 @@ def step(state, params, dt, gyr, acc, mag):
 
     Plain numbers, elements of arrays, math and small functions of this file compile to
     machine code; the helpers in attlog.estimators.engine.vectors do the usual vector maths.
-    What numba cannot compile (a C library through ctypes) runs in plain Python, and is told.
+    What numba cannot compile (a C library through ctypes) runs in plain Python, and that is said.
     """
     kp, ki = params[0], params[1]
     gx, gy, gz = gravity_error(state, acc, 1.0)  # 0.0: direction of f only
