@@ -383,7 +383,7 @@ def _slow(chosen: Mapping[str, replay.Chosen], rows: list[Row]) -> list[Problem]
     found = []
     for name, spec in chosen.items():
         if name in ran and not isinstance(spec, PluginError):
-            row = spec if isinstance(spec, estimators.Row) else spec.row
+            row = spec if isinstance(spec, estimators.EstimatorSpec) else spec.row
             try:
                 why = estimators.not_compiled(row.estimator)
             except PluginError as error:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import earth
-from attlog.estimators import Aids, LogFacts, LogInfo, Measured
+from attlog.estimators import Aids, LogFacts, LogInfo, Measurements
 from attlog.estimators.aids import LONGEST_LAG_S
 from attlog.flight.model import FlightLog, Gnss, Imu, Stream
 from attlog.flight.vehicle import VehicleKind
@@ -96,19 +96,19 @@ def _lag(stream: Stream) -> float:
     return float(np.clip(stream.delay, 0.0, 0.99 * LONGEST_LAG_S))
 
 
-def _position(g: Gnss) -> Measured | None:
+def _position(g: Gnss) -> Measurements | None:
     place = np.column_stack([g.lat, g.lon, g.alt])
     place[(g.fix < FIX_3D) | ~np.isfinite(g.lat + g.lon)] = np.nan
     return _measured(g.t, place, np.column_stack([g.h_acc, g.v_acc]))
 
 
-def _velocity(g: Gnss) -> Measured | None:
+def _velocity(g: Gnss) -> Measurements | None:
     velocity = np.array(g.vel_ned, np.float64)
     velocity[(g.fix < FIX_3D) | ~np.isfinite(velocity[:, 0] + velocity[:, 1])] = np.nan
     return _measured(g.t, velocity, np.asarray(g.s_acc, np.float64))
 
 
-def _measured(t: Array, x: Array, sigma: Array | None = None) -> Measured | None:
+def _measured(t: Array, x: Array, sigma: Array | None = None) -> Measurements | None:
     """Samples that tell something, in the order of time, of equal times the first; None if there are none."""
     x = np.array(x, np.float64)
     x = x[:, 0] if x.ndim == 2 and x.shape[1] == 1 else x
@@ -120,4 +120,4 @@ def _measured(t: Array, x: Array, sigma: Array | None = None) -> Measured | None
         return None
     if sigma is not None:
         sigma = np.where(np.isfinite(sigma) & (sigma >= 0.0), sigma, np.nan)[order]
-    return Measured(t[order], x[order], sigma)
+    return Measurements(t[order], x[order], sigma)

@@ -167,7 +167,7 @@ def compile_share(place: Path, part: int, parts: int, every: bool) -> None:
             try:
                 _write(path, made_object(kernel, key).packed())
                 print(MADE, kernel.name, flush=True)
-            except emit.NotAlone as error:
+            except emit.NeedsNumba as error:
                 print(f"{kernel.what} will be compiled at its first use: {error}", file=sys.stderr)
 
 

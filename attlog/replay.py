@@ -37,14 +37,14 @@ class Runnable(Protocol):
         """What the row is called."""
 
     @property
-    def row(self) -> estimators.Row:
+    def row(self) -> estimators.EstimatorSpec:
         """The filter that runs."""
 
     def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Row, EstimatorRow]:
         """The row of one unit, and its line of the table; ``suffix`` follows its name. AttlogError if it fails."""
 
 
-Chosen: TypeAlias = estimators.Row | Runnable | PluginError
+Chosen: TypeAlias = estimators.EstimatorSpec | Runnable | PluginError
 """What is to be run, or why it cannot be."""
 
 
@@ -160,11 +160,11 @@ def aids_of(case: Case, suffix: str) -> estimators.Aids:
 
 
 def _run(
-    case: Case, imu: Imu, spec: estimators.Row | Runnable, suffix: str, whole: bool = True
+    case: Case, imu: Imu, spec: estimators.EstimatorSpec | Runnable, suffix: str, whole: bool = True
 ) -> tuple[Row, EstimatorRow]:
     """One estimator over one IMU as the log has it, or as the runnable wants it; ``whole`` as :func:`replayed`."""
     STAGES.info("running %s", spec.name)
-    if not isinstance(spec, estimators.Row):
+    if not isinstance(spec, estimators.EstimatorSpec):
         return spec.run(case, imu, suffix)
     if is_recorded(spec):
         return recorded_row(case, imu, spec, spec.name + suffix)
@@ -173,12 +173,12 @@ def _run(
     return replayed(case, imu, mag, spec, told, aids, spec.name + suffix, whole)
 
 
-def is_recorded(spec: estimators.Row) -> bool:
+def is_recorded(spec: estimators.EstimatorSpec) -> bool:
     """Whether a row is an attitude that was computed elsewhere."""
     return estimators.is_recorded(spec.estimator.origin)
 
 
-def recorded_row(case: Case, imu: Imu, spec: estimators.Row, name: str) -> tuple[Row, EstimatorRow]:
+def recorded_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Row, EstimatorRow]:
     """An attitude that was computed elsewhere as a row like any other. Errors as of :func:`attlog.recorded.read`."""
     values = spec.resolved()
     asked = {k: v for k, (v, _) in values.items()}
@@ -205,7 +205,7 @@ def replayed(
     case: Case,
     imu: Imu,
     mag: Mag | None,
-    spec: estimators.Row,
+    spec: estimators.EstimatorSpec,
     told: estimators.LogFacts,
     aids: estimators.Aids,
     name: str,
@@ -301,7 +301,7 @@ def batch(
     case: Case,
     imu: Imu,
     mag: Mag | None,
-    spec: estimators.Row,
+    spec: estimators.EstimatorSpec,
     settings: Sequence[Mapping[str, float | str]],
     told: estimators.LogFacts,
     aids: estimators.Aids,
@@ -319,7 +319,7 @@ def batch(
     uses_mag = mag is not None and "mag" in estimator.uses
     STAGES.info("running %s with %d parameter sets", spec.name, len(settings))
     t, taken = imu.gyro.t_best if ref.clock == "sample" else imu.gyro.t, case.bias_of(imu)
-    chosen = [estimators.Row(estimator, spec.preset, {**spec.params, **setting}) for setting in settings]
+    chosen = [estimators.EstimatorSpec(estimator, spec.preset, {**spec.params, **setting}) for setting in settings]
     found = estimate_batch(
         estimator,
         [row.params for row in chosen],

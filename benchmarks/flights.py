@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 import attlog
 from attlog import inputs
 from attlog.base import rotation
-from attlog.estimators import Aids, Estimate, Measured, estimate, place
+from attlog.estimators import Aids, Estimate, Measurements, estimate, place
 from attlog.reference import declination
 
 Array = NDArray[np.float64]
@@ -57,12 +57,12 @@ def injected(given: dict[str, Any], seed: int) -> dict[str, Any]:
     changed: dict[str, Any] = {}
     if aids.velocity is not None:
         v = aids.velocity
-        changed["velocity"] = Measured(v.t, v.x + 0.2 * random.standard_normal(v.x.shape), v.sigma)
+        changed["velocity"] = Measurements(v.t, v.x + 0.2 * random.standard_normal(v.x.shape), v.sigma)
     if aids.position is not None:
         p = aids.position
         off = random.standard_normal(p.x.shape) * [1.5, 1.5, 2.2] + wander(p.t, random)
         metres = np.array([111_320.0, 111_320.0 * np.cos(np.radians(p.x[0, 0])), 1.0])
-        changed["position"] = Measured(p.t, p.x + off / metres, p.sigma)
+        changed["position"] = Measurements(p.t, p.x + off / metres, p.sigma)
     out = dict(given)
     if given["mag"] is not None:
         E = random.standard_normal((3, 3))

@@ -21,7 +21,7 @@ from table import Measured, Target, Task
 from attlog.base import rotation
 from attlog.estimators import get, names
 from attlog.estimators.engine import batch, loop
-from attlog.estimators.engine.samples import Samples, prepare
+from attlog.estimators.engine.samples import PreparedSamples, prepare
 
 SAMPLES = 50_000
 RATE = 250.0
@@ -62,14 +62,14 @@ def clocked(work: Callable[[], object], updates: int) -> Work:
     return run
 
 
-def scalar(name: str, samples: Samples) -> Work:
+def scalar(name: str, samples: PreparedSamples) -> Work:
     """One filter's own cost, preparation left out."""
     e = get(name)
     values = {k: v for k, (v, _) in e.resolve().items()}
     return lambda: loop.run(e, samples, values).ns_per_update
 
 
-def batched(name: str, samples: Samples, dtype: str) -> Work:
+def batched(name: str, samples: PreparedSamples, dtype: str) -> Work:
     """Cost per update and parameter set of a full kernel width."""
     e = get(name)
     packed = e.pack({k: v for k, (v, _) in e.resolve().items()})

@@ -88,7 +88,7 @@ row = evaluate(prepare(log, Config(reference="onboard")), ["mahony:kp=0.3"], onl
 assert_type(row.metrics["all"]["lag_ms"].value, float | None)
 assert_type(row.metrics["all"]["lag_ms"].ci95, tuple[float, float] | None)
 t = np.arange(0.0, 10.0, 0.01)
-found = estimate("mahony", t, np.zeros((1000, 3)), np.zeros((1000, 3)), aids=Aids(baro=Measured(t, t)), kp=0.5)
+found = estimate("mahony", t, np.zeros((1000, 3)), np.zeros((1000, 3)), aids=Aids(baro=Measurements(t, t)), kp=0.5)
 assert_type(found, Estimate)
 assert_type(found.q, NDArray[np.float64])
 assert_type(place(t, t[::4], found.q[::4, :3]), NDArray[np.float64])

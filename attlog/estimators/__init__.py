@@ -6,8 +6,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from attlog.estimators.aids import Aids, Measured
-    from attlog.estimators.api import DEFAULT, Row, add, estimate, items, parse, select
+    from attlog.estimators.aids import Aids, Measurements
+    from attlog.estimators.api import DEFAULT, EstimatorSpec, add, estimate, items, parse, select
     from attlog.estimators.base import Estimate, Estimator, LogFacts, LogInfo, Parameter
     from attlog.estimators.engine.loop import not_compiled
     from attlog.estimators.engine.samples import place
@@ -20,11 +20,11 @@ __all__ = [
     "Aids",
     "Estimate",
     "Estimator",
+    "EstimatorSpec",
     "LogFacts",
     "LogInfo",
-    "Measured",
+    "Measurements",
     "Parameter",
-    "Row",
     "add",
     "estimate",
     "get",
@@ -45,9 +45,9 @@ _HOMES = {
     "Estimator": "attlog.estimators.base",
     "LogFacts": "attlog.estimators.base",
     "LogInfo": "attlog.estimators.base",
-    "Measured": "attlog.estimators.aids",
+    "Measurements": "attlog.estimators.aids",
     "Parameter": "attlog.estimators.base",
-    "Row": "attlog.estimators.api",
+    "EstimatorSpec": "attlog.estimators.api",
     "add": "attlog.estimators.api",
     "estimate": "attlog.estimators.api",
     "get": "attlog.estimators.registry",

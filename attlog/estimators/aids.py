@@ -38,7 +38,7 @@ LONGEST_LAG_S = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class Measurements:
     """Values ``x`` (n,) or (n, k) measured at ``t`` (n,) s, with standard deviations ``sigma`` (n,) or (n, j).
 
     Anything that numpy takes for an array. A component that a sample does not tell is NaN.
@@ -66,14 +66,14 @@ class Measured:
                 raise UsageError(f"sigma of aids must be a number from 0 for each of the {len(t)} samples, or NaN")
             object.__setattr__(self, "sigma", sigma)
 
-    def between(self, t0: float, t1: float) -> Measured | None:
+    def between(self, t0: float, t1: float) -> Measurements | None:
         """The samples with t0 <= t <= t1; None if there is none."""
         a, b = np.searchsorted(self.t, [t0, np.nextafter(t1, np.inf)])
         if a == b:
             return None
         if b - a == len(self.t):
             return self
-        return Measured(self.t[a:b], self.x[a:b], None if self.sigma is None else self.sigma[a:b])
+        return Measurements(self.t[a:b], self.x[a:b], None if self.sigma is None else self.sigma[a:b])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,10 +91,10 @@ class Aids:
     UsageError for other shapes.
     """
 
-    position: Measured | None = None
-    velocity: Measured | None = None
-    baro: Measured | None = None
-    airspeed: Measured | None = None
+    position: Measurements | None = None
+    velocity: Measurements | None = None
+    baro: Measurements | None = None
+    airspeed: Measurements | None = None
     at_rest: Array | None = None
     field: Array | None = None
     lag: tuple[float, float] = (0.0, 0.0)
@@ -114,8 +114,8 @@ class Aids:
             m = getattr(self, name)
             if m is None:
                 continue
-            if not isinstance(m, Measured):
-                raise UsageError(f"aids: {name} must be attlog.estimators.Measured(t, x, sigma)")
+            if not isinstance(m, Measurements):
+                raise UsageError(f"aids: {name} must be attlog.estimators.Measurements(t, x, sigma)")
             if m.x.shape[1:] != values or (m.sigma is not None and m.sigma.shape[1:] != sigmas):
                 wanted = f"x {('n', *values)} and sigma {('n', *sigmas)}".replace("'", "")
                 raise UsageError(f"aids: {name} needs {wanted}, not x {m.x.shape}")
@@ -130,7 +130,7 @@ class Aids:
     def between(self, t0: float, t1: float) -> Aids:
         """What was measured in t0 <= t <= t1, spans of rest cut to it."""
 
-        def cut(m: Measured | None) -> Measured | None:
+        def cut(m: Measurements | None) -> Measurements | None:
             return None if m is None else m.between(t0, t1)
 
         rest = self.at_rest

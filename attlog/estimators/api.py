@@ -26,7 +26,7 @@ gyro as the baseline that wins nothing."""
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class EstimatorSpec:
     """One line of a comparison: an estimator, its preset and the values set by hand.
 
     ``name`` is what the table shows, for example ``mahony@xu-0.6`` or ``mahony:kp=0.8``.
@@ -47,7 +47,7 @@ class Row:
         return self.estimator.resolve(self.preset, self.params, log=log)
 
 
-def parse(text: str) -> Row:
+def parse(text: str) -> EstimatorSpec:
     """The row that ``NAME[@PRESET][:k=v,...]`` or ``FILE.py[@PRESET][:k=v,...]`` names.
 
     UsageError with a suggestion for unknown names, presets, parameters and values.
@@ -61,12 +61,12 @@ def parse(text: str) -> Row:
         if not equals:
             raise UsageError(f"{text}: {pair} is not NAME=VALUE{cut_by_comma(before, pair.strip())}")
         params[key.strip()] = estimator.parameter(key.strip()).check(value.strip(), estimator.name)
-    row = Row(estimator, preset or None, params)
+    row = EstimatorSpec(estimator, preset or None, params)
     row.resolved()
     return row
 
 
-def select(text: str, *, acc: bool = True, mag: bool = True) -> list[Row]:
+def select(text: str, *, acc: bool = True, mag: bool = True) -> list[EstimatorSpec]:
     """The rows of a comma-separated list; ``default`` and ``all`` stand for whole sets.
 
     ``acc`` and ``mag`` say which sensors the log has: sets leave out what cannot run
@@ -77,7 +77,7 @@ def select(text: str, *, acc: bool = True, mag: bool = True) -> list[Row]:
     if "all" in items(text):
         sets["all"] = names()
     lacking = {sensor for sensor, there in (("acc", acc), ("mag", mag)) if not there}
-    rows: dict[str, Row] = {}
+    rows: dict[str, EstimatorSpec] = {}
     for item in items(text):
         members = [_member(one) for one in sets[item]] if item in sets else [parse(item)]
         for row in members:
@@ -86,15 +86,15 @@ def select(text: str, *, acc: bool = True, mag: bool = True) -> list[Row]:
     return list(rows.values())
 
 
-def add(rows: dict[str, Any], row: Row) -> None:
+def add(rows: dict[str, Any], row: EstimatorSpec) -> None:
     """A row to those by name, once. UsageError where another estimator's row has the name."""
     other = rows.setdefault(row.name, row)
-    if isinstance(other, Row) and other.estimator.origin != row.estimator.origin:
+    if isinstance(other, EstimatorSpec) and other.estimator.origin != row.estimator.origin:
         both = " and ".join(one.estimator.origin for one in (other, row))
         raise UsageError(f"{both} are both called {row.name}; rename one of the files")
 
 
-def _member(name: str) -> Row:
+def _member(name: str) -> EstimatorSpec:
     """A row of a set; one that an installed package broke says so when it is run, so that the others do."""
     try:
         return parse(name)
@@ -105,11 +105,11 @@ def _member(name: str) -> Row:
         raise broken
 
     nothing: frozenset[str] = frozenset()
-    return Row(Estimator(name, str(broken), "", "", nothing, nothing, (), {}, run=run))
+    return EstimatorSpec(Estimator(name, str(broken), "", "", nothing, nothing, (), {}, run=run))
 
 
 def estimate(
-    name: str | Row | Estimator,
+    name: str | EstimatorSpec | Estimator,
     t: ArrayLike,
     gyr: ArrayLike,
     acc: ArrayLike | None = None,
@@ -141,7 +141,7 @@ def estimate(
     pointed. Equations and sources of each: docs/estimators.md, ``attlog estimators NAME``. UsageError for wrong shapes,
     names or values, or a missing sensor; PluginError and PluginTimeout of estimators that are not attlog's.
     """
-    row = parse(name) if isinstance(name, str) else name if isinstance(name, Row) else Row(name)
+    row = parse(name) if isinstance(name, str) else name if isinstance(name, EstimatorSpec) else EstimatorSpec(name)
     estimator = row.estimator
     if estimator.apart is not None:
         told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
@@ -188,7 +188,7 @@ def _there(
     **options: Any,
 ) -> Estimate:
     """:func:`estimate` in the process of a file."""
-    return estimate(Row(estimator, preset, params), *data, **options)
+    return estimate(EstimatorSpec(estimator, preset, params), *data, **options)
 
 
 def _split(text: str) -> tuple[str, list[str]]:

@@ -134,7 +134,7 @@ AIDS = frozenset({"gnss", "baro", "airspeed", "at_rest"})
 """What ``uses`` may name beside the sensors."""
 
 
-class Elsewhere(Protocol):
+class PluginProcess(Protocol):
     """A process that runs an estimator's functions, see :mod:`attlog.estimators.apart`. ``name``: what it loads."""
 
     name: str
@@ -183,7 +183,7 @@ class Estimator:
     vectors_at: VectorsAt = "start"
     from_log: Callable[..., Any] | None = None
     equation: str = ""
-    apart: Elsewhere | None = None
+    apart: PluginProcess | None = None
 
     @property
     def aided(self) -> bool:

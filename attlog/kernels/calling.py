@@ -82,7 +82,7 @@ def caller(kernel: Kernel, function: Callable[..., Any], engine: object) -> Call
     given = len(kernel.arguments) - len(kernel.scratch)
     known: list[tuple[Any, tuple[int, ...]]] = [(None, ())] * given
     checks = [(i, a, np.dtype(a.kind) if a.dimensions else None) for i, a in enumerate(kernel.arguments[:given])]
-    room = _Room(kernel) if kernel.scratch else None
+    room = _Scratch(kernel) if kernel.scratch else None
 
     def call(*values: Any, engine: object = engine) -> Any:
         if len(values) != given:
@@ -106,7 +106,7 @@ def caller(kernel: Kernel, function: Callable[..., Any], engine: object) -> Call
     return call
 
 
-class _Room(threading.local):
+class _Scratch(threading.local):
     """A kernel's scratch arrays, made once for each thread: while one is in a kernel, others run."""
 
     def __init__(self, kernel: Kernel) -> None:

@@ -33,14 +33,14 @@ ALSO_CALLS = frozenset("cos exp exp2 fma log log10 log2 pow powi sin sincos tan"
 """Operations of LLVM that become calls of the library's function of that name, on doubles; others are refused."""
 
 
-class NotAlone(AttlogError):
+class NeedsNumba(AttlogError):
     """A kernel that needs more than the C library when it runs."""
 
 
 def emit(kernel: Kernel, symbol: str) -> tuple[bytes, tuple[str, ...]]:
     """The object file that defines ``symbol``, and the library's functions that it calls.
 
-    NotAlone where something else would be needed, naming it; what numba raises where it cannot compile the text.
+    NeedsNumba where something else would be needed, naming it; what numba raises where it cannot compile the text.
     """
     return objectified(cfunc(kernel).inspect_llvm(), symbol)
 
@@ -104,7 +104,7 @@ def objectified(text: str, symbol: str) -> tuple[bytes, tuple[str, ...]]:
     needs = needed([f.name for f in module.functions if f.is_declaration])
     foreign = [g.name for g in module.global_variables if g.is_declaration]
     if foreign:
-        raise NotAlone(f"the kernel needs {', '.join(foreign)}")
+        raise NeedsNumba(f"the kernel needs {', '.join(foreign)}")
     return machine.emit_object(module), needs
 
 
@@ -129,7 +129,7 @@ def _clean(module: Any, machine: Any) -> None:
 
 
 def needed(declared: list[str]) -> tuple[str, ...]:
-    """The library's functions among what a module declares. NotAlone where it declares more than these."""
+    """The library's functions among what a module declares. NeedsNumba where it declares more than these."""
     found = set()
     for name in declared:
         operation = name.split(".")[1] if name.startswith("llvm.") else ""
@@ -138,7 +138,7 @@ def needed(declared: list[str]) -> tuple[str, ...]:
         elif name in LIBRARY:
             found.add(name)
         elif operation not in MACHINE:
-            raise NotAlone(f"the kernel needs {name}")
+            raise NeedsNumba(f"the kernel needs {name}")
         elif operation in ("memcpy", "memmove", "memset"):
             found.add(operation)
     return tuple(sorted(found))

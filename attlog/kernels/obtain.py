@@ -31,7 +31,7 @@ def obtained(kernel: Kernel) -> Callable[..., Any]:
     COMPILING.info("compiling %s (%s)", kernel.what, where)
     try:
         made = made_object(kernel, key)
-    except emit.NotAlone as error:
+    except emit.NeedsNumba as error:
         COMPILING.warning("%s cannot run without numba: %s", kernel.what, error)
         return by_numba(kernel)
     store.keep(key, made)
@@ -52,11 +52,11 @@ def at_hand(kernel: Kernel) -> Callable[..., Any] | None:
 
 
 def made_object(kernel: Kernel, key: str) -> store.Object:
-    """The kernel's object, compiled now. NotAlone where it would need more than this machine's C library."""
+    """The kernel's object, compiled now. NeedsNumba where it would need more than this machine's C library."""
     symbol = f"attlog_{key}"
     code, needs = emit.emit(kernel, symbol)
     if not calling.loadable(needs):
-        raise emit.NotAlone(f"this system lacks one of {', '.join(needs)}")
+        raise emit.NeedsNumba(f"this system lacks one of {', '.join(needs)}")
     return store.Object(symbol, needs, code)
 
 

@@ -91,7 +91,7 @@ def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], u
     swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
     acc = np.array([0.0, 0.0, -9.81]) + swing
     mag = np.where(np.arange(SAMPLES)[:, None] % MAG_EVERY == 0, np.array([20.0, 0.0, 40.0]) + swing, np.nan)
-    asked = estimators.Row(estimators.get(estimator), params=dict(parameters))
+    asked = estimators.EstimatorSpec(estimators.get(estimator), params=dict(parameters))
     runs = []
     if asked.estimator.apart is not None:  # what is wrong with it, its own process says
         runs.append(estimators.estimate(asked, t, 0.3 * swing, acc, mag if uses_mag else None))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.estimators import Estimator, Row
+from attlog.estimators import Estimator, EstimatorSpec
 from attlog.simulate.autopilot.autopilot import Autopilot, Maker, SensorInputs
 from attlog.simulate.flight import Flight, Truth
 from attlog.simulate.happenings import events
@@ -179,4 +179,4 @@ def _there(
     """:func:`fly` in the process of the scenario's estimator."""
     from attlog.simulate.autopilot.pilot import make
 
-    return fly(scenario, seed, partial(make, row=Row(estimator, preset, params)))
+    return fly(scenario, seed, partial(make, row=EstimatorSpec(estimator, preset, params)))

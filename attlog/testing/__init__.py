@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from attlog.base.errors import AttlogError, PluginTimeout
-from attlog.estimators import Estimator, Row, not_compiled
+from attlog.estimators import Estimator, EstimatorSpec, not_compiled
 from attlog.estimators.base import AIDS
 from attlog.testing import bad_input, behaviour, extras
 from attlog.testing.motion import Motion, Noise, flight, motion, one_turn, still, swing
@@ -29,9 +29,9 @@ from attlog.testing.subject import CheckFailed, Subject, require
 
 __all__ = [
     "CheckFailed",
+    "CheckOutcome",
     "Motion",
     "Noise",
-    "Outcome",
     "about",
     "check_estimator",
     "checks",
@@ -47,7 +47,7 @@ Check = Callable[[Subject], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CheckOutcome:
     """One check's result: its name, whether it passed, and what happened if not."""
 
     name: str
@@ -55,7 +55,7 @@ class Outcome:
     message: str
 
 
-def checks(name: str | Row | Estimator) -> list[tuple[str, Callable[[], None]]]:
+def checks(name: str | EstimatorSpec | Estimator) -> list[tuple[str, Callable[[], None]]]:
     """The checks that apply to an estimator: (name, function without arguments that raises CheckFailed).
 
     ``name`` is ``NAME[@PRESET][:k=v,...]``, ``FILE.py[...]``, a row or an estimator. What
@@ -66,7 +66,9 @@ def checks(name: str | Row | Estimator) -> list[tuple[str, Callable[[], None]]]:
     return [(title, partial(check, subject)) for title, check in _applicable(subject)]
 
 
-def check_estimator(name: str | Row | Estimator, report: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+def check_estimator(
+    name: str | EstimatorSpec | Estimator, report: Callable[[CheckOutcome], None] | None = None
+) -> list[CheckOutcome]:
     """The outcome of every check that applies, in order; ``report`` sees each as it is known.
 
     A check that ends in any exception has failed. UsageError or PluginError if the
@@ -77,13 +79,13 @@ def check_estimator(name: str | Row | Estimator, report: Callable[[Outcome], Non
     for title, check in checks(name):
         try:
             check()
-            outcome = Outcome(title, True, "")
+            outcome = CheckOutcome(title, True, "")
         except PluginTimeout as error:
-            late, outcome = error, Outcome(title, False, str(error))
+            late, outcome = error, CheckOutcome(title, False, str(error))
         except (AttlogError, AssertionError) as error:
-            outcome = Outcome(title, False, str(error))
+            outcome = CheckOutcome(title, False, str(error))
         except Exception as error:
-            outcome = Outcome(title, False, f"{type(error).__name__}: {error}")
+            outcome = CheckOutcome(title, False, f"{type(error).__name__}: {error}")
         outcomes.append(outcome)
         if report is not None:
             report(outcome)
@@ -92,7 +94,7 @@ def check_estimator(name: str | Row | Estimator, report: Callable[[Outcome], Non
     return outcomes
 
 
-def about(name: str | Row | Estimator) -> list[str]:
+def about(name: str | EstimatorSpec | Estimator) -> list[str]:
     """Sentences on how an estimator is run, where it is not the usual way: whole segments, or plain Python.
 
     Errors as in :func:`checks`; PluginError also where its step fails at once.
@@ -108,7 +110,7 @@ def about(name: str | Row | Estimator) -> list[str]:
     ]
 
 
-def speed_ns(name: str | Row | Estimator) -> float:
+def speed_ns(name: str | EstimatorSpec | Estimator) -> float:
     """Nanoseconds per update on 20,000 samples, best of three runs, without compiling."""
     subject, m = Subject.of(name), swing(100.0, 200.0)
     subject.run(m.part(slice(0, 10)))

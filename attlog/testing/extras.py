@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from attlog.base.errors import AttlogError
-from attlog.estimators import Aids, Estimate, LogFacts, LogInfo, Measured
+from attlog.estimators import Aids, Estimate, LogFacts, LogInfo, Measurements
 from attlog.testing.motion import CONSUMER, Motion, swing
 from attlog.testing.subject import Subject, inclination_deg, require, require_attitudes
 
@@ -29,10 +29,10 @@ def aids_in_place(m: Motion, seed: int = 0) -> Aids:
     fixes, heights, speeds = clock(5.0), clock(20.0), clock(10.0)
     place = np.array([60.0, 10.0, 100.0]) + random.standard_normal((len(fixes), 3)) * [1e-5, 2e-5, 2.0]
     return Aids(
-        position=Measured(fixes, place, np.tile([1.0, 2.0], (len(fixes), 1))),
-        velocity=Measured(fixes, 0.1 * random.standard_normal((len(fixes), 3)), np.full(len(fixes), 0.1)),
-        baro=Measured(heights, 100.0 + 0.2 * random.standard_normal(len(heights))),
-        airspeed=Measured(speeds, np.abs(0.3 * random.standard_normal(len(speeds)))),
+        position=Measurements(fixes, place, np.tile([1.0, 2.0], (len(fixes), 1))),
+        velocity=Measurements(fixes, 0.1 * random.standard_normal((len(fixes), 3)), np.full(len(fixes), 0.1)),
+        baro=Measurements(heights, 100.0 + 0.2 * random.standard_normal(len(heights))),
+        airspeed=Measurements(speeds, np.abs(0.3 * random.standard_normal(len(speeds)))),
         at_rest=np.empty((0, 2)),
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.estimators import Estimate, Estimator, Row, estimate, parse
+from attlog.estimators import Estimate, Estimator, EstimatorSpec, estimate, parse
 from attlog.testing.motion import Motion
 
 Array = NDArray[np.float64]
@@ -29,14 +29,14 @@ def require(condition: Any, message: str) -> None:
 class Subject:
     """The estimator under test, as a row with preset and settings."""
 
-    row: Row
+    row: EstimatorSpec
 
     @classmethod
-    def of(cls, name: str | Row | Estimator) -> Subject:
+    def of(cls, name: str | EstimatorSpec | Estimator) -> Subject:
         """From ``NAME[@PRESET][:k=v,...]``, ``FILE.py``, a row or an estimator; errors as in ``parse``."""
         if isinstance(name, Estimator):
-            return cls(Row(name))
-        return cls(name if isinstance(name, Row) else parse(name))
+            return cls(EstimatorSpec(name))
+        return cls(name if isinstance(name, EstimatorSpec) else parse(name))
 
     @property
     def estimator(self) -> Estimator:

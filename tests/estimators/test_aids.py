@@ -10,7 +10,7 @@ import pytest
 
 import attlog
 from attlog.base.errors import UsageError
-from attlog.estimators import Aids, Measured
+from attlog.estimators import Aids, Measurements
 from attlog.estimators.aids import SIZE
 
 T = np.array([0.0, 1.0, 2.0])
@@ -20,20 +20,20 @@ NED = np.ones((3, 3))
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Measured(T, np.ones(2)), "t (n,) and x"),
-        (lambda: Measured(T[:, None], NED), "t (n,) and x"),
-        (lambda: Measured([0.0, 2.0, 1.0], NED), "must be finite and rise"),
-        (lambda: Measured([0.0, 1.0, 1.0], NED), "must be finite and rise"),
-        (lambda: Measured([0.0, 1.0, np.nan], NED), "must be finite and rise"),
-        (lambda: Measured(T, [1.0, np.inf, 1.0]), "values of aids must be finite"),
-        (lambda: Measured(T, [[1.0, np.nan], [np.nan, np.nan], [1.0, 2.0]]), "leave out samples that tell nothing"),
-        (lambda: Measured(T, NED, [1.0, -1.0, 1.0]), "sigma of aids"),
-        (lambda: Measured(T, NED, [1.0, 1.0]), "sigma of aids"),
-        (lambda: Measured(T, ["a", "b", "c"]), "array of numbers"),
-        (lambda: Aids(velocity=Measured(T, NED[:, :2])), "velocity needs x (n, 3)"),
-        (lambda: Aids(baro=Measured(T, NED)), "baro needs x (n,)"),
-        (lambda: Aids(position=Measured(T, NED, [1.0, 1.0, 1.0])), "position needs"),
-        (lambda: Aids(velocity=(T, NED)), "velocity must be attlog.estimators.Measured"),
+        (lambda: Measurements(T, np.ones(2)), "t (n,) and x"),
+        (lambda: Measurements(T[:, None], NED), "t (n,) and x"),
+        (lambda: Measurements([0.0, 2.0, 1.0], NED), "must be finite and rise"),
+        (lambda: Measurements([0.0, 1.0, 1.0], NED), "must be finite and rise"),
+        (lambda: Measurements([0.0, 1.0, np.nan], NED), "must be finite and rise"),
+        (lambda: Measurements(T, [1.0, np.inf, 1.0]), "values of aids must be finite"),
+        (lambda: Measurements(T, [[1.0, np.nan], [np.nan, np.nan], [1.0, 2.0]]), "leave out samples that tell nothing"),
+        (lambda: Measurements(T, NED, [1.0, -1.0, 1.0]), "sigma of aids"),
+        (lambda: Measurements(T, NED, [1.0, 1.0]), "sigma of aids"),
+        (lambda: Measurements(T, ["a", "b", "c"]), "array of numbers"),
+        (lambda: Aids(velocity=Measurements(T, NED[:, :2])), "velocity needs x (n, 3)"),
+        (lambda: Aids(baro=Measurements(T, NED)), "baro needs x (n,)"),
+        (lambda: Aids(position=Measurements(T, NED, [1.0, 1.0, 1.0])), "position needs"),
+        (lambda: Aids(velocity=(T, NED)), "velocity must be attlog.estimators.Measurements"),
         (lambda: Aids(at_rest=[1.0, 2.0]), "at_rest must be (k, 2)"),
         (lambda: Aids(at_rest=[[3.0, 2.0]]), "must follow each other"),
         (lambda: Aids(at_rest=[[0.0, 2.0], [1.0, 3.0]]), "must follow each other"),
@@ -52,7 +52,7 @@ def test_estimate_refuses_aids_that_are_none() -> None:
 
 def test_the_arrays_are_copies_that_stay_as_they_are() -> None:
     given = T.copy()
-    held = Measured(given, T)
+    held = Measurements(given, T)
     given[0] = -5.0
     assert held.t[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
@@ -61,7 +61,9 @@ def test_the_arrays_are_copies_that_stay_as_they_are() -> None:
 
 def test_a_cut_keeps_what_lies_inside_with_both_ends() -> None:
     aids = Aids(
-        velocity=Measured(T, NED, T), baro=Measured(T + 10, T), at_rest=[[0.0, 0.5], [0.8, 1.5], [1.8, 1.9], [3, 4]]
+        velocity=Measurements(T, NED, T),
+        baro=Measurements(T + 10, T),
+        at_rest=[[0.0, 0.5], [0.8, 1.5], [1.8, 1.9], [3, 4]],
     )
     cut = aids.between(1.0, 2.0)
     assert cut.velocity is not None
@@ -102,7 +104,7 @@ def test_a_run_gets_of_its_aids_what_lies_in_its_segment(tmp_path: Path) -> None
     file.write_text(WHOLE)
     t = np.r_[np.arange(0.0, 2.005, 0.01), np.arange(5.0, 8.005, 0.01)]
     fixes = np.arange(0.1, 10.0, 0.2)
-    aids = Aids(velocity=Measured(fixes, np.zeros((len(fixes), 3))), baro=Measured([0.5], [1.0]))
+    aids = Aids(velocity=Measurements(fixes, np.zeros((len(fixes), 3))), baro=Measurements([0.5], [1.0]))
     seen = attlog.estimate(str(file), t, np.zeros((len(t), 3)), aids=aids).aux["seen"]
     assert seen[0].tolist() == [10.0, 0.1, 1.0]
     assert seen[-1] == pytest.approx([15.0, 5.1, 0.0])

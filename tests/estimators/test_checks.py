@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from attlog.base.errors import PluginError
-from attlog.estimators import Estimate, Estimator, Parameter, Row, get
+from attlog.estimators import Estimate, Estimator, EstimatorSpec, Parameter, get
 from attlog.estimators.engine import samples
 from attlog.estimators.engine.vectors import down, field_error, gravity_error, turn
-from attlog.testing import CheckFailed, Outcome, bad_input, behaviour, check_estimator, checks
+from attlog.testing import CheckFailed, CheckOutcome, bad_input, behaviour, check_estimator, checks
 from attlog.testing.subject import Subject
 
 
@@ -224,7 +224,7 @@ def test_a_loop_without_its_rule_fails(
 
 
 def test_a_changed_input_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def careless(row: Row, t: Any, gyr: Any, acc: Any, mag: Any) -> None:
+    def careless(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any) -> None:
         np.nan_to_num(mag, copy=False)
 
     monkeypatch.setattr(bad_input, "estimate", careless)
@@ -235,7 +235,7 @@ def test_a_changed_input_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_arrays_that_make_a_difference_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = bad_input.estimate
 
-    def picky(row: Row, t: Any, gyr: Any, acc: Any, mag: Any = None) -> Estimate:
+    def picky(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any = None) -> Estimate:
         return plain(row, t, gyr if gyr.dtype == np.float64 else 0.9 * gyr, acc, mag)
 
     monkeypatch.setattr(bad_input, "estimate", picky)
@@ -249,7 +249,7 @@ def test_running_without_the_magnetometer_it_needs_is_found() -> None:
 
 
 def test_outcomes_name_the_check_and_say_what_happened() -> None:
-    seen: list[Outcome] = []
+    seen: list[CheckOutcome] = []
     estimator = replace(whole_run(lambda t, g, a: level(t)), source="")
     outcomes = [o for o in check_estimator(estimator, seen.append) if not o.passed]
     assert len(seen) == len(checks(estimator))

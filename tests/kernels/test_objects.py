@@ -216,7 +216,7 @@ def test_what_needs_numba_when_it_runs_stays_with_numba_and_says_so(
 ) -> None:
     text = f"def f(x, n):\n    {line}\n    return x[0] + n\n"
     told = kernel(entry="f", text=lambda: text, signature="f8(f8[::1], i8)")
-    with pytest.raises(emit.NotAlone, match=why):
+    with pytest.raises(emit.NeedsNumba, match=why):
         emit.emit(told, "f_")
     assert obtained(told)(np.ones(3), 3) == by_numba(told)(np.ones(3), 3)
     assert "cannot run without numba" in caplog.text
@@ -227,7 +227,7 @@ def test_only_the_c_library_may_be_called() -> None:
         "memcpy", "memset", "sin",
     )  # fmt: skip
     for foreign in ("NRT_Allocate", "numba_gil_ensure", "PyErr_SetString", "llvm.sin.v4f64", "llvm.pow.f32", "system"):
-        with pytest.raises(emit.NotAlone, match=foreign):
+        with pytest.raises(emit.NeedsNumba, match=foreign):
             emit.needed([foreign])
 
 

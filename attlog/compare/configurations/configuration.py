@@ -34,7 +34,7 @@ class Configuration:
     """
 
     name: str
-    row: estimators.Row
+    row: estimators.EstimatorSpec
     before: Mapping[str, Value] = field(default_factory=dict)
 
     @property
@@ -61,7 +61,7 @@ class Configuration:
             before[key] = SETTINGS[key].check(value)
         else:
             raise unknown(self.row.estimator, key)
-        changed = replace(self, row=estimators.Row(self.row.estimator, self.row.preset, row), before=before)
+        changed = replace(self, row=estimators.EstimatorSpec(self.row.estimator, self.row.preset, row), before=before)
         _together(changed.before)
         return replace(changed, name=name or changed.text)
 
@@ -112,7 +112,7 @@ def build(
             found.append(str(error))
     try:
         _together(before)
-        row = estimators.Row(row.estimator, row.preset, params)
+        row = estimators.EstimatorSpec(row.estimator, row.preset, params)
         row.resolved()
     except UsageError as error:
         found.append(str(error))

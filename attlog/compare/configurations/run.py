@@ -28,7 +28,7 @@ class ConfiguredFilter:
         return self.configuration.name
 
     @property
-    def row(self) -> estimators.Row:
+    def row(self) -> estimators.EstimatorSpec:
         """The filter that runs."""
         return self.configuration.row
 

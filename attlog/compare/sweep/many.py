@@ -91,7 +91,7 @@ class FilterInput:
     """What a configuration's filter sees of a log: prepared once for all settings."""
 
     case: Case
-    row: estimators.Row
+    row: estimators.EstimatorSpec
     imu: Imu
     mag: Mag | None
     facts: estimators.LogFacts

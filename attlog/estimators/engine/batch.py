@@ -22,7 +22,7 @@ from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator, LogFacts
 from attlog.estimators.engine import SOURCES, expand, loop
 from attlog.estimators.engine.late import in_pieces, late_field
-from attlog.estimators.engine.samples import Samples, Sampling, handed, prepare
+from attlog.estimators.engine.samples import PreparedSamples, Sampling, handed, prepare
 from attlog.estimators.engine.start import first, initial_state, realigned
 from attlog.kernels import cache, generate
 from attlog.kernels.kernel import Kernel
@@ -168,7 +168,7 @@ def _alike(estimator: Estimator, resolved: list[dict[str, float | str]]) -> list
 def _run(
     estimator: Estimator,
     values: list[dict[str, float | str]],
-    samples: Samples,
+    samples: PreparedSamples,
     q0: ArrayLike | None,
     every: int,
     aids: Aids | None,

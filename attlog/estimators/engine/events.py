@@ -21,7 +21,7 @@ from attlog.estimators.aids import (
     VEL_E,
     VEL_N,
     Aids,
-    Measured,
+    Measurements,
 )
 from attlog.estimators.base import Array, Estimator
 
@@ -79,7 +79,9 @@ def events(estimator: Estimator, aids: Aids | None, t: Array, declination: float
     return Events(row, quiet, table)
 
 
-def _arrivals(m: Measured, parts: tuple[slice, slice | None], t: Array) -> list[tuple[NDArray[np.int64], int, Array]]:
+def _arrivals(
+    m: Measurements, parts: tuple[slice, slice | None], t: Array
+) -> list[tuple[NDArray[np.int64], int, Array]]:
     """Sample number, column and value of everything that ``m`` tells."""
     at = np.searchsorted(t, m.t, side="left")
     inside = at < len(t)

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.estimators.base import Array, Estimator
-from attlog.estimators.engine.samples import Samples
-from attlog.estimators.engine.start import First
+from attlog.estimators.engine.samples import PreparedSamples
+from attlog.estimators.engine.start import StartVectors
 
 Piece = Callable[[slice, "Array", NDArray[np.int64], int, Any], None]
 """Runs the samples of a slice with these magnetometer rows and their use, keeping each n-th output in an array."""
 
 
-def late_field(estimator: Estimator, seen: First, heading_given: bool) -> int | None:
+def late_field(estimator: Estimator, seen: StartVectors, heading_given: bool) -> int | None:
     """The sample whose field sets the heading of this filter after the start; None where none needs to."""
     return None if heading_given or "mag" not in estimator.uses else seen.late
 
@@ -54,7 +54,7 @@ def in_pieces(
 
 
 def without_heading(
-    samples: Samples, silent: list[tuple[int, int]]
+    samples: PreparedSamples, silent: list[tuple[int, int]]
 ) -> tuple[dict[str, int], list[tuple[float, float]]]:
     """What the wait for a field is worth in ``Estimate.skipped`` and ``Estimate.no_heading``.
 

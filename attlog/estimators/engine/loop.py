@@ -27,8 +27,8 @@ from attlog.estimators.engine import SOURCES
 from attlog.estimators.engine.events import events
 from attlog.estimators.engine.late import in_pieces, late_field, without_heading
 from attlog.estimators.engine.returned import returned
-from attlog.estimators.engine.samples import NEW, Samples, handed
-from attlog.estimators.engine.start import First, declination_rad, first, initial_state, realigned, to_true_north
+from attlog.estimators.engine.samples import NEW, PreparedSamples, handed
+from attlog.estimators.engine.start import StartVectors, declination_rad, first, initial_state, realigned, to_true_north
 from attlog.estimators.engine.vectors import GRAVITY, turn_vector_back
 from attlog.estimators.plugin_errors import broken, plugin_errors
 from attlog.kernels import cache, generate
@@ -98,7 +98,7 @@ SCRATCH = (("f8", (3,)), ("f8", (3,)))
 
 def run(
     estimator: Estimator,
-    samples: Samples,
+    samples: PreparedSamples,
     values: Mapping[str, float | str],
     q0: ArrayLike | None = None,
     every: int = 1,
@@ -171,7 +171,7 @@ def with_line(estimator: Estimator, run: Callable[[], T]) -> T:
 
 def collect(
     estimator: Estimator,
-    samples: Samples,
+    samples: PreparedSamples,
     rows: NDArray[np.int64] | slice,
     out: Array,
     values: Mapping[str, float | str],
@@ -295,7 +295,7 @@ def _twin(estimator: Estimator) -> Any:
 def _try_plainly(estimator: Estimator) -> None:
     """Run two samples in plain Python: what is wrong there has a line in the plug-in's file. PluginError says it."""
     vectors = np.tile([0.1, 0.2, -GRAVITY], (2, 1))
-    still = Samples(
+    still = PreparedSamples(
         np.array([0.0, 0.01]),
         np.array([0.0, 0.01]),
         np.array([0, 1]),
@@ -308,7 +308,7 @@ def _try_plainly(estimator: Estimator) -> None:
     )
     values = {p.name: p.default for p in estimator.parameters}
     params = estimator.pack(values)
-    state = initial_state(estimator, First(vectors[0], vectors[0], None), params, values, None)
+    state = initial_state(estimator, StartVectors(vectors[0], vectors[0], None), params, values, None)
     out = np.empty((2, estimator.outputs))
     told = events(estimator, None, still.t)
     extra = (told.row, told.quiet, told.table) if estimator.aided else ()
@@ -330,7 +330,7 @@ def joined_aux(found: list[Estimate]) -> dict[str, Array]:
 
 
 def _whole_segments(
-    estimator: Estimator, s: Samples, values: Mapping[str, float | str], q0: ArrayLike | None, aids: Aids
+    estimator: Estimator, s: PreparedSamples, values: Mapping[str, float | str], q0: ArrayLike | None, aids: Aids
 ) -> Estimate:
     """A whole-run estimator on each segment of samples, put together; its own count of ns per update wins.
 

@@ -37,7 +37,7 @@ MISSING, NEW, HELD = 0, 1, 2
 
 
 @dataclass(slots=True)
-class Samples:
+class PreparedSamples:
     """Cleaned input. ``substeps`` is 0 at the first sample of a segment: nothing to integrate there yet.
 
     ``t`` (n,), ``dt`` (n,), ``gyr`` (n, 3) effective rate over dt, ``acc`` and ``mag``
@@ -81,7 +81,7 @@ def prepare(
     hold_mag: bool = True,
     lead: bool = True,
     ours: bool = False,
-) -> Samples:
+) -> PreparedSamples:
     """Cleaned samples for the kernels; the input is never changed. UsageError for wrong shapes.
 
     ``lead``: whether :func:`handed` will be asked for the vectors of the sample before, which then need no copy.
@@ -135,10 +135,10 @@ def prepare(
         acc, mag, use = led[0][1:], led[1][1:], led[2][1:]
     else:
         acc, mag = (np.require(x, requirements=("C", "W")) for x in (acc, mag))
-    return Samples(t, step, substeps, rate, acc, mag, use, segment, np.flatnonzero(first), skipped, led)
+    return PreparedSamples(t, step, substeps, rate, acc, mag, use, segment, np.flatnonzero(first), skipped, led)
 
 
-def handed(samples: Samples, at: VectorsAt) -> tuple[Array, Array, NDArray[np.int64]]:
+def handed(samples: PreparedSamples, at: VectorsAt) -> tuple[Array, Array, NDArray[np.int64]]:
     """Vectors and magnetometer use of each step: ``acc``, ``mag`` (n, 3), ``use`` (n,).
 
     A step turns the attitude of the sample before by the rate since then. ``start``: it compares

@@ -19,7 +19,7 @@ from attlog.estimators.base import Array
 
 
 @dataclass(frozen=True, slots=True)
-class Stabilised:
+class StabilisedVectors:
     """Vectors in the body axes of the first sample.
 
     ``turned`` (n, 4): the body's attitude relative to the first sample. ``acc``, ``mag`` (n, 3):
@@ -31,7 +31,7 @@ class Stabilised:
     mag: Array
 
 
-def stabilised(dt: Array, gyr: Array, acc: Array, mag: Array) -> Stabilised:
+def stabilised(dt: Array, gyr: Array, acc: Array, mag: Array) -> StabilisedVectors:
     """Vectors turned by the gyro into the body axes of the first sample.
 
     ``dt`` (n,) s is the time since the sample before (its first value is not used), ``gyr`` (n, 3)
@@ -47,4 +47,4 @@ def stabilised(dt: Array, gyr: Array, acc: Array, mag: Array) -> Stabilised:
         turned[reach:] = rotation.multiply(turned[:-reach], turned[reach:])
         reach *= 2
     whole = [np.where(np.isfinite(x).all(axis=1, keepdims=True), x, 0.0) for x in (acc, mag)]
-    return Stabilised(turned, rotation.rotate(turned, whole[0]), rotation.rotate(turned, whole[1]))
+    return StabilisedVectors(turned, rotation.rotate(turned, whole[0]), rotation.rotate(turned, whole[1]))

@@ -23,7 +23,7 @@ from attlog.estimators.engine.vectors import GRAVITY
 from attlog.estimators.plugin_errors import plugin_errors
 
 if TYPE_CHECKING:
-    from attlog.estimators.engine.samples import Samples
+    from attlog.estimators.engine.samples import PreparedSamples
 
 REST_S = 0.5
 """Vectors of a start at rest are averaged over this long."""
@@ -38,7 +38,7 @@ REST_RAD_S, REST_STEADY_RAD_S, REST_STEADY_M_S2 = np.deg2rad(10.0), np.deg2rad(1
 
 
 @dataclass(frozen=True, slots=True)
-class First:
+class StartVectors:
     """What the first seconds of a segment show, in body axes of its first sample.
 
     ``acc``, ``mag`` (3,), zero where there is none; ``late`` is the number of the sample with the first
@@ -50,7 +50,7 @@ class First:
     late: int | None
 
 
-def first(samples: Samples, a: int, b: int, values: Mapping[str, float | str]) -> First:
+def first(samples: PreparedSamples, a: int, b: int, values: Mapping[str, float | str]) -> StartVectors:
     """What the segment of samples a to b starts with, by the parameter ``init``; numbers count from sample 0."""
     init = str(values.get("init", "average"))
     if (a, b, init) not in samples.starts:
@@ -59,13 +59,13 @@ def first(samples: Samples, a: int, b: int, values: Mapping[str, float | str]) -
             samples.t[part], samples.gyr[part], samples.acc[part], samples.mag[part], samples.dt[part], init
         )
         samples.starts[a, b, init] = seen if seen.late is None else replace(seen, late=a + seen.late)
-    kept: First = samples.starts[a, b, init]
+    kept: StartVectors = samples.starts[a, b, init]
     return kept
 
 
 def first_seconds(
     t: Array, gyr: Array, acc: Array, mag: Array, dt: Array | None = None, init: str = "average"
-) -> First:
+) -> StartVectors:
     """What a segment without gaps starts with, also for whole runs that align themselves.
 
     ``t`` (n,) s; ``gyr`` (n, 3) rad/s; ``acc``, ``mag`` (n, 3), zero or NaN rows where there is no sample; ``dt``
@@ -89,7 +89,7 @@ def first_seconds(
     if rest and init == "average" and len(fields) and soon[fields[0]]:
         # Nothing moves: the vectors as they are, and the gyro's noise stays out.
         held = replace(held, acc=acc[:end], mag=mag[:end])
-    return First(
+    return StartVectors(
         held.acc[picked[0]].mean(axis=0) if len(forces) else np.zeros(3),
         held.mag[picked[1]].mean(axis=0) if len(fields) else np.zeros(3),
         None if late is None else int(late),
@@ -97,7 +97,7 @@ def first_seconds(
 
 
 def initial_state(
-    estimator: Estimator, seen: First, params: Array, values: Mapping[str, float | str], q0: ArrayLike | None
+    estimator: Estimator, seen: StartVectors, params: Array, values: Mapping[str, float | str], q0: ArrayLike | None
 ) -> Array:
     """The state (float64) with which a segment starts; ``q0`` is the user's attitude."""
     attitude = start_attitude(seen.acc, seen.mag, declination_rad(values)) if q0 is None else _q0(q0, values)

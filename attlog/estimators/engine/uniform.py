@@ -14,7 +14,7 @@ TYPICAL_FIELD_UT = 50.0
 
 
 @dataclass(frozen=True, slots=True)
-class Uniform:
+class UniformSamples:
     """Samples ``period`` seconds apart. ``t`` (m,) s; ``gyr``, ``acc`` (m, 3); ``mag`` (m, 3), zero rows where none.
 
     ``mag_period`` (s) is the magnetometer's own; ``regular`` False where the input had to be resampled.
@@ -35,7 +35,7 @@ class Uniform:
         return rotation.slerp(self.t, q, np.clip(t, self.t[0], self.t[-1]))
 
 
-def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> Uniform:
+def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> UniformSamples:
     """The samples as they are where their spacing varies by under 5 %, else resampled at the median rate.
 
     Rates and specific forces are means over the interval before their time, so it is
@@ -49,12 +49,12 @@ def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> Uniform:
     mag_t = t[new]
     mag_period = float(np.median(np.diff(mag_t))) if len(mag_t) > 1 else period
     if len(step) == 0 or np.max(np.abs(step - period)) <= JITTER * period:
-        return Uniform(t, period, gyr, acc, mag, max(mag_period, period), True)
+        return UniformSamples(t, period, gyr, acc, mag, max(mag_period, period), True)
     grid = t[0] + period * np.arange(int(np.ceil((t[-1] - t[0]) / period - 1e-9)) + 1)
     placed = np.zeros((len(grid), 3))
     placed[np.minimum(np.searchsorted(grid, mag_t - 1e-9), len(grid) - 1)] = mag[new]
     rates = [_resample(t, x, grid, period) for x in (gyr, acc)]
-    return Uniform(grid, period, rates[0], rates[1], placed, max(mag_period, period), False)
+    return UniformSamples(grid, period, rates[0], rates[1], placed, max(mag_period, period), False)
 
 
 def _resample(t: Array, x: Array, grid: Array, period: float) -> Array:

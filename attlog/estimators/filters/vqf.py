@@ -29,7 +29,7 @@ import numpy as np
 from attlog.base import rotation
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.engine.start import MOTION_S
-from attlog.estimators.engine.uniform import Uniform, typical_scale, uniform
+from attlog.estimators.engine.uniform import UniformSamples, typical_scale, uniform
 
 SOURCE = "Laidig2023; package vqf"
 NEEDS = {"gyro", "acc"}
@@ -137,7 +137,7 @@ def heading_from_start(t: Array, q: Array, inertial: Array) -> None:
 
 
 @dataclass(slots=True)
-class Updated:
+class VqfOutput:
     """What is kept of the package's output: ``q`` (m, 4), ``bias`` (m, 3), ``sigma`` (m,), in our axes.
 
     ``inertial``: the first attitudes without magnetometer; ``seconds``: CPU time of the package.
@@ -150,14 +150,14 @@ class Updated:
     seconds: float = 0.0
 
 
-def updated(filter_: Any, u: Uniform, has_mag: bool, settle: int, begun: int) -> Updated:
+def updated(filter_: Any, u: UniformSamples, has_mag: bool, settle: int, begun: int) -> VqfOutput:
     """The package over all samples, of which the first ``settle`` teach no bias from motion.
 
     In blocks: it tells 60 numbers for each sample, of which a long log keeps eight. ``begun``: how many attitudes
     without magnetometer are wanted.
     """
     m, name, scale = len(u.t), "quat9D" if has_mag else "quat6D", typical_scale(u.mag)
-    found = Updated(np.empty((m, 4)), np.empty((m, 3)), np.empty(m), np.empty((begun, 4)))
+    found = VqfOutput(np.empty((m, 4)), np.empty((m, 3)), np.empty(m), np.empty((begun, 4)))
     edges = sorted({min(max(settle, 0), m), *range(0, m, BLOCK), m})
     for a, b in pairwise([0, *(edge for edge in edges if edge > 0)]):
         own = slice(a, b)

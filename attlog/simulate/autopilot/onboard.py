@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog.base import rotation
 from attlog.base.errors import PluginError, UsageError
-from attlog.estimators import Estimate, LogFacts, LogInfo, Row, parse, registry
+from attlog.estimators import Estimate, EstimatorSpec, LogFacts, LogInfo, parse, registry
 from attlog.estimators.aids import AT_REST
 from attlog.estimators.base import Estimator
 from attlog.estimators.engine.loop import SIGMAS, kernel
@@ -33,7 +33,7 @@ from attlog.estimators.engine.samples import MISSING, NEW, Sampling
 from attlog.estimators.engine.start import (
     MOTION_S,
     REST_S,
-    First,
+    StartVectors,
     at_rest,
     declination_rad,
     first_seconds,
@@ -50,7 +50,7 @@ TRUTH = "truth"
 """Not an estimator: the controller flies on the true attitude and rate."""
 
 
-def stepping(text: str) -> Row:
+def stepping(text: str) -> EstimatorSpec:
     """The estimator ``NAME[@PRESET][:k=v,...]`` that can fly. UsageError for unknown ones and those that cannot."""
     row = parse(text)
     if row.estimator.step is None:
@@ -92,7 +92,7 @@ class Live:
 
     def __init__(
         self,
-        estimator: str | Row,
+        estimator: str | EstimatorSpec,
         imu_rate: float,
         mag_rate: float | None,
         *,
@@ -193,12 +193,12 @@ class Live:
         self._state, self._waiting, self._q0 = None, [], None
         self._silent = False
 
-    def _seen(self) -> First | None:
+    def _seen(self) -> StartVectors | None:
         """What the start needs, once enough has come that more would not change it."""
         queue = self._waiting
         elapsed = queue[-1].t - queue[0].t
         if self._q0 is not None:
-            return First(queue[0].acc, queue[0].mag, None)
+            return StartVectors(queue[0].acc, queue[0].mag, None)
         if elapsed <= REST_S:
             return None
         if elapsed <= MOTION_S and not self._settled(queue):
@@ -216,7 +216,7 @@ class Live:
         came = [next((s.t for s in queue if getattr(s, name).any()), math.inf) for name in wanted]
         return queue[-1].t - max(came) > REST_S
 
-    def _begin(self, begin: Sample, seen: First) -> None:
+    def _begin(self, begin: Sample, seen: StartVectors) -> None:
         """The state at the first sample of a segment."""
         self._state = initial_state(self.row.estimator, seen, self._params, self.values, self._q0)
         uses = "mag" in self.row.estimator.uses

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base.errors import UsageError
-from attlog.estimators import Row
+from attlog.estimators import EstimatorSpec
 from attlog.simulate.autopilot import controller
 from attlog.simulate.autopilot.autopilot import SensorInputs
 from attlog.simulate.autopilot.guidance import Guidance
@@ -32,7 +32,9 @@ class Pilot:
     process of one that is not attlog's. UsageError for an estimator that cannot fly.
     """
 
-    def __init__(self, scenario: Scenario, gravity: float, declination: float, row: Row | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, gravity: float, declination: float, row: EstimatorSpec | None = None
+    ) -> None:
         self._scenario, vehicle, sensors = scenario, scenario.vehicle, scenario.sensors
         self._dt = 1.0 / scenario.loop.rate_hz
         self._gains = controller.Gains.of(scenario.controller)
@@ -152,12 +154,12 @@ def spec(name: str, params: dict[str, bool | float | str]) -> str:
     return f"{name}{',' if ':' in name else ':'}{values}"
 
 
-def make(scenario: Scenario, gravity: float, declination: float, row: Row | None = None) -> Pilot:
+def make(scenario: Scenario, gravity: float, declination: float, row: EstimatorSpec | None = None) -> Pilot:
     """The autopilot of a scenario at a place with this gravity (m/s^2) and declination (rad)."""
     return Pilot(scenario, gravity, declination, row)
 
 
-def foreign(scenario: Scenario) -> Row | None:
+def foreign(scenario: Scenario) -> EstimatorSpec | None:
     """The scenario's estimator if its code is not attlog's. Errors as of ``onboard.stepping``."""
     if scenario.estimator.name == TRUTH:
         return None

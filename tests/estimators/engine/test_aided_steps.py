@@ -10,7 +10,7 @@ import pytest
 import attlog
 from attlog.base import rotation
 from attlog.base.errors import PluginError
-from attlog.estimators import Aids, Measured, get
+from attlog.estimators import Aids, Measurements, get
 from attlog.estimators.engine.batch import estimate_batch, kernel
 
 G = 9.80665
@@ -56,10 +56,10 @@ def recorder(tmp_path: Path) -> Path:
 
 
 AIDS = Aids(
-    position=Measured([0.005, 0.02, 0.035, 0.038, 9.0], np.arange(15.0).reshape(5, 3), np.full((5, 2), 0.5)),
-    velocity=Measured([0.035], [[1.0, 2.0, 3.0]], [0.1]),
-    baro=Measured([-1.0, 0.05], [7.0, 8.0]),
-    airspeed=Measured([0.02], [12.0]),
+    position=Measurements([0.005, 0.02, 0.035, 0.038, 9.0], np.arange(15.0).reshape(5, 3), np.full((5, 2), 0.5)),
+    velocity=Measurements([0.035], [[1.0, 2.0, 3.0]], [0.1]),
+    baro=Measurements([-1.0, 0.05], [7.0, 8.0]),
+    airspeed=Measurements([0.02], [12.0]),
     at_rest=[[0.0, 0.03]],
 )
 
@@ -93,7 +93,7 @@ def test_a_step_in_parts_gets_an_event_once_and_rest_in_each(recorder: Path) -> 
     """150 deg in one sample is three parts."""
     t = np.arange(4) * 0.5
     gyr = np.tile([0, 0, np.radians(300.0)], (4, 1))
-    aids = Aids(position=Measured([0.4, 0.9], np.ones((2, 3))), at_rest=[[0.0, 9.0]])
+    aids = Aids(position=Measurements([0.4, 0.9], np.ones((2, 3))), at_rest=[[0.0, 9.0]])
     aux = attlog.estimate(str(recorder), t, gyr, aids=aids).aux
     assert aux["calls"][:, 0].tolist() == [0, 3, 6, 9]
     assert aux["fixes"][:, 0].tolist() == [0, 1, 2, 2]
@@ -103,7 +103,7 @@ def test_a_step_in_parts_gets_an_event_once_and_rest_in_each(recorder: Path) -> 
 def test_what_arrives_in_a_gap_is_left_out(recorder: Path) -> None:
     t = np.r_[np.arange(100), np.arange(300, 400)] / 100.0
     fixes = np.array([0.5, 1.5, 2.5, 3.005])
-    e = attlog.estimate(str(recorder), t, np.zeros((200, 3)), aids=Aids(position=Measured(fixes, np.ones((4, 3)))))
+    e = attlog.estimate(str(recorder), t, np.zeros((200, 3)), aids=Aids(position=Measurements(fixes, np.ones((4, 3)))))
     assert e.skipped == {"restart": 1}
     assert e.aux["fixes"][[99, 199], 0].tolist() == [1.0, 1.0]
 
@@ -112,7 +112,7 @@ def test_left_out_samples_do_not_shift_the_events(recorder: Path) -> None:
     t = np.arange(60) / 100.0
     gyr = np.zeros((60, 3))
     gyr[[5, 20]] = np.nan
-    e = attlog.estimate(str(recorder), t, gyr, aids=Aids(position=Measured([0.2, 0.4], [[1.0, 0, 0], [2.0, 0, 0]])))
+    e = attlog.estimate(str(recorder), t, gyr, aids=Aids(position=Measurements([0.2, 0.4], [[1.0, 0, 0], [2.0, 0, 0]])))
     new = np.flatnonzero(np.isfinite(e.aux["seen"][1:, 0])) + 1
     assert e.t[new] == pytest.approx([0.21, 0.4])
 
@@ -188,7 +188,7 @@ def test_a_filter_with_gnss_velocity_is_right_in_a_long_acceleration(tmp_path: P
     velocity = np.outer(2.0 * fixes, [1.0, 0.0, 0.0])
     level = [1.0, 0.0, 0.0, 0.0]
     pitch = []
-    for aids in (None, Aids(velocity=Measured(fixes, velocity))):
+    for aids in (None, Aids(velocity=Measurements(fixes, velocity))):
         e = attlog.estimate(str(file), t, np.zeros((2000, 3)), acc, aids=aids, q0=level)
         pitch.append(float(np.degrees(rotation.to_euler(e.q[-1])[1])))
     assert pitch[0] == pytest.approx(np.degrees(np.arctan2(2.0, G)), abs=0.1)

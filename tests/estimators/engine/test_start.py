@@ -8,12 +8,12 @@ from unittest.mock import patch
 import numpy as np
 
 from attlog.estimators.engine import start
-from attlog.estimators.engine.samples import Samples, prepare
+from attlog.estimators.engine.samples import PreparedSamples, prepare
 
 RATE_HZ = 250
 
 
-def tilting() -> Samples:
+def tilting() -> PreparedSamples:
     """Eight seconds of turning, and of a force that turns in the body."""
     t = np.arange(8 * RATE_HZ) / RATE_HZ
     acc = 9.81 * np.column_stack([np.sin(t), np.zeros_like(t), -np.cos(t)])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from attlog import analysis
 from attlog.base import rotation
 from attlog.config import Config
-from attlog.estimators import Aids, LogFacts, LogInfo, Measured, estimate, get
+from attlog.estimators import Aids, LogFacts, LogInfo, Measurements, estimate, get
 from attlog.replay import run_rows
 from attlog.testing import Motion, Noise, flight, motion, still, swing
 from attlog.testing.motion import GRAVITY
@@ -97,7 +97,7 @@ def test_px4_q_follows_the_flight_that_it_flew(corpus: Path) -> None:
 def fixes(m: Motion, velocity: Array, every: int, offset: int = 0) -> Aids:
     """GNSS velocity (n, 3) at each n-th sample."""
     at = slice(every + offset, None, every)
-    return Aids(velocity=Measured(m.t[at], velocity[at]), at_rest=np.empty((0, 2)))
+    return Aids(velocity=Measurements(m.t[at], velocity[at]), at_rest=np.empty((0, 2)))
 
 
 def straight_px4(m: Motion, velocity: Array | None, every: int, v: dict[str, float]) -> Array:

@@ -28,7 +28,7 @@ def raw(seconds: float = 60.0) -> Motion:
     return replace(m, gyr=m.gyr @ (np.eye(3) + 0.003 * np.arange(-4.0, 5.0).reshape(3, 3) / 4.0))
 
 
-def recorded(m: Motion) -> tuple[backward.Forward, Array]:
+def recorded(m: Motion) -> tuple[backward.ForwardRecord, Array]:
     values = backward.mekf_values({}, 60.0)
     data = [np.diff(m.t, prepend=m.t[:1]), m.gyr, m.acc, m.mag]
     return backward.forward(data, values, None), values

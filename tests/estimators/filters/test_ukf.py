@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from attlog.base import rotation
-from attlog.estimators import Row, estimate, get
+from attlog.estimators import EstimatorSpec, estimate, get
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.filters import ukf
 from attlog.kernels.cache import compiled
@@ -177,7 +177,7 @@ def test_its_sigmas_are_honest() -> None:
     for seed in range(30):
         bias = tuple(0.3 * DEG * random.standard_normal(3))
         m = motion(slowly, 40.0, noise=Noise(noise.gyro, noise.acc, noise.mag, bias), seed=seed)
-        e = estimate(Row(get("ukf"), params=values), *m.sensors)
+        e = estimate(EstimatorSpec(get("ukf"), params=values), *m.sensors)
         late = slice(2000, None, 100)
         tilt.append(np.deg2rad(inclination_deg(e.q, m.q)[late]) / e.aux["sigma_tilt"][late])
         heading.append(np.deg2rad(heading_deg(e.q, m.q)[late]) / e.aux["sigma_heading"][late])
@@ -213,7 +213,7 @@ def test_many_parameter_sets_side_by_side_give_what_one_gives() -> None:
     m = flight(10.0, noise=NOISE)
     sets: list[dict[str, float | str]] = [{"acc_noise": 0.2 + 0.1 * i} for i in range(20)]
     for one, values in zip(estimate_batch(get("ukf"), sets, *m.sensors), sets, strict=True):
-        alone = estimate(Row(get("ukf"), params=values), *m.sensors)
+        alone = estimate(EstimatorSpec(get("ukf"), params=values), *m.sensors)
         assert total_deg(one.q, alone.q).max() < 1e-6
         assert one.aux["sigma_heading"] == pytest.approx(alone.aux["sigma_heading"], rel=1e-9)
 

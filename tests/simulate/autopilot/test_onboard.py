@@ -9,7 +9,7 @@ import pytest
 
 from attlog.base import rotation
 from attlog.base.errors import PluginError, UsageError
-from attlog.estimators import Aids, Measured, estimate, get, names
+from attlog.estimators import Aids, Measurements, estimate, get, names
 from attlog.simulate.autopilot.onboard import Live
 from tests.conftest import few
 
@@ -103,7 +103,7 @@ def test_it_takes_aids_at_the_first_sample_at_or_after_their_time(name: str) -> 
         for i in np.flatnonzero((fixes <= t[k]) & (fixes > (t[k - 1] if k else -1.0))):
             live.aids.gnss(float(fixes[i]), None, speed[i], nothing)
         live.sample(float(t[k]), data[1][k], data[2][k], None if np.isnan(data[3][k]).all() else data[3][k])
-    assert_same(live, *data, aids=Aids(velocity=Measured(fixes, speed), at_rest=rest))
+    assert_same(live, *data, aids=Aids(velocity=Measurements(fixes, speed), at_rest=rest))
     without = estimate(live.row, *data, declination=4.0)
     apart = rotation.total_angle(rotation.error(live.estimate().q, without.q))
     assert np.degrees(apart.max()) > 0.1

@@ -9,7 +9,7 @@ import pytest
 
 from attlog.base import rotation
 from attlog.base.errors import UsageError
-from attlog.estimators import Aids, Measured, estimate, place
+from attlog.estimators import Aids, Measurements, estimate, place
 from attlog.simulate.autopilot import autopilot, pilot
 from attlog.simulate.autopilot.controller import Gains
 from attlog.simulate.autopilot.linear import LoopAxis
@@ -60,7 +60,7 @@ def test_the_attitude_in_the_loop_is_the_batch_run_over_the_logged_samples(name:
     field = place(seen[last], tick(mag.t), mag.field)
     good = gnss.fix > 0
     armed = next(at for at, value in board.armed if value)
-    aids = Aids(velocity=Measured(tick(gnss.t[good]), gnss.vel[good]), at_rest=np.array([[0.0, armed + 1e-6]]))
+    aids = Aids(velocity=Measurements(tick(gnss.t[good]), gnss.vel[good]), at_rest=np.array([[0.0, armed + 1e-6]]))
     batch = estimate(
         board.estimator, t, imu.gyro[last], imu.acc[last], field, dt=imu.dt[last], sampling=imu.sampling,
         declination=flight.declination_deg, aids=aids,

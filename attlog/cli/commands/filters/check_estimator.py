@@ -10,7 +10,7 @@ from attlog.cli.shared import completion
 from attlog.cli.shared.printing import terminal
 
 if TYPE_CHECKING:
-    from attlog.testing import Outcome
+    from attlog.testing import CheckOutcome
 
 FAILED = 1
 Name = Annotated[
@@ -37,7 +37,7 @@ def command(name: Name) -> None:
     for line in about(subject):
         out.print(f"note  {line}", markup=False, soft_wrap=True)
 
-    def show(outcome: Outcome) -> None:
+    def show(outcome: CheckOutcome) -> None:
         mark = "[green]pass[/]" if outcome.passed else "[red]FAIL[/]"
         out.print(f"{mark}  {outcome.name.replace('_', ' ').replace('[', ' in ').replace(']', '')}", soft_wrap=True)
         if not outcome.passed:

@@ -137,7 +137,7 @@ RECORD_KERNEL = Kernel(
 
 
 @dataclass(slots=True)
-class Forward:
+class ForwardRecord:
     """What the forward run leaves, per sample (n) and per block end (m); block 0 is the end of the alignment.
 
     ``q`` (n, 4) before the correction at a block's end, ``end`` (m,) sample numbers, ``nominal`` (m, N - 3) the error's
@@ -156,7 +156,7 @@ class Forward:
 
 
 @dataclass(slots=True)
-class Backward:
+class BackwardPass:
     """Per block end (m): ``at_begin`` and ``at_end`` (m, 3) attitude corrections of the block, ``states`` (m, N - 3)
     smoothed, ``tilt`` and ``heading`` (m,) sigma in rad."""
 
@@ -224,7 +224,7 @@ def mekf_values(params: Mapping[str, float | str], seconds: float) -> Array:
     return values
 
 
-def acc_bias_spread(run: Forward, expected: float) -> float:
+def acc_bias_spread(run: ForwardRecord, expected: float) -> float:
     """The prior sigma [m/s^2] that explains the accelerometer bias found, the expected one counting as one more axis.
 
     sigma^2 = (sum of ba_i^2 + P_ii over the axes + expected^2) / 4: a step of expectation maximisation. A calibrated
@@ -242,7 +242,7 @@ def kernel(jit: bool) -> Any:
     return obtained(RECORD_KERNEL)
 
 
-def forward(data: list[Array], values: Array, known: Array | None, keep: bool = True) -> Forward:
+def forward(data: list[Array], values: Array, known: Array | None, keep: bool = True) -> ForwardRecord:
     """The filter over samples (dt, gyr, acc, mag), recorded; ``known`` is the last state of an earlier run.
 
     Without ``keep`` there is a record of the last block alone.
@@ -266,7 +266,7 @@ def forward(data: list[Array], values: Array, known: Array | None, keep: bool = 
     count = int(kernel(cache.jit_wanted())(state, values, *data, keep, q, end, *kept)) if n else 0
     count = count if keep else min(count, 1)
     nominal, sums, before, after, error = (x[:count] for x in kept)
-    return Forward(q, end[:count], nominal, sums, before.reshape(-1, N, N), after.reshape(-1, N, N), error, state)
+    return ForwardRecord(q, end[:count], nominal, sums, before.reshape(-1, N, N), after.reshape(-1, N, N), error, state)
 
 
 def transitions(sums: Array, values: Array) -> Array:
@@ -284,7 +284,7 @@ def transitions(sums: Array, values: Array) -> Array:
     return f
 
 
-def gains(run: Forward, values: Array, a: int, b: int) -> Array:
+def gains(run: ForwardRecord, values: Array, a: int, b: int) -> Array:
     """C of (1) for the steps from blocks a..b-1 back to a-1..b-2; states that are known exactly stay."""
     f = transitions(run.sums[a:b], values)
     p, after = run.before[a:b], run.after[a - 1 : b - 1]
@@ -297,7 +297,7 @@ def gains(run: Forward, values: Array, a: int, b: int) -> Array:
     return np.ascontiguousarray(np.swapaxes(inverse[:, :, None] * np.linalg.solve(scaled, right), 1, 2))
 
 
-def backward(run: Forward, values: Array) -> Backward:
+def backward(run: ForwardRecord, values: Array) -> BackwardPass:
     """The pass from the last block to the first (1, 2)."""
     m = len(run.end)
     at_begin, at_end = np.zeros((m, 3)), np.zeros((m, 3))
@@ -324,10 +324,10 @@ def backward(run: Forward, values: Array) -> Backward:
     variance[0] = covariance[0] + covariance[N + 1], covariance[2 * N + 2]
     at_end[0] = at_begin[0] = dx[:3]
     tilt, heading = np.sqrt(np.maximum(variance, 0.0)).T
-    return Backward(at_begin, at_end, states, tilt, heading)
+    return BackwardPass(at_begin, at_end, states, tilt, heading)
 
 
-def between(run: Forward, back: Backward, dt: Array, gyr: Array, begin: int) -> tuple[Array, Array]:
+def between(run: ForwardRecord, back: BackwardPass, dt: Array, gyr: Array, begin: int) -> tuple[Array, Array]:
     """Attitude (n, 4) and gyro bias (n, 3) at every sample; ``begin``: the sample where the run began."""
     n, m = len(gyr), len(run.end)
     at = np.arange(begin, n)
@@ -351,7 +351,7 @@ def between(run: Forward, back: Backward, dt: Array, gyr: Array, begin: int) -> 
     return q, bias
 
 
-def quality(run: Forward, has_mag: bool, tilt: Array, heading: Array) -> dict[str, float | str]:
+def quality(run: ForwardRecord, has_mag: bool, tilt: Array, heading: Array) -> dict[str, float | str]:
     """What the run says of itself; ``tilt``, ``heading`` (n,) its own sigmas in rad."""
     told: dict[str, float | str] = {
         "aided_by": "mag rest" if has_mag else "rest",
@@ -364,7 +364,7 @@ def quality(run: Forward, has_mag: bool, tilt: Array, heading: Array) -> dict[st
     return told
 
 
-def short(t: Array, run: Forward, begin: int, clock: float) -> Estimate:
+def short(t: Array, run: ForwardRecord, begin: int, clock: float) -> Estimate:
     """A recording that ends within the alignment: its running solution, held before the first field."""
     q = np.vstack([np.tile(run.q[:1], (begin, 1)), run.q]) if len(run.q) else np.empty((0, 4))
     tilt, heading = (np.full(len(t), sigma) for sigma in run.state[SIGMA : SIGMA + 2])

@@ -11,7 +11,7 @@ from attlog.estimators.filters.navigation import turns
 from attlog.estimators.filters.navigation.layout import KICKED, OPENED, SEEN, SOFTENED
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.passes import Solution
-from attlog.estimators.filters.navigation.settings import LEAST_R, Tuned
+from attlog.estimators.filters.navigation.settings import LEAST_R, NoiseLevels
 from attlog.estimators.filters.navigation.solve import Pass
 from attlog.kernels.loops import function_of
 
@@ -102,7 +102,7 @@ def predicted(inputs: Inputs, q: Array, bias: Array, first_bias: Array, horizon:
     return out
 
 
-def quality(inputs: Inputs, found: Pass, tuned: Tuned, tilt: Array, heading: Array) -> dict[str, float | str]:
+def quality(inputs: Inputs, found: Pass, tuned: NoiseLevels, tilt: Array, heading: Array) -> dict[str, float | str]:
     """The words and numbers of one run; ``tilt``, ``heading`` (n,) its own sigmas in rad."""
     seen = float(found.memory[SEEN])
     told: dict[str, float | str] = {

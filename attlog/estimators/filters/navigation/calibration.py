@@ -31,11 +31,11 @@ from attlog.estimators.filters.navigation.layout import (
     WANDER,
     V,
 )
-from attlog.estimators.filters.navigation.measured import Inputs, Running
+from attlog.estimators.filters.navigation.measured import Inputs, RunningMean
 from attlog.estimators.filters.navigation.schedule import rest_times
-from attlog.estimators.filters.navigation.settings import LEAST_R, REST_MEAN_S, Prior, Tuned
+from attlog.estimators.filters.navigation.settings import LEAST_R, REST_MEAN_S, NoiseLevels, PriorSpreads
 from attlog.estimators.filters.navigation.solve import Pass, Runner
-from attlog.estimators.filters.navigation.start import Start
+from attlog.estimators.filters.navigation.start import StartState
 
 MEDIAN_OF_SQUARE = 0.4549
 """Median of the square of a standard normal variable."""
@@ -69,7 +69,7 @@ MARGIN_S = 0.7
 """Fixes this near to the ends are left out of the search: all delays must see the same ones."""
 
 
-def first_guess(inputs: Inputs, tuned: Tuned) -> Tuned:
+def first_guess(inputs: Inputs, tuned: NoiseLevels) -> NoiseLevels:
     """Inertial noise from second differences of the samples, zero-rate noise from successive means at rest."""
     dt = float(np.median(inputs.dt[1:])) if len(inputs.dt) > 1 else 0.01
     levels = []
@@ -84,7 +84,7 @@ def first_guess(inputs: Inputs, tuned: Tuned) -> Tuned:
     r = tuned.r.copy()
     looks = rest_times(inputs)
     if len(looks) > 5:
-        means = Running(inputs.sensed_at, inputs.gyr).mean(looks - REST_MEAN_S, looks)
+        means = RunningMean(inputs.sensed_at, inputs.gyr).mean(looks - REST_MEAN_S, looks)
         spread = np.median(np.abs(np.diff(means, axis=0)), axis=0) / (0.6745 * np.sqrt(2.0))
         r[6] = max(float(np.sqrt(np.mean(spread**2))), LEAST_R[6])
     return replace(tuned, gyro=gyro, acc=acc, acc_rest=max(2.0 * acc, QUIETEST_ACC), r=r)
@@ -101,7 +101,7 @@ def ratios(found: Pass) -> Array:
     return out
 
 
-def calibrated(found: Pass, tuned: Tuned, begun: Tuned, flight_s: float, early: bool) -> Tuned:
+def calibrated(found: Pass, tuned: NoiseLevels, begun: NoiseLevels, flight_s: float, early: bool) -> NoiseLevels:
     """The levels after one pass; ``begun`` are those of the first, ``early`` the passes that may move far."""
     clip = WIDE_CLIP if early else NARROW_CLIP
     r = tuned.r.copy()
@@ -127,7 +127,7 @@ def calibrated(found: Pass, tuned: Tuned, begun: Tuned, flight_s: float, early: 
     return replace(tuned, **values)  # type: ignore[arg-type]
 
 
-def prior_of(found: Pass, x: Array, prior: Prior, begun: Prior) -> Prior:
+def prior_of(found: Pass, x: Array, prior: PriorSpreads, begun: PriorSpreads) -> PriorSpreads:
     """Spreads of the constant parts by empirical Bayes; ``x`` (39,) is the state the pass began with."""
     values = {}
     for name, (row, count, low, high) in SPREADS.items():
@@ -149,7 +149,7 @@ def prior_of(found: Pass, x: Array, prior: Prior, begun: Prior) -> Prior:
     return replace(prior, **values)
 
 
-def delays_by_state(found: Pass, tuned: Tuned) -> Tuned:
+def delays_by_state(found: Pass, tuned: NoiseLevels) -> NoiseLevels:
     """Delays moved by their smoothed states, each prior staying where it was (0.12 s for GNSS, 0 for the field)."""
     values: dict[str, Any] = {}
     for name, row, usual, sigma, most in (
@@ -165,7 +165,9 @@ def delays_by_state(found: Pass, tuned: Tuned) -> Tuned:
     return replace(tuned, **values)
 
 
-def delay_by_likelihood(runner: Runner, inputs: Inputs, tuned: Tuned, begin: Start, gate: float, step: float) -> Tuned:
+def delay_by_likelihood(
+    runner: Runner, inputs: Inputs, tuned: NoiseLevels, begin: StartState, gate: float, step: float
+) -> NoiseLevels:
     """The GNSS delay of the highest likelihood on a grid of ``step`` s around the present one, then of a parabola."""
     t = inputs.sensed_at
     inner = float(t[0]) + MARGIN_S, float(t[-1]) - MARGIN_S

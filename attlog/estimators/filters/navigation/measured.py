@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import earth
-from attlog.estimators.aids import Aids, Measured
+from attlog.estimators.aids import Aids, Measurements
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.settings import BARO_BLOCK_S, MAG_BLOCK_S
 
@@ -47,10 +47,10 @@ class Inputs:
     acc: Array
     rest: NDArray[np.int8]
     still: NDArray[np.bool_]
-    velocity: Measured | None
-    position: Measured | None
-    baro: Measured | None
-    mag: Measured | None
+    velocity: Measurements | None
+    position: Measurements | None
+    baro: Measurements | None
+    mag: Measurements | None
     field: Array | None
     gravity: float
 
@@ -139,7 +139,7 @@ def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8]
         if e - k < 2:
             continue
         grid = np.arange(t[k], t[e - 1], SHORT_S)
-        mean = Running(t[k:e], gyr[k:e]).mean(grid, grid + SHORT_S)
+        mean = RunningMean(t[k:e], gyr[k:e]).mean(grid, grid + SHORT_S)
         begin = np.mean(mean[:FEW], axis=0)
         turning = np.flatnonzero(np.sqrt(np.sum((mean - begin) ** 2, axis=1)) > STANDS_RAD_S)
         end = b if len(turning) == 0 else float(grid[turning[0]]) - SHORT_S
@@ -149,7 +149,7 @@ def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8]
     return rest.astype(np.int8), still
 
 
-def gnss(aids: Aids, declination: float, t: Array, ahead: bool) -> tuple[Measured | None, Measured | None]:
+def gnss(aids: Aids, declination: float, t: Array, ahead: bool) -> tuple[Measurements | None, Measurements | None]:
     """Velocity and position in local axes turned by the declination; the sigmas are shapes around one."""
     turn = np.eye(3)
     c, s = math.cos(declination), math.sin(declination)
@@ -157,7 +157,7 @@ def gnss(aids: Aids, declination: float, t: Array, ahead: bool) -> tuple[Measure
     v, p = aids.velocity, aids.position
     velocity = None
     if v is not None and len(v.t) >= LEAST_FIXES:
-        velocity = Measured(
+        velocity = Measurements(
             v.t, v.x @ turn.T if not np.isnan(v.x).any() else _turned(v.x, turn), _shape(v.sigma, len(v.t), 1, ahead)
         )
     position = None
@@ -177,7 +177,7 @@ def gnss(aids: Aids, declination: float, t: Array, ahead: bool) -> tuple[Measure
                 alt - p.x[:, 2],
             ]
         )
-        position = Measured(p.t, _turned(local, turn), _shape(p.sigma, len(p.t), 2, ahead))
+        position = Measurements(p.t, _turned(local, turn), _shape(p.sigma, len(p.t), 2, ahead))
     return velocity, position
 
 
@@ -207,14 +207,14 @@ def _shape(sigma: Array | None, n: int, columns: int, ahead: bool) -> Array:
     return shape
 
 
-def _baro(aids: Aids) -> Measured | None:
+def _baro(aids: Aids) -> Measurements | None:
     if aids.baro is None or len(aids.baro.t) < LEAST_FIXES:
         return None
     t, x, _ = blocks(aids.baro.t, aids.baro.x[:, None], BARO_BLOCK_S)
-    return Measured(t, x[:, 0] - x[0, 0])
+    return Measurements(t, x[:, 0] - x[0, 0])
 
 
-def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measured | None:
+def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measurements | None:
     """Block means of the field in gauss; None where there is none."""
     size = np.sqrt(np.sum(mag * mag, axis=1))
     good = np.isfinite(size) & (size > 0.0)
@@ -231,7 +231,7 @@ def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measured | N
     if np.count_nonzero(usual) < 2:
         return None
     at, x, _ = blocks(at[usual], scale * mag[good][usual], MAG_BLOCK_S)
-    return Measured(at, x)
+    return Measurements(at, x)
 
 
 def blocks(t: Array, x: Array, length: float) -> tuple[Array, Array, Array]:
@@ -251,7 +251,7 @@ def _filled(t: Array, acc: Array) -> Array:
     return np.column_stack([np.interp(t, t[there], acc[there, i]) for i in range(3)])
 
 
-class Running:
+class RunningMean:
     """Means of samples x (n, k), each over the interval before its time, between any times of their span."""
 
     def __init__(self, t: Array, x: Array) -> None:

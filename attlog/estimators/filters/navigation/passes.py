@@ -13,9 +13,9 @@ from attlog.estimators.filters.navigation import calibration
 from attlog.estimators.filters.navigation.layout import ARM, BA, EARTH, HARD, KICKED, POS, SCALE, SOFT, V
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.schedule import Schedule
-from attlog.estimators.filters.navigation.settings import FINE_S, NODE_S, Tuned
+from attlog.estimators.filters.navigation.settings import FINE_S, NODE_S, NoiseLevels
 from attlog.estimators.filters.navigation.solve import Pass, Runner
-from attlog.estimators.filters.navigation.start import Start, covariance, start
+from attlog.estimators.filters.navigation.start import StartState, covariance, start
 
 PASSES, OWN_LINEARISATION = 5, 3
 """Passes, and how many of them the filter linearises about itself; the others, which a smoother tells, about the pass
@@ -47,10 +47,10 @@ class Solution:
     """The pass that is kept, what it was run with, how it began, and the run's tools."""
 
     found: Pass
-    tuned: Tuned
-    begin: Start
+    tuned: NoiseLevels
+    begin: StartState
     runner: Runner
-    next: Tuned
+    next: NoiseLevels
     """Levels after the last calibration."""
     passes: int
     kept: int
@@ -58,7 +58,7 @@ class Solution:
     """u^2 / D of each group (8,) in the pass that is kept."""
 
 
-def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES, spread: bool = True) -> Solution:
+def solved(inputs: Inputs, begun: NoiseLevels, gate: float, passes: int = PASSES, spread: bool = True) -> Solution:
     """All passes of the smoother over one run; ``spread``: whether the attitude's variance is asked for."""
     runner = Runner(inputs)
     begun = calibration.first_guess(inputs, begun)
@@ -101,8 +101,15 @@ def solved(inputs: Inputs, begun: Tuned, gate: float, passes: int = PASSES, spre
 
 
 def _delays(
-    runner: Runner, inputs: Inputs, found: Pass, used: Tuned, following: Tuned, begin: Start, gate: float, number: int
-) -> Tuned:
+    runner: Runner,
+    inputs: Inputs,
+    found: Pass,
+    used: NoiseLevels,
+    following: NoiseLevels,
+    begin: StartState,
+    gate: float,
+    number: int,
+) -> NoiseLevels:
     """The delays for the next pass."""
     moved = calibration.delays_by_state(found, used)
     following = replace(following, mag_delay=moved.mag_delay)
@@ -141,7 +148,7 @@ def telling(inputs: Inputs, longest: float) -> Inputs:
     return inputs.part(int(a), int(b))
 
 
-def first_start(runner: Runner, inputs: Inputs, tuned: Tuned, gate: float) -> Start:
+def first_start(runner: Runner, inputs: Inputs, tuned: NoiseLevels, gate: float) -> StartState:
     """The start by the sensors; without a magnetometer the likeliest of twelve headings where GNSS can tell."""
     begin = start(inputs, tuned)
     if inputs.mag is not None or inputs.velocity is None:
@@ -154,7 +161,7 @@ def first_start(runner: Runner, inputs: Inputs, tuned: Tuned, gate: float) -> St
     return tried[int(np.argmax(found))]
 
 
-def _moved(begin: Start, found: Pass) -> Start:
+def _moved(begin: StartState, found: Pass) -> StartState:
     """The start with smoothed attitude, velocity and position."""
     out = begin.copy()
     out.q = rotation.normalize(rotation.multiply(rotation.from_rotvec(found.first[:3]), out.q))
@@ -170,8 +177,8 @@ def _at_nodes(q: Array, before: Schedule, now: Schedule, inputs: Inputs) -> Arra
 
 
 def causal(
-    inputs: Inputs, tuned: Tuned, gate: float, known: Array | None = None, constants: Collection[str] = ()
-) -> tuple[Pass, Start]:
+    inputs: Inputs, tuned: NoiseLevels, gate: float, known: Array | None = None, constants: Collection[str] = ()
+) -> tuple[Pass, StartState]:
     """One pass forward. ``tuned`` says noise and delays; ``constants`` of a ``known`` state (39,) are begun with."""
     runner = Runner(inputs)
     begin = first_start(runner, inputs, tuned, gate)
@@ -185,13 +192,13 @@ def causal(
     return found, begin
 
 
-def held(tuned: Tuned) -> Tuned:
+def held(tuned: NoiseLevels) -> NoiseLevels:
     """Delays that were found are held within 10 and 5 ms."""
     prior = replace(tuned.prior, gnss_delay=0.010, mag_delay=0.005)
     return replace(tuned, prior=prior)
 
 
-def _begun_with(begin: Start, smoothed: Array, constants: Collection[str]) -> Start:
+def _begun_with(begin: StartState, smoothed: Array, constants: Collection[str]) -> StartState:
     """A start with some constants of the sensors where a smoothed state (39,) has them."""
     out = begin.copy()
     level = float(np.hypot(smoothed[EARTH], smoothed[EARTH + 1]))

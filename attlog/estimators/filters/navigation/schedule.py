@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from attlog.estimators.base import Array
 from attlog.estimators.filters.navigation.layout import BARO, MAG, NO_RATE, POSITION, STILL, VELOCITY
-from attlog.estimators.filters.navigation.measured import Inputs, Running
-from attlog.estimators.filters.navigation.settings import NODE_S, REST_EVERY_S, REST_MEAN_S, Tuned
+from attlog.estimators.filters.navigation.measured import Inputs, RunningMean
+from attlog.estimators.filters.navigation.settings import NODE_S, REST_EVERY_S, REST_MEAN_S, NoiseLevels
 
 FORCE_S, RATE_S = 0.05, 0.03
 """Half widths of the centred means in an event's rows."""
@@ -56,7 +56,7 @@ class Schedule:
 
 
 @dataclass(slots=True)
-class Placed:
+class PlacedEvents:
     """Events of one kind at their samples: ``at`` (e,), ``offset`` (e,) s, ``z`` (e, 3), ``shape`` (e, 3) of the noise
     around one, 0 where a component is not told; centred means ``force``, ``rate`` (e, 3), 0 where no row needs them."""
 
@@ -77,14 +77,14 @@ class Timetable:
         self.inputs = inputs
         self.t = inputs.sensed_at
         self.looks = rest_times(inputs)
-        self.force = Running(self.t, inputs.acc)
-        self.rate = Running(self.t, inputs.gyr)
+        self.force = RunningMean(self.t, inputs.acc)
+        self.rate = RunningMean(self.t, inputs.gyr)
         self.resting_rate = self.rate.mean(self.looks - REST_MEAN_S, self.looks)
-        self.kept: dict[int, tuple[float, Placed]] = {}
+        self.kept: dict[int, tuple[float, PlacedEvents]] = {}
 
     def scheduled(
         self,
-        tuned: Tuned,
+        tuned: NoiseLevels,
         settling: bool = False,
         within: tuple[float, float] | None = None,
         every: float = NODE_S,
@@ -138,7 +138,7 @@ class Timetable:
             scalars[node_event].astype(np.int64),
         )
 
-    def _placed(self, tuned: Tuned, within: tuple[float, float] | None) -> list[Placed]:
+    def _placed(self, tuned: NoiseLevels, within: tuple[float, float] | None) -> list[PlacedEvents]:
         """The events of each kind, in order of the kinds."""
         i, t = self.inputs, self.t
         out = []
@@ -161,13 +161,13 @@ class Timetable:
             out.append(self._once(NO_RATE, 0.0, self.looks, self.resting_rate, ones))
         return out
 
-    def _once(self, kind: int, delay: float, when: Array, z: Array, shape: Array) -> Placed:
+    def _once(self, kind: int, delay: float, when: Array, z: Array, shape: Array) -> PlacedEvents:
         """Events that stay where they are while their delay does."""
         if kind not in self.kept or self.kept[kind][0] != delay:
             self.kept[kind] = delay, self._place(kind, when - delay, z, shape)
         return self.kept[kind][1]
 
-    def _place(self, kind: int, when: Array, z: Array, shape: Array) -> Placed:
+    def _place(self, kind: int, when: Array, z: Array, shape: Array) -> PlacedEvents:
         t = self.t
         missing = ~np.isfinite(z)
         if missing.any():
@@ -184,7 +184,7 @@ class Timetable:
         centre, some, none = t[at], len(t) > 1, _same([0.0, 0.0, 0.0], len(at))
         force = self.force.mean(centre - FORCE_S, centre + FORCE_S) if kind == VELOCITY and some else none
         rate = self.rate.mean(centre - RATE_S, centre + RATE_S) if kind in (VELOCITY, MAG) and some else none
-        return Placed(kind, when, at, when - centre, z, shape, force, rate)
+        return PlacedEvents(kind, when, at, when - centre, z, shape, force, rate)
 
     def _nodes(self, at: Ints, every: float) -> Ints:
         """Samples with events, the ends, where rest begins and ends, and enough others."""
@@ -202,12 +202,12 @@ class Timetable:
         return np.flatnonzero(node)
 
 
-def scheduled(inputs: Inputs, tuned: Tuned, settling: bool = False) -> Schedule:
+def scheduled(inputs: Inputs, tuned: NoiseLevels, settling: bool = False) -> Schedule:
     """The schedule of a run that needs only one."""
     return Timetable(inputs).scheduled(tuned, settling)
 
 
-def _levels(tuned: Tuned, near: bool) -> dict[int, Array]:
+def _levels(tuned: NoiseLevels, near: bool) -> dict[int, Array]:
     """The noise (3,) of each kind of events; ``near``: no GNSS tells a velocity."""
     r = tuned.r
     return {

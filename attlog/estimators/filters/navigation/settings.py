@@ -45,7 +45,7 @@ START_R = (0.1, 0.1, 0.5, 0.5, 0.3, 0.010, 1e-4, REST_SPEED)
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
+class PriorSpreads:
     """Standard deviations at the start: SI units, field in gauss, angles in rad, soft iron and scale as parts of 1."""
 
     gyro_bias_rest: float = np.deg2rad(0.3)
@@ -64,7 +64,7 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True)
-class Tuned:
+class NoiseLevels:
     """Noise levels, delays and prior spreads: where a run starts from and what calibration finds.
 
     ``r`` (8,) standard deviations of the groups of :mod:`layout`; densities ``gyro`` rad/s/sqrt(Hz), ``acc``
@@ -82,7 +82,7 @@ class Tuned:
     baro_walk: float = 0.05
     gnss_delay: float = 0.12
     mag_delay: float = 0.0
-    prior: Prior = Prior()
+    prior: PriorSpreads = PriorSpreads()
 
     def packed(self, gravity: float, soft_gate: float) -> Array:
         """The numbers as the kernels take them."""
@@ -94,14 +94,14 @@ class Tuned:
         return par
 
 
-def started(params: Mapping[str, float | str]) -> Tuned:
+def started(params: Mapping[str, float | str]) -> NoiseLevels:
     """The defaults with what a user may set by hand."""
-    prior = Prior(
+    prior = PriorSpreads(
         gyro_bias=np.deg2rad(float(params["gyro_bias_sigma"])),
         acc_bias=float(params["acc_bias_sigma"]),
         declination=np.deg2rad(float(params["declination_sigma"])),
     )
-    return replace(Tuned(), prior=prior)
+    return replace(NoiseLevels(), prior=prior)
 
 
 assert len(START_R) == len(LEAST_R) == GROUPS

@@ -20,7 +20,7 @@ from attlog.estimators.filters.navigation.layout import FROZEN, LIKELIHOOD, MEMO
 from attlog.estimators.filters.navigation.measured import Inputs
 from attlog.estimators.filters.navigation.motion import padded, square
 from attlog.estimators.filters.navigation.schedule import Schedule, Timetable
-from attlog.estimators.filters.navigation.start import Start
+from attlog.estimators.filters.navigation.start import StartState
 from attlog.kernels.loops import function_of
 
 PART_NODES = 20_000
@@ -70,14 +70,14 @@ class Runner:
         self.timetable = Timetable(inputs)
         self.store: dict[str, Array] = {}
 
-    def forward(self, schedule: Schedule, begin: Start, par: Array, along: Array | None = None) -> Pass:
+    def forward(self, schedule: Schedule, begin: StartState, par: Array, along: Array | None = None) -> Pass:
         """The way forth alone."""
         found, state = self._new(schedule, begin)
         self._run(0, len(schedule.node_at), found, state, begin, par, along, None)
         return found
 
     def both(
-        self, schedule: Schedule, begin: Start, par: Array, along: Array | None = None, spread: bool = True
+        self, schedule: Schedule, begin: StartState, par: Array, along: Array | None = None, spread: bool = True
     ) -> Pass:
         """Forth and back. ``along`` (m, 4): attitudes at the nodes about which it is linearised.
 
@@ -129,7 +129,7 @@ class Runner:
         found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(told), strict=True))
         return found
 
-    def _new(self, schedule: Schedule, begin: Start) -> tuple[Pass, list[Array]]:
+    def _new(self, schedule: Schedule, begin: StartState) -> tuple[Pass, list[Array]]:
         n, m = len(self.inputs.t), len(schedule.node_at)
         memory = np.zeros(MEMORY)
         memory[FROZEN : FROZEN + 4] = begin.q
@@ -142,7 +142,7 @@ class Runner:
         b: int,
         found: Pass,
         state: list[Array],
-        begin: Start,
+        begin: StartState,
         par: Array,
         along: Array | None,
         store: dict[str, Array] | None,

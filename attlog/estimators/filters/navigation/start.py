@@ -39,8 +39,8 @@ from attlog.estimators.filters.navigation.layout import (
     N,
     V,
 )
-from attlog.estimators.filters.navigation.measured import Inputs, Running
-from attlog.estimators.filters.navigation.settings import Tuned
+from attlog.estimators.filters.navigation.measured import Inputs, RunningMean
+from attlog.estimators.filters.navigation.settings import NoiseLevels
 from attlog.estimators.filters.navigation.turns import CHAIN_KERNEL, chain
 from attlog.kernels.loops import function_of
 
@@ -57,7 +57,7 @@ How = Literal["static", "quiet", "motion"]
 
 
 @dataclass(slots=True)
-class Start:
+class StartState:
     """``q`` (4,), ``x`` (39,), ``P`` (39, 39), and by which way they were found."""
 
     q: Array
@@ -65,16 +65,16 @@ class Start:
     P: Array
     how: How
 
-    def copy(self) -> Start:
+    def copy(self) -> StartState:
         """Its own arrays, to be carried on in place."""
-        return Start(self.q.copy(), self.x.copy(), self.P.copy(), self.how)
+        return StartState(self.q.copy(), self.x.copy(), self.P.copy(), self.how)
 
-    def turned(self, heading: float) -> Start:
+    def turned(self, heading: float) -> StartState:
         """The same with another heading, rad."""
-        return Start(rotation.turn_about_down(self.q, heading), self.x.copy(), self.P.copy(), self.how)
+        return StartState(rotation.turn_about_down(self.q, heading), self.x.copy(), self.P.copy(), self.how)
 
 
-def start(inputs: Inputs, tuned: Tuned, known: Start | None = None) -> Start:
+def start(inputs: Inputs, tuned: NoiseLevels, known: StartState | None = None) -> StartState:
     """The state before the first sample; ``known`` gives attitude, velocity, position (a pass before)."""
     x = np.zeros(N)
     how, q, bias = _attitude(inputs, tuned)
@@ -88,10 +88,10 @@ def start(inputs: Inputs, tuned: Tuned, known: Start | None = None) -> Start:
     if known is not None:
         q = known.q.copy()
         x[V : V + 3], x[POS : POS + 3] = known.x[V : V + 3], known.x[POS : POS + 3]
-    return Start(q, x, covariance(inputs, tuned, q, x, how, position is not None), how)
+    return StartState(q, x, covariance(inputs, tuned, q, x, how, position is not None), how)
 
 
-def _attitude(inputs: Inputs, tuned: Tuned) -> tuple[How, Array, Array]:
+def _attitude(inputs: Inputs, tuned: NoiseLevels) -> tuple[How, Array, Array]:
     """How it was found, q (4,) and the gyro bias (3,)."""
     t, zero = inputs.sensed_at, np.zeros(3)
     early = t <= t[0] + STATIC_S
@@ -165,7 +165,7 @@ def from_matrix(R: Array) -> Array:
     return rotation.normalize(q)
 
 
-def _in_motion(inputs: Inputs, tuned: Tuned) -> Array:
+def _in_motion(inputs: Inputs, tuned: NoiseLevels) -> Array:
     """The attitude at the first sample from the first seconds of motion."""
     t = inputs.sensed_at
     n = int(np.searchsorted(t, t[0] + MOTION_S))
@@ -173,7 +173,7 @@ def _in_motion(inputs: Inputs, tuned: Tuned) -> Array:
     if n < 2:
         return _level(inputs, np.ones(len(t), bool))
     q = turned_by_gyro(inputs.gyr[:n], inputs.dt[:n])
-    force = Running(t[:n], rotation.rotate(q, inputs.acc[:n]))
+    force = RunningMean(t[:n], rotation.rotate(q, inputs.acc[:n]))
     earth_side, body_side = _pairs(inputs, tuned, force, float(t[n - 1]))
     pairs = len(earth_side)
     fields: Array = np.zeros((0, 3))
@@ -202,7 +202,7 @@ def _wahba(B: Array) -> Array:
     return from_matrix(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
-def _pairs(inputs: Inputs, tuned: Tuned, force: Running, end: float) -> tuple[Array, Array]:
+def _pairs(inputs: Inputs, tuned: NoiseLevels, force: RunningMean, end: float) -> tuple[Array, Array]:
     """Change of velocity less gravity between fixes 1 to 2 s apart, in earth axes and as felt (frame of sample 0)."""
     v = inputs.velocity
     none = np.zeros((0, 3))
@@ -240,7 +240,7 @@ def _field(inputs: Inputs, q: Array) -> Array:
     return np.array([math.hypot(seen[0], seen[1]), 0.0, seen[2]])
 
 
-def covariance(inputs: Inputs, tuned: Tuned, q: Array, x: Array, how: How, near_fix: bool) -> Array:
+def covariance(inputs: Inputs, tuned: NoiseLevels, q: Array, x: Array, how: How, near_fix: bool) -> Array:
     """P (39, 39): the priors, tied by what accelerometer and field say at this attitude."""
     prior = tuned.prior
     sd = np.zeros(N)
@@ -270,7 +270,7 @@ def covariance(inputs: Inputs, tuned: Tuned, q: Array, x: Array, how: How, near_
     return _updated(P, field_matrix(R, x), MAG_NOISE_G[how]) if mag else P
 
 
-def _field_spread(inputs: Inputs, tuned: Tuned, field: Array, gnss: bool) -> Array:
+def _field_spread(inputs: Inputs, tuned: NoiseLevels, field: Array, gnss: bool) -> Array:
     """Covariance (3, 3) of the earth field: its size and dip along, its direction across."""
     level = math.hypot(field[0], field[1])
     known = inputs.field is not None

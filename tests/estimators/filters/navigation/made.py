@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from attlog.base import rotation
-from attlog.estimators import Aids, Measured
+from attlog.estimators import Aids, Measurements
 from attlog.testing.motion import FIELD_T, Array, Motion, Noise, motion
 
 PLACE = (47.0, 8.0, 500.0)
@@ -87,9 +87,9 @@ def flight(
     heights = np.arange(0.3, seconds - 0.1, 0.05)
     baro = -position(heights, still)[:, 2] + 0.15 * random.standard_normal(len(heights)) + 30.0
     aids = Aids(
-        position=Measured(fixes, np.column_stack([lat, lon, PLACE[2] - p[:, 2]]), np.full((len(fixes), 2), metres)),
-        velocity=Measured(fixes, v, np.full(len(fixes), velocity)),
-        baro=Measured(heights, baro),
+        position=Measurements(fixes, np.column_stack([lat, lon, PLACE[2] - p[:, 2]]), np.full((len(fixes), 2), metres)),
+        velocity=Measurements(fixes, v, np.full(len(fixes), velocity)),
+        baro=Measurements(heights, baro),
         at_rest=np.array([[0.0, still - 0.3]]) if still > 1.0 else np.zeros((0, 2)),
         field=np.array(FIELD_T),
     )

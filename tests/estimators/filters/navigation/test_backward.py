@@ -11,7 +11,7 @@ from attlog.estimators.filters.navigation.layout import N
 from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.motion import square
 from attlog.estimators.filters.navigation.schedule import scheduled
-from attlog.estimators.filters.navigation.settings import WANDER_S, Tuned
+from attlog.estimators.filters.navigation.settings import WANDER_S, NoiseLevels
 from attlog.estimators.filters.navigation.solve import Runner
 from attlog.estimators.filters.navigation.start import start
 from attlog.kernels.loops import function_of
@@ -24,7 +24,7 @@ def run():
     made = flight(seconds=24.0, still=8.0)
     m = made.motion
     inputs = made_ready(m.t, m.gyr, m.acc, m.mag, made.aids, 0.0, ahead=True)
-    tuned = Tuned()
+    tuned = NoiseLevels()
     return inputs, scheduled(inputs, tuned), start(inputs, tuned), tuned.packed(inputs.gravity, 100.0)
 
 

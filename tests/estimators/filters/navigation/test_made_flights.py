@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from attlog.estimators import Measured, estimate
+from attlog.estimators import Measurements, estimate
 from attlog.estimators.filters import eskf
 from attlog.estimators.filters.navigation.attitude import refusal
 from attlog.estimators.filters.navigation.measured import made_ready
@@ -131,7 +131,7 @@ def test_a_loss_of_gnss_is_bridged_and_told_by_sigma():
     for name in ("velocity", "position"):
         x = getattr(made.aids, name)
         kept = (x.t < 45.0) | (x.t > 75.0)
-        holes[name] = Measured(x.t[kept], x.x[kept], x.sigma[kept])
+        holes[name] = Measurements(x.t[kept], x.x[kept], x.sigma[kept])
     e = estimate("smoother", *made.motion.sensors, aids=replace(made.aids, **holes))
     assert np.degrees(off(e.q, made.motion.q)[0]).max() < 1.0
 
@@ -142,7 +142,7 @@ def test_declination_turns_gnss_and_field_alike():
     c, s = np.cos(np.radians(20.0)), np.sin(np.radians(20.0))
     x = made.aids.velocity
     turned = x.x @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    aids = replace(without(made.aids, "position"), velocity=Measured(x.t, turned, x.sigma))
+    aids = replace(without(made.aids, "position"), velocity=Measurements(x.t, turned, x.sigma))
     plain = estimate("smoother", *made.motion.sensors, aids=without(made.aids, "position"))
     e = estimate("smoother", *made.motion.sensors, aids=aids, declination=20.0)
     heading = np.degrees(off(e.q, plain.q)[1])

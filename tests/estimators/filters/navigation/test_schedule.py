@@ -7,7 +7,7 @@ import numpy as np
 from attlog.estimators.filters.navigation.layout import MAG, VELOCITY
 from attlog.estimators.filters.navigation.measured import made_ready
 from attlog.estimators.filters.navigation.schedule import Timetable
-from attlog.estimators.filters.navigation.settings import Tuned
+from attlog.estimators.filters.navigation.settings import NoiseLevels
 from tests.estimators.filters.navigation.made import flight
 
 COLUMNS = ("node_at", "node_event", "kind", "offset", "z", "f_mean", "w_mean", "sigma", "rest_of", "scalars")
@@ -17,7 +17,7 @@ def test_what_is_made_once_is_what_is_made_again_and_again():
     made = flight(seconds=24.0, still=8.0)
     m = made.motion
     inputs = made_ready(m.t, m.gyr, m.acc, m.mag, made.aids, 0.0, ahead=True)
-    tuned, table = Tuned(), Timetable(inputs)
+    tuned, table = NoiseLevels(), Timetable(inputs)
     first, second = table.scheduled(tuned, settling=True), table.scheduled(tuned, settling=True)
     once = Timetable(inputs).scheduled(tuned, settling=True, once=True)
     for name in COLUMNS:
