@@ -183,3 +183,14 @@ def test_every_definition_that_is_cited_stands_in_the_repository() -> None:
     assert not cited
     named = {(p, m) for p in pages for m in re.findall(r"docs/(\w+\.md)", p.read_text(encoding="utf-8"))}
     assert not [(p.name, page) for p, page in named if not (root / "docs" / page).is_file()]
+
+
+def test_every_path_of_the_page_about_the_house_exists() -> None:
+    """What to touch is found where the page says: files and folders below ``attlog`` or the root; NAME, FIRMWARE and ROOM are any."""
+    paths = {
+        path
+        for path in re.findall(r"`([\w./]+(?:\.py|\.js|\.toml|/))`", HOUSE)
+        if not re.search("NAME|FIRMWARE|ROOM", path)
+    }
+    assert len(paths) > 40
+    assert not [p for p in sorted(paths) if not (PACKAGE / p).exists() and not (PACKAGE.parent / p).exists()]
