@@ -186,7 +186,7 @@ def test_every_definition_that_is_cited_stands_in_the_repository() -> None:
 
 
 def test_every_path_of_the_page_about_the_house_exists() -> None:
-    """What to touch is found where the page says: files and folders below ``attlog`` or the root; NAME, FIRMWARE and ROOM are any."""
+    """What to touch is found where the page says, below ``attlog`` or the root; NAME, FIRMWARE and ROOM are any."""
     paths = {
         path
         for path in re.findall(r"`([\w./]+(?:\.py|\.js|\.toml|/))`", HOUSE)
