@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 import attlog
-from attlog import estimators, metrics, reference, replay, segments
+from attlog import estimators, metrics, reference, replay, segments, story
 from attlog.base.errors import AttlogError, LogUnusable, PluginError, PluginTimeout, UsageError
 from attlog.base.freed import give_back
 from attlog.config import Config
@@ -159,6 +159,7 @@ def evaluate(
         command=command,
         config=settings,
         log=dict(_described(case)),
+        events=_events(case),
         audit=list(checks),
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
@@ -186,6 +187,9 @@ def evaluate(
         lambda: findings(case.log, checks, own, open_questions),
         lambda: [*case.log.problems, *own],
     )
+    sound = story.nothing_wrong(result.problems)
+    told = partial(story.headline, case.log, case.segments, result.events, sound)
+    result.headline = part_of(case.log, "The headline", told, str)
     return result
 
 
@@ -296,6 +300,11 @@ def _onboard(case: Case) -> list[Row]:
 @per_case
 def _checks(case: Case) -> list[Check]:
     return audit(case.log, case.segments, case.reference)
+
+
+@per_case
+def _events(case: Case) -> list[story.Event]:
+    return story.events(case.log, case.segments)
 
 
 @per_case

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from attlog import formats, reference, segments
+from attlog import formats, reference, segments, story
 from attlog.base.freed import give_back
 from attlog.base.plain import plain
 from attlog.flight import flight_in
@@ -35,8 +35,9 @@ SHORTEST_S = 1.0
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None, verify: bool = False) -> dict[str, Any]:
     """Contents, physics checks, answerable questions and problems of a log.
 
-    Keys: ``log``, ``messages`` of the boot (name, instance, records, rate_hz, fields; the rate
-    is None without times and for records within one second), ``compared_with`` (what an
+    Keys: ``log``, ``headline`` and ``events`` (what happened; empty without an IMU), ``messages`` of the boot (name,
+    instance, records, rate_hz, fields; the rate is None without times and for records within one second),
+    ``compared_with`` (what an
     analysis would compare with), ``audit``, ``answerable``,
     ``problems`` (all that is wrong, worst first, with cause and remedy, before any filter runs), ``damage``,
     ``gyro_bias`` (what an analysis takes off the gyro; None without inertial data),
@@ -69,6 +70,9 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     compared = ""
     if phases is not None and chosen is not None:
         compared = part_of(log, "The reference", partial(reference.expected_reference, log, phases, chosen), str)
+    happened = story.events(log, phases) if phases is not None else []
+    wrong = findings(log, checks, [] if chosen is None else contradiction(chosen))
+    headline = "" if phases is None else story.headline(log, phases, happened, story.nothing_wrong(wrong))
     verification = None
     if verify:
         from attlog.formats.verify import verify as compare
@@ -76,12 +80,14 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
         verification = plain(compare(path))
     return {
         "log": plain(describe(log, phases)),
+        "headline": headline,
+        "events": plain(happened),
         "messages": listed,
         "compared_with": compared,
         "audit": plain(checks),
         "answerable": plain(answers),
         "gyro_bias": None if case is None else plain(list(case.gyro_bias.values())),
-        "problems": plain(findings(log, checks, [] if chosen is None else contradiction(chosen))),
+        "problems": plain(wrong),
         "damage": damage,
         "verify": verification,
     }

@@ -58,6 +58,6 @@ def audit(log: FlightLog, segments: Segments | None, reference: Reference | None
         "declination told": lambda: declination_told.checks(log),
         "field against motors": lambda: interference.checks(log, phases),
         "GNSS": lambda: gnss.checks(log, phases),
-        "crash": lambda: crash.checks(phases) if log.imus else [],
+        "crash": lambda: crash.checks(log, phases) if log.imus else [],
     }
     return [c for name, make in every.items() for c in guarded(f"The check {name}", make, partial(failed, name))]

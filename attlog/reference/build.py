@@ -121,6 +121,7 @@ def _score(reference: Reference, t: Array, segments: Segments, options: Referenc
     if reference.unscored:
         why += f"; {len(reference.unscored)} restarts after gaps, each followed by unscored seconds"
     steps = [AlignmentStep("scoring_start", why, reference.scoring_start, "s", "the IMU", option="config: score_from")]
+    reference.unscored += [(lost.t0, lost.t1) for lost in segments.of("loss_of_control")]
     impacts = segments.of("impact")
     if impacts:
         reference.end = impacts[0].t0

@@ -11,6 +11,7 @@ from typing import Any
 
 from attlog.base.output import write_atomic
 from attlog.present.alike import alike
+from attlog.present.events import events
 from attlog.present.flight import firmware, subtitle
 from attlog.present.gyro_bias import gyro_bias
 from attlog.present.messages import alarming, level_name, messages
@@ -115,6 +116,8 @@ def render(
         title=str(result.log.get("name") or "log"),
         subtitle=subtitle(result),
         cards=[card(v, look) for v in result.verdicts],
+        headline=result.headline,
+        happened=events(result),
         problems=problems(result),
         gyro_bias=gyro_bias(result),
         alike=alike(result),

@@ -15,6 +15,7 @@ from attlog.reference.model import AlignmentStep
 from attlog.result.document import MEASURED_TIMES, SCHEMA, SCHEMA_NAME
 from attlog.result.model import TIMED_OUT, EstimatorRow, ParameterValue, ReferenceSummary, Result, Verdict, nothing_ran
 from attlog.segments.model import Segment
+from attlog.story.event import Event
 
 __all__ = [
     "MEASURED_TIMES",
@@ -27,6 +28,7 @@ __all__ = [
     "Check",
     "CommonBias",
     "EstimatorRow",
+    "Event",
     "ParameterValue",
     "Problem",
     "ReferenceSummary",

@@ -28,6 +28,7 @@ from attlog.reference.model import AlignmentStep
 from attlog.result import document
 from attlog.result.document import SCHEMA
 from attlog.segments.model import Segment
+from attlog.story.event import Event
 
 if TYPE_CHECKING:
     import pandas
@@ -129,7 +130,8 @@ class Result:
 
     ``estimators`` are the rows: each has its answers in ``metrics[window][metric]``, with ``value``, ``ci95``, ``n``
     and ``unit``, or ``code`` and ``reason`` where there is none. ``verdicts`` say in words which row is closest, quiet,
-    late and drifting. ``problems`` and ``audit``: what is wrong with the log, and what physics says of its sensors.
+    late and drifting. ``headline`` and ``events``: what happened. ``problems`` and ``audit``: what is wrong with the
+    log, and what physics says of its sensors.
     ``segments``: what was going on when; ``reference``: what the rows are compared with, and how it was aligned.
     ``definitions``: what each metric means. Angles in deg, times in s or ms, as the metric's name says; times on
     the log's clock, 0 at the first sample of the replayed IMU.
@@ -139,6 +141,10 @@ class Result:
     command: str
     config: dict[str, Any]
     log: dict[str, Any]
+    headline: str = ""
+    """What flew, from when to when, what went wrong first and how it ended, in at most 30 words."""
+    events: list[Event] = field(default_factory=list)
+    """What happened, in time order, each with its evidence."""
     problems: list[Problem] = field(default_factory=list)
     audit: list[Check] = field(default_factory=list)
     segments: list[Segment] = field(default_factory=list)

@@ -7,15 +7,17 @@ from numpy.typing import NDArray
 
 from attlog.base import gap, rotation
 from attlog.flight.model import Attitude, FlightLog, Imu, part_of
-from attlog.segments import flags, flying, gaps, hover, impact, motion, resets, rest, spans, windows
+from attlog.segments import crash, flags, gaps, hover, motion, resets, rest, spans, windows
+from attlog.segments.airborne import grid, in_air
+from attlog.segments.crash import Flown, Wreck
 from attlog.segments.model import Segment, Segments
 from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
 UNKNOWN = ("armed", "airborne")
 """The phases that may stay unknown."""
-MOVING_M_S = 3.0
-"""GNSS speed from which a vehicle is not at rest, whatever its IMU feels."""
+MOVING_M_S, CLIMB_M_S = 3.0, 1.0
+"""GNSS speed, and vertical speed, from which a vehicle is not at rest, whatever its IMU feels."""
 
 
 def build(log: FlightLog) -> Segments:
@@ -65,9 +67,12 @@ def _found(log: FlightLog) -> Segments:
     parts = _windows(imu) if imu is not None else None
     motors = flags.motors(log, armed, t0, t1)
     still = rest.still(parts, motors) if parts is not None else None
+    signs = grid.build(log, t0, t1) if log.kind.flies else None
+    may = armed.spans if armed.known else None
+    air = None if signs is None else in_air.find(log, signs, may, whole)
+    flown = Flown([], [], []) if air is None or not air.known else crash.find(log, air, may, t1)
     lying = windows.join(parts, still) if parts is not None and still is not None else []
-    seen = flying.evidence(log, armed.spans if armed.known else None, t0, t1)
-    airborne = flags.airborne(log, armed, seen, parts, lying, t0, t1)
+    airborne = flags.airborne(log, armed, air, flown.flights, lying, t0, t1)
     for phase in (armed, airborne, motors):
         phase.spans = spans.intersect(phase.spans, whole)
     found += [Segment("armed", a, b, armed.why) for a, b in armed.spans]
@@ -76,25 +81,20 @@ def _found(log: FlightLog) -> Segments:
 
     if parts is not None and still is not None:
         moving = np.nan_to_num(motion.speed_m_s(log, parts.middle)) > MOVING_M_S
-        if seen is not None and not armed.known:
-            moving |= np.interp(parts.middle, seen.t, np.abs(seen.climb)) > flying.CLIMB_M_S
+        if air is not None and not armed.known:
+            moving |= np.interp(parts.middle, air.grid.t, np.abs(np.nan_to_num(air.climb))) > CLIMB_M_S
         rests = rest.rests(parts, still, airborne, motors, flags.busy(armed, motors), moving)
         notes["rest"] = _rest_note(rests, rest.largest_limit(parts, motors), armed, airborne)
         resting = [(s.t0, s.t1) for s in rests]
         found += rests + rest.idles(parts, still, airborne, motors, resting)
         found += part_of(log, "Hovers", lambda: hover.find(log, parts, airborne), list[Segment])
-    if parts is not None and imu is not None:
-        lies = impact.lying(log, parts, lying)
-        lost = impact.losses(log, imu, airborne, lies, [b for _, b in whole])
-        found += [Segment("loss_of_control", loss.t0, loss.t1, loss.why) for loss in lost]
-        found += impact.find(log, imu, airborne, lies, lost, t1)
-    blow = min((s.t0 for s in found if s.kind == "impact"), default=np.inf)
-    found = [s for whole in found for s in _cut_at_impact(whole, blow)]
+    found = [part for whole in found for part in _without_wrecks(whole, flown.wrecks)]
+    found += [s for wreck in flown.wrecks for s in _lost(wreck, t1)]
     found += _cruise(found)
     if onboard is not None:
         found += part_of(log, "Resets", lambda: _resets(onboard, imu), list[Segment])
     unknown = tuple(name for name, phase in (("armed", armed), ("airborne", airborne)) if not phase.known)
-    return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes, unknown)
+    return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes, unknown, air, flown.endings)
 
 
 def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
@@ -109,13 +109,26 @@ def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
     return spans.complement([(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > gap.RESTART_S], t0, t1)
 
 
-def _cut_at_impact(whole: Segment, blow: float) -> list[Segment]:
-    """A rest is none after an impact at ``blow`` s but a wreck, and flight, hover and idling end with it."""
-    if whole.t1 <= blow or whole.kind not in ("rest.long", "rest.short", "idle", "airborne", "hover"):
+def _without_wrecks(whole: Segment, wrecks: list[Wreck]) -> list[Segment]:
+    """A rest in a wreck's time is a wreck, and flight, hover and idling end with a crash."""
+    if whole.kind not in ("rest.long", "rest.short", "idle", "airborne", "hover"):
+        return [whole]
+    lost = [(w.blow, w.t1) for w in wrecks]
+    if not spans.intersect([(whole.t0, whole.t1)], lost):
         return [whole]
     if whole.kind.startswith("rest"):
-        return [Segment("wreck", whole.t0, whole.t1, f"lies still after an impact at {blow:.1f} s")]
-    return [] if whole.t0 >= blow else [Segment(whole.kind, whole.t0, blow, whole.why)]
+        at = max(w.blow for w in wrecks if w.blow < whole.t1)
+        return [Segment("wreck", whole.t0, whole.t1, f"lies still after a crash at {at:.1f} s")]
+    kept = spans.intersect([(whole.t0, whole.t1)], spans.complement(lost, -np.inf, np.inf))
+    return [Segment(whole.kind, a, b, whole.why) for a, b in kept]
+
+
+def _lost(wreck: Wreck, t1: float) -> list[Segment]:
+    """A crash that ends the log as its loss of control and its impact; one that is flown after as a loss of control."""
+    if wreck.t1 < t1:
+        return [Segment("loss_of_control", wreck.t0, wreck.t1, wreck.why)]
+    lost = [Segment("loss_of_control", wreck.t0, wreck.blow, wreck.why)] if wreck.blow > wreck.t0 else []
+    return [*lost, Segment("impact", wreck.blow, t1, wreck.why)]
 
 
 def _cruise(found: list[Segment]) -> list[Segment]:

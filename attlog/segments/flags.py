@@ -1,7 +1,6 @@
 """What the autopilot says about arming and flying, and what physics says to that.
 
-A flag alone never decides: "not landed" of a disarmed vehicle, or of one that stands without drive, is a flag
-that nobody updated; "landed" of one that climbs with throttle is one too.
+A flag decides only where no sensor can: land detectors are late by seconds, and some are never updated.
 """
 
 from __future__ import annotations
@@ -11,12 +10,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from attlog.flight.model import FlightLog, Stream, TimeLine
-from attlog.segments import flying, spans
+from attlog.segments import spans
+from attlog.segments.airborne.in_air import InAir
 from attlog.segments.spans import Span
-from attlog.segments.windows import Windows
 
 LYING_S = 5.0
-"""Without arming, drive or height to tell: a rest this long is no flight."""
+"""Without arming or drive to tell: a rest this long is no flight."""
 STOPPED = 0.01
 """Share of the motors' range up to which they stand still."""
 
@@ -49,58 +48,24 @@ def armed(log: FlightLog, t0: float, t1: float) -> FlagSpans:
 
 
 def airborne(
-    log: FlightLog,
-    armed: FlagSpans,
-    seen: flying.FlightEvidence | None,
-    windows: Windows | None,
-    lying: list[Span],
-    t0: float,
-    t1: float,
+    log: FlightLog, armed: FlagSpans, air: InAir | None, flights: list[Span], lying: list[Span], t0: float, t1: float
 ) -> FlagSpans:
-    """When the vehicle flew: the land detector checked by arming, height and drive; else those alone.
+    """When the vehicle flew: by physics; by the land detector only where nothing else tells.
 
-    ``seen`` is the evidence of height and drive over [t0, t1] s, ``lying`` the spans as still as a surface.
+    ``air``: what the sensors tell of flight over [t0, t1] s, None without any; ``flights``: those of them that count;
+    ``lying``: spans as still as a surface.
     """
     if not log.kind.flies:
         return FlagSpans(True, [], f"a {log.vehicle} does not fly")
-    flown = [] if seen is None else flying.flights(seen)
-    if armed.known:
-        flown = [s for s in flown if spans.intersect([s], armed.spans)]
+    if air is not None and air.known:
+        return FlagSpans(True, flights, air.why)
     if log.landed is None or not log.landed.value:
-        if seen is None:
-            return FlagSpans(False, why=f"the log holds no land detector and no {_missing(log)} to replace it")
-        return FlagSpans(True, flown, seen.why)
+        missing = "throttle" if air is None or air.power_source == "arming" else "height"
+        return FlagSpans(False, why=f"the log holds no land detector and no {missing} to replace it")
     told = held(log.landed, False, t0, t1)
-    kept, why = told, f"not landed by {log.landed.source}"
-    for refusing, reason in _refusals(armed, seen, windows, lying, t0, t1):
-        left = spans.intersect(kept, spans.complement(refusing, t0, t1))
-        left = left if seen is None else [s for s in left if s in kept or flying.lifted(seen, s)]
-        refused = spans.seconds(kept) - spans.seconds(left)
-        why += f"; {refused:.0f} s of it refused because {reason}" if refused > 1.0 else ""
-        kept = left
-    added = spans.seconds(spans.merge([*kept, *flown])) - spans.seconds(kept)
-    if added > 1.0 and seen is not None:
-        why += f"; {added:.0f} s more by {seen.why}"
-    return FlagSpans(True, spans.merge([*kept, *flown]), why)
-
-
-def _refusals(
-    armed: FlagSpans,
-    seen: flying.FlightEvidence | None,
-    windows: Windows | None,
-    lying: list[Span],
-    t0: float,
-    t1: float,
-) -> list[tuple[list[Span], str]]:
-    """Spans in which "not landed" is not believed, each kind with its reason."""
-    found = []
-    if armed.known:
-        found.append((spans.complement(armed.spans, t0, t1), "the vehicle was disarmed"))
-    if seen is not None:
-        found.append((flying.grounded(seen, windows), "it stood on the ground by height, throttle and gyro"))
-    elif not armed.known:
-        found.append(([s for s in lying if s[1] - s[0] >= LYING_S], "the sensors lie still"))
-    return found
+    on_ground = [s for s in lying if s[1] - s[0] >= LYING_S]
+    kept = spans.intersect(told, armed.spans if armed.known else spans.complement(on_ground, t0, t1))
+    return FlagSpans(True, kept, f"not landed by {log.landed.source}, and no sensor that could check it")
 
 
 def motors(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagSpans:
@@ -126,7 +91,3 @@ def _above(stream: Stream, limit: float) -> list[Span]:
     turning = np.nanmax(np.nan_to_num(stream.x.reshape(len(stream.t), -1)), axis=1) > limit
     entries = zip(stream.t[:-1], stream.t[1:], turning[:-1], strict=True)
     return spans.merge((float(a), float(b)) for a, b, on in entries if on)
-
-
-def _missing(log: FlightLog) -> str:
-    return "throttle" if flying.drive(log) is None else "height"

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.segments import spans
+from attlog.segments.airborne.in_air import InAir
+from attlog.segments.crash import Ending
 
 Array = NDArray[np.float64]
 
@@ -51,11 +53,14 @@ class Segments:
     """All segments of a log. ``notes`` says how flags and sensors were weighed, by kind.
 
     ``unknown`` names the phases (armed, airborne) that nothing in the log tells: no segment of them means nothing.
+    ``air`` is what tells flight, None without sensors; ``endings`` are crashes and hard landings in time order.
     """
 
     segments: list[Segment] = field(default_factory=list)
     notes: dict[str, str] = field(default_factory=dict)
     unknown: tuple[str, ...] = ()
+    air: InAir | None = None
+    endings: list[Ending] = field(default_factory=list)
 
     def seconds(self, kind: str) -> float | None:
         """Total length of a kind in s, None where the log cannot tell."""

@@ -62,7 +62,8 @@ def ended(log: FlightLog) -> tuple[list[Span], list[Ending]]:
     """Flights and endings of a log."""
     clock = sys.modules["attlog.segments.build"]._clock(log)
     armed = flags.armed(log, float(clock.min()), float(clock.max()))
-    return crash.find(log, found_in(log), armed.spans if armed.known else None, float(clock.max()))
+    found = crash.find(log, found_in(log), armed.spans if armed.known else None, float(clock.max()))
+    return found.flights, found.endings
 
 
 def crashes(path: Path) -> list[float]:
@@ -133,7 +134,7 @@ def endings(log: FlightLog) -> list[Ending]:
     air = found_in(log)
     air.spans = [(TAKE_OFF, LANDED)]
     air.driven = (air.grid.t > TAKE_OFF) & (air.grid.t < DISARMED)
-    return crash.find(log, air, [(TAKE_OFF - 5.0, DISARMED)], float(log.imus[0].acc.t[-1]))[1]
+    return crash.find(log, air, [(TAKE_OFF - 5.0, DISARMED)], float(log.imus[0].acc.t[-1])).endings
 
 
 def test_a_blow_after_which_it_lies_tilted_is_an_impact_to_the_sample():

@@ -50,15 +50,14 @@ def test_not_landed_while_disarmed_is_a_flag_that_nobody_updated():
     never = TimeLine(np.array([0.0, LANDED]), [False, True], "vehicle_land_detected")
     found, why = airborne(landed=never)
     assert found == [(ARMED, LANDED)]
-    assert "refused because the vehicle was disarmed" in why
+    assert "vehicle_land_detected" in why
 
 
 def test_not_landed_of_a_vehicle_that_lies_still_is_refused_where_arming_is_unknown():
     never = TimeLine(np.array([0.0]), [False], "vehicle_land_detected")
-    found, why = airborne(landed=never, armed=None)
+    found, _ = airborne(landed=never, armed=None)
     assert spans.seconds(spans.intersect(found, [(0, ARMED - 1), (DISARMED + 1, END)])) == 0.0
     assert spans.seconds(spans.intersect(found, [(TAKE_OFF, LANDED)])) > 39
-    assert "lie still" in why
 
 
 def test_without_land_detector_throttle_with_climb_tells_flight():
@@ -66,32 +65,16 @@ def test_without_land_detector_throttle_with_climb_tells_flight():
     assert len(found) == 1
     assert found[0][0] == pytest.approx(TAKE_OFF, abs=1.0)
     assert found[0][1] == pytest.approx(LANDED, abs=1.0)
-    assert "throttle (CTUN.ThO) with a climb by BARO:0" in why
+    assert "CTUN.ThO" in why
+    assert "BARO:0" in why
 
 
 def test_without_land_detector_and_throttle_a_fast_climb_while_armed_tells_flight():
     found, why = airborne(landed=None, baro=[height()])
     assert len(found) == 1
     assert found[0] == pytest.approx((TAKE_OFF, LANDED), abs=1.0)
-    assert "arming with a climb by BARO:0" in why
-    drifting = height(top=0.0)
-    drifting.x = drifting.x + 3.0 * np.sin(SECONDS / 10.0)[:, None]
-    assert airborne(landed=None, baro=[drifting])[0] == []
+    assert "driven (arming)" in why
     assert airborne(landed=None, baro=[height()], armed=None)[0] == []
-
-
-@pytest.mark.parametrize(("least", "flown"), [(0.35, True), (0.1, False)])
-def test_a_log_cut_out_of_a_hover_is_all_flight_where_the_throttle_always_lifts(least, flown):
-    """Without arming, land detector, climb or ground in the log; motors that idle take up to 0.15."""
-    throttle = Stream(SECONDS, np.where(SECONDS % 7 < 1, least, 0.4)[:, None], "1", "", "CTUN.ThO")
-    hover = Stream(SECONDS, np.full((len(SECONDS), 1), 420.0), "m", "", "BARO:0")
-    more = {"armed": None, "landed": None, "throttle": throttle, "baro": [hover]}
-    found, why = airborne(vehicle="quadrotor", **more)
-    assert (spans.seconds(found) > END - 1.0) is flown
-    assert ("never below" in why) is flown
-    landed = TimeLine(np.array([0.0]), [True], "vehicle_land_detected")
-    assert airborne(vehicle="quadrotor", **{**more, "landed": landed})[0] == [], "somebody knew"
-    assert airborne(vehicle="rover", **more)[0] == airborne(vehicle="fixed wing", **more)[0] == []
 
 
 def test_throttle_without_climb_is_no_flight():
@@ -101,9 +84,8 @@ def test_throttle_without_climb_is_no_flight():
 
 def test_landed_throughout_a_flight_that_climbs_is_refuted():
     stuck = TimeLine(np.array([0.0]), [True], "vehicle_land_detected")
-    found, why = airborne(landed=stuck, throttle=throttle(), baro=[height()])
+    found, _ = airborne(landed=stuck, throttle=throttle(), baro=[height()])
     assert spans.seconds(spans.intersect(found, [(TAKE_OFF, LANDED)])) > 38
-    assert "s more by throttle (CTUN.ThO) with a climb by BARO:0" in why
 
 
 @pytest.mark.parametrize("vehicle", ["rover", "boat", "submarine"])

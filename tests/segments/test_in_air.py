@@ -13,7 +13,8 @@ import attlog.segments.build
 from attlog import formats
 from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Stream, TimeLine
-from attlog.segments import flags, gaps, grid, in_air
+from attlog.segments import flags, gaps
+from attlog.segments.airborne import grid, in_air
 from attlog.segments.spans import Span
 
 from .flights import imu_log
@@ -153,3 +154,11 @@ def test_what_is_not_driven_does_not_fly_whatever_it_feels():
 
 def test_a_multirotor_on_its_back_is_not_carried_by_its_rotors():
     assert found_in(carried(0.05, z=9.81)).spans == []
+
+
+def test_a_log_cut_out_of_a_flight_is_all_flight():
+    log = carried(0.05)
+    log.armed = None
+    log.throttle = Stream(np.arange(0.0, 40.0, 0.1), np.full((400, 1), 0.4), "1", "", "CTUN.ThO")
+    (flight,) = found_in(log).spans
+    assert flight == (pytest.approx(0.0, abs=0.2), pytest.approx(40.0, abs=0.2))

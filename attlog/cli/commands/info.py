@@ -10,7 +10,7 @@ import typer
 from attlog import __version__
 from attlog.base.errors import BUG, exit_code, message, worst
 from attlog.cli.shared.options import Boot, CommonOptions, Json, Logs, System
-from attlog.cli.shared.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stderr
+from attlog.cli.shared.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stderr, wrapped
 
 DIFFERS, LATE = 1, 75
 WORDS = {"good": "good", "warn": "warn", "bad": "bad", "cannot_judge": "cannot judge"}
@@ -80,6 +80,9 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Text
     from attlog.present.problems import problem_texts
 
     yield from _head(report["log"], width)
+    if report["headline"]:
+        yield TextLine("")
+        yield from wrapped("", report["headline"], width)
     checks = [(c["name"], WORDS[c["verdict"]], c["text"]) for c in report["audit"]]
     yield from _part("Physics", checks, width, [STYLES[c["verdict"]] for c in report["audit"]])
     questions = report["answerable"]

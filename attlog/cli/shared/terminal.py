@@ -35,6 +35,8 @@ def printed(result: Result, window: str, width: int, encoding: str, verbose: boo
         return stand_in(text, encoding)
 
     yield TextLine(shown(clean(stand_in(str(result.log.get("name") or "log"), "utf-8"))), "bold")
+    if result.headline:
+        yield from wrapped("  ", shown(clean(result.headline)), width)
     for verdict in result.verdicts:
         yield from wrapped(f"  {verdict.question:<10}", shown(typeset(verdict.sentence)), width)
     for sentence in gyro_bias(result):

@@ -94,6 +94,7 @@ def page_data(lines: list[Line]) -> tuple[dict[str, Any], bytes]:
         "firmware": _coded([f.get("firmware") for f in flights]),
         "vehicle": _coded([f.get("vehicle") for f in flights]),
         "board": _coded([f.get("board") for f in flights]),
+        "headline": [clean(x.row.get("headline") or "") if x.row else "" for x in lines],
         "says": [[typeset(v["sentence"]) for v in x.row["verdicts"]] if x.row else [] for x in lines],
         "thumb": [_thumbnail(x.row, thumbnails) for x in lines],
         "points": POINTS,

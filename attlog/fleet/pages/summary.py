@@ -58,7 +58,8 @@ def summary(
             else "  no log with trouble; what was noticed most:"
         )
     for told, entry in worst:
-        yield _cut(f"    {entry.name}: {typeset(told['reasons'][0]['text'])}", width)
+        headline = entry.row.get("headline") if entry.row is not None else ""
+        yield _cut(f"    {entry.name}: {headline or typeset(told['reasons'][0]['text'])}", width)
 
 
 def _answers(entry: Entry, question: str) -> bool:

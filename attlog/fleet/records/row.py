@@ -22,7 +22,8 @@ HEAVY = "answers"
 def index_row(result: Result) -> dict[str, Any]:
     """Everything that the index and the tables of a batch tell of one log, as plain JSON values.
 
-    The same log, version and configuration give the same row: measured times stay out. ``flight``: what flew,
+    The same log, version and configuration give the same row: measured times stay out. ``headline``: what happened;
+    ``flight``: what flew,
     when, how long (s); ``rows``: every row of the comparison by id; ``verdicts``: the four sentences with their
     numbers; ``trouble``: see :func:`attlog.fleet.records.trouble.trouble`; ``columns``: the columns of the
     comparison with their values by row; ``thumbnail``: the flight at a glance, None where the result holds no traces;
@@ -31,6 +32,7 @@ def index_row(result: Result) -> dict[str, Any]:
     row: dict[str, Any] = plain(
         {
             "form": FORM,
+            "headline": result.headline,
             "flight": _flight(result),
             "rows": _rows(result),
             "verdicts": [_verdict(v) for v in result.verdicts],

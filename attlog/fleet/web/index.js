@@ -162,6 +162,7 @@ function details(i) {
     ['Compared with', { truth: 'the logged truth', smoother: 'the smoother', onboard: 'the onboard attitude (agreement, not truth)', none: 'nothing' }[D.reference.words[D.reference.at[i]]]],
     ...D.says[i].map((s, k) => [QUESTIONS[k], s])].filter(([, v]) => v);
   const parts = [];
+  if (D.headline[i]) parts.push(el('p', {}, el('b', {}, D.headline[i])));
   if (D.message[i]) parts.push(el('p', {}, D.message[i]));
   if (said.length) parts.push(el('ul', {}, ...said));
   if (D.href[i]) parts.push(el('p', {}, el('a', { href: D.href[i] }, 'Open the report')));

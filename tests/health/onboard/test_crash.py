@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from attlog.health.onboard import crash
 from attlog.segments.model import Segment, Segments
+from tests.segments.flights import flight
 
 LOSS = Segment("loss_of_control", 41.7, 42.0, "tilt of 159 deg, and 0.3 s later it was disarmed")
 
 
 def said(*found: Segment) -> str:
-    return crash.checks(Segments(list(found)))[0].text
+    return crash.checks(flight(), Segments(list(found)))[0].text
 
 
 def test_a_wreck_that_rolls_over_after_its_impact_lost_no_control_there() -> None:
@@ -32,3 +33,10 @@ def test_an_impact_of_a_later_flight_is_told_beside_the_loss() -> None:
     blow = Segment("impact", 90.0, 95.0, "5.0 g with a tumble, and 2.5 s later the log stopped")
     again = "It flew again until an impact at 90.0 s, after which nothing is compared."
     assert said(LOSS, blow) == f"Control was lost at 41.7 s: {LOSS.why}. {again}"
+
+
+def test_a_flight_without_a_crash_is_good_only_where_samples_could_show_one() -> None:
+    flown = Segments([Segment("airborne", 35.0, 75.0)])
+    (fast,), (slow,) = crash.checks(flight(200.0), flown), crash.checks(flight(25.0), flown)
+    assert (fast.verdict, slow.verdict) == ("good", "cannot_judge")
+    assert "IMU at 25 Hz" in slow.text

@@ -64,16 +64,19 @@ class Grid:
 
 
 def build(log: FlightLog, t0: float, t1: float) -> Grid | None:
-    """The signs of flight over [t0, t1] s; None for a log without an IMU or of less than 1 s."""
-    imu = log.replay_imu or next(iter(log.imus), None)
-    if imu is None or not t1 - t0 > 1.0:
+    """The signs of flight over [t0, t1] s; None for less than 1 s, or without an IMU and an attitude."""
+    imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
+    if not t1 - t0 > 1.0 or (imu is None and onboard is None):
         return None
     t = np.arange(t0, t1, STEP_S)
-    force, rate, known = _means(imu, t)
-    down, speed = _down(log, t), motion.speed_m_s(log, t)
-    nothing = np.full(len(t), np.nan)
-    found = Grid(t, known, force, nothing, nothing.copy(), nothing.copy(), np.zeros(len(t), bool), speed, down, True)
-    if imu.acc.rate < SLOW_HZ or not known.any():
+    down, speed, nothing = _down(log, t), motion.speed_m_s(log, t), np.full(len(t), np.nan)
+    if imu is not None:
+        force, rate, known = _means(imu, t)
+    else:
+        force, rate, known = np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.isfinite(down[:, 0])
+    no_contact = np.zeros(len(t), bool)
+    found = Grid(t, known, force, nothing, nothing.copy(), nothing.copy(), no_contact, speed, down, True)
+    if imu is None or imu.acc.rate < SLOW_HZ or not known.any():
         return found
     found.slow = False
     bias = np.median(rate[known], axis=0)

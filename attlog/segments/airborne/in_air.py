@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.flight.model import FlightLog, Stream
+from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments import spans
-from attlog.segments.grid import STALE_S, STEP_S, Grid, during, held, nearest_s, runs
+from attlog.segments.airborne.grid import STEP_S, Grid, during, held, runs
+from attlog.segments.airborne.heights import HINT_M, Level, levels_of
 from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
@@ -27,44 +28,21 @@ HINTED, PROVEN, LASTING = 0.2, 0.55, -0.3
 LEAST_DRIVE, OF_FLIGHT, OF_OWN = 0.02, 0.25, 0.6
 OF_LIFT, OF_HOVER, IDLING = 0.5, 0.8, 0.1
 """Parts of the power of flight: below the first nothing climbs, at the second it hovers. Motors idle to the third."""
-HINT_M = {"range": 0.3, "barometer": 0.7, "GNSS": 3.0}
-SURE_M = {"range": 0.5, "barometer": 2.0, "GNSS": 12.0}
 ENOUGH_S, LONG_S, BRIDGE_S = 0.5, 1.5, 2.0
 BY_AIR_M_S = 5.0
-HIGHEST_HAND_M_S = 2.0
-LEVEL_S = 1.0
-LEAVES_M_S2, SPREADS = 0.25, 5.0
-STANDS_S = 1.0
+OF_HINT, CLIMBS_S, TREMBLE_M = 0.3, 3.0, 0.03
+"""Signs of flight come late where the ground was felt for long: up to so many s the height leads back to it."""
+LEAVES_M_S2, SPREADS, OUTSTANDING = 0.25, 5.0, 4.0
 CLEAR_M = 5.0
 """Propellers near the ground raise a barometer by up to 4 m: only above this height contact is none."""
-MOVED_M = 0.5
-"""A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class Level:
-    """A height (n,) m above what the vehicle stood on, NaN where unknown, by a ``sensor`` named as in HINT_M."""
-
-    sensor: str
-    source: str
-    above: Array
-
-    @property
-    def hint(self) -> Mask:
-        """Where it is higher than what makes a flight likely."""
-        return np.nan_to_num(self.above, nan=-1.0) > HINT_M[self.sensor]
-
-    @property
-    def sure(self) -> Mask:
-        """Where it is higher than what proves a flight."""
-        return np.nan_to_num(self.above, nan=-1.0) > SURE_M[self.sensor]
 
 
 @dataclass(slots=True)
 class InAir:
-    """The flights of a log, and what tells them. ``spans`` (t0, t1) s; ``driven`` (n,) on the grid's times.
+    """The flights (t0, t1) s of a log, and what tells them.
 
-    ``drive_source`` names what drives. ``why`` is a sentence; ``known`` is False where nothing in the log tells flight.
+    ``driven`` and ``power`` (n,), 0 to 1, on the grid's times, by ``power_source``. ``why`` is a sentence; ``known`` is
+    False where nothing in the log tells flight.
     """
 
     grid: Grid
@@ -72,13 +50,15 @@ class InAir:
     driven: Mask
     power: Array
     levels: list[Level]
+    power_source: str
     why: str
     known: bool = True
 
     @property
-    def height(self) -> Level | None:
-        """The best height, None without one."""
-        return self.levels[0] if self.levels else None
+    def climb(self) -> Array:
+        """Vertical speed (n,) in m/s by the barometer or GNSS, NaN where unknown."""
+        above = next((level.above for level in self.levels if level.sensor != "range"), None)
+        return np.full(len(self.grid.t), np.nan) if above is None else np.gradient(above, STEP_S)
 
 
 def find(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list[Span]) -> InAir:
@@ -88,20 +68,21 @@ def find(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list
     may = grid.known & during(t, known_spans)
     may &= during(t, armed) if armed is not None else True
     if power is None:
-        driven = may.copy() if armed is not None else np.zeros(len(t), bool)
+        driven = may.copy() if armed is not None else np.zeros(len(t), bool)  # arming lifts nothing by itself
         power, source, usual, lifting = driven.astype(np.float64), "arming", 1.0, np.zeros(len(t), bool)
     else:
         moving = (np.nan_to_num(grid.dynamics, nan=-9.0) > CARRIED) & ~grid.contact
         usual = _usual(power, may & moving & (power > LEAST_DRIVE))
         driven, lifting = may & (power > max(LEAST_DRIVE, OF_FLIGHT * usual)), power > IDLING
-    levels = _levels(log, grid, driven)
+    levels = levels_of(log, grid, driven)
     flying = _signs(log.kind, grid, levels, driven, power / max(usual, LEAST_DRIVE), lifting)
     found = _flights(log.kind, flying, grid, levels, driven, power)
-    edges = [(_liftoff(grid, a), _landing(grid, b)) for a, b in found]
+    rolls = log.kind.fixed_wing  # the force of a take-off run tells no lift-off
+    edges = [(float(t[a]) if rolls else _liftoff(grid, a), _landing(grid, b)) for a, b in found]
     heights = ", ".join(f"height by {level.source}" for level in levels[:2])
     why = f"driven ({source}) and moving as only the air lets it" + (f", {heights}" if heights else "")
-    known = armed is not None or source != "arming"
-    return InAir(grid, spans.merge(s for s in edges if s[1] > s[0]), driven, power, levels, why, known)
+    known = bool(levels) or (source != "arming" and not grid.slow)
+    return InAir(grid, spans.merge(s for s in edges if s[1] > s[0]), driven, power, levels, source, why, known)
 
 
 def _power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
@@ -119,54 +100,6 @@ def _power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
 def _usual(power: Array, carried: Mask) -> float:
     """The power that flight takes: its median where something carries itself, else the largest that is held."""
     return float(np.median(power[carried]) if carried.any() else np.quantile(power, 0.95))
-
-
-def _levels(log: FlightLog, grid: Grid, driven: Mask) -> list[Level]:
-    """Heights over the ground, the surest first."""
-    stands = ~driven & grid.known & ~(grid.speed > HIGHEST_HAND_M_S)
-    found = []
-    if log.rangefinder is not None and len(log.rangefinder.t) > 3:
-        raw = held(grid.t, log.rangefinder, np.nan) * np.clip(np.nan_to_num(grid.down[:, 2], nan=1.0), 0.0, 1.0)
-        ranged = (
-            raw - np.nanmedian(raw[stands]) if np.isfinite(raw[stands]).any() else raw - np.nanmin(raw, initial=1e9)
-        )
-        if np.nanmax(ranged, initial=0.0) > MOVED_M:
-            found.append(Level("range", log.rangefinder.source, ranged))
-    for sensor, stream in _heights(log):
-        level = _averaged(grid.t, stream)
-        climb = np.gradient(level, STEP_S)
-        ground = _eroded(stands & (np.abs(np.nan_to_num(climb, nan=9.0)) < 0.5), round(STANDS_S / STEP_S))
-        ground &= np.isfinite(level)
-        if ground.any():
-            found.append(Level(sensor, stream.source, level - np.interp(grid.t, grid.t[ground], level[ground])))
-            break
-    return found
-
-
-def _heights(log: FlightLog) -> list[tuple[str, Stream]]:
-    """Streams of height in m (m, 1) without bad values: the barometer, then GNSS with a fix."""
-    found = []
-    for stream in log.baro:
-        x = stream.x.reshape(len(stream.t), -1)[:, 0] if len(stream.t) else np.zeros(0)
-        good = np.isfinite(x)
-        if stream.unit == "m" and np.count_nonzero(good) > 10:
-            found.append(("barometer", Stream(stream.t[good], x[good, None], "m", "", stream.source)))
-            break
-    for gnss in log.gnss:
-        good = (gnss.fix >= 3) & np.isfinite(gnss.alt) & np.isfinite(gnss.t)
-        if np.count_nonzero(good) > 10:
-            found.append(("GNSS", Stream(gnss.t[good], gnss.alt[good, None], "m", "", gnss.source)))
-            break
-    return found
-
-
-def _averaged(t: Array, stream: Stream) -> Array:
-    """A height (n,) averaged over 1 s, NaN where none is near."""
-    raw = np.interp(t, stream.t, stream.x[:, 0])
-    half = round(0.5 * LEVEL_S / STEP_S)
-    mean = np.convolve(np.pad(raw, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
-    near: Array = np.where(nearest_s(t, stream.t) <= STALE_S, mean, np.nan)
-    return near
 
 
 def _signs(kind: VehicleKind, grid: Grid, levels: list[Level], driven: Mask, power: Array, lifting: Mask) -> Mask:
@@ -215,7 +148,26 @@ def _flights(
         if before[:a].all():  # a log that begins in the air
             a = 0
         found.append((a, b))
-    return _bridged(found, grid.known)
+    if grid.slow:
+        return _bridged(found, grid.known)
+    reached = []
+    for a, b in found:
+        pushed = driven & (power > OF_OWN * float(np.median(power[a:b])))
+        reached.append(_to_the_ground(a, b, levels, pushed))
+    return _bridged(reached, grid.known)
+
+
+def _to_the_ground(a: int, b: int, levels: list[Level], driven: Mask) -> tuple[int, int]:
+    """A range with the seconds before and after in which the height still rises from, or sinks to, what it stood on."""
+    for level in levels:
+        above, least = np.nan_to_num(level.above), OF_HINT * HINT_M[level.sensor]
+        furthest = round(CLIMBS_S / STEP_S)
+        while furthest and a > 0 and driven[a - 1] and least < above[a - 1] <= above[a] + TREMBLE_M:
+            a, furthest = a - 1, furthest - 1
+        furthest = round(CLIMBS_S / STEP_S)
+        while furthest and b < len(above) and driven[b] and least < above[b] <= above[b - 1] + TREMBLE_M:
+            b, furthest = b + 1, furthest - 1
+    return a, b
 
 
 def _bridged(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, int]]:
@@ -262,12 +214,5 @@ def _landing(grid: Grid, end: int) -> float:
     if grid.slow or end >= len(grid.t):
         return float(grid.t[min(end, len(grid.t) - 1)])
     bump = np.abs(grid.size[a:b] - np.median(grid.size[a:b]))
-    return float(grid.t[a + int(np.argmax(bump))])
-
-
-def _eroded(mask: Mask, count: int) -> Mask:
-    """The samples of a mask that lie in runs of at least ``count`` samples."""
-    kept = np.zeros(len(mask), bool)
-    for a, b in runs(mask):
-        kept[a:b] = b - a >= count
-    return kept
+    stands_out = bump.max() > max(2.0 * LEAVES_M_S2, OUTSTANDING * float(np.median(bump)))
+    return float(grid.t[a + int(np.argmax(bump)) if stands_out else end])

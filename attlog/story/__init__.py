@@ -1,0 +1,41 @@
+"""What happened in a flight: events with their evidence, in time order, and the headline."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from attlog.flight.model import FlightLog, part_of
+from attlog.segments.model import Segments
+from attlog.segments.spans import Span
+from attlog.story import estimator, failsafes, flights, sensors, words
+from attlog.story.event import CRASHES, KINDS, Event
+from attlog.story.headline import headline, nothing_wrong
+
+__all__ = ["CRASHES", "KINDS", "Event", "events", "headline", "nothing_wrong"]
+
+
+def events(log: FlightLog, segments: Segments) -> list[Event]:
+    """Everything that happened, in time order: one event each, however many sources tell it."""
+    found: list[Event] = []
+    told: list[words.Text] = []
+    for what, make in (
+        ("Flights and crashes", flights.events),
+        ("Clipping and vibration", sensors.events),
+        ("Failsafes", failsafes.events),
+        ("The onboard estimator", estimator.events),
+    ):
+        some, texts = part_of(log, what, lambda make=make: make(log, segments), lambda: ([], []))  # type: ignore[misc]
+        found += some
+        told += texts
+    found += part_of(
+        log, "The autopilot’s messages", lambda: words.messages(log, told, segments.spans("airborne")), list[Event]
+    )
+    lost = [(s.t0, s.t1) for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
+    found = [replace(_of_a_wreck(e, lost), t=round(e.t, 3)) for e in found]
+    return sorted(found, key=lambda e: (e.t, KINDS.index(e.kind)))
+
+
+def _of_a_wreck(event: Event, lost: list[Span]) -> Event:
+    """An event as it counts: what warns of a wreck warns nobody."""
+    in_wreck = event.severity == "warning" and any(a + 0.1 < event.t <= b for a, b in lost)
+    return replace(event, severity="note") if in_wreck else event

@@ -1,0 +1,78 @@
+"""Failsafes, the kill switch and the battery: what the autopilot did about trouble."""
+
+from __future__ import annotations
+
+from attlog.flight.model import FlightLog
+from attlog.segments.model import Segments
+from attlog.story.event import Event, Weight
+from attlog.story.words import BATTERY, FAILSAFE, KILLED, NO_WARNING, Text, matching, quoted
+
+CAUSE_S = 2.0
+"""A failsafe's cause is said so soon before or after it."""
+AGAIN_S = 60.0
+MEASURED_S = 1.0
+"""In a log's first second a battery may not have been measured yet."""
+CODES = {
+    "err_5_1": "Radio failsafe",
+    "err_7_1": "GNSS failsafe",
+    "err_8_1": "Ground station failsafe",
+    "err_23_1": "Terrain failsafe",
+    "ekf_failsafe": "EKF failsafe",
+    "vibration_failsafe": "Vibration failsafe",
+    "err_31_1": "Dead reckoning failsafe",
+    "failsafe": "Failsafe",
+}
+"""ERR records of ArduPilot and PX4's flag, by the codes of their problems."""
+
+
+def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
+    """The events in no order, and the texts that are told in them."""
+    told: list[Text] = []
+    found = _killed(log, told)
+    said = [x for x in matching(log, FAILSAFE) if not NO_WARNING.search(x[2])]
+    low = matching(log, BATTERY)
+    for text in said:
+        t = text[0]
+        causes = [x for x in low if abs(x[0] - t) <= CAUSE_S]
+        battery = bool(causes) or bool(BATTERY.search(text[2]))
+        told += [text, *causes]
+        kind = "battery" if battery else "failsafe"
+        if any(e.kind == kind and (e.t_end or e.t) > t - AGAIN_S for e in found):
+            continue
+        found.append(_event(kind, t, battery, [quoted(text), *(quoted(x) for x in causes[:1])]))
+    for problem in log.problems:
+        if problem.t is None or _known(found, problem.t):
+            continue
+        if problem.code == "err_6_1":
+            found.append(_event("battery", problem.t, True, [problem.text]))
+        elif problem.code in CODES:
+            words = f"{CODES[problem.code]} at {problem.t:.1f} s."
+            found.append(Event("failsafe", problem.t, "warning", words, evidence=[problem.text]))
+    return found, told
+
+
+def _known(found: list[Event], t: float) -> bool:
+    return any(abs(e.t - t) <= AGAIN_S and e.kind in ("failsafe", "battery") for e in found)
+
+
+def _event(kind: str, t: float, battery: bool, evidence: list[str]) -> Event:
+    words = "Battery failsafe" if battery else "Failsafe"
+    weight: Weight = "note" if battery and t < MEASURED_S else "warning"
+    return Event(kind, t, weight, f"{words} at {t:.1f} s.", evidence=evidence)
+
+
+def _killed(log: FlightLog, told: list[Text]) -> list[Event]:
+    """The kill switch, which stops motors wherever the vehicle is."""
+    found: list[Event] = []
+    texts = matching(log, KILLED)
+    told += texts
+    for text in texts:
+        if not any(abs(e.t - text[0]) < AGAIN_S for e in found):
+            found.append(
+                Event("failsafe", text[0], "warning", f"Kill switch at {text[0]:.1f} s.", evidence=[quoted(text)])
+            )
+    stopped = [p for p in log.problems if p.code == "ev_54" and p.t is not None]
+    if not found and stopped and stopped[0].t is not None:
+        t = stopped[0].t
+        found.append(Event("failsafe", t, "warning", f"Kill switch at {t:.1f} s.", evidence=[stopped[0].text]))
+    return found

@@ -1,0 +1,347 @@
+"""One sentence or three, of at most 30 words: what flew, from when to when, what went wrong first, how it ended."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from attlog.base import rotation
+from attlog.flight.model import FlightLog, Problem
+from attlog.flight.vehicle import VehicleKind
+from attlog.segments.airborne.grid import runs
+from attlog.segments.crash import Ending
+from attlog.segments.model import Segments
+from attlog.segments.motion import speed_m_s
+from attlog.segments.spans import Span, inside
+from attlog.story.event import Event, figures
+from attlog.story.flights import SURE_HZ, blows_told, sized
+
+WORDS = 30
+STOOD_S = 10.0
+"""Motors that ran for longer than this before a flight are told."""
+TOGETHER_S = 5.0
+"""Endings so close to each other are one crash."""
+KILLED_S = 5.0
+UPRIGHT_DEG = 30.0
+HIGH_M = 5.0
+"""A blow above this height is no ground."""
+LISTED = 3
+"""Up to so many flights are told with their times; more are counted."""
+OF_FLIGHT = 0.5
+"""Throttle is up above this part of its largest value."""
+NAMES = {"Copter": "ArduCopter", "Plane": "ArduPlane", "Rover": "ArduRover", "Sub": "ArduSub"}
+TOLD_FIRST = (
+    "clipping", "vibration", "failsafe", "battery", "realigned", "lane_switch", "compass_switch", "aid_rejected",
+    "gnss_lost", "gnss_jump",
+)  # fmt: skip
+"""What may explain an end, by kind."""
+
+
+OF_THE_RECORD = frozenset(
+    """cut_at_end damage damaged_reports duplicate_times false_times imu_decimated imu_low_rate imu_that_flew_too_slow
+    imu_covers_a_part late_field log_limit logger_dropouts gaps_and_rate not_checked params_differ params_unknown
+    rate_impossible several_boots several_systems time_backward truth_packet_times unanswered unreadable_message
+    unset_times values_out_of_range estimator_failed estimator_timed_out estimator_not_compiled""".split()
+)
+"""Problems with these codes are of the record or of filters: nothing went wrong in the flight."""
+
+
+def nothing_wrong(problems: Sequence[Problem]) -> bool:
+    """Whether no finding about the flight is a warning."""
+    return not any(p.severity in ("warning", "error") and p.code not in OF_THE_RECORD for p in problems)
+
+
+def headline(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool = True) -> str:
+    """The headline. ``events``: of the flight, in time order; ``sound``: no finding is a warning.
+
+    The fullest wording that fits into 30 words is taken.
+    """
+    who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
+    flown, first, end = _flown(log, segments, events), _first(segments, events), _end(log, segments, events, sound)
+    said = ""
+    for b, c, a in itertools.product(end, first, flown):
+        said = f"{who}: " + " ".join(x for x in (a, c, b) if x)
+        if len(said.split()) <= WORDS:
+            return said
+    return " ".join(said.split()[:WORDS])
+
+
+def _vehicle(log: FlightLog) -> str:
+    """What people call the vehicle, with what is special about the log."""
+    name = log.vehicle if log.vehicle not in ("unknown", "generic", "") else "vehicle"
+    name = name[0].upper() + name[1:]
+    return f"{name} (simulated)" if log.simulated else name
+
+
+def _firmware(log: FlightLog) -> str:
+    """Firmware and version as people say them: ArduCopter 4.7-dev, PX4 1.14.3."""
+    version = log.firmware.version
+    family, _, number = version.partition(" ")
+    if log.firmware.name == "ArduPilot" and family in NAMES:
+        said = f"{NAMES[family]} {number}"
+    else:
+        said = f"{log.firmware.name} {version}"
+    return re.sub(r"(\d+\.\d+)\.0[- ]dev\b", r"\1-dev", said).replace(" dev", "-dev").strip()
+
+
+def _seconds(spans: Sequence[Span]) -> str:
+    """Spans as "11 to 103 s and 120 to 130 s"."""
+    return " and ".join(f"{a:.0f} to {b:.0f} s" for a, b in spans)
+
+
+def _flown(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
+    """When it flew, and how high and how tilted; or why it did not; the fullest first."""
+    flights = segments.spans("airborne")
+    crashed = any(e.is_crash for e in events)
+    if not flights:
+        return _grounded(log, segments, events)
+    counted = f"{_number(len(flights))} flights from {flights[0][0]:.0f} s"
+    few = len(flights) < LISTED
+    listed = f"flew {_seconds(flights)}" if few else counted
+    begun = flights[0][0] - min((s.t0 for s in segments.of("continuous")), default=0.0) < 0.5
+    if begun and len(flights) == 1:
+        listed = f"flying as the log begins, to {flights[0][1]:.0f} s"
+    slow = segments.air is not None and segments.air.grid.slow
+    rate = max((imu.acc.rate for imu in log.imus), default=0.0)
+    listed = f"telemetry at {rate:.0f} Hz, {listed}" if slow and rate else listed
+    stood = (
+        f"stood armed to {flights[0][0]:.0f} s, " if few and not begun and _stood_armed(segments, flights[0][0]) else ""
+    )
+    sizes = [] if crashed else _sizes(log, segments, flights)
+    unended = crashed or _open_end(events) or _hard(events)
+    safe = "" if unended else _ended(log, flights[-1][1]) if slow else ", landed safely"
+    said = [f"{listed}{extra}{safe}." for extra in (*sizes, "")]
+    return [f"{stood}{said[0]}", *said] if stood else said
+
+
+def _ended(log: FlightLog, t: float) -> str:
+    """How a vehicle stood after a flight whose end nothing faster than its attitude tells."""
+    tilt = largest_tilt(log, [(t + 2.0, t + 5.0)])
+    return "" if tilt is None else ", ended upright" if tilt < UPRIGHT_DEG else f", ended at {tilt:.0f}° of tilt"
+
+
+def _number(n: int) -> str:
+    return ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")[n] if n < 10 else str(n)
+
+
+def _sizes(log: FlightLog, segments: Segments, flights: Sequence[Span]) -> list[str]:
+    """Height and tilt reached, the fullest first."""
+    air = segments.air
+    top = None
+    if air is not None:
+        mine = inside(air.grid.t, flights)
+        levels = sorted(air.levels, key=lambda level: level.sensor == "range")
+        tops = [float(np.nanmax(level.above[mine])) for level in levels if np.isfinite(level.above[mine]).any()]
+        top = next((x for x in tops if x > 0.3), None)
+    tilt = largest_tilt(log, flights)
+    high = "" if top is None else f"{top:.0f} m" if top >= 2.0 else f"{top:.1f} m"
+    tilted = "" if tilt is None or tilt < 1.0 else f"{tilt:.0f}° of tilt"
+    both = " and ".join(x for x in (high, tilted) if x)
+    return [f", up to {x}" for x in dict.fromkeys((both, high)) if x]
+
+
+def largest_tilt(log: FlightLog, spans: Sequence[Span]) -> float | None:
+    """The largest tilt (deg) of the onboard attitude within spans, None without one."""
+    attitude = log.onboard_attitude or log.truth
+    mine = None if attitude is None else inside(attitude.t, spans)
+    if attitude is None or mine is None or not mine.any():
+        return None
+    return float(np.degrees(np.max(rotation.inclination_angle(attitude.q[mine]))))
+
+
+def _stood_armed(segments: Segments, liftoff: float) -> bool:
+    """Whether motors ran for more than 10 s before a lift-off, idling or more."""
+    return any(a < liftoff <= b and liftoff - a > STOOD_S for a, b in segments.spans("armed"))
+
+
+def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
+    """What it did that never flew."""
+    total = f"{log.seconds:.0f} s"
+    if not log.kind.flies:
+        air = np.arange(0.0, max(log.seconds, 1.0), 1.0)
+        speed = speed_m_s(log, air)
+        if not np.isfinite(speed).any():
+            return [f"logged for {total}."]
+        top = float(np.nanmax(speed))
+        return [f"moved at up to {figures(top)} m/s in {total}." if top > 0.5 else f"stood still for {total}."]
+    if "airborne" in segments.unknown:
+        return [f"{total}; nothing in the log tells whether it flew."]
+    if any(e.is_crash for e in events):
+        return ["never flew."]
+    armed = sum(e.kind == "armed" for e in events)
+    pushed = _pushed(segments)
+    if not pushed:
+        if not armed:
+            never = "never armed" if log.armed is not None else "motors never ran"
+            tilt = largest_tilt(log, [(-1e9, 1e9)])
+            return [f"{never} in {total}" + (f", tilted up to {tilt:.0f}° by hand." if tilt and tilt > 15 else ".")]
+        return [f"armed{_times(armed)} but never left the ground in {total}."]
+    up = f"throttle up {_seconds(pushed)}" if len(pushed) < LISTED else f"throttle up {_often(len(pushed))}"
+    reason = _still_reason(log, segments, pushed)
+    often = f"armed {_often(armed)}, " if armed > 1 else ""
+    return [f"never left the ground in {total}; {often}{up}{x}." for x in (reason, "")] + [
+        f"never left the ground; {up}."
+    ]
+
+
+def _times(n: int) -> str:
+    return f" {_often(n)}" if n > 1 else ""
+
+
+def _often(n: int) -> str:
+    return "twice" if n == 2 else f"{_number(n)} times"
+
+
+def _pushed(segments: Segments) -> list[Span]:
+    """When throttle was up, for a second and more, with pauses of up to 5 s."""
+    air = segments.air
+    if air is None or not air.driven.any() or air.power_source == "arming":
+        return []
+    up = air.driven & (air.power > OF_FLIGHT * float(air.power[air.driven].max()))
+    found: list[Span] = []
+    for a, b in runs(up):
+        t0, t1 = float(air.grid.t[a]), float(air.grid.t[b - 1])
+        if found and t0 - found[-1][1] < TOGETHER_S:
+            found[-1] = found[-1][0], t1
+        else:
+            found.append((t0, t1))
+    return [s for s in found if s[1] - s[0] >= 1.0]
+
+
+def _still_reason(log: FlightLog, segments: Segments, pushed: Sequence[Span]) -> str:
+    """The best reason why it did not fly: a height that did not move, or a tilt that did not change."""
+    tilt = largest_tilt(log, pushed)
+    levels = segments.air.levels if segments.air is not None else []
+    ranged = log.rangefinder is not None and all(level.sensor != "range" for level in levels)
+    said = ["rangefinder unmoved"] if ranged else []
+    said += [f"tilt under {max(np.ceil(tilt), 1):.0f}°"] if tilt is not None and tilt < 15.0 else []
+    return f"; {', '.join(said)}" if said else ""
+
+
+def _open_end(events: Sequence[Event]) -> bool:
+    return any(e.kind == "ends_in_air" for e in events)
+
+
+def _hard(events: Sequence[Event]) -> bool:
+    return any(e.kind == "hard_landing" for e in events)
+
+
+def _first(segments: Segments, events: Sequence[Event]) -> list[str]:
+    """What went wrong first before a crash, or at all; the fullest first."""
+    crash = next((e.t for e in events if e.is_crash), np.inf)
+    found = [e for e in events if e.severity == "warning" and e.kind in TOLD_FIRST and e.t <= crash]
+    found = [e for e in found if not (e.kind == "failsafe" and "Kill switch" in e.text)]
+    if not found:
+        return [""]
+    first = next((e for e in found if e.kind == "clipping"), None) if found[0].kind == "vibration" else None
+    first = first or found[0]
+    since = f"{first.t:.0f} s" if first.t_end else f"{first.t:.1f} s"
+    shaken = next((e for e in found if e.kind == "vibration" and e.value), None)
+    words = {
+        "clipping": f"Accelerometer clipped from {first.t:.0f} s",
+        "vibration": f"Strong vibration ({figures(first.value or 0.0)} m/s²) from {first.t:.0f} s",
+        "failsafe": first.text.rstrip("."),
+        "battery": first.text.rstrip("."),
+        "realigned": _realigned([e for e in found if e.kind == "realigned"]),
+        "lane_switch": f"Estimator core changed at {since}",
+        "compass_switch": f"Compass changed at {since}",
+        "aid_rejected": f"{first.text.partition(' for ')[0]} from {since}",
+        "gnss_lost": f"GNSS lost from {since}",
+        "gnss_jump": f"GNSS jumped at {since}",
+    }[first.kind]
+    more = f" (vibration {figures(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
+    return [f"{words}{more}.", f"{words}.", ""] if more else [f"{words}.", ""]
+
+
+def _realigned(found: Sequence[Event]) -> str:
+    times = [f"{e.t:.1f}" if e.t < 100 else f"{e.t:.0f}" for e in found]
+    if len(times) > 2:
+        return f"EKF re-aligned yaw {_often(len(times))}"
+    return f"EKF re-aligned yaw at {' and '.join(times)} s"
+
+
+def _end(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool) -> list[str]:
+    """How it ended, the fullest first."""
+    crashes = _crashes(segments.endings)
+    if crashes:
+        full, short = _crash(crashes[0], _where(log.kind, segments, crashes[0][0].t))
+        again = f"; crashed again at {crashes[1][0].t:.1f} s{_size(crashes[1])}" if len(crashes) > 1 else ""
+        return list(dict.fromkeys((f"{full}{again}.", f"{short}{again}.", f"{short}.")))
+    warned = any(e.severity in ("warning", "serious") for e in events if e.kind != "hard_landing")
+    hard = [e for e in segments.endings if e.kind == "hard_landing"]
+    if hard:
+        worst = max(hard, key=lambda e: e.size)
+        killed = next((e for e in events if "Kill switch" in e.text and 0 <= worst.t - e.t < KILLED_S), None)
+        before = f"Kill switch at {killed.t:.1f} s, then hard landing" if killed else "Hard landing"
+        said_ = f"{before} at {worst.t:.1f} s ({sized(worst)}), upright"
+        return [f"{said_}; nothing else went wrong." if sound and not warned else f"{said_}."]
+    if _open_end(events):
+        return ["The log ends in the air."]
+    cannot = "Blows cannot be told." if segments.spans("airborne") and _too_slow(log) else ""
+    if sound and not warned and segments.spans("airborne"):
+        return [cannot or "Nothing went wrong."]
+    return [cannot, ""] if cannot else [""]
+
+
+def _too_slow(log: FlightLog) -> bool:
+    """Whether no blow at all could be told: a tenth of the rate at which most are."""
+    rate = max((imu.acc.rate for imu in log.imus), default=0.0)
+    return bool(blows_told(log)) and rate < 0.1 * SURE_HZ
+
+
+def _crashes(endings: Sequence[Ending]) -> list[list[Ending]]:
+    """The endings of each crash, in time order."""
+    groups: list[list[Ending]] = []
+    for ending in (e for e in endings if e.is_crash):
+        if groups and ending.t - groups[-1][-1].t_end < TOGETHER_S:
+            groups[-1].append(ending)
+        else:
+            groups.append([ending])
+    return groups
+
+
+def _size(group: Sequence[Ending]) -> str:
+    blow = next((e for e in group if e.kind == "impact"), None)
+    return "" if blow is None else f" ({sized(blow)})"
+
+
+def _where(kind: VehicleKind, segments: Segments, t: float) -> str:
+    """What a crash at a time hit: the ground, something higher up, or nothing because it never flew."""
+    if not segments.spans("airborne"):
+        return ""
+    air = segments.air
+    if kind.winged:
+        return "the ground"
+    levels = [] if air is None else [level.above[air.grid.index(t)] for level in air.levels]
+    high = [x for x in levels if np.isfinite(x)]
+    return "something" if high and max(high) > HIGH_M else "the ground"
+
+
+def _crash(group: Sequence[Ending], what: str) -> tuple[str, str]:
+    """One crash in words, and shorter. ``what`` was hit; empty for what never flew."""
+    blow, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
+    if blow is not None:
+        hit = f"hit {what or 'something'} at {blow.t:.1f} s ({sized(blow)})"
+        short = hit[0].upper() + hit[1:]
+        if over is None:
+            return f"{short}{_lies(blow)}", short
+        if over.t <= blow.t:
+            return f"Rolled to {over.size:.0f}° at {over.t:.1f} s and {hit}", short
+        return f"{short} and turned over to {over.size:.0f}°", short
+    if over is not None:
+        text = f"{'Turned over' if what else 'Flipped over at take-off'} at {over.t:.1f} s ({over.size:.0f}°)"
+        return f"{text}{_lies(over)}", text
+    spin = spun or group[0]
+    text = f"Tumbled at {spin.t:.1f} s ({spin.size:.0f}°/s)"
+    return text, text
+
+
+def _lies(ending: Ending) -> str:
+    """How it lay afterwards."""
+    angle = ending.lies_deg
+    if angle is None:
+        return ""
+    return ", lay upside down" if angle > 150.0 else f", lay at {angle:.0f}°" if angle > 15.0 else ", upright"

@@ -1,0 +1,203 @@
+"""What happened, told of real logs that were read by hand: events by kind and time, and headlines by meaning."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import attlog
+from attlog import segments, story
+from attlog.flight.model import FlightLog, Problem, Stream
+from attlog.segments import Segments
+from attlog.story import Event
+from tests.conftest import corpus_logs
+from tests.segments.test_in_air import carried
+
+
+@cache
+def told(path: Path) -> tuple[FlightLog, Segments, list[Event]]:
+    """A log, its phases and its events."""
+    log = attlog.read(path)
+    phases = segments.build(log)
+    return log, phases, story.events(log, phases)
+
+
+def headline(path: Path) -> str:
+    """The headline of a log."""
+    return story.headline(*told(path))
+
+
+SAID = {
+    "px4_1.14_clipping_crash.ulg": [
+        "PX4 1.14.3",
+        "34 to 46 s",
+        "clipped from 37 s",
+        "vibration 2[01]",
+        r"46\.1 s \(13 g\)",
+        "lay at 4[45]°",
+    ],
+    "plane_px4_1.13_crash.ulg": [
+        "Fixed wing, PX4 1.13.3",
+        "flew 6 to 29 s",
+        "clipped",
+        "107° at 28.5 s",
+        r"29\.1 s \(15 g\)",
+    ],
+    "copter_flip_at_takeoff.bin": ["ArduCopter 4.6.3", "never flew", "clipped", "take-off", "178°", "upside down"],
+    "copter_heading_28deg_off.BIN": [
+        "ArduCopter 4.5.7",
+        "11 to 103 s",
+        "landed safely",
+        "re-aligned yaw at 12.5 and 17.1 s",
+    ],
+    "copter_never_lifted.BIN": ["ArduCopter 4.7-dev", "never left the ground", "hrottle up", "re-aligned yaw at 165 s"],
+    "copter_falsely_accused.bin": [
+        "Octorotor",
+        "3 to 180 s and 221 to 335 s",
+        "Hard landing at 179.8 s",
+        "4.1 g",
+        "nothing else went wrong",
+    ],
+    "px4_1.14_hard_landing.ulg": [
+        "Octorotor, PX4 1.14.0",
+        "5 to 75 s",
+        "Battery failsafe at 23.7 s",
+        "Kill switch at 74.9 s",
+        "10 g",
+        "upright",
+    ],
+    "px4_1.14_clipping_field.ulg": ["stood armed to 14 s", "9° of tilt", "landed safely", "Nothing went wrong"],
+    "copter_two_compasses.bin": ["ArduCopter 4.0.1", "3 to 237 s", "40° of tilt", "landed safely", "re-aligned yaw"],
+    "copter_4.6_standing_accused.BIN": ["ArduCopter 4.6-dev", "never left the ground", "1119 s"],
+    "copter_4.2_radio_4hz.tlog": [
+        "telemetry at 4 Hz",
+        "43 to 303 s",
+        "11 m and 25°",
+        "upright",
+        "Blows cannot be told",
+    ],
+    "copter_3.3dev_118.BIN": ["three flights from 8 s", "165.7 s", "4.6 g", "crashed again at 300.7 s", "7.2 g"],
+}
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_headlines_of_logs_read_by_hand_hold_their_facts(corpus, name):
+    said = headline(corpus / "logs" / "cases" / name)
+    assert [fact for fact in SAID[name] if not re.search(fact, said)] == [], said
+
+
+@pytest.mark.parametrize("path", corpus_logs(".ulg", ".bin", ".tlog"), ids=lambda p: p.name)
+def test_every_headline_has_at_most_thirty_words_and_every_event_its_evidence(path):
+    try:
+        log, phases, events = told(path)
+    except attlog.AttlogError as error:
+        pytest.skip(str(error))
+    assert 4 <= len(story.headline(log, phases, events).split()) <= 30
+    assert all(e.evidence and e.kind in story.KINDS and e.text.endswith((".", "”)")) for e in events)
+    assert [e.t for e in events] == sorted(e.t for e in events)
+
+
+def kinds(path: Path, kind: str) -> list[float]:
+    """Times of the events of a kind."""
+    return [e.t for e in told(path)[2] if e.kind == kind]
+
+
+def test_one_event_has_what_sensors_flags_and_the_autopilot_say_of_it(corpus):
+    """Flags from 37.2 s, the counter of the other unit, and the text of 41.4 s are one clipping."""
+    path = corpus / "logs" / "cases" / "px4_1.14_clipping_crash.ulg"
+    (clip,) = (e for e in told(path)[2] if e.kind == "clipping")
+    assert clip.t == pytest.approx(37.2, abs=0.1)
+    assert clip.value == pytest.approx(1611, abs=50)
+    assert any("vehicle_imu_status:1" in x for x in clip.evidence)
+    assert any("Accel 1 clipping, not safe to fly!" in x for x in clip.evidence)
+    assert not any("clipping" in e.text for e in told(path)[2] if e.kind == "message")
+
+
+def test_a_wreck_warns_of_nothing_and_is_carried(corpus):
+    path = corpus / "logs" / "cases" / "px4_1.14_clipping_crash.ulg"
+    assert [e.kind for e in told(path)[2] if e.severity == "warning" and e.t > 46.2] == []
+    assert kinds(path, "wreck_moved") == [pytest.approx(64.0, abs=5.0)]
+
+
+def test_warnings_stand_in_the_autopilots_words_at_their_time(corpus):
+    path = corpus / "logs" / "cases" / "plane_px4_1.13_crash.ulg"
+    (said,) = (e for e in told(path)[2] if "Land now" in e.text)
+    assert (said.kind, said.t) == ("message", pytest.approx(30.0, abs=0.1))
+
+
+def test_a_failsafe_for_the_battery_is_one_event_with_flag_and_text(corpus):
+    path = corpus / "logs" / "cases" / "px4_1.14_hard_landing.ulg"
+    assert kinds(path, "battery") == [pytest.approx(23.7, abs=0.1)]
+    assert kinds(path, "failsafe") == [pytest.approx(74.9, abs=0.1)]
+
+
+def test_the_first_yaw_alignment_after_arming_is_custom_and_an_anomaly_is_none(corpus):
+    custom = [
+        e.severity for e in told(corpus / "logs" / "cases" / "copter_4.2_radio_4hz.tlog")[2] if e.kind == "realigned"
+    ]
+    odd = [e.severity for e in told(corpus / "logs" / "cases" / "copter_never_lifted.BIN")[2] if e.kind == "realigned"]
+    assert (custom, odd) == (["info"], ["warning"])
+
+
+def test_a_lost_gnss_is_told_with_its_length(corpus):
+    (lost,) = (e for e in told(corpus / "sitl" / "px4" / "px4_gnssloss.ulg")[2] if e.kind == "gnss_lost")
+    assert lost.value is not None
+    assert lost.value > 20.0
+
+
+def made(**more: object) -> tuple[FlightLog, Segments, list[Event]]:
+    """A made flight from 5 to 35 s with whatever else is given."""
+    log = carried(0.05)
+    for name, value in more.items():
+        setattr(log, name, value)
+    phases = segments.build(log)
+    return log, phases, story.events(log, phases)
+
+
+def test_nothing_went_wrong_is_said_where_no_finding_is_a_warning():
+    log, phases, events = made()
+    assert "Nothing went wrong." in story.headline(log, phases, events, sound=True)
+    assert "Nothing went wrong" not in story.headline(log, phases, events, sound=False)
+
+
+def test_findings_about_the_record_are_none_about_the_flight():
+    assert story.nothing_wrong([Problem("imu_low_rate", "warning", ""), Problem("field", "note", "")])
+    assert not story.nothing_wrong([Problem("vibration", "warning", "")])
+
+
+def test_a_text_of_the_autopilot_in_flight_is_a_warning_and_on_the_ground_a_note():
+    texts = [(2.0, 4, "[a] Compass inconsistent"), (20.0, 4, "[a] High wind lost"), (21.0, 6, "Reached command")]
+    found = [(e.text, e.severity) for e in made(texts=texts)[2] if e.kind == "message"]
+    assert found == [("“Compass inconsistent”.", "note"), ("“High wind lost”.", "warning")]
+
+
+def test_a_text_that_repeats_is_one_event():
+    texts = [(20.0 + k, 3, "GPS bad") for k in range(5)]
+    (said,) = (e for e in made(texts=texts)[2] if e.kind == "message")
+    assert said.text == "“GPS bad” (5 times)."
+    assert (said.t, said.t_end) == (20.0, 24.0)
+
+
+def test_strong_vibration_in_flight_is_told_from_when_to_when():
+    log = carried(0.05)
+    imu = log.imus[0]
+    shaking = (imu.acc.t > 15.0) & (imu.acc.t < 25.0)
+    imu.acc.x[shaking, 0] += 28.3 * np.sin(2 * np.pi * 30.0 * imu.acc.t[shaking])
+    phases = segments.build(log)
+    (found,) = (e for e in story.events(log, phases) if e.kind == "vibration")
+    assert found.value == pytest.approx(20.0, rel=0.1)
+    assert (found.t, found.t_end) == (pytest.approx(15.0, abs=1.1), pytest.approx(25.0, abs=1.1))
+
+
+def test_a_log_that_stops_in_flight_ends_in_the_air():
+    log = carried(0.05)
+    log.armed = None
+    log.throttle = Stream(np.arange(0.0, 40.0, 0.1), np.full((400, 1), 0.4), "1", "", "CTUN.ThO")
+    phases = segments.build(log)
+    events = story.events(log, phases)
+    assert "ends_in_air" in [e.kind for e in events]
+    assert story.headline(log, phases, events).endswith("The log ends in the air.")
