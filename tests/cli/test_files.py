@@ -82,6 +82,7 @@ def test_with_all_streams_closed_the_files_are_written(tmp_path: Path) -> None:
     assert out.read_text().startswith("time_s,")
 
 
+@pytest.mark.slow
 @LINUX
 def test_where_the_disk_takes_one_file_and_not_the_other_both_old_ones_stay(tmp_path: Path) -> None:
     old = {tmp_path / f"{LOG.name}.{kind}": f"old {kind}" for kind in ("html", "json")}

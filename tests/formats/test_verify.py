@@ -132,6 +132,7 @@ def test_a_short_packet_of_the_first_version_behind_one_of_the_second_is_no_diff
     assert (result.agrees, result.records, result.differences) == (True, 120, [])
 
 
+@pytest.mark.slow
 def test_a_library_that_never_ends_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, attlog: Any) -> None:
     monkeypatch.setattr(oracle, "VERIFY_S", 0.0)
     monkeypatch.setattr(oracle, "VERIFY_S_PER_BYTE", 0.0)
