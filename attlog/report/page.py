@@ -44,39 +44,18 @@ FILTERS: dict[str, Callable[..., Any]] = {
 
 
 def write_report(
-    result: Result,
-    path: str | Path,
-    *,
-    plotly: str = "inline",
-    deterministic: bool = False,
-    document: dict[str, Any] | None = None,
+    result: Result, path: str | Path, *, deterministic: bool = False, document: dict[str, Any] | None = None
 ) -> None:
     """Write the report of a result to ``path`` (atomically). OutputError if it cannot be written.
 
-    ``plotly`` is ``inline`` (one file that loads nothing) or ``shared`` (the bundle
-    is written once beside the report and loaded from there, for batches).
     ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: what ``to_dict`` gave
     for it, where somebody has it already.
     """
     path = Path(path)
-    plot = bundle()
-    shared = plotly == "shared"
-    html = render(result, plot, shared=shared, deterministic=deterministic, document=document)
-    if shared:
-        beside = path.parent / plot.name
-        if not beside.is_file() or beside.read_bytes() != plot.script:
-            write_atomic(beside, plot.script)
-    write_atomic(path, html)
+    write_atomic(path, render(result, bundle(), deterministic=deterministic, document=document))
 
 
-def render(
-    result: Result,
-    plot: Bundle,
-    *,
-    shared: bool = False,
-    deterministic: bool = False,
-    document: dict[str, Any] | None = None,
-) -> str:
+def render(result: Result, plot: Bundle, *, deterministic: bool = False, document: dict[str, Any] | None = None) -> str:
     """The report as text: template, style and script of this package, data packed."""
     from attlog.report.templates import template
 
@@ -101,7 +80,6 @@ def render(
         "figures": {
             f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for part in figures.values() for f in part
         },
-        "shared": {"src": plot.name, "integrity": plot.hash} if shared else None,
     }
     style = (WEB / "style.css").read_text(encoding="utf-8")
     parts = [(WEB / name).read_text(encoding="utf-8") for name in SCRIPTS]
@@ -109,7 +87,7 @@ def render(
     text = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return template("page.html", FILTERS).render(
         result=result,
-        policy=policy(plot, style, script, shared=shared),
+        policy=policy(plot, style, script),
         style=style,
         script=script,
         look=look,
@@ -131,8 +109,7 @@ def render(
         definitions={m: d for m, d in result.definitions.items() if not (deterministic and m in MEASURED_TIMES)},
         data=store.pack(header),
         json=packed(text.encode("utf-8", "replace")),
-        bundle=None if shared else base64.b64encode(plot.packed).decode(),
-        shared=plot.name if shared else None,
+        bundle=base64.b64encode(plot.packed).decode(),
         bundle_name=plot.name,
     )
 
@@ -158,14 +135,9 @@ def timeless(result: Result) -> Result:
     )
 
 
-def policy(plot: Bundle, style: str, script: str, *, shared: bool) -> str:
-    """The content-security policy: the page's own script, style and bundle by hash, nothing else, no request.
-
-    A shared bundle is loaded by the page's own script, hence ``strict-dynamic``: a hash
-    alone does not let a browser load a script from the disk (it cannot enforce
-    ``integrity`` there; on a server the page's script asks for it).
-    """
-    scripts = [plot.hash, source_hash(script.encode("utf-8")), *(["strict-dynamic"] if shared else [])]
+def policy(plot: Bundle, style: str, script: str) -> str:
+    """The content-security policy: the page's own script, style and bundle by hash, nothing else, no request."""
+    scripts = [plot.hash, source_hash(script.encode("utf-8"))]
     styles = [source_hash(style.encode("utf-8")), *plot.styles]
     quoted = [" ".join(f"'{h}'" for h in hashes) for hashes in (scripts, styles)]
     return (

@@ -40,13 +40,12 @@ def render(
     document: Any,
     scripts: Sequence[str] = (),
     styles: Sequence[str] = (),
-    shared: bool = False,
     **words: Any,
 ) -> str:
     """The page as text. ``template``, ``scripts`` (run before the page starts to draw), ``styles`` stand in ``folder``.
 
     ``rows``: name, slot, dash, shown, onboard, lost of each line; ``document``: the JSON that can be saved from the
-    page; ``shared``: the bundle lies beside the page; ``words``: what else the template wants.
+    page; ``words``: what else the template wants.
     """
     from attlog.report.templates import template as compiled
 
@@ -55,7 +54,6 @@ def render(
         "rows": cleaned(rows),
         "marks": NO_MARKS,
         "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(f.data) for f in figures},
-        "shared": {"src": plot.name, "integrity": plot.hash} if shared else None,
     }
     style = "".join(
         file.read_text(encoding="utf-8") for file in (WEB / "style.css", *(folder / name for name in styles))
@@ -65,13 +63,12 @@ def render(
     script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return compiled(template, FILTERS, folder).render(
-        policy=policy(plot, style, script, shared=shared),
+        policy=policy(plot, style, script),
         style=style,
         script=script,
         rows=rows,
         data=store.pack(header),
         json=packed(text.encode("utf-8", "replace")),
-        bundle=None if shared else base64.b64encode(plot.packed).decode(),
-        shared=plot.name if shared else None,
+        bundle=base64.b64encode(plot.packed).decode(),
         **words,
     )

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import functools
 import gzip
 import hashlib
-import http.server
 import importlib.util
 import io
 import re
@@ -14,13 +12,12 @@ import shlex
 import subprocess
 import sys
 import tarfile
-import threading
 import tomllib
 from pathlib import Path
 
 import pytest
 
-from attlog.report import bundle_notice, write_report
+from attlog.report import bundle_notice
 from attlog.report.bundle import FOLDER, SMALL, bundle
 from attlog.report.page import render
 from tests.report.browser import own_bytes
@@ -165,51 +162,6 @@ def test_the_full_bundle_draws_under_its_policy(visit, tmp_path):
     assert page.requests == [path.as_uri()]
     assert [name for name, drawn in page.figures().items() if not drawn] == []
     assert own_bytes(path) < 2_400_000
-
-
-@pytest.mark.slow
-def test_shared_reports_load_one_bundle_from_their_folder_and_nothing_else(visit, tmp_path):
-    for name in ("a.html", "b.html"):
-        write_report(make_result(), tmp_path / name, plotly="shared")
-    beside = [p for p in tmp_path.iterdir() if p.suffix == ".js"]
-    assert len(beside) == 1
-    assert (tmp_path / "a.html").stat().st_size < 700_000
-    page = visit(tmp_path / "a.html")
-    assert page.complaints == []
-    assert sorted(page.requests) == sorted([(tmp_path / "a.html").as_uri(), beside[0].as_uri()])
-    assert page.page.get_attribute("html", "data-drawn") == "all"
-
-
-@pytest.fixture
-def server(tmp_path):
-    """A web server for the test's folder."""
-    handler = functools.partial(QuietHandler, directory=tmp_path)
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as running:
-        threading.Thread(target=running.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{running.server_port}"
-        running.shutdown()
-
-
-class QuietHandler(http.server.SimpleHTTPRequestHandler):
-    """A file server that prints nothing."""
-
-    def log_message(self, *args):
-        """Nothing."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("changed", [False, True])
-def test_on_a_server_a_shared_bundle_runs_only_unchanged(visit, tmp_path, server, changed):
-    write_report(make_result(), tmp_path / "a.html", plotly="shared")
-    script = next(p for p in tmp_path.iterdir() if p.suffix == ".js")
-    if changed:
-        script.write_bytes(b"document.title='ran';" + script.read_bytes())
-    page = visit(f"{server}/a.html")
-    assert page.page.evaluate("document.title") != "ran"
-    assert page.page.get_attribute("html", "data-drawn") == ("failed" if changed else "all")
-    assert {r.rpartition("/")[0] for r in page.requests} == {server}
-    if changed:
-        assert "plotly" in page.page.locator("#failed").inner_text()
 
 
 def test_the_installed_bundle_is_the_pinned_one():

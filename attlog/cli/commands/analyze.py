@@ -133,7 +133,7 @@ class AnalyzeRun:
         from attlog.fleet.schedulers.local import here
 
         deterministic = self.options.deterministic
-        key = settings_key(self.config, deterministic=deterministic)
+        key = settings_key(self.config, deterministic)
         names = report_names([source.file_name for source in logs])
         typed = commands(self.options, [source.name for source in logs])
         works = [

@@ -155,7 +155,7 @@ def _written(result: Comparison, folder: Path, name: str) -> Path:
 
     place = folder / f"{name}.html"
     data = {folder / f"{name}.json": result.to_json(), folder / f"{name}.csv": export.text(result, "csv")}
-    write_together(comparison_page.files(result, place) | data)
+    write_together({place: comparison_page.render(result)} | data)
     return place
 
 

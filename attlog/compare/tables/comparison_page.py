@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from attlog.base.plain import plain
 from attlog.compare.differences.comparison import Comparison, LogDifference, PooledDifference, Question
 from attlog.compare.differences.wording import directed, scale_title, signed, span
 from attlog.compare.tables.table import ComparisonTable, tables
 from attlog.report import shell
-from attlog.report.bundle import bundle
 from attlog.report.figures.figure import PageFigure
 from attlog.report.pack import Store
 
@@ -18,18 +17,8 @@ OWN = Path(__file__).parents[1] / "web"
 COLOURS = 8
 
 
-def files(found: Comparison, path: Path, *, plotly: Literal["inline", "shared"] = "inline") -> dict[Path, str | bytes]:
-    """What is to be written for the page of a comparison at ``path``: the page, and the bundle beside it if shared."""
-    shared = plotly == "shared"
-    plot = bundle()
-    beside: dict[Path, str | bytes] = {path.parent / plot.name: plot.script} if shared else {}
-    return {p: s for p, s in beside.items() if not p.is_file() or p.read_bytes() != s} | {
-        path: render(found, shared=shared)
-    }
-
-
-def render(found: Comparison, *, shared: bool = False) -> str:
-    """The page as text: nothing in it is loaded from anywhere but, if ``shared``, the bundle beside it."""
+def render(found: Comparison) -> str:
+    """The page as text: nothing in it is loaded from anywhere."""
     figures = {q.id: _forest(found, q, number) for number, q in enumerate(found.questions) if q.main and _drawn(q)}
     rows = [
         {
@@ -49,7 +38,6 @@ def render(found: Comparison, *, shared: bool = False) -> str:
         figures=figures.values(),
         store=Store(),
         document=plain(found),
-        shared=shared,
         found=found,
         names={c.name: c.label for c in found.configurations},
         slots={c.name: row["slot"] for c, row in zip(found.configurations, rows, strict=True)},

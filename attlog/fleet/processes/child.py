@@ -56,13 +56,7 @@ def analyse(work: Work, room: Path, tell: Tell) -> None:
         with unchanged(Path(work.source.place)), work.source.local(room) as log:
             content = log.sha256
             done = analyze_to_files(
-                log.path,
-                work.config,
-                room / "out",
-                work.name,
-                command=work.command,
-                plotly=work.plotly,
-                deterministic=work.deterministic,
+                log.path, work.config, room / "out", work.name, command=work.command, deterministic=work.deterministic
             )
         tell(
             {

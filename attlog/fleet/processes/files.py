@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from attlog.base import file_names
 from attlog.base.output import staged
@@ -27,14 +27,7 @@ class Written:
 
 
 def analyze_to_files(
-    log: Path,
-    config: Config,
-    folder: Path,
-    name: str = "",
-    *,
-    command: str = "",
-    plotly: Literal["inline", "shared"] = "inline",
-    deterministic: bool = False,
+    log: Path, config: Config, folder: Path, name: str = "", *, command: str = "", deterministic: bool = False
 ) -> Written:
     """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder; ``name`` is the file's own by default.
 
@@ -52,7 +45,7 @@ def analyze_to_files(
     logging.getLogger("attlog.stages").info("writing the report")
     document = result.to_dict(deterministic)  # large: made once for both
     with staged(folder) as stage:
-        result.to_html(stage / written.report.name, plotly=plotly, deterministic=deterministic, document=document)
+        result.to_html(stage / written.report.name, deterministic=deterministic, document=document)
         result.to_json(stage / written.json.name, whole=document)
     return written
 

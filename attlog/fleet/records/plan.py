@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from attlog import __version__
 from attlog.base.errors import OutputError, UsageError
@@ -36,7 +35,6 @@ class Job:
     folder: Path
     config: Config
     commands: Sequence[str] = ()
-    plotly: Literal["inline", "shared"] = "inline"
     deterministic: bool = False
     timeout: float | None = None
     memory: float | None = None
@@ -47,7 +45,7 @@ class Job:
 def planned(job: Job) -> list[Work]:
     """The work for each log, under names that stay the same for the life of the folder."""
     earlier = _earlier(job)
-    settings = settings_key(job.config, job.plotly, job.deterministic)
+    settings = settings_key(job.config, job.deterministic)
     logs = [source.name for source in job.sources]
     earlier |= _moved(job, earlier)
     new = [source for source in job.sources if source.name not in earlier]
@@ -65,7 +63,6 @@ def planned(job: Job) -> list[Work]:
             job.config,
             settings,
             command,
-            job.plotly,
             job.deterministic,
             job.timeout,
             job.memory,

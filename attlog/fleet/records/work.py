@@ -7,7 +7,6 @@ import json
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 from attlog import __version__
 from attlog.base.errors import AttlogError
@@ -32,7 +31,6 @@ class Work:
     config: Config
     settings: str
     command: str = ""
-    plotly: Literal["inline", "shared"] = "inline"
     deterministic: bool = False
     timeout: float | None = None
     memory: float | None = None
@@ -40,7 +38,7 @@ class Work:
     keep: bool = True
 
 
-def settings_key(config: Config, plotly: str = "inline", deterministic: bool = False) -> str:
+def settings_key(config: Config, deterministic: bool = False) -> str:
     """A hash of all that decides what is written of a log beside its content and attlog's version.
 
     That is the resolved configuration and what stands in the files it names: filters, estimates, parameters.
@@ -48,7 +46,7 @@ def settings_key(config: Config, plotly: str = "inline", deterministic: bool = F
     contents = {
         name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files_of(config) if os.path.isfile(name)
     }
-    told = {"config": config.resolved(), "files": contents, "plotly": plotly, "deterministic": deterministic}
+    told = {"config": config.resolved(), "files": contents, "deterministic": deterministic}
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -9,15 +9,9 @@ async function gunzip(id) {
   return new Response(stream).arrayBuffer();
 }
 
-// Runs plotly by putting its text into a script element whose hash stands in the policy; a shared one is
-// loaded from the report's folder, with its hash wherever a browser can enforce it (not on file:).
+// Runs plotly by putting its text into a script element whose hash stands in the policy.
 async function startPlotly() {
   const script = document.createElement('script');
-  if (D.shared) {
-    script.src = D.shared.src;
-    if (location.protocol !== 'file:') script.integrity = D.shared.integrity;
-    return new Promise((done) => { script.onload = script.onerror = done; document.head.append(script); });
-  }
   script.textContent = new TextDecoder().decode(await gunzip('plotly'));
   document.head.append(script);
   $('plotly').remove();

@@ -132,18 +132,6 @@ def test_a_log_that_workers_do_not_see_is_sent_along(
     assert {r.log for r in found} == {w.source.name for w in todo}
 
 
-@pytest.mark.slow
-def test_a_bundle_beside_the_reports_comes_once(dask: Cluster, tmp_path: Path) -> None:
-    todo = [replace(work, plotly="shared") for work in works(tmp_path / "there", 3)]
-    first, *_ = records_of(dask.address, todo, at_once=1)
-    (bundle,) = set(files(tmp_path / "there")) - {f"{w.name}.{kind}" for w in todo for kind in ("html", "json")}
-    assert bundle.endswith(".js")
-    for work in todo:
-        run_one(replace(work, folder=tmp_path / "here"))
-    assert files(tmp_path / "there") == files(tmp_path / "here")
-    assert bundle not in first.files
-
-
 def test_resume_asks_the_cluster_for_nothing_that_is_done(dask: Cluster, tmp_path: Path) -> None:
     todo = [replace(work, resume=True) for work in works(tmp_path, 3)]
     run_one(todo[0])
