@@ -9,8 +9,8 @@ __all__ = ["Aids", "AttlogError", "Config", "Result", "analyze", "estimate", "ev
 
 if TYPE_CHECKING:
     from attlog.analysis import analyze, evaluate, prepare
+    from attlog.analysis.config import Config
     from attlog.base.errors import AttlogError
-    from attlog.config import Config
     from attlog.estimators import Aids, estimate
     from attlog.flight import read
     from attlog.result import Result
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Aids": "attlog.estimators",
     "AttlogError": "attlog.base.errors",
-    "Config": "attlog.config",
+    "Config": "attlog.analysis.config",
     "Result": "attlog.result",
     "analyze": "attlog.analysis",
     "estimate": "attlog.estimators",

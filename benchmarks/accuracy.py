@@ -265,7 +265,7 @@ def flights(corpus: Path | None) -> list[Path]:
 
 def lags(paths: list[Path], specs: list[str]) -> dict[str, list[Array]]:
     """Per row the list of (lag ms, step gain of roll) of the simulated flights that have steps."""
-    from attlog.config import Config
+    from attlog.analysis.config import Config
 
     found: dict[str, list[Array]] = {}
     for path in paths:

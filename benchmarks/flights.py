@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import attlog
-from attlog import inputs
+from attlog.analysis import inputs
 from attlog.base import rotation
 from attlog.estimators import Aids, Estimate, Measurements, estimate, place
 from attlog.reference import declination

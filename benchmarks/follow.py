@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from attlog import analysis
+from attlog.analysis.config import Config
+from attlog.analysis.replay import run_rows
 from attlog.base.errors import AttlogError
-from attlog.config import Config
 from attlog.flight import read
-from attlog.replay import run_rows
 
 FLOWN = {
     "plane_dcm.bin": "ATT",

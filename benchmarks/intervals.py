@@ -34,7 +34,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import analysis, flight, metrics, reference, replay
+from attlog import analysis, flight, metrics, reference
+from attlog.analysis import replay
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
 from attlog.metrics import Answer, Case

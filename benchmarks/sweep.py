@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import attlog
-from attlog import replay
+from attlog.analysis import replay
 from attlog.compare.configurations.configuration import parse
 from attlog.compare.sweep import text as sweep_words
 from attlog.compare.sweep.grid import grid, text_of

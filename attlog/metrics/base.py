@@ -88,6 +88,20 @@ class Case:
         """The same case with the rows of one evaluation; what was found of the log is shared, not computed again."""
         return replace(self, rows=rows, undecided=[])
 
+    def compared_with(self, reference: Reference, heading_references: dict[str, HeadingReference]) -> Case:
+        """The same case with another reference; nothing computed with the first is kept."""
+        return Case(
+            self.log,
+            self.segments,
+            reference,
+            heading_references=heading_references,
+            imus=self.imus,
+            gyro_bias=self.gyro_bias,
+            windows=self.windows,
+            settings=self.settings,
+            timing=self.timing,
+        )
+
     def done_with(self, row: Row) -> None:
         """Let go of what a replayed row holds for each sample: in a long log the rows are larger than the log."""
         if row.kind == "replay":

@@ -3,16 +3,15 @@
 from attlog.reference.choose import choose
 from attlog.reference.declination import measured_deg
 from attlog.reference.heading_references import heading_references
+from attlog.reference.meaning import meaning, own_sigma_deg
 from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, Row
 from attlog.reference.options import ReferenceOptions
 from attlog.reference.physics.contradiction import ReferenceCheck, contradicted
-from attlog.reference.physics.sensor_faults import FRAME
-from attlog.reference.rows import onboard_rows, replayed
+from attlog.reference.rows import onboard_rows, replayed, withhold
 from attlog.reference.smoothed import NAME as SMOOTHER
 from attlog.reference.smoothed import expected_reference, joined, not_smoothed, pieces, sigma_deg
 
 __all__ = [
-    "FRAME",
     "SMOOTHER",
     "AlignmentStep",
     "AttitudeErrors",
@@ -26,10 +25,13 @@ __all__ = [
     "expected_reference",
     "heading_references",
     "joined",
+    "meaning",
     "measured_deg",
     "not_smoothed",
     "onboard_rows",
+    "own_sigma_deg",
     "pieces",
     "replayed",
     "sigma_deg",
+    "withhold",
 ]

@@ -151,3 +151,9 @@ def _judge(row: Row, segments: Segments, reference: Reference) -> None:
         row.status = "not_converged"
         seen = min(float(errors.t[-1]) - row.start, scoring.CONVERGED_LIMIT_S)
         row.reason = f"had not settled {seen:.0f} s after its start"
+
+
+def withhold(row: Row, why: str) -> None:
+    """Where a sensor is beyond use (``why``, empty where it is not) no filter may be called good or bad."""
+    if why and row.kind == "replay" and row.status in ("ok", "not_converged", "diverged"):
+        row.status, row.reason = "not_judged", why

@@ -24,7 +24,7 @@ def chosen(names: list[str]) -> list[str]:
 
 def reproduce(name: str, options: PaperOptions, command: str = "") -> Paper:
     """Run one paper's experiments."""
-    from attlog.analysis import versions
+    from attlog.base.versions import versions
 
     found = cast(Paper, import_module(f"attlog.reproduce.{name}.claims").paper(options))
     return replace(found, attlog={k: str(v) for k, v in versions().items()}, command=command)

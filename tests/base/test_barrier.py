@@ -9,7 +9,8 @@ from unittest import mock
 
 import pytest
 
-from attlog import analysis, metrics, reference, segments, summary
+from attlog import analysis, metrics, reference, segments
+from attlog.analysis import pipeline, problems, summary
 from attlog.base import barrier
 from attlog.base.errors import LogUnreadable, UsageError
 from attlog.flight import read
@@ -87,7 +88,7 @@ def evaluated(case: Any) -> Result:
 def test_a_check_or_a_metric_that_fails_is_missing_and_the_others_are_there(case: Any) -> None:
     whole = evaluated(case)
     assert not [p for p in whole.problems if p.code == "part_failed"]
-    with breaks(gyro, "checks"), breaks(rmse, "compute"), breaks(analysis, "verdicts"):
+    with breaks(gyro, "checks"), breaks(rmse, "compute"), breaks(pipeline, "verdicts"):
         result = evaluated(case)
     assert {c.name: c.verdict for c in result.audit}["gyro"] == "cannot_judge"
     assert [c for c in result.audit if c.name.startswith("field")] == [
@@ -103,7 +104,7 @@ def test_a_check_or_a_metric_that_fails_is_missing_and_the_others_are_there(case
 
 @pytest.mark.usefixtures("quiet")
 def test_a_filter_that_ends_in_a_bug_is_a_failed_row(case: Any) -> None:
-    from attlog import replay
+    from attlog.analysis import replay
 
     original = replay.replayed
 
@@ -129,7 +130,7 @@ def test_a_page_is_written_where_everything_that_may_fail_does(tmp_path: Path) -
 
 @pytest.mark.usefixtures("quiet")
 def test_info_goes_on_without_a_reference_and_without_answers() -> None:
-    from attlog import inspection
+    from attlog.analysis import inspection
 
     choose, calls = inspection.reference.choose, []
 
@@ -165,7 +166,7 @@ def test_without_segments_the_log_is_still_analysed(part: ModuleType, name: str,
 
 @pytest.mark.usefixtures("quiet")
 def test_info_of_a_log_without_segments_is_told() -> None:
-    from attlog import inspection
+    from attlog.analysis import inspection
 
     with breaks(segments.flags, "airborne"), breaks(summary, "place"), breaks(summary, "_changed"):
         told = inspection.inspect(LOG)
@@ -177,7 +178,7 @@ def test_info_of_a_log_without_segments_is_told() -> None:
 
 @pytest.mark.usefixtures("quiet")
 def test_a_result_comes_also_where_its_order_cannot_be_told(case: Any) -> None:
-    with breaks(analysis, "findings"), breaks(metrics, "rank"), breaks(reference, "onboard_rows"):
+    with breaks(problems, "findings"), breaks(metrics, "rank"), breaks(reference, "onboard_rows"):
         result = evaluated(case)
     assert result.estimators[1].metrics["all"]["total_rmse_deg"].value is not None
     assert result.best == {}

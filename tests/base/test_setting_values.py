@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from attlog.analysis.config import KINDS, Config
 from attlog.base.errors import UsageError
 from attlog.base.setting_values import Kind, either, number, or_none, text, truth, whole, words
-from attlog.config import KINDS, Config
 
 
 @pytest.mark.parametrize(

@@ -147,12 +147,13 @@ def test_a_bug_is_70_with_one_line(attlog, samples, monkeypatch):
     def broken(*_a, **_k):
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setattr("attlog.inspection.inspect", broken)
+    monkeypatch.setattr("attlog.analysis.inspection.inspect", broken)
     expect(attlog("info", samples / LOGS[0]), 70, "a bug in attlog", "ZeroDivisionError")
 
 
 def breaks(monkeypatch, name, error):
     """The analysis of the log of this name fails as nobody foresaw, where it runs in this process."""
+
     from attlog import analysis
 
     analyze = analysis.analyze
@@ -231,7 +232,7 @@ def test_an_interrupt_is_130(attlog, samples, monkeypatch):
     def interrupted(*_a, **_k):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("attlog.inspection.inspect", interrupted)
+    monkeypatch.setattr("attlog.analysis.inspection.inspect", interrupted)
     assert attlog("info", samples / LOGS[0]).code == 130
 
 
@@ -287,7 +288,7 @@ def test_a_bug_is_70_with_its_traceback_too(attlog, samples, monkeypatch):
     def broken(*_a, **_k):
         raise ZeroDivisionError("inside")
 
-    monkeypatch.setattr("attlog.inspection.inspect", broken)
+    monkeypatch.setattr("attlog.analysis.inspection.inspect", broken)
     done = attlog("info", samples / LOGS[0], "-vv")
     assert (done.code, "Traceback" in done.err) == (70, True)
 

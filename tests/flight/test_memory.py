@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from attlog import analyze
+from attlog.analysis.inspection import inspect
 from attlog.base.errors import TooLittleMemory, exit_code, message
 from attlog.flight import memory as room
 from attlog.flight import read
 from attlog.formats.base import Messages, Table
-from attlog.inspection import inspect
 from tests.conftest import SAMPLES
 
 

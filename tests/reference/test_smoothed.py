@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog import replay, segments
+from attlog import segments
+from attlog.analysis import replay
 from attlog.base import rotation
 from attlog.base.errors import UsageError
 from attlog.estimators.base import Estimate

@@ -8,9 +8,9 @@ import pytest
 
 import attlog
 from attlog import segments
+from attlog.analysis.summary import describe
 from attlog.flight.model import PAUSE_S
 from attlog.segments import Segments, spans
-from attlog.summary import describe
 
 
 @pytest.fixture(scope="module")

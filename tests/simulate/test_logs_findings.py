@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from attlog.inspection import inspect
+from attlog.analysis.inspection import inspect
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import write
 from attlog.simulate.scenario.overrides import overridden

@@ -32,7 +32,7 @@ from attlog.cli.shared.progress import Bar, progress
 from attlog.cli.shared.settings import commands, configured
 
 if TYPE_CHECKING:
-    from attlog.config import Config
+    from attlog.analysis.config import Config
     from attlog.fleet.records.entry import Entry
     from attlog.fleet.sources.source import Source
     from attlog.result import Result

@@ -15,7 +15,7 @@ from attlog.cli.shared.options import Boot, CommonOptions, Log, System, finite
 from attlog.cli.shared.printing import to_stderr, to_stdout
 
 if TYPE_CHECKING:
-    from attlog.extraction import Extract
+    from attlog.analysis.extraction import Extract
     from attlog.flight.model import FlightLog
 
 KINDS = ("csv", "parquet")
@@ -89,7 +89,7 @@ def command(
     if own.start is not None and own.end is not None and own.start > own.end:
         raise UsageError(f"--from {own.start:g} is after --to {own.end:g}")
     log = one_log(log)
-    from attlog import extraction
+    from attlog.analysis import extraction
     from attlog.flight import read
 
     flight = read(log, boot=own.boot, system=own.system)
@@ -129,7 +129,7 @@ def one_log(path: Path) -> Path:
 def _tables(
     flight: FlightLog, messages: list[str], streams: bool, estimates: str | None, system: int | None
 ) -> list[Extract]:
-    from attlog import extraction
+    from attlog.analysis import extraction
 
     if not estimates:
         return list(extraction.streams(flight) if streams else extraction.messages(flight, messages, system))

@@ -33,9 +33,9 @@ def command(
 
     Example: attlog info flight.ulg
     """
+    from attlog.analysis.inspection import inspect
     from attlog.cli.shared.process import is_of_a_stream
     from attlog.fleet.sources.find import find
-    from attlog.inspection import inspect
 
     found, wrong = find(logs)
     codes = {exit_code(error) for error in wrong}
@@ -72,7 +72,7 @@ def printable(report: dict[str, Any]) -> dict[str, Any]:
 
 
 def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[TextLine]:
-    """A report of :func:`attlog.inspection.inspect` as text of at most ``width`` columns where words can be broken."""
+    """What ``inspection.inspect`` found as text of at most ``width`` columns where words can be broken."""
     from attlog.cli.shared.terminal import wrong
     from attlog.flight.model import Problem
     from attlog.metrics.evidence.common_bias import CommonBias

@@ -17,7 +17,7 @@ from attlog.cli.shared.printing import to_stderr
 from attlog.cli.shared.settings import for_comparison
 
 if TYPE_CHECKING:
-    from attlog.config import Config
+    from attlog.analysis.config import Config
     from attlog.metrics.base import Case
 
 
@@ -76,15 +76,15 @@ class PreparedLogs:
 
     def about(self) -> dict[str, Any]:
         """What a JSON says of the version, the command and the logs."""
-        from attlog.analysis import versions
+        from attlog.base.versions import versions
 
         settings = self._settings.resolved()
         return {"attlog": versions(), "command": command_line(), "config": settings, "logs": self._summaries}
 
 
 def _about_log(case: Case) -> dict[str, Any]:
-    from attlog.analysis import summarize
-    from attlog.summary import sha256
+    from attlog.analysis.pipeline import summarize
+    from attlog.analysis.summary import sha256
 
     log = case.log
     return {

@@ -14,7 +14,7 @@ from attlog.base.errors import PluginError, UsageError
 from attlog.cli.shared.options import ComparisonOptions, LogOptions
 
 if TYPE_CHECKING:
-    from attlog.config import Config
+    from attlog.analysis.config import Config
 
 
 def configured(options: LogOptions) -> Config:
@@ -35,7 +35,7 @@ def configured(options: LogOptions) -> Config:
 
 def from_file(file: Path | None, options: dict[str, Any]) -> Config:
     """The configuration of a file, where there is one, and of values that win."""
-    from attlog.config import Config
+    from attlog.analysis.config import Config
 
     return Config.build(options) if file is None else Config.load(file, **options)
 

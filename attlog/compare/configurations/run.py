@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from attlog import estimators, replay
+from attlog import estimators
+from attlog.analysis import replay
 from attlog.base.errors import UsageError
 from attlog.compare.configurations.configuration import Configuration
 from attlog.compare.configurations.input_changes import prepared

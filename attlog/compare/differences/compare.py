@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from attlog.analysis import versions
+from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
 from attlog.base.processes import Died, in_processes
+from attlog.base.versions import versions
 from attlog.compare.configurations.configuration import Configuration
 from attlog.compare.differences.comparison import Comparison
 from attlog.compare.differences.one_log import LogComparison, Plan, failed, measured
 from attlog.compare.differences.over_logs import gathered
 from attlog.compare.differences.questions import asked
-from attlog.config import Config
 
 
 def compare(

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
-from attlog import estimators, metrics, replay
+from attlog import estimators, metrics
+from attlog.analysis import replay
 from attlog.base.errors import UsageError, suggestion
 from attlog.compare.configurations.configuration import Configuration
 from attlog.compare.configurations.input_changes import prepared

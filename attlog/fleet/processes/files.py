@@ -13,7 +13,7 @@ from attlog.base.output import staged
 from attlog.fleet.sources.unchanged import unchanged
 
 if TYPE_CHECKING:
-    from attlog.config import Config
+    from attlog.analysis.config import Config
     from attlog.result import Result
 
 

@@ -32,7 +32,7 @@ from typing import Any
 
 HEADER = struct.Struct("!Q")
 PRELOADED = (
-    "attlog.analysis",
+    "attlog.analysis.pipeline",
     "attlog.fleet.processes.child",
     "attlog.flight.ardupilot.reader",
     "attlog.flight.px4.reader",
@@ -113,13 +113,13 @@ def _serve(control: socket.socket, wake: socket.socket, waker: socket.socket) ->
 
 def _warm(payload: bytes, job: socket.socket) -> None:
     """Load the filters of the first log here, once for all; where they have to be compiled that log tells so."""
-    from attlog.analysis import warm
+    from attlog.analysis.preload import preload
     from attlog.fleet.processes.child import Telling
 
     logger, telling = logging.getLogger("attlog.compiling"), Telling(lambda told: _tell(job, told))
     logger.addHandler(telling)
     logger.setLevel(logging.INFO)
-    warm(pickle.loads(payload)[0].config.estimators)
+    preload(pickle.loads(payload)[0].config.estimators)
     logger.removeHandler(telling)
     gc.freeze()
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from attlog import __version__
+from attlog.analysis.config import Config
 from attlog.base.errors import AttlogError
-from attlog.config import Config
 from attlog.fleet.records.record import Record, intact, read_record, write_record
 from attlog.fleet.sources.source import Source
 from attlog.fleet.sources.urls import is_url

@@ -18,6 +18,7 @@ from attlog.flight.model import FlightLog, Imu
 from attlog.reference import scoring, smoothed, trim
 from attlog.reference.compare import interpolate
 from attlog.reference.model import AlignmentStep, Reference, Row
+from attlog.reference.physics import sensor_faults
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
@@ -39,14 +40,19 @@ class ReferenceCheck:
     """What rows that pass one by one say of a reference: each one's down at the reference's times, and no more.
 
     ``again`` gives the whole of a row that has passed, which is run once more: only where filters speak against the
-    reference.
+    reference. Nothing is asked of a reference that was chosen by hand (``choice``), of filters that share a gyro which
+    did not turn so, because they agree in what is wrong, and of a force in wrong axes, which does not say who is right.
     """
 
-    def __init__(self, log: FlightLog, imu: Imu, reference: Reference, again: Callable[[Row], Row]) -> None:
+    def __init__(
+        self, log: FlightLog, imu: Imu, reference: Reference, again: Callable[[Row], Row], choice: str = "auto"
+    ) -> None:
         self._log, self._imu, self._reference, self._again = log, imu, reference, again
         use = np.flatnonzero(scoring.scored(reference, reference.t))
         self._use = use[:: max(1, len(use) // SAMPLES)].copy()  # the few alone: all are as many as the log's samples
-        self._asked = reference.kind in ("onboard", "smoother") and len(self._use) >= 10
+        sound = not reference.gyro_fault and sensor_faults.FRAME not in reference.sensor_faults
+        checked = choice == "auto" and sound and reference.kind in ("onboard", "smoother")
+        self._asked = checked and len(self._use) >= 10
         self._heard: dict[str, tuple[Row, Array]] = {}
 
     def add(self, row: Row) -> None:

@@ -50,7 +50,7 @@ class LogOscillation:
 def on_log(path: Path, rows: tuple[str, ...]) -> LogOscillation:
     """What the rows (``mahony@xu-0.6``) do on one log; a log that cannot tell says why instead."""
     from attlog.analysis import prepare
-    from attlog.config import Config
+    from attlog.analysis.config import Config
 
     try:
         case = prepare(path, Config.build({}))

@@ -112,7 +112,7 @@ def test_the_resolved_configuration_can_be_fed_back(samples, tmp_path):
     import tomli_w
 
     import attlog
-    from attlog.config import Config
+    from attlog.analysis.config import Config
 
     given = Config.build({"estimators": "gyro,mahony@xu-0.6:ki=0.01", "declination": 3.0, "window": "10:40"})
     result = attlog.analyze(samples / LOGS[0], given)

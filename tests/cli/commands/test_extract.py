@@ -10,7 +10,8 @@ import numpy as np
 import pandas
 import pytest
 
-from attlog import extraction, flight
+from attlog import flight
+from attlog.analysis import extraction
 from attlog.base.errors import OutputError
 
 
@@ -107,7 +108,7 @@ def test_several_tables_need_a_folder(attlog, samples, tmp_path):
 )
 def test_every_message_is_on_the_clock_of_the_flight(corpus, log, message):
     import attlog
-    from attlog import extraction
+    from attlog.analysis import extraction
 
     flight = attlog.read(corpus / log)
     (table,) = extraction.messages(flight, [message])

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
 from attlog.compare.configurations.configuration import parse
 from attlog.compare.differences.compare import compare, log_names
 from attlog.compare.differences.comparison import Comparison, PooledDifference
 from attlog.compare.differences.questions import asked
-from attlog.config import Config
 from tests.conftest import SAMPLES
 
 STEPS, TURNS = SAMPLES / "copter_steps_stabilize.bin", SAMPLES / "copter_yaw_turns.bin"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import attlog
-from attlog import replay
+from attlog.analysis import replay
 from attlog.base.errors import UsageError
 from attlog.compare.configurations.configuration import parse
 from attlog.compare.sweep.many import SettingsOnLog, wanted

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from attlog import analysis
+from attlog.analysis.config import Config
+from attlog.analysis.replay import run_rows
 from attlog.base import rotation
-from attlog.config import Config
 from attlog.estimators import Aids, LogFacts, LogInfo, Measurements, estimate, get
-from attlog.replay import run_rows
 from attlog.testing import Motion, Noise, flight, motion, still, swing
 from attlog.testing.motion import GRAVITY
 from attlog.testing.subject import heading_deg, inclination_deg, total_deg

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog import analysis, estimators, flight
+from attlog import analysis, estimators, flight, reference
+from attlog.analysis.inspection import inspect
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
-from attlog.inspection import inspect
 from attlog.metrics.answer import missing
 from attlog.metrics.evidence import possible
 from attlog.metrics.ranking import resolution as telling
@@ -48,11 +48,16 @@ def test_the_stand_in_turns_as_the_compiled_gyro_row_does() -> None:
     assert np.degrees(np.max(apart)) < 0.01
 
 
+def without_smoother(monkeypatch: pytest.MonkeyPatch) -> None:
+    choose = reference.choose
+    monkeypatch.setattr(reference, "choose", lambda *given, smooth=None, **more: choose(*given, **more))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", every_log(), ids=lambda p: f"{p.parent.name}-{p.name}")
 def test_info_says_of_every_log_what_analyze_can_answer(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compared with the same: info does not run the smoother, and says of it only that it comes first."""
-    monkeypatch.setattr(analysis, "_smoothing", lambda *_: None)
+    without_smoother(monkeypatch)
     try:
         result = analysis.evaluate(analysis.prepare(path))
     except AttlogError:
@@ -73,7 +78,7 @@ def test_of_a_flight_too_short_for_any_small_drift_only_large_ones_are_told(monk
     if root is None:
         pytest.skip("no corpus")
     path = root / "logs" / "cases" / "copter_3.6.8_compass.bin"
-    monkeypatch.setattr(analysis, "_smoothing", lambda *_: None)
+    without_smoother(monkeypatch)
     said = next(a for a in inspect(path)["answerable"] if a["question"] == "drifting")
     assert not said["can"]
     assert "only a filter that is further off than that is told" in said["reason"]

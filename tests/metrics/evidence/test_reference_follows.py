@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog import inspection, segments
+from attlog import segments
+from attlog.analysis import inspection
 from attlog.base import rotation
 from attlog.flight import read
 from attlog.metrics.base import Case

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import inputs
+from attlog.analysis import inputs
 from attlog.base import rotation
 from attlog.estimators import estimate, place
 from attlog.reference import declination

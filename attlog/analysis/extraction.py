@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import formats
+from attlog.analysis.summary import sha256
 from attlog.base import rotation, spreadsheet
 from attlog.base.errors import LogUnusable, OutputError, UsageError
 from attlog.base.file_names import file_names
@@ -31,7 +32,6 @@ from attlog.base.output import staged, write_atomic, write_together
 from attlog.flight.clock.record_time import clock_of
 from attlog.flight.model import FlightLog
 from attlog.formats import Messages
-from attlog.summary import sha256
 
 if TYPE_CHECKING:
     import pandas
@@ -177,7 +177,7 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
     As in an analysis the gyro's bias at rest is taken off first; ``bias`` columns contain it.
     """
     from attlog.analysis import prepare
-    from attlog.replay import run_rows
+    from attlog.analysis.replay import run_rows
 
     case = prepare(log, {"estimators": specs})
     for row in run_rows(case, specs):

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog import formats, inspection
+from attlog import formats
+from attlog.analysis import inspection
 from attlog.flight import builder
 from attlog.formats import Messages
 from attlog.reference.physics import delay

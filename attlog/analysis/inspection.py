@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from attlog import formats, reference, segments, story
+from attlog.analysis.summary import describe
 from attlog.base.freed import give_back
 from attlog.base.plain import plain
 from attlog.flight import flight_in
@@ -24,7 +25,6 @@ from attlog.metrics.evidence.common_bias import common_bias
 from attlog.reference.model import Reference
 from attlog.segments import Segments
 from attlog.segments.once import once
-from attlog.summary import describe
 
 SHORT_BYTES = 20_000_000
 """A log up to this size is looked at in less time than compiled loops take to be loaded."""

@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import analysis, replay
+from attlog.analysis import choices, pipeline, replay
+from attlog.analysis.stages import Stages
 from attlog.base.errors import UsageError
 from attlog.estimators.base import Estimate
 from attlog.metrics.base import Case
 from attlog.reference.model import Row
 from attlog.result import Answer, Result
 
-LOG = Path(__file__).parent.parent / "sample_logs" / "copter_steps_stabilize.bin"
+LOG = Path(__file__).parents[2] / "sample_logs" / "copter_steps_stabilize.bin"
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +40,10 @@ def test_a_second_evaluation_prepares_nothing_again(case: Case, monkeypatch: pyt
         raise AssertionError("prepared again")
 
     for module, names in (
-        (analysis, ("read", "describe", "audit")),
-        (analysis.segments, ("build",)),
-        (analysis.reference, ("choose", "heading_references", "onboard_rows")),
+        (pipeline, ("describe", "audit")),
+        (choices, ("read",)),
+        (pipeline.segments, ("build",)),
+        (pipeline.reference, ("choose", "heading_references", "onboard_rows")),
     ):
         for name in names:
             monkeypatch.setattr(module, name, again)
@@ -236,7 +238,7 @@ def smoothed(log: object, phases: object, options: object) -> Estimate:
 
 
 def test_with_the_smoother_as_reference_the_onboard_attitude_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(analysis.replay, "smoother", smoothed)
+    monkeypatch.setattr(replay, "smoother", smoothed)
     result = attlog.evaluate(attlog.prepare(LOG, {"reference": "smoother"}), "mahony,madgwick", traces=True)
     by_truth = attlog.evaluate(attlog.prepare(LOG), "mahony,madgwick")
     assert result.reference is not None
@@ -252,7 +254,7 @@ def test_with_the_smoother_as_reference_the_onboard_attitude_is_a_row(monkeypatc
 
 
 def test_a_stage_within_another_counts_once() -> None:
-    clock = analysis.Stopwatch()
+    clock = Stages()
     with clock("reference"):
         time.sleep(0.01)
         with clock("smoother"):
@@ -264,7 +266,7 @@ def test_a_stage_within_another_counts_once() -> None:
 def test_what_computed_the_numbers_is_told_without_another_process() -> None:
     """``platform.processor`` runs ``uname -p``: a copy of the process with all its memory, for nothing."""
     code = (
-        "import sys; from attlog.analysis import versions\n"
+        "import sys; from attlog.base.versions import versions\n"
         "sys.addaudithook(lambda event, _: event == 'subprocess.Popen' and sys.exit('a process was started'))\n"
         "print(versions()['cpu'])"
     )

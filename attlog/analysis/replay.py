@@ -11,7 +11,8 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from attlog import estimators, inputs, reference
+from attlog import estimators, reference
+from attlog.analysis import inputs
 from attlog.base.barrier import guarded
 from attlog.base.errors import AttlogError, PluginError, UsageError
 from attlog.base.freed import give_back

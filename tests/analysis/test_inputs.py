@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import inputs, segments
+from attlog import segments
+from attlog.analysis import inputs
 from attlog.base import earth
 from attlog.flight.model import Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
 from attlog.segments.model import Segment, Segments
 
-SAMPLES = Path(__file__).parents[1] / "sample_logs"
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
 REST = Segments([Segment("rest.long", 0.0, 30.0), Segment("rest.short", 40.0, 45.0)])
 nan = np.nan
 
@@ -156,7 +157,7 @@ def step(state, params, dt, gyr, acc, mag, aid):
 
 def test_an_analysis_gives_a_plug_in_the_aids_and_parameters_of_the_log(tmp_path: Path) -> None:
     from attlog.analysis import prepare
-    from attlog.replay import run_rows
+    from attlog.analysis.replay import run_rows
 
     file = tmp_path / "mine.py"
     file.write_text(PLUGIN)
