@@ -9,7 +9,7 @@ With ``lam``, ``Lam`` zero at the end, per node from the last:
     lam <- Phi^T lam,   Lam <- Phi^T Lam Phi
 
 ``u^2 / D`` has mean one where the noise of an update is right, and so has ``lam_i^2 / Lam_ii`` for the process noise:
-the scores by which :mod:`noise` calibrates (DeJongPenzer1998).
+the scores by which :mod:`calibration` works (DeJongPenzer1998).
 """
 
 from __future__ import annotations
