@@ -134,6 +134,7 @@ def test_a_result_runs_no_filter_file_that_only_the_result_names(attlog, samples
     assert attlog("analyze", log, "--config", tmp_path / "own.toml", *given).code == 0
 
 
+@pytest.mark.slow
 def test_where_every_filter_failed_the_exit_code_and_a_sentence_say_so(attlog, samples, tmp_path):
     log, bad = samples / "copter_yaw_turns.bin", tmp_path / "bad.py"
     bad.write_text(RUN.format(top="", body="raise ValueError('bad run')"))

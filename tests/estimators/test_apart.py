@@ -144,6 +144,7 @@ def test_it_serves_again_after_it_died(whole: Path) -> None:
     assert len(run(whole).q) == 200
 
 
+@pytest.mark.slow
 def test_what_a_file_prints_goes_to_standard_error(whole: Path, capfd: pytest.CaptureFixture[str]) -> None:
     os.utime(whole)  # loaded again
     run(whole)
@@ -166,6 +167,7 @@ def test_an_endless_one_is_ended_and_not_tried_again(whole: Path, monkeypatch: p
     os.utime(whole)
 
 
+@pytest.mark.slow
 def test_what_a_compiled_step_raises_has_file_and_line(stepping: Path) -> None:
     acc = ACC.copy()
     acc[100, 0] = 101.0
@@ -215,6 +217,7 @@ def test_values_of_a_file_that_cannot_travel_are_told(tmp_path: Path) -> None:
         run(path)
 
 
+@pytest.mark.slow
 def test_a_file_that_writes_to_what_it_is_given_spoils_no_times(tmp_path: Path) -> None:
     path = tmp_path / "writes.py"
     path.write_text(

@@ -44,6 +44,7 @@ def test_a_filter_in_c_passes_every_check(folder: Path, name: str) -> None:
     assert not failed
 
 
+@pytest.mark.slow
 def test_both_forms_give_what_the_same_filter_gives_in_python(folder: Path) -> None:
     m = swing(10.0)
     wanted = attlog.estimate("mahony:kp=0.6,ki=0", *m.sensors, q0=m.q[0])

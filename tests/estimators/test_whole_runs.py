@@ -45,6 +45,7 @@ def test_the_longest_segment_speaks_for_the_run(plugin: str) -> None:
     assert quality["seconds"] == pytest.approx(10.99)
 
 
+@pytest.mark.slow
 def test_what_a_run_says_of_itself_stands_in_the_result(plugin: str, tmp_path: Path) -> None:
     log = Path(__file__).parents[2] / "sample_logs" / "copter_yaw_turns.bin"
     result = attlog.analyze(log, {"estimators": [plugin]})

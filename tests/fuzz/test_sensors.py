@@ -118,6 +118,7 @@ def test_what_judges_after_any_fault_of_a_sensor_is_right(name: str, sensor: str
         honest(name, sensor, fault)
 
 
+@pytest.mark.slow
 def test_what_info_foresees_of_a_gyro_that_is_wrong_is_what_analyze_does() -> None:
     case = prepared(faulty(opened(PX4), "gyro", "one axis reversed"))
     assert case.reference.kind == "onboard"

@@ -70,6 +70,7 @@ def streams(log: FlightLog) -> list[tuple[str, np.ndarray, float]]:
     return [*found, *((g.source, g.t, physics.AIDING_HZ) for g in log.gnss)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", few(LOGS, 1))
 def test_only_what_is_possible_reaches_the_flight(name: str) -> None:
     told = 0

@@ -144,6 +144,7 @@ def test_objects_of_each_level_are_written_found_and_agree_to_the_bit(
     assert out.any()
 
 
+@pytest.mark.slow
 def test_two_builds_go_through_sets_in_the_same_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else two wheels of one source differ in some bytes: code of ``px4_q`` did for one of five hash seeds."""
     told: list[dict[str, str]] = []

@@ -79,7 +79,7 @@ def results(draw: st.DrawFn) -> Result:
     return made
 
 
-@pytest.mark.parametrize("examples", few([40, 400], 1))
+@pytest.mark.parametrize("examples", few([25, 400], 1))
 def test_no_made_result_contradicts_itself(examples):
     @settings(max_examples=examples, deadline=None, suppress_health_check=list(HealthCheck))
     @given(results())

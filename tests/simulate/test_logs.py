@@ -188,6 +188,7 @@ def test_the_official_libraries_read_every_value_of_a_flight(suffix: str, logs: 
     assert found.agrees, found.text
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_and_another_seed_other_bytes(tmp_path: Path) -> None:
     for seed, name in ((4, "a"), (4, "b"), (5, "c")):
         flight = made("static", "seconds=5", seed=seed)
@@ -214,6 +215,7 @@ def test_instants_are_logged_as_such(tmp_path: Path) -> None:
     close(imu.acc.x, flight.imus[0].acc, 2e-6)
 
 
+@pytest.mark.slow
 def test_a_fast_unit_is_logged_raw(tmp_path: Path) -> None:
     fast = made("static", "seconds=8", "sensors.imu.0.sampling=instant", "sensors.imu.0.rate_hz=2000")
     write(tmp_path / "a.bin", fast)

@@ -52,6 +52,7 @@ def test_the_flight_is_that_of_this_process_to_the_bit(tmp_path: Path, capfd: py
     assert np.isfinite(there.onboard.q[-1]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize(("now", "step", "words"), few([
     ("raise ValueError('no good')", "pass", "own.py, line 9: ValueError: no good"),

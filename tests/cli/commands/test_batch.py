@@ -52,6 +52,7 @@ def test_a_result_tells_the_command_that_makes_it_alone(attlog, small, tmp_path)
     assert document["command"] == f"attlog analyze {small} --estimators gyro --window rest --deterministic"
 
 
+@pytest.mark.slow
 def test_a_folder_with_a_batch_asks_what_to_do(attlog, small, tmp_path):
     assert attlog("batch", small, "-o", tmp_path / "out", *GYRO).code == 0
     expect(attlog("batch", small, "-o", tmp_path / "out", *GYRO), 2, "--resume", "--fresh", "-o")

@@ -80,6 +80,7 @@ def test_help_is_plain_and_loses_no_bracket(attlog, command):
             assert told in text
 
 
+@pytest.mark.slow
 def test_an_earlier_result_is_a_configuration(attlog, samples, tmp_path):
     log = samples / "copter_yaw_turns.bin"
     (tmp_path / "c.toml").write_text("declination = 3.0\nscore_from = 20.0\n")

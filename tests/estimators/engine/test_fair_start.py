@@ -59,6 +59,7 @@ def test_a_constant_turn_seen_25_times_a_second_leaves_no_error(name: str, axis:
     assert off_deg(run(name, x).q, x["q"]).max() < 0.2
 
 
+@pytest.mark.slow
 def test_a_filter_that_turns_first_is_handed_the_sample_s_own_vectors(tmp_path: Any) -> None:
     text = '''"""Writes down the heading of the field that it is handed."""
 import math

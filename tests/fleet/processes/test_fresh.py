@@ -93,6 +93,7 @@ def test_an_interrupt_is_left_to_the_parent(tmp_path: Path, nursery: Nursery) ->
     assert run_one(work(tmp_path, specs=harm(body)), nursery).code == 0
 
 
+@pytest.mark.slow
 def test_closing_ends_fresh_processes_too(tmp_path: Path, nursery: Nursery) -> None:
     body = f"import os, time\nopen({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid()))\ntime.sleep(100)"
     ended: list[object] = []
@@ -154,6 +155,7 @@ def test_several_logs_are_analysed_without_fork_and_no_file_beside_them_is_impor
     assert {"a.bin.html", "b.bin.json"} < {path.name for path in (tmp_path / "out").iterdir()}
 
 
+@pytest.mark.slow
 def test_a_fresh_process_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     body = f"import os, time\nopen({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid()))\ntime.sleep(100)"
     more = ("--estimators", plugin(tmp_path, body), "--jobs", 1)

@@ -194,6 +194,7 @@ def gone(pid: int) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_a_process_that_never_gives_way_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     """It holds the interpreter lock, so that no thread of its own could end it."""
     pid = tmp_path / "pid"
@@ -212,6 +213,7 @@ def test_a_process_that_never_gives_way_ends_with_a_parent_that_is_killed(tmp_pa
     assert gone(int(pid.read_text()))
 
 
+@pytest.mark.slow
 def test_closing_the_nursery_ends_what_runs(tmp_path: Path) -> None:
     import threading
 
@@ -253,6 +255,7 @@ def test_a_record_knows_when_it_is_of_another_version(tmp_path: Path) -> None:
     assert read_record(tmp_path, "a") is None
 
 
+@pytest.mark.slow
 def test_a_server_that_does_not_answer_at_first_is_asked_again_by_the_download(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,6 +79,7 @@ def test_what_the_files_declare_is_true():
         assert np.degrees(rotation.total_angle(rotation.error(q, found[0]))).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_page_terminal_and_json_say_it(attlog, samples, tmp_path):
     import json
 

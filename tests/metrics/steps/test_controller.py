@@ -85,6 +85,7 @@ def test_settling_rise_and_peak_of_closed_forms():
     assert setpoint_response.features(t, second)[2] == pytest.approx(1 + overshoot, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_follows_at_once_has_no_delay_and_answers_never_come_before_the_command():
     case, row = flight(noise_deg=0.0)
     case.log.attitudes["ATT"].q = case.log.setpoints.q

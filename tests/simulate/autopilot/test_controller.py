@@ -32,11 +32,11 @@ def step_of(axis: int, degrees: float, gains: Gains, vehicle: Vehicle, seconds: 
 @pytest.mark.parametrize("axis", few([0, 1, 2], 1))
 @pytest.mark.parametrize(
     ("lag", "gains"),
-    [
+    few([
         (0.025, HUANG),
         (0.08, HUANG),
         (0.04, dataclasses.replace(HUANG, angle_kp=(8.0, 8.0, 2.0), rate_ki=(0.1,) * 3, rate_kd=(0.006, 0.006, 0.0))),
-    ],
+    ], 1),
 )  # fmt: skip
 def test_a_small_step_is_the_one_of_the_transfer_function(axis: int, lag: float, gains: Gains) -> None:
     vehicle = Vehicle(motor_lag_s=lag)
