@@ -13,12 +13,15 @@ from attlog.segments.model import WINDOWS, Segments
 
 
 def flight_of(source: str | Path | FlightLog, config: Config) -> FlightLog:
-    """The flight with the configured sensors, and with inertial data. Errors as of :func:`attlog.analyze`."""
-    log = _given(source, config) if isinstance(source, FlightLog) else _read(source, config)
+    """The flight with the configured sensors. Errors as of :func:`attlog.analyze`."""
+    return _given(source, config) if isinstance(source, FlightLog) else _read(source, config)
+
+
+def require_imu(log: FlightLog) -> None:
+    """LogUnusable for a log that cannot be replayed, with the reason."""
     if log.imu is None:
         reasons = [p.text for p in log.problems if p.severity == "error"]
         raise LogUnusable(f"{log.path}: " + (" ".join(reasons) or "no inertial data: nothing to replay"))
-    return log
 
 
 def _read(path: str | Path, config: Config) -> FlightLog:

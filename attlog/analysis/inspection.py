@@ -35,7 +35,7 @@ SHORTEST_S = 1.0
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None, verify: bool = False) -> dict[str, Any]:
     """Contents, physics checks, answerable questions and problems of a log.
 
-    Keys: ``log``, ``headline`` and ``events`` (what happened; empty without an IMU), ``messages`` of the boot (name,
+    Keys: ``log``, ``headline`` and ``events`` (what happened), ``messages`` of the boot (name,
     instance, records, rate_hz, fields; the rate is None without times and for records within one second),
     ``compared_with`` (what an
     analysis would compare with), ``audit``, ``answerable``,
@@ -70,9 +70,10 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
     compared = ""
     if phases is not None and chosen is not None:
         compared = part_of(log, "The reference", partial(reference.expected_reference, log, phases, chosen), str)
-    happened = story.events(log, phases) if phases is not None else []
+    flown = segments.build(log) if phases is None else phases
+    happened = story.events(log, flown)
     wrong = findings(log, checks, [] if chosen is None else contradiction(chosen))
-    headline = "" if phases is None else story.headline(log, phases, happened, story.nothing_wrong(wrong))
+    headline = story.headline(log, flown, happened, story.nothing_wrong(wrong))
     verification = None
     if verify:
         from attlog.formats.verify import verify as compare

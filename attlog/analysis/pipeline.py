@@ -20,6 +20,7 @@ from attlog.analysis.config import Config
 from attlog.analysis.measurement import Measurement
 from attlog.analysis.stages import Stages
 from attlog.analysis.summary import describe
+from attlog.analysis.unreplayed import without_replay
 from attlog.base.errors import AttlogError
 from attlog.base.versions import versions
 from attlog.estimators.base import Estimate
@@ -50,6 +51,12 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
     stage = Stages()
     with stage("read"):
         log = choices.flight_of(source, config)
+    return _prepared(log, config, stage)
+
+
+def _prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
+    """The case of a log. LogUnusable where it cannot be replayed."""
+    choices.require_imu(log)
     memory.check_rest(log, memory.ANALYSIS)
     stage.samples = samples_of(log)
     with stage("segments"):
@@ -173,9 +180,17 @@ def analyze(
     ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`. ``config`` is a :class:`Config` or a mapping
     of its names, such as ``{"estimators": ["default", "mahony:kp=0.3"], "reference": "onboard"}``; None: the defaults.
     ``command`` stands in the result as what was typed. :func:`prepare` and :func:`evaluate` in one call, traces and
-    costs included; raises what the two raise: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError.
+    costs included; raises what the two raise: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError. A log
+    that cannot be replayed but holds an attitude gives a result without the comparison.
     """
-    return evaluate(prepare(source, config), traces=True, cost=True, command=command)
+    settings, stage = Config.of(config), Stages()
+    with once():
+        with stage("read"):
+            log = choices.flight_of(source, settings)
+        if log.imu is None and log.onboard_attitude is not None:
+            return without_replay(log, settings, stage, command)
+        case = _prepared(log, settings, stage)
+    return evaluate(case, traces=True, cost=True, command=command)
 
 
 def samples_of(log: FlightLog) -> int:

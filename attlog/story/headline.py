@@ -41,10 +41,11 @@ TOLD_FIRST = (
 
 
 OF_THE_RECORD = frozenset(
-    """cut_at_end damage damaged_reports duplicate_times false_times imu_decimated imu_low_rate imu_that_flew_too_slow
-    imu_covers_a_part late_field log_limit logger_dropouts gaps_and_rate not_checked params_differ params_unknown
+    """cut_at_end damage damaged_reports duplicate_times estimator_failed estimator_not_compiled estimator_timed_out
+    false_times gaps_and_rate imu_covers_a_part imu_decimated imu_low_rate imu_rate_too_low imu_that_flew_too_slow
+    imu_too_short late_field log_limit logger_dropouts no_imu not_checked params_differ params_unknown
     rate_impossible several_boots several_systems time_backward truth_packet_times unanswered unreadable_message
-    unset_times values_out_of_range estimator_failed estimator_timed_out estimator_not_compiled""".split()
+    unset_times values_out_of_range""".split()
 )
 """Problems with these codes are of the record or of filters: nothing went wrong in the flight."""
 
@@ -168,7 +169,7 @@ def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> li
         top = float(np.nanmax(speed))
         return [f"moved at up to {figures(top)} m/s in {total}." if top > 0.5 else f"stood still for {total}."]
     if "airborne" in segments.unknown:
-        return [f"{total}; nothing in the log tells whether it flew."]
+        return [f"{f'{total}; ' if log.seconds > 0 else ''}nothing in the log tells whether it flew."]
     if any(e.is_crash for e in events):
         return ["never flew."]
     armed = sum(e.kind == "armed" for e in events)

@@ -201,3 +201,19 @@ def test_a_log_that_stops_in_flight_ends_in_the_air():
     events = story.events(log, phases)
     assert "ends_in_air" in [e.kind for e in events]
     assert story.headline(log, phases, events).endswith("The log ends in the air.")
+
+
+@pytest.mark.parametrize(
+    ("name", "rate"), [("cases/copter_4.2_radio_4hz.tlog", "3.9 Hz"), ("tlog_mav2_plane_3.6.0_sys2_cut.tlog", "1.0 Hz")]
+)
+def test_a_log_that_cannot_be_replayed_is_told_without_the_comparison(corpus, tmp_path, name, rate):
+    """Radio telemetry: the flight, the events, the findings, and what would have to be logged to compare filters."""
+    result = attlog.analyze(corpus / "logs" / name)
+    assert "flew" in result.headline
+    assert {"armed", "liftoff"} <= {e.kind for e in result.events}
+    assert [p.text for p in result.problems if p.code == "imu_rate_too_low" and rate in p.text]
+    assert (result.estimators, result.verdicts, result.reference) == ([], [], None)
+    result.to_html(tmp_path / "x.html")
+    assert result.headline.split(":")[0] in (tmp_path / "x.html").read_text(encoding="utf-8")
+    result.to_json(tmp_path / "x.json")
+    assert attlog.Result.load(tmp_path / "x.json").events == result.events

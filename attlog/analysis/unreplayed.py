@@ -1,0 +1,35 @@
+"""A log that no filter can be run on: what it tells all the same. Its IMU is too slow or missing, as in all telemetry."""
+
+from __future__ import annotations
+
+from attlog import segments, story
+from attlog.analysis.config import Config
+from attlog.analysis.stages import Stages
+from attlog.analysis.summary import describe
+from attlog.base.versions import versions
+from attlog.flight.model import FlightLog
+from attlog.health import audit
+from attlog.health.findings import findings
+from attlog.result import Result
+
+
+def without_replay(log: FlightLog, config: Config, stage: Stages, command: str) -> Result:
+    """The result without the comparison: headline, events, segments, checks of sensors, findings."""
+    with stage("segments"):
+        phases = segments.build(log)
+        happened = story.events(log, phases)
+    with stage("audit"):
+        checks = audit(log, None)
+        found = findings(log, checks, [])
+    return Result(
+        attlog=versions(),
+        command=command,
+        config=config.resolved(),
+        log=describe(log, phases),
+        headline=story.headline(log, phases, happened, story.nothing_wrong(found)),
+        events=happened,
+        problems=found,
+        audit=list(checks),
+        segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
+        timing=stage.seconds,
+    )
