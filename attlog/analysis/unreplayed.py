@@ -1,4 +1,4 @@
-"""A log that no filter can be run on: what it tells all the same. Its IMU is too slow or missing, as in all telemetry."""
+"""A log that no filter can be run on, its IMU too slow or missing, as in all telemetry: what it tells all the same."""
 
 from __future__ import annotations
 
