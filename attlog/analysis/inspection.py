@@ -72,6 +72,7 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
         compared = part_of(log, "The reference", partial(reference.expected_reference, log, phases, chosen), str)
     flown = segments.build(log) if phases is None else phases
     happened = story.events(log, flown)
+    described = plain(describe(log, phases))  # before the problems: what breaks in it is one
     wrong = findings(log, checks, [] if chosen is None else contradiction(chosen))
     headline = story.headline(log, flown, happened, story.nothing_wrong(wrong))
     verification = None
@@ -80,7 +81,7 @@ def _inspected(path: Path, boot: int | None, system: int | None, verify: bool) -
 
         verification = plain(compare(path))
     return {
-        "log": plain(describe(log, phases)),
+        "log": described,
         "headline": headline,
         "events": plain(happened),
         "messages": listed,
