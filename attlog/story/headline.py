@@ -8,30 +8,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from attlog.base import rotation
 from attlog.flight.model import FlightLog, Problem
 from attlog.flight.vehicle import VehicleKind
-from attlog.segments.airborne.grid import runs
 from attlog.segments.crash import Ending
 from attlog.segments.model import Segments
-from attlog.segments.motion import speed_m_s
-from attlog.segments.spans import Span, inside
 from attlog.story.event import Event, figures
 from attlog.story.flights import SURE_HZ, blows_told, sized
+from attlog.story.flown import flown, has_open_end, how_often
 
 WORDS = 30
-STOOD_S = 10.0
-"""Motors that ran for longer than this before a flight are told."""
 TOGETHER_S = 5.0
 """Endings so close to each other are one crash."""
 KILLED_S = 5.0
-UPRIGHT_DEG = 30.0
 HIGH_M = 5.0
 """A blow above this height is no ground."""
-LISTED = 3
-"""Up to so many flights are told with their times; more are counted."""
-OF_FLIGHT = 0.5
-"""Throttle is up above this part of its largest value."""
 NAMES = {"Copter": "ArduCopter", "Plane": "ArduPlane", "Rover": "ArduRover", "Sub": "ArduSub"}
 TOLD_FIRST = (
     "clipping", "vibration", "failsafe", "battery", "realigned", "lane_switch", "compass_switch", "aid_rejected",
@@ -61,9 +51,9 @@ def headline(log: FlightLog, segments: Segments, events: Sequence[Event], sound:
     The fullest wording that fits into 30 words is taken.
     """
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
-    flown, first, end = _flown(log, segments, events), _first(segments, events), _end(log, segments, events, sound)
+    flew, first, end = flown(log, segments, events), _first(segments, events), _end(log, segments, events, sound)
     said = ""
-    for b, c, a in itertools.product(end, first, flown):
+    for b, c, a in itertools.product(end, first, flew):
         said = f"{who}: " + " ".join(x for x in (a, c, b) if x)
         if len(said.split()) <= WORDS:
             return said
@@ -86,148 +76,6 @@ def _firmware(log: FlightLog) -> str:
     else:
         said = f"{log.firmware.name} {version}"
     return re.sub(r"(\d+\.\d+)\.0[- ]dev\b", r"\1-dev", said).replace(" dev", "-dev").strip()
-
-
-def _seconds(spans: Sequence[Span]) -> str:
-    """Spans as "11 to 103 s and 120 to 130 s"."""
-    return " and ".join(f"{a:.0f} to {b:.0f} s" for a, b in spans)
-
-
-def _flown(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
-    """When it flew, and how high and how tilted; or why it did not; the fullest first."""
-    flights = segments.spans("airborne")
-    crashed = any(e.is_crash for e in events)
-    if not flights:
-        return _grounded(log, segments, events)
-    counted = f"{_number(len(flights))} flights from {flights[0][0]:.0f} s"
-    few = len(flights) < LISTED
-    listed = f"flew {_seconds(flights)}" if few else counted
-    begun = flights[0][0] - min((s.t0 for s in segments.of("continuous")), default=0.0) < 0.5
-    if begun and len(flights) == 1:
-        listed = f"flying as the log begins, to {flights[0][1]:.0f} s"
-    slow = segments.air is not None and segments.air.grid.slow
-    rate = max((imu.acc.rate for imu in log.imus), default=0.0)
-    listed = f"telemetry at {rate:.0f} Hz, {listed}" if slow and rate else listed
-    stood = (
-        f"stood armed to {flights[0][0]:.0f} s, " if few and not begun and _stood_armed(segments, flights[0][0]) else ""
-    )
-    sizes = [] if crashed else _sizes(log, segments, flights)
-    unended = crashed or _open_end(events) or _hard(events)
-    safe = "" if unended else _ended(log, flights[-1][1]) if slow else ", landed safely"
-    said = [f"{listed}{extra}{safe}." for extra in (*sizes, "")]
-    return [f"{stood}{said[0]}", *said] if stood else said
-
-
-def _ended(log: FlightLog, t: float) -> str:
-    """How a vehicle stood after a flight whose end nothing faster than its attitude tells."""
-    tilt = largest_tilt(log, [(t + 2.0, t + 5.0)])
-    return "" if tilt is None else ", ended upright" if tilt < UPRIGHT_DEG else f", ended at {tilt:.0f}° of tilt"
-
-
-def _number(n: int) -> str:
-    return ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")[n] if n < 10 else str(n)
-
-
-def _sizes(log: FlightLog, segments: Segments, flights: Sequence[Span]) -> list[str]:
-    """Height and tilt reached, the fullest first."""
-    air = segments.air
-    top = None
-    if air is not None:
-        mine = inside(air.grid.t, flights)
-        levels = sorted(air.levels, key=lambda level: level.sensor == "range")
-        tops = [float(np.nanmax(level.above[mine])) for level in levels if np.isfinite(level.above[mine]).any()]
-        top = next((x for x in tops if x > 0.3), None)
-    tilt = largest_tilt(log, flights)
-    high = "" if top is None else f"{top:.0f} m" if top >= 2.0 else f"{top:.1f} m"
-    tilted = "" if tilt is None or tilt < 1.0 else f"{tilt:.0f}° of tilt"
-    both = " and ".join(x for x in (high, tilted) if x)
-    return [f", up to {x}" for x in dict.fromkeys((both, high)) if x]
-
-
-def largest_tilt(log: FlightLog, spans: Sequence[Span]) -> float | None:
-    """The largest tilt (deg) of the onboard attitude within spans, None without one."""
-    attitude = log.onboard_attitude or log.truth
-    mine = None if attitude is None else inside(attitude.t, spans)
-    if attitude is None or mine is None or not mine.any():
-        return None
-    return float(np.degrees(np.max(rotation.inclination_angle(attitude.q[mine]))))
-
-
-def _stood_armed(segments: Segments, liftoff: float) -> bool:
-    """Whether motors ran for more than 10 s before a lift-off, idling or more."""
-    return any(a < liftoff <= b and liftoff - a > STOOD_S for a, b in segments.spans("armed"))
-
-
-def _grounded(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
-    """What it did that never flew."""
-    total = f"{log.seconds:.0f} s"
-    if not log.kind.flies:
-        air = np.arange(0.0, max(log.seconds, 1.0), 1.0)
-        speed = speed_m_s(log, air)
-        if not np.isfinite(speed).any():
-            return [f"logged for {total}."]
-        top = float(np.nanmax(speed))
-        return [f"moved at up to {figures(top)} m/s in {total}." if top > 0.5 else f"stood still for {total}."]
-    if "airborne" in segments.unknown:
-        return [f"{f'{total}; ' if log.seconds > 0 else ''}nothing in the log tells whether it flew."]
-    if any(e.is_crash for e in events):
-        return ["never flew."]
-    armed = sum(e.kind == "armed" for e in events)
-    pushed = _pushed(segments)
-    if not pushed:
-        if not armed:
-            never = "never armed" if log.armed is not None else "motors never ran"
-            tilt = largest_tilt(log, [(-1e9, 1e9)])
-            return [f"{never} in {total}" + (f", tilted up to {tilt:.0f}° by hand." if tilt and tilt > 15 else ".")]
-        return [f"armed{_times(armed)} but never left the ground in {total}."]
-    up = f"throttle up {_seconds(pushed)}" if len(pushed) < LISTED else f"throttle up {_often(len(pushed))}"
-    reason = _still_reason(log, segments, pushed)
-    often = f"armed {_often(armed)}, " if armed > 1 else ""
-    return [f"never left the ground in {total}; {often}{up}{x}." for x in (reason, "")] + [
-        f"never left the ground; {up}."
-    ]
-
-
-def _times(n: int) -> str:
-    return f" {_often(n)}" if n > 1 else ""
-
-
-def _often(n: int) -> str:
-    return "twice" if n == 2 else f"{_number(n)} times"
-
-
-def _pushed(segments: Segments) -> list[Span]:
-    """When throttle was up, for a second and more, with pauses of up to 5 s."""
-    air = segments.air
-    if air is None or not air.driven.any() or air.power_source == "arming":
-        return []
-    up = air.driven & (air.power > OF_FLIGHT * float(air.power[air.driven].max()))
-    found: list[Span] = []
-    for a, b in runs(up):
-        t0, t1 = float(air.grid.t[a]), float(air.grid.t[b - 1])
-        if found and t0 - found[-1][1] < TOGETHER_S:
-            found[-1] = found[-1][0], t1
-        else:
-            found.append((t0, t1))
-    return [s for s in found if s[1] - s[0] >= 1.0]
-
-
-def _still_reason(log: FlightLog, segments: Segments, pushed: Sequence[Span]) -> str:
-    """The best reason why it did not fly: a height that did not move, or a tilt that did not change."""
-    tilt = largest_tilt(log, pushed)
-    levels = segments.air.levels if segments.air is not None else []
-    ranged = log.rangefinder is not None and all(level.sensor != "range" for level in levels)
-    said = ["rangefinder unmoved"] if ranged else []
-    said += [f"tilt under {max(np.ceil(tilt), 1):.0f}°"] if tilt is not None and tilt < 15.0 else []
-    return f"; {', '.join(said)}" if said else ""
-
-
-def _open_end(events: Sequence[Event]) -> bool:
-    return any(e.kind == "ends_in_air" for e in events)
-
-
-def _hard(events: Sequence[Event]) -> bool:
-    return any(e.kind == "hard_landing" for e in events)
 
 
 def _first(segments: Segments, events: Sequence[Event]) -> list[str]:
@@ -260,7 +108,7 @@ def _first(segments: Segments, events: Sequence[Event]) -> list[str]:
 def _realigned(found: Sequence[Event]) -> str:
     times = [f"{e.t:.1f}" if e.t < 100 else f"{e.t:.0f}" for e in found]
     if len(times) > 2:
-        return f"EKF re-aligned yaw {_often(len(times))}"
+        return f"EKF re-aligned yaw {how_often(len(times))}"
     return f"EKF re-aligned yaw at {' and '.join(times)} s"
 
 
@@ -279,7 +127,7 @@ def _end(log: FlightLog, segments: Segments, events: Sequence[Event], sound: boo
         before = f"Kill switch at {killed.t:.1f} s, then hard landing" if killed else "Hard landing"
         said_ = f"{before} at {worst.t:.1f} s ({sized(worst)}), upright"
         return [f"{said_}; nothing else went wrong." if sound and not warned else f"{said_}."]
-    if _open_end(events):
+    if has_open_end(events):
         return ["The log ends in the air."]
     cannot = "Blows cannot be told." if segments.spans("airborne") and _too_slow(log) else ""
     if sound and not warned and segments.spans("airborne"):
