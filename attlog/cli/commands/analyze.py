@@ -14,22 +14,11 @@ from attlog import __version__
 from attlog.base.errors import BUG, INTERRUPTED, PluginError, PluginTimeout, exit_code, message, worst
 from attlog.cli.shared.arguments import command_line
 from attlog.cli.shared.gates import GateOptions, GateReport, GatesFile
-from attlog.cli.shared.options import (
-    CommonOptions,
-    Folder,
-    Form,
-    Jobs,
-    Json,
-    LogOptions,
-    Open,
-    Places,
-    TableForm,
-    one_form,
-)
+from attlog.cli.shared.options import CommonOptions, Folder, Form, Jobs, Json, Open, Places, TableForm, one_form
 from attlog.cli.shared.printing import TextLine, console, json_line, json_to_stdout, say, table_to_stdout, to_stderr
 from attlog.cli.shared.process import is_of_a_stream
 from attlog.cli.shared.progress import Bar, progress
-from attlog.cli.shared.settings import commands, configured
+from attlog.cli.shared.settings import LogOptions, commands, configured
 
 if TYPE_CHECKING:
     from attlog.analysis.config import Config

@@ -12,11 +12,11 @@ import typer
 from attlog import __version__
 from attlog.base.errors import INTERRUPTED, UsageError, exit_code, message, worst
 from attlog.cli.shared.gates import GateOptions, GateReport
-from attlog.cli.shared.options import CommonOptions, JobsOfCores, LogOptions, Places, finite
+from attlog.cli.shared.options import CommonOptions, JobsOfCores, Places, finite
 from attlog.cli.shared.printing import TextLine, console, say, to_stderr
 from attlog.cli.shared.process import ended_by_signals
 from attlog.cli.shared.progress import Bar
-from attlog.cli.shared.settings import commands, configured
+from attlog.cli.shared.settings import LogOptions, commands, configured
 
 if TYPE_CHECKING:
     from attlog.fleet.records.entry import Entry

@@ -14,7 +14,7 @@ from attlog.base.errors import PluginError, PluginTimeout, UsageError, exit_code
 from attlog.base.file_names import file_name
 from attlog.cli.shared import completion
 from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.options import CommonOptions, ComparisonOptions, Jobs, Open
+from attlog.cli.shared.options import CommonOptions, Jobs, Open
 from attlog.cli.shared.printing import (
     TextLine,
     aligned,
@@ -26,7 +26,7 @@ from attlog.cli.shared.printing import (
     wrapped,
 )
 from attlog.cli.shared.progress import StageHandler, progress
-from attlog.cli.shared.settings import check_window, for_comparison
+from attlog.cli.shared.settings import ComparisonOptions, check_window, for_comparison
 
 if TYPE_CHECKING:
     from attlog.cli.shared.printing import TextLine

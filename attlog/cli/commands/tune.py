@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from attlog.cli.shared.options import CommonOptions, ComparisonOptions
+from attlog.cli.shared.options import CommonOptions
 from attlog.cli.shared.prepared_logs import PreparedLogs, all_problems, end, one_unit, stem
 from attlog.cli.shared.printing import TextLine, aligned, console, json_to_stdout, say, table_to_stdout, wrapped
 from attlog.cli.shared.progress import progress
+from attlog.cli.shared.settings import ComparisonOptions
 
 if TYPE_CHECKING:
     from attlog.compare.sweep.many import SettingsOnLog

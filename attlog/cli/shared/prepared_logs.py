@@ -12,9 +12,8 @@ import typer
 from attlog import __version__
 from attlog.base.errors import AttlogError, UsageError, exit_code, message, worst
 from attlog.cli.shared.arguments import command_line
-from attlog.cli.shared.options import ComparisonOptions
 from attlog.cli.shared.printing import to_stderr
-from attlog.cli.shared.settings import for_comparison
+from attlog.cli.shared.settings import ComparisonOptions, for_comparison
 
 if TYPE_CHECKING:
     from attlog.analysis.config import Config

@@ -1,4 +1,4 @@
-"""The Config that options make, and what is wrong with them before any log is read."""
+"""The sets of options that make a Config: how a log is analysed, how settings are compared; checked before any log."""
 
 from __future__ import annotations
 
@@ -6,15 +6,88 @@ import os
 import shlex
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from attlog.base.errors import PluginError, UsageError
-from attlog.cli.shared.options import ComparisonOptions, LogOptions
+from attlog.cli.shared import completion
+from attlog.cli.shared.options import Boot, ConfigFile, Folder, Form, GyroBias, Json, Reference, System, one_form
 
 if TYPE_CHECKING:
     from attlog.analysis.config import Config
+
+
+@dataclass(frozen=True, slots=True)
+class LogOptions:
+    """How a log is analysed: options of ``analyze`` and ``batch``. None: not asked for."""
+
+    estimators: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            autocompletion=completion.rows,
+            help="Run these filters: default, all, NAME[@PRESET][:k=v,...] and FILE.py, with commas. "
+            "[default: default]",
+        ),
+    ] = None
+    imu: Annotated[str | None, typer.Option(metavar="N|all", help="Replay this IMU. [default: the one that flew]")] = (
+        None
+    )
+    mag: Annotated[
+        str | None, typer.Option(metavar="N|none", help="Replay this magnetometer. [default: the log's choice]")
+    ] = None
+    reference: Reference = None
+    window: Annotated[
+        str | None,
+        typer.Option(
+            metavar="W",
+            autocompletion=completion.windows,
+            help="Show the table of all, rest, rest.long, idle, armed, airborne, hover, cruise or T0:T1 (s). "
+            "[default: all]",
+        ),
+    ] = None
+    gyro_bias: GyroBias = None
+    params: Annotated[
+        str | None,
+        typer.Option(
+            metavar="F.param",
+            help="What if: parameters for the autopilots' filters, and where the log has none. [default: none]",
+        ),
+    ] = None
+    config: ConfigFile = None
+    boot: Boot = None
+    system: System = None
+    deterministic: Annotated[
+        bool, typer.Option(help="Leave measured times out of JSON and report: same log, same bytes.")
+    ] = False
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonOptions:
+    """How settings are compared on logs: options of ``compare``, ``sweep`` and ``tune``."""
+
+    output: Folder = Path("reports")
+    form: Form = None
+    json: Json = False
+    reference: Reference = None
+    gyro_bias: GyroBias = None
+    config: ConfigFile = None
+
+    def __post_init__(self) -> None:
+        one_form(self.json, self.form)
+
+    @property
+    def for_a_program(self) -> bool:
+        """Whether standard output is for a program: what people read goes to standard error."""
+        return self.json or self.form is not None
+
+    def of_analysis(self) -> dict[str, Any]:
+        """The options that prepare a log, as far as they were typed, by their names in a configuration."""
+        options = {"reference": self.reference, "gyro_bias": self.gyro_bias}
+        return {name: value for name, value in options.items() if value is not None}
 
 
 def configured(options: LogOptions) -> Config:

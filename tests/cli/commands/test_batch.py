@@ -46,10 +46,10 @@ def test_a_batch_writes_reports_index_and_table_and_sums_up(attlog, small, tmp_p
 def test_a_result_tells_the_command_that_makes_it_alone(attlog, small, tmp_path):
     import json
 
-    given = ("--deterministic", "--window", "rest", "--estimators", "gyro")
+    given = ("--window", "rest", "--gyro-bias", "none", "--estimators", "gyro")
     attlog("batch", small, "-o", tmp_path / "a", "--jobs", "2", "--timeout", "50", *given)
     document = json.loads((tmp_path / "a" / "small.bin.json").read_bytes())
-    assert document["command"] == f"attlog analyze {small} --estimators gyro --window rest --deterministic"
+    assert document["command"] == f"attlog analyze {small} --estimators gyro --window rest --gyro-bias none"
 
 
 @pytest.mark.slow
