@@ -24,9 +24,17 @@ HIGH_M = 5.0
 """A blow above this height is no ground."""
 NAMES = {"Copter": "ArduCopter", "Plane": "ArduPlane", "Rover": "ArduRover", "Sub": "ArduSub"}
 TOLD_FIRST = (
-    "clipping", "vibration", "failsafe", "battery", "realigned", "lane_switch", "compass_switch", "aid_rejected",
-    "gnss_lost", "gnss_jump",
-)  # fmt: skip
+    "clipping",
+    "vibration",
+    "failsafe",
+    "battery",
+    "realigned",
+    "lane_switch",
+    "compass_switch",
+    "aid_rejected",
+    "gnss_lost",
+    "gnss_jump",
+)
 """What may explain an end, by kind."""
 
 

@@ -96,9 +96,13 @@ def gating(path: Path | None, strict: bool | None = None, output: Path | None = 
 
 
 def tell_refused(
-    why: str, summary: Path | bool = False, *, environment: Mapping[str, str] = os.environ, out: TextIO | None = None,
+    why: str,
+    summary: Path | bool = False,
+    *,
+    environment: Mapping[str, str] = os.environ,
+    out: TextIO | None = None,
     err: TextIO | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """What CI systems read of a run that was refused for its gates or options: else its step is red without a word."""
     if github.on_github(environment):
         for line in github.refused(why):

@@ -20,18 +20,63 @@ from attlog.formats.merge import merged
 from attlog.formats.recording import Columns, MessageLayout, Recording, fitted, only
 
 UNITS = {
-    "-": "", "?": "UNKNOWN", "A": "A", "a": "Ah", "d": "deg", "b": "B", "B": "B/s", "k": "deg/s", "D": "deglatitude",
-    "e": "deg/s/s", "E": "rad/s", "G": "Gauss", "h": "degheading", "i": "A.s", "J": "W.s", "l": "l", "L": "rad/s/s",
-    "m": "m", "n": "m/s", "o": "m/s/s", "O": "degC", "%": "%", "S": "satellites", "s": "s", "q": "rpm", "r": "rad",
-    "U": "deglongitude", "u": "ppm", "v": "V", "P": "Pa", "w": "Ohm", "W": "Watt", "X": "W.h", "y": "l/s", "Y": "us",
-    "z": "Hz", "#": "instance",
-}  # fmt: skip
+    "-": "",
+    "?": "UNKNOWN",
+    "A": "A",
+    "a": "Ah",
+    "d": "deg",
+    "b": "B",
+    "B": "B/s",
+    "k": "deg/s",
+    "D": "deglatitude",
+    "e": "deg/s/s",
+    "E": "rad/s",
+    "G": "Gauss",
+    "h": "degheading",
+    "i": "A.s",
+    "J": "W.s",
+    "l": "l",
+    "L": "rad/s/s",
+    "m": "m",
+    "n": "m/s",
+    "o": "m/s/s",
+    "O": "degC",
+    "%": "%",
+    "S": "satellites",
+    "s": "s",
+    "q": "rpm",
+    "r": "rad",
+    "U": "deglongitude",
+    "u": "ppm",
+    "v": "V",
+    "P": "Pa",
+    "w": "Ohm",
+    "W": "Watt",
+    "X": "W.h",
+    "y": "l/s",
+    "Y": "us",
+    "z": "Hz",
+    "#": "instance",
+}
 """ArduPilot's unit ids (AP_Logger/LogStructure.h)."""
 
 MULTIPLIERS = {
-    "-": 0.0, "?": 1.0, "2": 1e2, "1": 1e1, "0": 1.0, "A": 1e-1, "B": 1e-2, "C": 1e-3, "D": 1e-4, "E": 1e-5, "F": 1e-6,
-    "G": 1e-7, "I": 1e-9, "!": 3.6, "/": 3600.0,
-}  # fmt: skip
+    "-": 0.0,
+    "?": 1.0,
+    "2": 1e2,
+    "1": 1e1,
+    "0": 1.0,
+    "A": 1e-1,
+    "B": 1e-2,
+    "C": 1e-3,
+    "D": 1e-4,
+    "E": 1e-5,
+    "F": 1e-6,
+    "G": 1e-7,
+    "I": 1e-9,
+    "!": 3.6,
+    "/": 3600.0,
+}
 """ArduPilot's multiplier ids."""
 
 OWN = {
@@ -43,8 +88,19 @@ OWN = {
 }
 """Messages that are made of a recording's parameters, texts and layouts: letters, columns, units, multipliers."""
 
-_LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8": "q", "u8": "Q", "f2": "g",
-            "f4": "f", "f8": "d"}  # fmt: skip
+_LETTERS = {
+    "i1": "b",
+    "u1": "B",
+    "i2": "h",
+    "u2": "H",
+    "i4": "i",
+    "u4": "I",
+    "i8": "q",
+    "u8": "Q",
+    "f2": "g",
+    "f4": "f",
+    "f8": "d",
+}
 _NAME = re.compile(r"[A-Z][A-Z0-9_]{0,3}")
 
 

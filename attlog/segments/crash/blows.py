@@ -77,9 +77,18 @@ def impacts(scene: Scene) -> list[Ending]:
         lying = lies(scene, blow.t)
         if why:
             found.append(
-                Ending("impact", blow.t, blow.t, blow.g, "g", f"a blow of {blow.g:.1f} g, {why}", lying, blow.rate,
-                       (blow.source,))
-            )  # fmt: skip
+                Ending(
+                    "impact",
+                    blow.t,
+                    blow.t,
+                    blow.g,
+                    "g",
+                    f"a blow of {blow.g:.1f} g, {why}",
+                    lying,
+                    blow.rate,
+                    (blow.source,),
+                )
+            )
         elif blow.g > (SIMULATED_G if scene.log.simulated else HARD_G) and _at_an_end(scene, blow.t):
             why = f"a blow of {blow.g:.1f} g as it landed"
             found.append(Ending("hard_landing", blow.t, blow.t, blow.g, "g", why, lying, blow.rate, (blow.source,)))

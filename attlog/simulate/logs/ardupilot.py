@@ -38,7 +38,7 @@ from attlog.simulate.physics.environment import geodetic
 
 Array = NDArray[np.float64]
 MODES = {"STABILIZE": 0, "ACRO": 1, "ALTCTL": 2, "ALT_HOLD": 2, "AUTO": 3, "MISSION": 3, "GUIDED": 4, "OFFBOARD": 4,
-         "POSCTL": 5, "LOITER": 5, "RTL": 6, "LAND": 9, "HOLD": 17, "TAKEOFF": 4}  # fmt: skip
+         "POSCTL": 5, "LOITER": 5, "RTL": 6, "LAND": 9, "HOLD": 17, "TAKEOFF": 4}
 """Copter's mode numbers; MODE and the heartbeat have the same."""
 BANNER = "ArduCopter V4.6.0-simulated"
 MILLIGAUSS = 1e-7
@@ -79,7 +79,7 @@ def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             ("IMU", i),
             record("IMU", micros(instants[k]), I=i, GyrX=gx, GyrY=gy, GyrZ=gz, AccX=ax, AccY=ay, AccZ=az,
                    T=imu.temperature[k], GH=1, AH=1, GHz=rate, AHz=rate),
-        )  # fmt: skip
+        )
         k = every(imu.t, VIBE_HZ)
         x, y, z = vibration(imu)[k].T
         clips = np.cumsum(imu.clipped[:, 1])[k]
@@ -91,7 +91,7 @@ def _increments(imu: ImuStream, k: NDArray[np.int64]) -> Columns:
     dt = imu.dt[k].astype(np.float32).astype(np.float64)
     (ax, ay, az), (vx, vy, vz) = (imu.gyro[k] * dt[:, None]).T, (imu.acc[k] * dt[:, None]).T
     return record("IMT", micros(imu.t_sample[k]), I=imu.instance, DelT=dt, DelvT=dt, DelaT=dt, DelAX=ax, DelAY=ay,
-                  DelAZ=az, DelVX=vx, DelVY=vy, DelVZ=vz)  # fmt: skip
+                  DelAZ=az, DelVX=vx, DelVY=vy, DelVZ=vz)
 
 
 def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
@@ -110,7 +110,7 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             record("BARO", micros(baro.t), I=baro.instance, Alt=baro.height - ground, AltAMSL=baro.height,
                    Press=baro.pressure, Temp=baro.temperature, SMS=micros(baro.t_sample) // np.uint64(1000),
                    GndTemp=baro.temperature[0] if len(baro.t) else 0.0, Health=1),
-        )  # fmt: skip
+        )
     for gnss in flight.gnss:
         yield from _receiver(gnss)
     if flight.battery is not None:
@@ -121,7 +121,7 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             ("BAT", 0),
             record("BAT", micros(b.t), Volt=b.voltage, VoltR=b.voltage + b.current * whole.resistance_ohm,
                    Curr=b.current, CurrTot=b.used * 1e3, EnrgTot=energy, Res=whole.resistance_ohm, RemPct=left, H=1),
-        )  # fmt: skip
+        )
     if flight.rpm is not None:
         for k, rpm in enumerate(flight.rpm.rpm.T):
             yield ("ESC", k), record("ESC", micros(flight.rpm.t), Instance=k, RPM=rpm, RawRPM=rpm)
@@ -138,13 +138,13 @@ def _receiver(gnss: GnssStream) -> Iterator[tuple[Key, Columns]]:
         record("GPS", t, I=gnss.instance, Status=np.where(has, gnss.fix, 1), GMS=np.where(has, milliseconds, 0),
                GWk=np.where(has, week, 0), NSats=gnss.satellites, HDop=np.where(has, 0.9, 99.99), Lat=lat, Lng=lon,
                Alt=alt, Spd=np.hypot(vel[:, 0], vel[:, 1]), GCrs=course, VZ=vel[:, 2], U=gnss.instance == 0),
-    )  # fmt: skip
+    )
     yield (
         ("GPA", gnss.instance),
         record("GPA", t, I=gnss.instance, VDop=np.where(has, 1.2, 99.99), HAcc=gnss.h_acc, VAcc=gnss.v_acc,
                SAcc=gnss.s_acc, VV=has, SMS=micros(gnss.t_sample) // np.uint64(1000),
                Delta=np.minimum(np.diff(gnss.t, prepend=gnss.t[:1]) * 1e3, 65535)),
-    )  # fmt: skip
+    )
 
 
 def gps_time(unix: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -190,7 +190,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         ("ATT", 0),
         record("ATT", t, DesRoll=wanted[0], Roll=roll, DesPitch=wanted[1], Pitch=pitch, DesYaw=wanted[2], Yaw=yaw,
                AEKF=3),
-    )  # fmt: skip
+    )
     q = board.q[k].T
     yield ("XKQ", 0), record("XKQ", t, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3])
     k = every(board.t, EKF_HZ)
@@ -202,7 +202,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         ("XKF1", 0),
         record("XKF1", t, Roll=_cut(roll), Pitch=_cut(pitch), Yaw=yaw, GX=_cut(bias[0]), GY=_cut(bias[1]),
                GZ=_cut(bias[2]), **unknown),
-    )  # fmt: skip
+    )
     yield ("XKF4", 0), record("XKF4", t, errRP=_NAN, OFN=_NAN, OFE=_NAN)
     if len(board.rate_setpoint):
         yield ("RATE", 0), _rate(flight)
@@ -215,7 +215,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             ("CTUN", 0),
             record("CTUN", micros(board.t[k]), ThI=thrust, ThO=thrust, ThH=hover, DAlt=_NAN, Alt=_NAN, DSAlt=_NAN,
                    BAlt=_baro_height(flight, board.t[k], up)),
-        )  # fmt: skip
+        )
     if len(board.motors):
         k = every(board.t, logging.motors_hz)
         pwm = PWM_MIN + (PWM_MAX - PWM_MIN) * np.clip(board.motors[k], 0.0, 1.0)
@@ -230,7 +230,7 @@ def _rate(flight: Flight) -> Columns:
     out = board.torque_setpoint[k].T if len(board.torque_setpoint) else np.zeros((3, len(k)))
     thrust = board.thrust_setpoint[k] if len(board.thrust_setpoint) else 0.0
     return record("RATE", micros(board.t[k]), RDes=wanted[0], R=measured[0], ROut=out[0], PDes=wanted[1],
-                  P=measured[1], POut=out[1], YDes=wanted[2], Y=measured[2], YOut=out[2], AOut=thrust)  # fmt: skip
+                  P=measured[1], POut=out[1], YDes=wanted[2], Y=measured[2], YOut=out[2], AOut=thrust)
 
 
 def _baro_height(flight: Flight, at: Array, otherwise: Array) -> Array:
@@ -262,7 +262,7 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         ("SIM", 0),
         record("SIM", t, Roll=roll, Pitch=pitch, Yaw=yaw, Alt=alt, Lat=lat, Lng=lon, Q1=q[0], Q2=q[1], Q3=q[2],
                Q4=q[3]),
-    )  # fmt: skip
+    )
     (pn, pe, pd), (vn, ve, vd) = truth.p[k].T, truth.v[k].T
     through_air = rotate_inverse(truth.q[k], truth.v[k] - truth.wind[k])
     speed = np.sqrt(np.sum(through_air**2, axis=1))
@@ -287,7 +287,7 @@ def parameters(flight: Flight) -> list[ParamChange]:
         "ATC_RAT_RLL_D": control.rate_kd, "ATC_RAT_PIT_P": control.rate_kp, "ATC_RAT_PIT_I": control.rate_ki,
         "ATC_RAT_PIT_D": control.rate_kd, "ATC_RAT_YAW_P": control.yaw_rate_kp, "ATC_RAT_YAW_I": control.yaw_rate_ki,
         "SIM_RATE_HZ": round(loop.rate_hz * loop.substeps),
-    }  # fmt: skip
+    }
     values |= {f"COMPASS_USE{n or ''}": int(k < len(flight.mags)) for k, n in enumerate((0, 2, 3))}
     values |= {f"SERVO{k + 1}_FUNCTION": 33 + k for k in range(4)}
     return [ParamChange(name, float(value)) for name, value in sorted(values.items())]

@@ -44,7 +44,7 @@ RECORDS = {
     "EV": ("Id", "B", "-", "-"),
     "ARM": ("ArmState ArmChecks Forced Method", "BIBB", "----", "----"),
     "VER": ("BT BST Maj Min Pat FWT GH FWS APJ BU FV", "BHBBBBIZHBB", "-----------", "-----------"),
-}  # fmt: skip
+}
 """Columns behind TimeUS, their letters, units and multipliers."""
 
 LAYOUTS = {

@@ -87,7 +87,7 @@ def _inertial(flight: Flight) -> Packets:
             "VIBRATION", t_us,
             {"time_usec": t_us, "vibration_x": x, "vibration_y": y, "vibration_z": z,
              "clipping_0": np.cumsum(first.clipped[:, 1])[k]},
-        )  # fmt: skip
+        )
 
 
 def _sent(imu: ImuStream, hz: float) -> tuple[Array, Array, Array, Array]:
@@ -148,7 +148,7 @@ def _receivers(flight: Flight) -> Packets:
             "vel": np.where(has, speed, 0xFFFF), "cog": np.where(has, course, 0xFFFF),
             "satellites_visible": gnss.satellites, "alt_ellipsoid": alt * 1e3, "h_acc": gnss.h_acc * 1e3,
             "v_acc": gnss.v_acc * 1e3, "vel_acc": gnss.s_acc * 1e3,
-        }  # fmt: skip
+        }
         if name == "GPS2_RAW":
             del columns["eph"], columns["epv"]
         yield name, t_us, columns
@@ -164,7 +164,7 @@ def _receivers(flight: Flight) -> Packets:
                 {"time_boot_ms": _ms(t_us[k]), "lat": lat[k] * 1e7, "lon": lon[k] * 1e7, "alt": alt[k] * 1e3,
                  "relative_alt": (alt[k] - flight.scenario.place.alt_m) * 1e3, "vx": vx, "vy": vy, "vz": vz,
                  "hdg": heading},
-            )  # fmt: skip
+            )
 
 
 def _slow(flight: Flight) -> Packets:
@@ -175,7 +175,7 @@ def _slow(flight: Flight) -> Packets:
         yield (
             name, t_us,
             {"time_boot_ms": _ms(t_us), "press_abs": baro.pressure[k] * 0.01, "temperature": baro.temperature[k] * 100},
-        )  # fmt: skip
+        )
     if flight.battery is not None:
         battery = flight.battery
         k = every(battery.t, SLOW_HZ)
@@ -185,7 +185,7 @@ def _slow(flight: Flight) -> Packets:
             "SYS_STATUS", micros(battery.t[k]),
             {"voltage_battery": battery.voltage[k] * 1e3, "current_battery": current,
              "battery_remaining": np.clip(100 * (1 - battery.used[k] / capacity), 0, 100)},
-        )  # fmt: skip
+        )
     if flight.rpm is not None:
         k = every(flight.rpm.t, SLOW_HZ)
         yield "ESC_TELEMETRY_1_TO_4", micros(flight.rpm.t[k]), {"rpm": np.clip(flight.rpm.rpm[k], 0, 65535)}
@@ -199,7 +199,7 @@ def _slow(flight: Flight) -> Packets:
             {"groundspeed": np.hypot(v[:, 0], v[:, 1]), "throttle": throttle,
              "alt": flight.scenario.place.alt_m - flight.truth.p[truth, 2], "climb": -v[:, 2],
              "heading": np.rint(np.degrees(to_euler(flight.onboard.q[k])[:, 2])) % 360},
-        )  # fmt: skip
+        )
 
 
 def _states(flight: Flight) -> Packets:
@@ -213,7 +213,7 @@ def _states(flight: Flight) -> Packets:
         {"type": np.full(len(t), 2), "autopilot": np.full(len(t), 3), "base_mode": CUSTOM_MODE + ARMED_FLAG * armed,
          "custom_mode": held_numbers(board.mode, t), "system_status": np.where(armed, 4, 3),
          "mavlink_version": np.full(len(t), 3)},
-    )  # fmt: skip
+    )
     yield "EXTENDED_SYS_STATE", t_us, {"landed_state": np.where(landed, ON_GROUND, IN_AIR)}
     unix = np.rint((flight.scenario.place.unix_time + t) * 1e6).astype(np.uint64)
     yield "SYSTEM_TIME", t_us, {"time_unix_usec": unix, "time_boot_ms": _ms(t_us)}

@@ -36,7 +36,7 @@ from attlog.simulate.logs.records import (
 from attlog.simulate.physics.environment import geodetic
 
 MODES = {"STABILIZE": 15, "ALTCTL": 1, "ALT_HOLD": 1, "POSCTL": 2, "LOITER": 2, "GUIDED": 14, "OFFBOARD": 14,
-         "AUTO": 3, "MISSION": 3, "HOLD": 4, "RTL": 5, "ACRO": 10, "TAKEOFF": 17, "LAND": 18}  # fmt: skip
+         "AUTO": 3, "MISSION": 3, "HOLD": 4, "RTL": 5, "ACRO": 10, "TAKEOFF": 17, "LAND": 18}
 """nav_state."""
 GAUSS = 1e-4
 RELEASE = 1 << 24 | 16 << 16 | 255
@@ -65,7 +65,7 @@ def recording(flight: Flight) -> Recording:
         },
         START_US,
         {"esc_status": MessageLayout(nested={"esc": "esc_report"})} if flight.rpm is not None else {},
-    )  # fmt: skip
+    )
 
 
 def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
@@ -86,7 +86,7 @@ def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
                 delta_angle_clipping=clipped[:, 0], delta_velocity_clipping=clipped[:, 1],
                 accel_calibration_count=1, gyro_calibration_count=1,
             ),
-        )  # fmt: skip
+        )
         if imu.instance == 0:
             yield (
                 ("sensor_combined", 0),
@@ -96,7 +96,7 @@ def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
                     accelerometer_clipping=clipped[:, 1], gyro_clipping=clipped[:, 0], accel_calibration_count=1,
                     gyro_calibration_count=1,
                 ),
-            )  # fmt: skip
+            )
     else:
         for name, kind, x, device, clips in (
             ("sensor_gyro", "GYRO", imu.gyro, gyro_id, clipped[:, 0]),
@@ -109,7 +109,7 @@ def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
                     name, timestamp=published, timestamp_sample=sampled, device_id=device, x=raw[:, 0], y=raw[:, 1],
                     z=raw[:, 2], temperature=imu.temperature[k], clip_counter=np.tile(clips[:, None] > 0, 3), samples=1,
                 ),
-            )  # fmt: skip
+            )
     yield ("vehicle_imu_status", imu.instance), _imu_status(imu, gyro_id, acc_id)
 
 
@@ -130,7 +130,7 @@ def _imu_status(imu: ImuStream, gyro_id: int, acc_id: int) -> Columns:
         gyro_rate_hz=imu.rate_hz, accel_raw_rate_hz=imu.rate_hz, gyro_raw_rate_hz=imu.rate_hz,
         accel_vibration_metric=np.sqrt(np.sum(shaking[k] ** 2, axis=1)), temperature_accel=imu.temperature[k],
         temperature_gyro=imu.temperature[k], **means,
-    )  # fmt: skip
+    )
 
 
 def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
@@ -147,7 +147,7 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
                 device_id=MAGS[min(mag.instance, len(MAGS) - 1)], magnetometer_ga=mag.field / GAUSS,
                 calibration_count=1,
             ),
-        )  # fmt: skip
+        )
     for gnss in flight.gnss:
         lat, lon, alt, vel = place_while_lost(gnss)
         speed = np.hypot(vel[:, 0], vel[:, 1])
@@ -161,7 +161,7 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
                 vel_n_m_s=vel[:, 0], vel_e_m_s=vel[:, 1], vel_d_m_s=vel[:, 2], cog_rad=np.arctan2(vel[:, 1], vel[:, 0]),
                 fix_type=gnss.fix, vel_ned_valid=gnss.fix > 0, satellites_used=gnss.satellites,
             ),
-        )  # fmt: skip
+        )
     for baro in flight.baro:
         device = BAROS[min(baro.instance, len(BAROS) - 1)]
         stamps = {"timestamp": micros(baro.t), "timestamp_sample": micros(baro.t_sample)}
@@ -174,7 +174,7 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
                 baro_pressure_pa=baro.pressure, ambient_temperature=baro.temperature,
                 rho=baro.pressure / (287.05 * (baro.temperature + 273.15)),
             ),
-        )  # fmt: skip
+        )
     if flight.battery is not None:
         cell = flight.battery.voltage / 4.0
         capacity = flight.scenario.sensors.battery.capacity_ah
@@ -188,7 +188,7 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
                 remaining=np.clip(1.0 - flight.battery.used / capacity, 0.0, 1.0), scale=1.0, voltage_cell_v=cells,
                 capacity=round(capacity * 1000), connected=True, cell_count=4, id=1,
             ),
-        )  # fmt: skip
+        )
     if flight.rpm is not None:
         yield ("esc_status", 0), _esc(flight)
 
@@ -202,14 +202,14 @@ def _esc(flight: Flight) -> Columns:
             "esc_status", timestamp=t, counter=np.arange(len(t)) & 0xFFFF, esc_count=rotors, esc_connectiontype=5,
             esc_online_flags=(1 << rotors) - 1, esc_armed_flags=(flight.rpm.rpm > 0) @ (1 << np.arange(rotors)),
         )
-    )  # fmt: skip
+    )
     for k in range(8):
         there = k < rotors
         report = topic(
             "esc_report", timestamp=t if there else np.zeros_like(t),
             esc_rpm=np.rint(flight.rpm.rpm[:, k]) if there else 0, esc_voltage=0.0, esc_current=0.0,
             esc_temperature=0.0, esc_address=k, actuator_function=101 + k if there else 0,
-        )  # fmt: skip
+        )
         columns |= {f"esc[{k}].{name}": values for name, values in report.items()}
     return columns
 
@@ -230,13 +230,13 @@ def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             nav_state_user_intention=mode, nav_state=mode, vehicle_type=1, system_type=2, system_id=1, component_id=1,
             power_input_valid=True, pre_flight_checks_pass=True,
         ),
-    )  # fmt: skip
+    )
     yield ("actuator_armed", 0), topic("actuator_armed", timestamp=stamps, armed=armed, ready_to_arm=True)
     yield (
         ("vehicle_land_detected", 0),
         topic("vehicle_land_detected", timestamp=stamps, ground_contact=landed, maybe_landed=landed, landed=landed,
               has_low_throttle=landed),
-    )  # fmt: skip
+    )
 
 
 def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
@@ -256,7 +256,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             ("estimator_sensor_bias", 0),
             topic("estimator_sensor_bias", **_both(board.t[k]), gyro_device_id=GYROS[0], gyro_bias=board.bias[k],
                   accel_device_id=ACCS[0], accel_bias=0.0, gyro_bias_valid=True),
-        )  # fmt: skip
+        )
     k = every(board.t, logging.setpoint_hz)
     thrust = np.zeros((len(k), 3))
     if len(board.thrust_setpoint):
@@ -267,14 +267,14 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             ("vehicle_attitude_setpoint", 0),
             topic("vehicle_attitude_setpoint", timestamp=micros(board.t[k]), q_d=board.q_setpoint[k],
                   thrust_body=thrust),
-        )  # fmt: skip
+        )
     if len(board.rate_setpoint):
         roll, pitch, yaw = board.rate_setpoint[k].T
         yield (
             ("vehicle_rates_setpoint", 0),
             topic("vehicle_rates_setpoint", timestamp=micros(board.t[k]), roll=roll, pitch=pitch, yaw=yaw,
                   thrust_body=thrust),
-        )  # fmt: skip
+        )
     if len(board.torque_setpoint):
         torque = topic("vehicle_torque_setpoint", **_both(board.t[k]), xyz=board.torque_setpoint[k])
         yield ("vehicle_torque_setpoint", 0), torque
@@ -307,13 +307,13 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             heading=to_euler(truth.q[k])[:, 2], ref_alt=place.alt_m, eph=0.0, epv=0.0, evh=0.0, evv=0.0, xy_valid=True,
             z_valid=True, v_xy_valid=True, v_z_valid=True, heading_good_for_control=True, xy_global=True, z_global=True,
         ),
-    )  # fmt: skip
+    )
     lat, lon, alt = geodetic(flight.scenario, truth.p[k])
     yield (
         ("vehicle_global_position_groundtruth", 0),
         topic("vehicle_global_position_groundtruth", **stamps, lat=lat, lon=lon, alt=alt, alt_ellipsoid=alt, eph=0.0,
               epv=0.0, lat_lon_valid=True, alt_valid=True),
-    )  # fmt: skip
+    )
 
 
 def _both(t: NDArray[np.float64]) -> dict[str, Any]:

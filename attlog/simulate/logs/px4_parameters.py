@@ -32,9 +32,9 @@ def parameters(flight: Flight) -> list[ParamChange]:
         ("MC_PITCHRATE_P", control.rate_kp, 0.15), ("MC_PITCHRATE_I", control.rate_ki, 0.2),
         ("MC_PITCHRATE_D", control.rate_kd, 0.003), ("MC_YAWRATE_P", control.yaw_rate_kp, 0.2),
         ("MC_YAWRATE_I", control.yaw_rate_ki, 0.1),
-    ]  # fmt: skip
+    ]
     for kind, ids, count in (("GYRO", GYROS, len(flight.imus)), ("ACC", ACCS, len(flight.imus)),
-                             ("MAG", MAGS, len(flight.mags))):  # fmt: skip
+                             ("MAG", MAGS, len(flight.mags))):
         for k in range(min(count, len(ids))):
             values += [(f"CAL_{kind}{k}_ID", ids[k], 0), (f"CAL_{kind}{k}_PRIO", 75 - 25 * (k > 0), -1)]
             values += [(f"CAL_{kind}{k}_ROT", -1, -1)]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from attlog.formats.recording import Columns
 
 _TYPES = {"b": np.dtype(bool), "u1": np.dtype("u1"), "i1": np.dtype("i1"), "u2": np.dtype("<u2"), "u4": np.dtype("<u4"),
-          "i4": np.dtype("<i4"), "u8": np.dtype("<u8"), "f4": np.dtype("<f4"), "f8": np.dtype("<f8")}  # fmt: skip
+          "i4": np.dtype("<i4"), "u8": np.dtype("<u8"), "f4": np.dtype("<f4"), "f8": np.dtype("<f8")}
 
 LAYOUTS = {
     "vehicle_imu": "timestamp timestamp_sample:u8 accel_device_id gyro_device_id:u4 delta_angle[3] delta_velocity[3]:f4"

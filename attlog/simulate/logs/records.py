@@ -78,7 +78,7 @@ def place_while_lost(gnss: GnssStream) -> tuple[Array, Array, Array, Array]:
     """Latitude, longitude, height and velocity as receivers send them: the last ones, at first 0, without a fix."""
     k = np.maximum.accumulate(np.where(gnss.fix > 0, np.arange(len(gnss.t)), -1))
     lat, lon, alt, vel = (np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
-                          for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel))  # fmt: skip
+                          for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel))
     return lat, lon, alt, np.where((gnss.fix > 0)[:, None], vel, 0.0)
 
 
