@@ -237,13 +237,11 @@ def replayed(
     if not whole:
         estimate.aux = {}
     give_back(len(t))  # what the filter took
-    quality, aux, handed = dict(estimate.quality), dict(estimate.aux), [estimate]
-    del estimate  # who makes the row of it lets go of it, which only the last holder can
     row = reference.replayed(
         log,
         case.segments,
         ref,
-        handed.pop(),
+        estimate,
         name=name,
         estimator=spec.estimator.origin if spec.estimator.origin.endswith(".py") else spec.estimator.name,
         parameters={k: v for k, (v, _) in resolved.items()},
@@ -251,7 +249,7 @@ def replayed(
     )
     row.imu = imu
     row.equation = spec.estimator.equation
-    row.quality, row.aux = quality, aux
+    row.quality, row.aux = dict(estimate.quality), dict(estimate.aux)
     _add_common_bias(row, case.bias_of(imu))
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}

@@ -51,7 +51,6 @@ def replayed(
         estimator=estimator or name.partition("@")[0],
         parameters=dict(parameters or {}),
     )
-    del estimate  # of a long log as much as all that follows
     if reference.trim is not None:
         row.q = trim.apply(row.q, reference.trim)
         size = float(np.degrees(np.sqrt(np.sum(reference.trim**2))))
