@@ -40,11 +40,9 @@ def of_defaults() -> Iterator[Kernel]:
     from attlog.formats.dataflash import compiled as dataflash
     from attlog.formats.mavlink import compiled as mavlink
     from attlog.formats.ulog import index
-    from attlog.metrics.evidence import aiding_loop
-    from attlog.metrics.figures import envelope_loop
-    from attlog.metrics.noise import loops as noise_loop
-    from attlog.metrics.steps import turning_loop
-    from attlog.metrics.steps.fit import loops as step_loops
+    from attlog.metrics.figures import trace
+    from attlog.metrics.noise import injection, variances
+    from attlog.metrics.steps.fit import aiding, columns, sensors, turning
     from attlog.segments import increments
 
     yield from (kernel_of(e) for e in map(get, DEFAULT) if e.step is not None)
@@ -60,16 +58,16 @@ def of_defaults() -> Iterator[Kernel]:
         mavlink.WALK,
         mavlink.PAYLOAD,
         dataflash.WALK,
-        aiding_loop.HELD,
-        aiding_loop.SEEN,
-        aiding_loop.SUMMED,
-        step_loops.PRODUCTS,
-        step_loops.POWERS,
-        envelope_loop.EXTREMES,
-        noise_loop.AT_REST,
-        noise_loop.PUSHED,
-        turning_loop.SUMMED,
-        turning_loop.ABOUT,
+        sensors.HELD,
+        sensors.SEEN,
+        aiding.SUMMED,
+        columns.PRODUCTS,
+        columns.POWERS,
+        trace.EXTREMES,
+        variances.AT_REST,
+        injection.PUSHED,
+        turning.SUMMED,
+        turning.ABOUT,
         INTERPOLATED,
         increments.SUMMED,
         increments.BETWEEN,

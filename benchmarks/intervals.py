@@ -39,12 +39,13 @@ from attlog.analysis import replay
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
 from attlog.metrics import Answer, Case
-from attlog.metrics.evidence import level
-from attlog.metrics.evidence.settled import PHASES
+from attlog.metrics.evidence.phases import PHASES
 from attlog.metrics.noise import added as noise
 from attlog.metrics.noise import injection
+from attlog.metrics.noise import variances as metrics_variances
 from attlog.metrics.ranking import best as ranking
 from attlog.metrics.statistics.units import Summary, ids_of
+from attlog.metrics.trials import still
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -148,11 +149,11 @@ def true_noise(row: Row, phase: str, starts: Array) -> tuple[Array, Array]:
         i, j = np.searchsorted(errors.t, [start, start + 5.0])
         if j - i < LEAST_TRUE or not errors.scored[i:j].all():
             continue
-        moving = injection.Integrated(errors.t, errors.q_ref, errors.gap_segment)
+        moving = injection.GyroAttitude(errors.t, errors.q_ref, errors.gap_segment)
         left = injection.residual(errors.t[i:j], errors.q_est[i:j], moving, 180.0)
         if left is not None:
             covered[k] = True
-            variances.append(noise.variance(left))
+            variances.append(metrics_variances.variance(left))
     return covered, np.array(variances).reshape(-1, 4)
 
 
@@ -209,7 +210,7 @@ def judge_pairs(
 
 def judge_noise(seen: Flight, blind: Side, truth: Side, metric: str, phase: str) -> None:
     """Noise of a phase: every interval against estimate minus truth, and halves, in the same windows."""
-    column, axis = f"{metric} {phase}", noise.AXES.index(metric.split("_")[1])
+    column, axis = f"{metric} {phase}", metrics_variances.AXES.index(metric.split("_")[1])
     first: dict[str, Answer] = {}
     same: dict[str, float] = {}
     later: dict[str, float] = {}
@@ -217,13 +218,13 @@ def judge_noise(seen: Flight, blind: Side, truth: Side, metric: str, phase: str)
         answer = blind.table[name][phase].get(metric)
         if answer is None or answer.value is None or answer.units is None or not answer.ranked:
             continue
-        found = noise.measured(blind.case, row, phase, phase)
+        found = metrics_variances.measured(blind.case, row, phase, phase)
         assert found is not None
         covered, v = true_noise(truth.rows[name], phase, found.t0)
         if not covered.any():
             continue
         ids, logs = ids_of(found.t0)[covered], np.log(np.maximum(v[:, axis], 1e-18))
-        prior = noise.prior_of(row, phase, noise.AXES[axis])
+        prior = noise.prior_of(row, phase, metrics_variances.AXES[axis])
         real = noise.typical(ids, logs, prior, 0.0, ids)
         own = answer.units.on(ids)
         same[name] = real.value
@@ -299,7 +300,7 @@ def judge_halves(seen: Flight, blind: Side, truth: Side, metric: str, window: st
             continue
         true = {}
         for name, row in here.rows.items():
-            if metric.startswith(ERRORS) and level.why_not(here.case, row):
+            if metric.startswith(ERRORS) and still.why_uncorrected(here.case, row):
                 continue  # its error grows with the flight: one half says nothing of the other
             a, b = (here.table[name].get(w, {}).get(metric) for w in halves)
             if a is not None and b is not None and a.value is not None and b.value is not None and a.ci95 and b.ci95:

@@ -11,9 +11,9 @@ from attlog.base.errors import PluginError
 from attlog.flight.model import part_of
 from attlog.metrics.base import Case
 from attlog.metrics.figures.trace import Trace
-from attlog.metrics.ranking.alike import Likeness
+from attlog.metrics.ranking.duplicates import DuplicateSearch
 from attlog.reference.model import AlignmentStep, Row
-from attlog.result import Alike, EstimatorRow
+from attlog.result import Duplicates, EstimatorRow
 
 
 class Measurement:
@@ -42,7 +42,7 @@ class Measurement:
         def again(row: Row) -> Row:
             return replay.again(case, chosen, row.name)
 
-        self._likeness = Likeness(again)
+        self._likeness = DuplicateSearch(again)
         imu, choice = case.log.replay_imu, str(case.settings.get("reference", "auto"))
         check = reference.ReferenceCheck
         self._check = None if imu is None else check(case.log, imu, case.reference, again, choice)
@@ -69,7 +69,7 @@ class Measurement:
         what = "What filters say against the reference"
         return part_of(self.case.log, what, self._check.contradicted, lambda: None)
 
-    def alike(self) -> list[Alike]:
+    def alike(self) -> list[Duplicates]:
         """Which rows are the same filter twice."""
         return part_of(self.case.log, "Which rows are alike", self._likeness.found, list)
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from attlog.flight.model import FlightLog
 from attlog.health.model import Answerable
 from attlog.health.reason import as_sentence
+from attlog.metrics.answerable.questions import ASKED, Availability, ask
 from attlog.metrics.base import Case
-from attlog.metrics.evidence.possible import ASKED, Possible, ask
 
 STEPS = "Fly quick attitude steps of 15 deg and more in Stabilize."
 
@@ -29,7 +29,7 @@ def answerable(log: FlightLog, case: Case | None) -> list[Answerable]:
     return [_answerable(q, ask(case, q), case) for q in ASKED]
 
 
-def _answerable(question: str, found: Possible, case: Case) -> Answerable:
+def _answerable(question: str, found: Availability, case: Case) -> Answerable:
     reason = as_sentence("; ".join(found.found or found.why))
     return Answerable(question, found.can, reason, "" if found.can else setting(question, found.codes, case))
 

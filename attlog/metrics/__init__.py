@@ -38,8 +38,8 @@ QUESTIONS = (
     "steps.step_error",
     "steps.leak",
     "steps.settling",
-    "drift.drift_rest",
-    "drift.drift_air",
+    "drift.rest",
+    "drift.air",
     "drift.wander",
     "errors.rmse",
     "noise.allan",
@@ -47,11 +47,11 @@ QUESTIONS = (
     "errors.recovery",
     "noise.hover",
     "errors.bias",
-    "cost",
+    "trials.cost",
     "steps.controller",
 )
 """The files of this room that hold one, in the order of the table; ``attlog info`` imports only those it asks."""
-MEASURED = "cost"
+MEASURED = "trials.cost"
 """The question that is answered by running the filter again, not from the log."""
 LATE = {"Drawing": "figures.traces", "Trace": "figures.trace"}
 FULL_COVERAGE_PCT = 95.0
@@ -96,13 +96,13 @@ def compute(
     ``coverage_pct`` stands beside comparisons of a row that was scored on less than 95 % of
     its time. A row that gravity does not correct is a baseline: it is ranked nowhere. What tells nothing is withheld.
     """
-    from attlog.metrics.evidence import level
     from attlog.metrics.ranking import resolution as telling
+    from attlog.metrics.trials import still
 
     table: dict[str, dict[str, Answer]] = {}
     asked = [q for q in questions() if (cost or q is not measured()) and (not only or _is_of(q, only))]
     partly = row.coverage_pct is not None and row.coverage_pct < FULL_COVERAGE_PCT
-    uncorrected = level.why_not(case, row)
+    uncorrected = still.why_uncorrected(case, row)
     for window in windows:
         answers = table.setdefault(window, {})
         for question in asked:

@@ -34,7 +34,7 @@ CODES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class SpanAnswer:
     """One span of time that a question was put to: [t0, t1] s, how much of it could be used, and what it says.
 
     ``value`` with ``ci95``, or None and the ``reason``, which says what would be needed.
@@ -82,7 +82,7 @@ class Answer:
     counts_as_zero_below: float = 0.0
     coverage_pct: float | None = None
     each: list[float] = field(default_factory=list)
-    records: list[Record] = field(default_factory=list)
+    records: list[SpanAnswer] = field(default_factory=list)
     disagree: tuple[float, float] | None = None
     changes: tuple[float, float] | None = None
     taken_out: float | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from attlog.present.names import name_in_sentence
 from attlog.present.numbers import listed
-from attlog.result import Alike, Result
+from attlog.result import Duplicates, Result
 
 
 def alike(result: Result) -> list[str]:
@@ -13,7 +13,7 @@ def alike(result: Result) -> list[str]:
     return [likeness_sentence(group, [names.get(row, row) for row in group.rows]) for group in result.alike]
 
 
-def likeness_sentence(group: Alike, names: list[str]) -> str:
+def likeness_sentence(group: Duplicates, names: list[str]) -> str:
     """The sentence for one group."""
     which = listed(names)
     values = [f"{name} ({', '.join(_short(v) for v in told)})" for name, told in group.differ.items()]

@@ -10,7 +10,7 @@ from attlog.health.model import Check
 from attlog.metrics.answer import Answer
 from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.metrics.figures.trace import Trace
-from attlog.metrics.ranking.alike import Alike
+from attlog.metrics.ranking.duplicates import Duplicates
 from attlog.reference.model import AlignmentStep
 from attlog.result.document import MEASURED_TIMES, SCHEMA, SCHEMA_NAME
 from attlog.result.model import TIMED_OUT, EstimatorRow, ParameterValue, ReferenceSummary, Result, Verdict, nothing_ran
@@ -23,10 +23,10 @@ __all__ = [
     "SCHEMA_NAME",
     "TIMED_OUT",
     "AlignmentStep",
-    "Alike",
     "Answer",
     "Check",
     "CommonBias",
+    "Duplicates",
     "EstimatorRow",
     "Event",
     "ParameterValue",

@@ -23,7 +23,7 @@ from attlog.health.model import Check
 from attlog.metrics.answer import Answer
 from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.metrics.figures.trace import Trace
-from attlog.metrics.ranking.alike import Alike
+from attlog.metrics.ranking.duplicates import Duplicates
 from attlog.reference.model import AlignmentStep
 from attlog.result import document
 from attlog.result.document import SCHEMA
@@ -152,7 +152,7 @@ class Result:
     gyro_bias: list[CommonBias] = field(default_factory=list)
     """What was taken off the gyro for every filter alike, one for each replayed IMU."""
     estimators: list[EstimatorRow] = field(default_factory=list)
-    alike: list[Alike] = field(default_factory=list)
+    alike: list[Duplicates] = field(default_factory=list)
     """Rows that share an equation, or whose attitudes are equal."""
     verdicts: list[Verdict] = field(default_factory=list)
     best: dict[str, dict[str, list[str]]] = field(default_factory=dict)

@@ -9,7 +9,7 @@ from attlog.analysis import prepare
 from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog
 from attlog.health import questions
-from attlog.metrics.drift import drift_rest
+from attlog.metrics.drift import rest as drift_rest
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.segments.test_rest import still_log

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from attlog.base import rotation
-from attlog.metrics.steps.turning import Turning
+from attlog.metrics.steps.fit.turning import SummedTurning
 
 Array = NDArray[np.float64]
 
@@ -40,10 +40,10 @@ def motion(kind: str, seconds: float = 60.0, seed: int = 0) -> tuple[Array, Arra
     return t, rotation.from_euler(vehicle(roll, 4.0), pitch, yaw)
 
 
-def sampled(t: Array, q: Array, hz: float, delay: float = 0.0, offset: float = 0.0) -> Turning:
+def sampled(t: Array, q: Array, hz: float, delay: float = 0.0, offset: float = 0.0) -> SummedTurning:
     """The motion at ``hz``, ``delay`` s late; ``offset`` shifts the sampling instants."""
     at = np.arange(0.5, t[-1] - 0.5, 1.0 / hz) + offset
-    return Turning(at, rotation.slerp(t, q, at - delay), np.zeros(len(at), np.int64))
+    return SummedTurning(at, rotation.slerp(t, q, at - delay), np.zeros(len(at), np.int64))
 
 
 def aided(t: Array, q: Array, f: Array, kp: float, m: Array | None = None) -> Array:

@@ -8,9 +8,9 @@ import pytest
 
 from attlog import estimators, metrics, read, reference, segments
 from attlog.base import rotation
-from attlog.metrics.drift import drift_rest
+from attlog.metrics.drift import rest as drift_rest
 from attlog.metrics.steps import events as steps
-from attlog.metrics.steps import evidence as step_evidence
+from attlog.metrics.steps import fits as step_fits
 from attlog.metrics.steps import lag
 from tests.reference.test_corpus import MAG_FAULTS, ROWS
 
@@ -103,7 +103,7 @@ def test_with_a_gyro_made_from_truth_no_filter_is_late_and_each_gives_tilt_back_
     case = trial_of(corpus / "sitl" / name)
     again = flown_again(case, "gyro,mahony@xu-0.6,mahony@xu-2,complementary:kp=3", gyro_of_truth(case))
     for row, kp in zip(again.rows, (0.0, 0.6, 2.0, 3.0), strict=True):
-        found = step_evidence.fits(again, row, "all")["all"]
+        found = step_fits.fits(again, row, "all")["all"]
         assert 1000 * found.delay == pytest.approx(0.0, abs=0.05)
         assert found.gain == pytest.approx(1.0, abs=0.002)
         assert found.leak == pytest.approx(kp, rel=0.1, abs=0.005)
@@ -115,7 +115,7 @@ def test_an_imu_made_late_is_found_late_by_as_much(corpus, name):
     lag_of = {}
     for late_ms in (0.0, 5.0, 30.0):
         again = flown_again(case, "gyro,mahony@xu-0.6,vqf", late_s=1e-3 * late_ms)
-        lag_of[late_ms] = [1000 * step_evidence.fits(again, row, "all")["all"].delay for row in again.rows]
+        lag_of[late_ms] = [1000 * step_fits.fits(again, row, "all")["all"].delay for row in again.rows]
     for late_ms in (5.0, 30.0):
         np.testing.assert_allclose(np.subtract(lag_of[late_ms], lag_of[0.0]), late_ms, atol=0.02)
 
@@ -138,7 +138,7 @@ def test_the_intervals_hold_the_true_lag_of_nearly_every_filter(corpus):
         for row, exact in zip(real.rows, made.rows, strict=True):
             told = lag.compute(real, row, "all")["lag_ms"]
             assert told.value is not None, (flight, row.name, told.reason)
-            true = 1000 * step_evidence.fits(made, exact, "all")["all"].delay
+            true = 1000 * step_fits.fits(made, exact, "all")["all"].delay
             held.append(told.ci95[0] <= true <= told.ci95[1])
             half.append(0.5 * (told.ci95[1] - told.ci95[0]))
     assert np.mean(held) >= 0.9

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
-from attlog.metrics.drift import drift_rest
+from attlog.metrics.drift import rest as drift_rest
 from tests.metrics.test_corpus import trial_of
 
 pytestmark = pytest.mark.slow

@@ -11,14 +11,14 @@ import pytest
 
 from attlog.base import rotation
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.metrics.drift import drift_rest
+from attlog.metrics.drift import rest as drift_rest
 from attlog.metrics.errors import bias
 from attlog.metrics.evidence import common_bias
 from attlog.metrics.noise import allan
 from attlog.metrics.steps import curves as step_curves
 from attlog.metrics.steps import events as steps
+from attlog.metrics.steps import fits as step_fits
 from attlog.metrics.steps.fit import groups as step_groups
-from attlog.metrics.steps.fit import line as step_fit
 from attlog.reference import clock, scoring
 from attlog.reference.physics import gravity
 from attlog.segments.model import Segment
@@ -139,7 +139,7 @@ def test_leaving_out_each_event_solves_once_and_not_event_by_event(monkeypatch):
         row, ref = sampled(t, q, 100.0, 0.005), sampled(t, q, 50.0)
         columns = step_groups.groups(row, ref, steps.find(ref.t, ref.q, ref.segment), None)
         solved.clear()
-        found = step_fit.fit(columns)["all"]
+        found = step_fits.fit(columns)["all"]
         counts.append((len(found.events), len(solved)))
     assert counts[1][0] > 4 * counts[0][0]
     assert counts[1][1] < counts[0][1] + 12  # an iteration more, not a solution for each event

@@ -7,7 +7,8 @@ from attlog.base import rotation
 from attlog.metrics import compute, rank
 from attlog.metrics.evidence.samples import detrended, deviations
 from attlog.metrics.noise import added as noise
-from attlog.metrics.statistics import moderated
+from attlog.metrics.noise import variances
+from attlog.metrics.statistics import intervals as interval
 from tests.metrics.test_corpus import row_of, trial_of
 
 pytestmark = pytest.mark.slow
@@ -35,7 +36,7 @@ def test_noise_without_a_reference_is_that_of_the_error_against_truth(corpus, na
     ratios = {"hover": [], "cruise": []}
     for phase, found in ratios.items():
         for row in (r for r in case.rows if r.kind == "replay"):
-            told = noise.measured(case, row, phase, phase)
+            told = variances.measured(case, row, phase, phase)
             for begin, v in zip(told.t0, told.variances[:, 3], strict=True) if told else ():
                 found.append(np.sqrt(v) / in_truth(row, phase, begin))
     together = np.concatenate(list(ratios.values()))
@@ -56,7 +57,7 @@ def test_rows_told_apart_by_noise_stand_in_the_order_of_their_truth(corpus, name
         for better, worse in ((a, b) for a in best for b in worst):
             typical = []
             for row in (row_of(case, better), row_of(case, worse)):
-                t0 = noise.measured(case, row, phase, phase).t0
+                t0 = variances.measured(case, row, phase, phase).t0
                 typical.append(np.mean([np.log(in_truth(row, phase, begin)) for begin in t0]))
             assert typical[0] < typical[1]
             seen += 1
@@ -75,10 +76,10 @@ def test_two_windows_of_a_rest_tell_the_others_and_not_by_being_wide(corpus):
     for name in RESTS:
         case = trial_of(corpus / "sitl" / name, ",".join(FILTERS))
         for row in (r for r in case.rows if r.kind == "replay"):
-            told = noise.measured(case, row, "rest", "rest")
+            told = variances.measured(case, row, "rest", "rest")
             for v in np.log(told.variances[:, :3]).T if told and len(told.t0) >= 5 else ():
                 for first in range(0, len(v) - 1, 2):
-                    low, high = moderated.interval(v[first : first + 2], noise.PRIORS["rest"])
+                    low, high = interval.of_moderated(v[first : first + 2], noise.PRIORS["rest"])
                     away = np.abs(np.delete(v, [first, first + 1]).mean() - 0.5 * (low + high)) / (high - low)
                     whole.append(away <= 0.5)
                     half.append(away <= 0.25)

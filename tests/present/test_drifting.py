@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from attlog.metrics.answer import Record
+from attlog.metrics.answer import SpanAnswer
 from attlog.present.heading import quoted_heading_reference
 from tests.present.made import DRIFT_AIR, DRIFT_REST, absent, drift, merged, row, sentence, verdict
 from tests.present.made import result as made
@@ -78,8 +78,9 @@ def test_rows_that_diverged_are_named_last_with_their_drift_and_never_least():
 def test_every_rest_is_listed_with_what_could_be_used_of_it():
     rows = [row("a", drift(1.0))]
     rows[0].metrics["rest"][DRIFT_REST].records = [
-        Record(0.0, 14.2, 0.0, reason="0 s after settling; 8 are needed"), Record(700.0, 736.0, 31.0, 1.0, (0.9, 1.1)),
-    ]  # fmt: skip
+        SpanAnswer(0.0, 14.2, 0.0, reason="0 s after settling; 8 are needed"),
+        SpanAnswer(700.0, 736.0, 31.0, 1.0, (0.9, 1.1)),
+    ]
     assert verdict("drifting", made(rows)).notes == [
         "Rest from 0.0 s to 14.2 s: 0 s after settling; 8 are needed.",
         "Rest from 0:11:40 to 0:12:16: 31 s usable.",

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from attlog.metrics.answer import missing
-from attlog.metrics.figures.envelope import envelope
-from attlog.metrics.figures.trace import Trace
+from attlog.metrics.figures.trace import Trace, envelope
 from attlog.present.sentences import verdicts
 from attlog.report import write_report
 from attlog.result import Result

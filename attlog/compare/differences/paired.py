@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer
 from attlog.metrics.ranking import best as ranking
-from attlog.metrics.statistics import moderated, pairs
+from attlog.metrics.statistics import intervals as interval
+from attlog.metrics.statistics import pairs
 from attlog.metrics.statistics.quantiles import student, student_two_sided
 from attlog.metrics.statistics.units import Kind, UnitValues
 
@@ -137,7 +138,7 @@ def estimate(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> Differe
     if kind in RATIOS:
         d = 0.5 * (y - x if kind == "log_variance" else _logarithms(y) - _logarithms(x))
         if len(d) < OWN_SCATTER:  # the prior is that of twice this, of logarithms of variances
-            prior = moderated.Prior(pairs.PRIORS[kind].variance / 4.0, pairs.PRIORS[kind].dof)
+            prior = interval.VariancePrior(pairs.PRIORS[kind].variance / 4.0, pairs.PRIORS[kind].dof)
             value, low, high, error = moderated_mean(d, prior)
             return DifferenceEstimate("ratio", value, (low, high), error)
         return DifferenceEstimate("ratio", *_mean(d))
@@ -168,9 +169,9 @@ def _logarithms(squares: Array) -> Array:
     return np.asarray(np.log(np.maximum(squares, 1e-18)))
 
 
-def moderated_mean(d: Array, prior: moderated.Prior) -> tuple[float, float, float, float]:
+def moderated_mean(d: Array, prior: interval.VariancePrior) -> tuple[float, float, float, float]:
     """Mean of values (k,), both ends of its moderated 95 % interval, and its standard error."""
-    low, high = moderated.interval(d, prior)
+    low, high = interval.of_moderated(d, prior)
     half = 0.5 * (high - low)
     return 0.5 * (low + high), low, high, half / student(0.975, prior.dof + len(d) - 1)
 

@@ -17,8 +17,8 @@ from attlog.flight.parameters.file import read_file
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case
 from attlog.metrics.errors import rmse
-from attlog.metrics.evidence import level
 from attlog.metrics.ranking.best import MIN_COVERAGE_PCT
+from attlog.metrics.trials import still
 from attlog.present.table.columns import NOISE_TITLES
 from attlog.reference.model import Row
 
@@ -157,7 +157,7 @@ class SettingsOnLog:
 
     def why_not_best(self, setting: Setting) -> str:
         """Why a setting may win nothing although it has a value: gravity does not correct it. Runs the filter again."""
-        return level.why_not(self.case, self._samples.rows([setting])[0]) or ""
+        return still.why_uncorrected(self.case, self._samples.rows([setting])[0]) or ""
 
     def _settled(self, row: Row) -> SettingResult:
         seen = self.case.looked_at_with([row])
@@ -171,7 +171,7 @@ class SettingsOnLog:
             for metric in here:
                 nothing = f"{metric.metric} means nothing in window {window}"
                 found[metric] = answers.get(metric.metric) or missing("not_applicable", nothing, metric.unit, window)
-        why = _unsound(row) or (level.why_not(seen, row) or "" if self.guarded else "")
+        why = _unsound(row) or (still.why_uncorrected(seen, row) or "" if self.guarded else "")
         return SettingResult(found, row.status, why)
 
 

@@ -224,7 +224,7 @@ def _shown(scale: str, value: float, ci95: tuple[float, float] | None) -> Settin
 
 def _significant(found: Sequence[tuple[SettingDifference, float]]) -> list[SettingDifference]:
     """The claims that stand together: worse, with the interval of the difference on that side."""
-    stand = pairs.told_apart(np.array([p for _, p in found]))
+    stand = pairs.significant(np.array([p for _, p in found]))
     neutral = {"ratio": 1.0}
     told = []
     for (b, _), stands in zip(found, stand.tolist(), strict=True):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.metrics.answer import Answer, Record
+from attlog.metrics.answer import Answer, SpanAnswer
 from attlog.metrics.evidence.samples import DRIFT_AIR_S, DRIFT_SLACK_S
 from attlog.metrics.statistics import intervals as interval
 from attlog.metrics.statistics.quantiles import chi_square, student
@@ -28,7 +28,7 @@ MIN_BLOCKS = 3
 
 
 @dataclass(slots=True)
-class Blocks:
+class HeadingBlocks:
     """Block means: ``t`` s, ``e`` deg (unwrapped within a segment), ``segment`` counts segments; all (n,)."""
 
     t: Array
@@ -63,7 +63,7 @@ class Drift:
     changes: tuple[float, float] | None = None
     range: tuple[float, float] | None = None
     agree: bool = True
-    records: list[Record] = field(default_factory=list)
+    records: list[SpanAnswer] = field(default_factory=list)
 
     @property
     def told(self) -> bool:
@@ -76,7 +76,7 @@ class Drift:
         return None if self.ci95 is None else max(abs(self.ci95[0]), abs(self.ci95[1]))
 
 
-def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
+def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> HeadingBlocks:
     """Means over 1 s (0.5 s in short records) of a heading error (n,) in deg, unwrapped within each segment.
 
     ``t`` (n,) s ascending within a segment. A segment ends where the heading reference was reset, or at a gap:
@@ -97,16 +97,16 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> Blocks:
         means.append(np.bincount(index, own_e)[full] / count[full])
         labels.append(np.full(len(full), label))
     if not times:
-        return Blocks(np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
-    return Blocks(np.concatenate(times), np.concatenate(means), np.concatenate(labels), length)
+        return HeadingBlocks(np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
+    return HeadingBlocks(np.concatenate(times), np.concatenate(means), np.concatenate(labels), length)
 
 
-def _segments(blocks: Blocks) -> list[slice]:
+def _segments(blocks: HeadingBlocks) -> list[slice]:
     """Which blocks belong to each segment; they lie together."""
     return gaps.slices(np.ones(len(blocks.t), bool), blocks.segment)
 
 
-def slope(blocks: Blocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
+def slope(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     """The mean drift of a record and its interval: t over the slopes of groups (Ibragimov & Mueller 2010).
 
     One group for each 10 s of the record, 4 to 12; each segment is cut into
@@ -118,7 +118,7 @@ def slope(blocks: Blocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     return replace(blocks.slopes[shortest_s])
 
 
-def _slope(blocks: Blocks, shortest_s: float) -> Drift:
+def _slope(blocks: HeadingBlocks, shortest_s: float) -> Drift:
     record = blocks.seconds
     target = record / min(max(round(record / GROUP_S), MIN_GROUPS), MAX_GROUPS)
     slopes, spans = [], []
@@ -142,7 +142,7 @@ def _slope(blocks: Blocks, shortest_s: float) -> Drift:
     return found
 
 
-def without_slope(blocks: Blocks, deg_per_min: float) -> Array:
+def without_slope(blocks: HeadingBlocks, deg_per_min: float) -> Array:
     """The heading error (n,) in deg without a drift and without each segment's own offset."""
     rest = blocks.e - deg_per_min / 60.0 * blocks.t
     for own in _segments(blocks):
@@ -150,7 +150,7 @@ def without_slope(blocks: Blocks, deg_per_min: float) -> Array:
     return rest
 
 
-def line(blocks: Blocks) -> Array:
+def line(blocks: HeadingBlocks) -> Array:
     """The least-squares line (n,) with one slope and an offset per segment: for the eye, never quoted as the drift."""
     u, v = blocks.t.copy(), blocks.e.copy()
     for own in _segments(blocks):

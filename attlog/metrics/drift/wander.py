@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
 from attlog.metrics.drift import slope as drift
-from attlog.metrics.drift.drift_air import error_blocks
-from attlog.metrics.drift.drift_rest import rest_blocks, rests
-from attlog.metrics.errors.rmse import root_mean_square, why_no_errors, why_no_heading
-from attlog.metrics.evidence import following as follow
+from attlog.metrics.drift.air import error_blocks
+from attlog.metrics.drift.rest import rest_blocks, rests
+from attlog.metrics.evidence.phases import why_no_errors, why_no_heading
 from attlog.metrics.evidence.samples import DRIFT_AIR_S, DRIFT_REST_S
+from attlog.metrics.ranking import following
 from attlog.metrics.statistics import intervals as interval
+from attlog.metrics.statistics.angles import root_mean_square
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ LARGEST_DEG = 180.0
 """A heading that is further from its mean drift has turned round: no size of it means anything."""
 
 
-def pooled(records: list[drift.Blocks], shortest_s: float) -> tuple[float, interval.Interval | None, int] | None:
+def pooled(records: list[drift.HeadingBlocks], shortest_s: float) -> tuple[float, interval.Interval | None, int] | None:
     """RMS in deg about each record's mean drift, its interval and the number of groups; None without a long record."""
     residuals: list[Array] = []
     groups: list[slice] = []
@@ -94,4 +95,4 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         f"RMS about the mean drift, {groups} groups",
         floor=floor,
     )
-    return {"wander_deg": follow.unrank_frozen(case, row, "heading", answer)}
+    return {"wander_deg": following.unrank_frozen(case, row, "heading", answer)}

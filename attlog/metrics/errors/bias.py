@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.evidence.phases import rest_spans, why_none
 from attlog.metrics.evidence.samples import imu_of, seconds
-from attlog.metrics.evidence.settled import rest_spans, why_none
 from attlog.metrics.noise.windows import filled_in
 from attlog.metrics.statistics import intervals as interval
 from attlog.reference.model import Row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph
-from attlog.metrics.errors.rmse import why_no_errors
+from attlog.metrics.evidence.phases import why_no_errors
 from attlog.reference.model import Row
 
 METRICS: tuple[Metric, ...] = (

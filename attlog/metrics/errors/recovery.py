@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog.base import earth
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_case
-from attlog.metrics.errors.rmse import why_no_errors
+from attlog.metrics.evidence.phases import why_no_errors
 from attlog.reference.model import Row
 from attlog.segments.spans import Span
 

@@ -11,8 +11,19 @@ from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, paragraph, per_case, per_row, per_times
+from attlog.metrics.evidence.phases import why_no_errors, why_no_heading
 from attlog.metrics.evidence.samples import seconds
 from attlog.metrics.statistics import intervals as interval
+from attlog.metrics.statistics.angles import (
+    GROUP_S,
+    MAX_GROUPS,
+    MIN_SAMPLES,
+    SHORTEST_S,
+    STATISTICS,
+    groups_of,
+    root_mean_square,
+    statistic,
+)
 from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
 from attlog.reference import scoring, sigma_deg
 from attlog.reference.model import Row
@@ -20,27 +31,18 @@ from attlog.segments import gaps
 from attlog.segments.spans import complement, intersect
 
 Array = NDArray[np.float64]
-Whole = tuple[float, interval.Interval | None]
-"""A value and its interval."""
+
 
 ANGLES = {
     "total": "the whole rotation between the row and the reference, 2 atan2(|e_vec|, |e0|)",
     "heading": "the part of the error about the vertical, 2 atan2(e3, e0), without its sign",
     "inclination": "the part of the error that tilts, 2 atan2(hypot(e1, e2), hypot(e0, e3))",
 }
-STATISTICS = {"rmse": "root mean square", "median": "median", "p95": "95th percentile", "max": "largest value"}
-GROUP_S = {"inclination": 5.0, "heading": 10.0, "total": 10.0}
-"""Errors of filters wander over seconds, heading for longer than tilt: shorter groups would count one swing twice. With
-5 s for heading the interval of half a flight met the other half in 82 % only."""
-MAX_GROUPS = 20
-SHORTEST_S, MIN_SAMPLES = 4.0, 8
-
 BLOCK_S = {"inclination": 5.0, "heading": 15.0, "total": 15.0}
 """Blocks in which rows are compared: from one to the next the difference of two rows in tilt keeps 0.26 of itself
 after 5 s, in heading 0.48 (which made up to 7 % of the claims wrong), after 15 s next to nothing."""
 MIN_BLOCKS = {"inclination": 4, "heading": 3, "total": 3}
 BLOCK_FILLED = 0.8
-
 _EVIDENCE = """Interval: t over consecutive groups of about {seconds:.0f} s (at least 4), so that neighbouring
     samples do not count as independent evidence, widened where neighbouring groups resemble each other."""
 _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s (at least 4). Rows that gravity does
@@ -48,7 +50,6 @@ _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
     truth or smoother: against the onboard attitude 13 to 30 % of what was told turned around in the remainder."""
 _EXTREME = "An extreme of this record has no interval and is never ranked."
-
 METRICS: tuple[Metric, ...] = tuple(
     Metric(
         f"{angle}_{statistic}_deg",
@@ -67,64 +68,6 @@ METRICS: tuple[Metric, ...] = tuple(
     for angle, meaning in ANGLES.items()
     for statistic, words in STATISTICS.items()
 )
-
-
-HALF_TURN_DEG = 180.0
-"""No attitude is further from another, so no interval of an error ends beyond it."""
-
-
-def groups_of(n: int, duration: float, length: float = GROUP_S["inclination"]) -> list[slice]:
-    """Consecutive groups of n samples that stand for independent evidence: 4 to 20 of ``length`` s; none below 4 s."""
-    if duration < SHORTEST_S or n < MIN_SAMPLES:
-        return []
-    return interval.equal_groups(n, int(np.clip(duration // length, 4, MAX_GROUPS)))
-
-
-def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
-    """RMS of an error angle (n,) and its interval: t over the mean squares of the groups, which may resemble
-    their neighbours, on logarithmic scale.
-
-    The relative error of the mean square becomes a factor (delta method), so that the
-    interval of a short, uneven record does not reach below zero.
-    """
-    squares = angle**2
-    square = float(np.mean(squares))
-    spread = interval.of_neighbours(interval.means(squares, groups)) if len(groups) > 1 else None
-    if spread is None or square == 0.0:
-        return math.sqrt(square), None if spread is None else (0.0, 0.0)
-    factor = math.exp(0.25 * (spread[1] - spread[0]) / square)
-    return math.sqrt(square), (math.sqrt(square) / factor, min(math.sqrt(square) * factor, HALF_TURN_DEG))
-
-
-def statistic(
-    angle: Array, name: str, groups: list[slice], ordered: Array | None = None, whole: Whole | None = None
-) -> Whole:
-    """One of STATISTICS of an error angle without sign (n,), with its interval where it has one.
-
-    Where several are asked for: ``ordered`` are the same angles in ascending order, ``whole`` is their RMS.
-    """
-    if name == "rmse":
-        return whole or root_mean_square(angle, groups)
-    ordered = np.sort(angle) if ordered is None else ordered
-    if name == "max":
-        return float(ordered[-1]), None
-    if name == "median":
-        return interval.quantile(ordered, 0.5), interval.of_quantile(angle, 0.5, groups, ordered)
-    return percentile_95(angle, groups, ordered, whole or root_mean_square(angle, groups))
-
-
-def percentile_95(angle: Array, groups: list[slice], ordered: Array, whole: Whole) -> Whole:
-    """The 95th percentile of an error angle (n,) and its interval: Woodruff's, widened to that of the whole's size.
-
-    Few groups reach the 95th percentile at all, so the shares below it say little about how far it lies: alone they
-    met the other half of a flight in 50 to 70 %. It grows and shrinks with the RMSE, whose relative interval counts.
-    """
-    value = interval.quantile(ordered, 0.95)
-    shares = interval.of_quantile(angle, 0.95, groups, ordered)
-    if shares is None or whole[1] is None or whole[0] == 0.0:
-        return value, shares
-    low, high = (value * end / whole[0] for end in whole[1])
-    return value, (min(shares[0], low), min(max(shares[1], high), HALF_TURN_DEG))
 
 
 def compute(case: Case, row: Row, window: str, only: Collection[str] | None = None) -> dict[str, Answer]:
@@ -306,31 +249,3 @@ def _too_few(units: UnitValues, angle: str) -> str | None:
         return None
     needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
     return f"too short to rank: {len(units.ids)} whole blocks of {BLOCK_S[angle]:.0f} s; {needed:.0f} s are needed"
-
-
-def why_no_errors(case: Case, row: Row) -> tuple[str, str] | None:
-    """Code and reason where a row cannot be compared with the reference, else None."""
-    if case.reference.kind == "none" or len(case.reference.t) == 0:
-        nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
-        return "no_reference", case.reference.fault or nothing
-    if row.is_reference:
-        return "not_applicable", "this row is the reference itself"
-    if row.errors is None or len(row.errors.t) == 0:
-        return "not_covered", row.reason or "this row and the reference have no time in common"
-    return None
-
-
-def why_no_heading(case: Case, row: Row) -> tuple[str, str] | None:
-    """Code and reason where a row's heading cannot be compared though its tilt can, else None."""
-    if row.heading_shared:
-        return "not_applicable", f"{case.reference.heading_why}, so the reference has its heading from this row"
-    if case.reference.heading_by == "nobody":
-        return "no_reference", f"{case.reference.heading_why}, and no other heading can be compared with"
-    return None
-
-
-def why_never_airborne(case: Case) -> str:
-    """The reason where a log has no flight: the vehicle cannot fly, or nothing tells that it did."""
-    if not case.log.kind.flies:
-        return f"a {case.log.vehicle} does not fly"
-    return "the vehicle was never airborne (as far as the log tells)"

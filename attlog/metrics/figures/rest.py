@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.metrics.base import Case
+from attlog.metrics.evidence.phases import own_start
 from attlog.metrics.evidence.samples import detrended, deviations, within
-from attlog.metrics.evidence.settled import own_start
-from attlog.metrics.figures.envelope import Budget, Share, envelope
-from attlog.metrics.figures.trace import Trace
+from attlog.metrics.figures.trace import Budget, Share, Trace, envelope
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ from attlog.metrics.base import Case, per_case
 from attlog.metrics.figures.trace import Trace
 from attlog.metrics.steps import curves as step_curves
 from attlog.metrics.steps import events as steps
-from attlog.metrics.steps import evidence as step_evidence
+from attlog.metrics.steps import fits as step_fits
 from attlog.metrics.steps.curves import Curve
 from attlog.metrics.steps.events import Event
-from attlog.metrics.steps.fit.columns import STRIDE_S
+from attlog.metrics.steps.fit.groups import STRIDE_S
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ FEWEST = 3
 
 def step_traces(case: Case, row: Row) -> list[Trace]:
     """``step``: the representative event. ``steps``: over all events of each axis, and of all axes together."""
-    if row.is_reference or case.reference.rate < step_evidence.MIN_REFERENCE_HZ:
+    if row.is_reference or case.reference.rate < step_fits.MIN_REFERENCE_HZ:
         return []
     curves = step_curves.curves(case, row, "all")
     event = representative(case)

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.metrics.base import Case, per_times
-from attlog.metrics.drift import drift_air, drift_rest
+from attlog.metrics.drift import air as drift_air
+from attlog.metrics.drift import rest as drift_rest
 from attlog.metrics.drift import slope as drift
 from attlog.metrics.evidence.samples import deviations
-from attlog.metrics.figures.envelope import Budget, Share, envelope
 from attlog.metrics.figures.rest import RestTraces
 from attlog.metrics.figures.sensors import sensor_traces
 from attlog.metrics.figures.steps import step_traces
-from attlog.metrics.figures.trace import Trace
+from attlog.metrics.figures.trace import Budget, Share, Trace, envelope
 from attlog.metrics.noise import allan
 from attlog.metrics.steps import controller, setpoint_response
 from attlog.reference.model import Reference, Row

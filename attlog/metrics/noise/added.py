@@ -3,46 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.base import rotation
-from attlog.kernels.loops import function_of
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, paragraph, per_row
-from attlog.metrics.evidence import following as follow
-from attlog.metrics.evidence import level, quantisation
+from attlog.metrics.base import Case, Metric, paragraph, per_case
+from attlog.metrics.evidence.phases import phase_of, why_none
 from attlog.metrics.evidence.samples import imu_of
-from attlog.metrics.evidence.settled import phase_of, phase_spans, why_none
-from attlog.metrics.noise import injection, windows
-from attlog.metrics.noise import loops as noise_loop
-from attlog.metrics.noise.loops import AT_REST
-from attlog.metrics.statistics import moderated
-from attlog.metrics.statistics.moderated import Prior
+from attlog.metrics.noise.variances import AXES, PhaseVariances, measured
+from attlog.metrics.noise.windows import SECONDS
+from attlog.metrics.ranking import following
+from attlog.metrics.statistics import intervals as interval
+from attlog.metrics.statistics.intervals import VariancePrior
 from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
+from attlog.metrics.trials import still
 from attlog.reference.model import Row
-from attlog.segments.spans import Span
 
 Array = NDArray[np.float64]
 
-AXES = ("roll", "pitch", "heading", "tilt")
+
 PRIORS = {
-    "rest": Prior(0.25, 4.0),
-    "onboard at rest": Prior(0.6, 4.0),
-    "moving": Prior(1.0, 4.0),
-    "one axis in cruise": Prior(3.0, 4.0),
+    "rest": VariancePrior(0.25, 4.0),
+    "onboard at rest": VariancePrior(0.6, 4.0),
+    "moving": VariancePrior(1.0, 4.0),
+    "one axis in cruise": VariancePrior(3.0, 4.0),
 }
 """Scatter of the logarithm of a window's variance, measured over logs. In cruise one axis is quiet until the vehicle
 moves about it: a single window says little of the next, both axes of tilt together say more."""
-UNSETTLED, MIN_LATER = 4.0, 3
-"""Leading windows of a rest with more than this times the median variance of all later ones (at least 3) settle."""
 SMALLEST_DEG = 1e-9
 """A variance of exactly zero (a gyro that shows one value) has no logarithm."""
-
 _TEXT = paragraph(
     """How much the row moves by itself within 5 s, 1 sigma. At rest: rotation away from the window's mean
     attitude, about the level roll and pitch axis and the vertical, straight line removed. In hover, cruise
@@ -67,123 +58,19 @@ METRICS: tuple[Metric, ...] = (
     Metric("noise_heading_deg", "Noise, heading", "deg", "low", ("rest",), _TEXT),
     Metric("noise_p2p_deg", "Noise, peak to peak", "deg", "low", ("rest",), _TEXT_P2P),
 )
-
-
 LARGEST_DEG = 180.0
 """No angle is larger: an interval that reaches so far, as of two unlike windows, says nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """The windows of a row in one phase: they begin at ``t0`` (k,) s.
-
-    ``variances`` (k, 4) deg^2 about AXES, ``seconds`` together, ``p2p`` (3,) deg the middle
-    99.8 % of the residuals, ``settled_s`` how long after its start a row still settled at rest, if it did.
-    """
-
-    t0: Array
-    variances: Array
-    seconds: float
-    p2p: Array
-    settled_s: float | None
-
-
-def variance(residual: Array) -> Array:
-    """Variances (4,) about roll, pitch, heading and (the mean of the first two) tilt of residuals (n, 3)."""
-    v = np.sum(residual**2, axis=0) / (len(residual) - 2)
-    return np.array([v[0], v[1], v[2], 0.5 * (v[0] + v[1])])
-
-
-def unsettled(variances: Array) -> int:
-    """How many leading windows of a rest settle: variances (k, 4), tilt or heading above 4 x the later median."""
-    for k in range(len(variances) - MIN_LATER):
-        later = np.median(variances[k + 1 :, 2:], axis=0)
-        if not (variances[k, 2:] > UNSETTLED * later).any():
-            return k
-    return max(0, len(variances) - MIN_LATER)
-
-
-def typical(ids: Ids, values: Array, prior: Prior, correction: float, wanted: Ids) -> Summary:
+def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wanted: Ids) -> Summary:
     """The typical window's standard deviation and its interval from logarithms of variances (k,) on some windows.
 
     ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
     """
     chosen = values[np.isin(ids, wanted)]
-    low, high = moderated.interval(chosen, prior)
+    low, high = interval.of_moderated(chosen, prior)
     sigma, bottom, top = (math.sqrt(max(math.exp(x) - correction, 0.0)) for x in (float(np.mean(chosen)), low, high))
     return Summary(sigma, (bottom, top))
-
-
-def measured(case: Case, row: Row, phase: str, window: str) -> Measured | None:
-    """The windows of a row in a phase and their variances; None without a usable window."""
-    return _in_spans(case, row, phase, phase_spans(case, phase, window))
-
-
-@per_row
-def _in_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> Measured | None:
-    known = _known(case, row, phase)
-    new = [span for span in spans if span not in known]
-    known |= zip(new, _of_spans(case, row, phase, new), strict=True)
-    parts = [part for span in spans if (part := known[span]) is not None]
-    if not parts:
-        return None
-    columns = np.concatenate([part.residuals for part in parts]).T
-    reach = np.array([np.quantile(x, 0.999) - np.quantile(x, 0.001) for x in columns])
-    t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
-    settled = [part.settled_s for part in parts if part.settled_s is not None]
-    seconds = sum((length for part in parts for length in part.lengths), 0.0)
-    return Measured(t0, variances, seconds, reach, settled[-1] if settled else None)
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """What :class:`Measured` has of one span: the residuals (n, 3) in deg of its windows, their lengths (k) in s."""
-
-    t0: Array
-    variances: Array
-    residuals: Array
-    lengths: list[float]
-    settled_s: float | None
-
-
-@per_row
-def _known(case: Case, row: Row, phase: str) -> dict[Span, Part | None]:
-    """What was found in spans of a phase: the same wherever they are asked for."""
-    return {}
-
-
-def _of_spans(case: Case, row: Row, phase: str, spans: list[Span]) -> list[Part | None]:
-    """What is in each of some spans: the windows of all of them are looked at together."""
-    laid = [windows.of_span(case, row, phase, span) for span in spans]
-    inside = [samples for own in laid for _, samples in own]
-    left = iter(left_at_rest(row, inside) if phase == "rest" else injection.of_windows(case, row, inside))
-    return [_part(row, phase, [(w, r) for w, _ in own if (r := next(left)) is not None]) for own in laid]
-
-
-def left_at_rest(row: Row, inside: list[slice]) -> Iterator[Array]:
-    """The residuals (n, 3) in deg of windows at rest: away from their mean attitude, without the straight line."""
-    for _, at, edges in windows.together(inside):
-        q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
-        centre = rotation.means(q, edges)
-        yaw = np.ascontiguousarray(rotation.to_euler(centre)[:, 2])
-        function_of(AT_REST, noise_loop.left_at_rest)(out, row.t[at], q, centre, yaw, edges)
-        yield from np.split(out, edges[1:-1])
-
-
-def _part(row: Row, phase: str, windows: list[tuple[Span, Array]]) -> Part | None:
-    """The windows of a span, with their residuals, without those in which the row settles."""
-    found = [(window, variance(residual), residual) for window, residual in windows]
-    skip = unsettled(np.array([v for _, v, _ in found])) if phase == "rest" and len(found) > MIN_LATER else 0
-    kept = found[skip:]
-    if not kept:
-        return None
-    return Part(
-        np.array([w[0] for w, _, _ in kept]),
-        np.array([v for _, v, _ in kept]),
-        np.concatenate([r for _, _, r in kept]),
-        [w[1] - w[0] for w, _, _ in kept],
-        kept[0][0][0] - row.start if skip else None,
-    )
 
 
 def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
@@ -191,7 +78,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     phase = phase_of(case, window)
     if phase is None:
         return {}
-    uncorrected = level.why_not(case, row)
+    uncorrected = still.why_uncorrected(case, row)
     if phase != "rest" and uncorrected:
         reason = f"{uncorrected}, so nothing is added to the gyro and this noise is zero by definition"
         return {m.name: missing("not_applicable", reason, "deg", window) for m in METRICS}
@@ -218,14 +105,14 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     return {m.name: answers[m.name] for m in METRICS}
 
 
-def prior_of(row: Row, phase: str, axis: str) -> Prior:
+def prior_of(row: Row, phase: str, axis: str) -> VariancePrior:
     """What is known beforehand of the scatter of a row's noise in a phase about one of AXES."""
     if phase == "rest":
         return PRIORS["rest" if row.kind == "replay" else "onboard at rest"]
     return PRIORS["one axis in cruise" if phase == "cruise" and axis != "tilt" else "moving"]
 
 
-def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Measured) -> Answer:
+def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: PhaseVariances) -> Answer:
     hidden = _hidden(case, row, axis) if phase == "rest" else 0.0
     shown = math.isfinite(hidden)
     step = row.step_deg if phase == "rest" else 0.0
@@ -273,8 +160,8 @@ def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Mea
 def _guarded(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
     """The answer, not ranked for rows that are quiet because they stand still or because nothing corrects them."""
     for about in ("roll", "pitch") if axis == "tilt" else (axis,):
-        follow.unrank_frozen(case, row, about, answer)
-    uncorrected = level.why_not(case, row)
+        following.unrank_frozen(case, row, about, answer)
+    uncorrected = still.why_uncorrected(case, row)
     if answer.ranked and uncorrected:
         answer.ranked, answer.reason = False, uncorrected
     return answer
@@ -285,8 +172,30 @@ def _hidden(case: Case, row: Row, axis: str) -> float:
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None:
         return 0.0
-    hidden = quantisation.hidden_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit.index == imu.index))
+    hidden = hidden_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit.index == imu.index))
     return max(hidden[:2]) if axis == "tilt" else hidden[AXES.index(axis)]
+
+
+STEP_SAMPLES = 20_000
+"""Gyro samples of the whole log that are enough to see the step of its values."""
+
+
+@per_case
+def hidden_deg(case: Case, index: int) -> list[float]:
+    """The angle noise in deg per body axis at rest that the steps of the logged gyro of unit ``index`` can hide.
+
+    White rate noise of half a step q may not show at all. Integrated every dt it walks at
+    random, and a random walk of length T keeps 1/15 of its last variance about its own
+    straight line: sqrt(dt T / 15) q / 2 in windows of T = 5 s. Tiny for floating-point
+    logs, 0.005 deg at 10 Hz and 1 mrad/s, infinite for an axis that never changes.
+    """
+    gyro = case.log.imus[index].gyro
+    if len(gyro.t) < 2:
+        return [0.0] * 3
+    some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
+    steps = [np.diff(np.unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
+    share = 0.5 * math.sqrt(float(np.median(np.diff(gyro.t))) * SECONDS / 15.0)
+    return [share * float(step) for step in steps]
 
 
 def one_digit(told: Summary) -> Summary:

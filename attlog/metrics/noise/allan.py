@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.evidence import following as follow
+from attlog.metrics.evidence.phases import rest_spans, why_none
 from attlog.metrics.evidence.samples import deviations, within
-from attlog.metrics.evidence.settled import rest_spans, why_none
+from attlog.metrics.ranking import following
 from attlog.metrics.statistics import intervals as interval
 from attlog.reference.model import Row
 from attlog.segments.spans import Span
@@ -138,7 +138,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         "allan_arw_deg_per_sqrt_h": _walk(d, length, window),
         "allan_bias_deg_per_h": floor_answer(d, length, window),
     }
-    return {name: follow.unrank_frozen(case, row, "heading", answer) for name, answer in found.items()}
+    return {name: following.unrank_frozen(case, row, "heading", answer) for name, answer in found.items()}
 
 
 def _walk(d: Deviation, length: float, window: str) -> Answer:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.evidence import following as follow
 from attlog.metrics.evidence.samples import detrended, seconds, within
+from attlog.metrics.ranking import following
 from attlog.metrics.statistics import intervals as interval
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
@@ -118,4 +118,4 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
         ranked=few is None,
         detail={"within_5_deg_pct": found.near_pct},
     )
-    return {name: follow.unrank_frozen(case, row, "roll", answer)}
+    return {name: following.unrank_frozen(case, row, "roll", answer)}

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.metrics.base import Case, per_times
+from attlog.metrics.evidence.phases import SHORTEST_S, own_start, phase_spans
 from attlog.metrics.evidence.samples import row_segments
-from attlog.metrics.evidence.settled import SHORTEST_S, own_start, phase_spans
 from attlog.reference.model import Row
 from attlog.segments.spans import Span
 

@@ -132,7 +132,7 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
             _restrict(ranked[name], common)
     couples = list(combinations(rows, 2))
     p = _p_of_all([units[name] for name in rows], common)
-    told = [couple for couple, stands in zip(couples, pairs.told_apart(p), strict=True) if stands]
+    told = [couple for couple, stands in zip(couples, pairs.significant(p), strict=True) if stands]
     return Family(rows, _in_order(told, ranked, better))
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.metrics.statistics.quantiles import chi_square, student
+from attlog.metrics.statistics.quantiles import chi_square, student, students_two_sided
 
 Array = NDArray[np.float64]
-Interval = tuple[float, float]
 
+
+Interval = tuple[float, float]
 MOST_ALIKE = 0.6
 """Few values tell their own correlation badly: none is taken for more than this, which doubles an interval."""
 
@@ -147,3 +149,32 @@ def of_quantile(
     half = 0.5 * (share[1] - share[0])
     low, high = (quantile(ordered, min(max(p, 0.0), 1.0)) for p in (probability - half, probability + half))
     return low, high
+
+
+@dataclass(frozen=True, slots=True)
+class VariancePrior:
+    """What is known of the variance of one value: ``variance``, worth ``dof`` degrees of freedom."""
+
+    variance: float
+    dof: float
+
+
+def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float]:
+    """Means (m,) of values (m, k), k >= 1, their standard errors (m,) and the degrees of freedom."""
+    k = values.shape[1]
+    own = np.var(values, axis=1, ddof=1) if k > 1 else np.zeros(len(values))
+    dof = prior.dof + k - 1
+    return np.mean(values, axis=1), np.sqrt((prior.dof * prior.variance + (k - 1) * own) / dof / k), dof
+
+
+def of_moderated(values: ArrayLike, prior: VariancePrior) -> tuple[float, float]:
+    """The 95 % interval of the mean of values (k,), k >= 1."""
+    means, errors, dof = _moderated(np.asarray(values, np.float64)[None], prior)
+    mean, half = float(means[0]), student(0.975, dof) * float(errors[0])
+    return mean - half, mean + half
+
+
+def p_of_moderated(values: Array, prior: VariancePrior) -> Array:
+    """Two-sided p (m,) that the means of values (m, k), k >= 1, are zero."""
+    means, errors, dof = _moderated(values, prior)
+    return students_two_sided(means / errors, dof)

@@ -8,14 +8,14 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.metrics.statistics import moderated
-from attlog.metrics.statistics.moderated import Prior
+from attlog.metrics.statistics import intervals as interval
+from attlog.metrics.statistics.intervals import VariancePrior
 from attlog.metrics.statistics.quantiles import students_two_sided
 from attlog.metrics.statistics.units import Ids, Kind, UnitValues
 
 Array = NDArray[np.float64]
 
-PRIORS: dict[Kind, Prior] = {"log_variance": Prior(0.4, 4.0), "mean_square": Prior(1.0, 3.0)}
+PRIORS: dict[Kind, VariancePrior] = {"log_variance": VariancePrior(0.4, 4.0), "mean_square": VariancePrior(1.0, 3.0)}
 """Scatter of differences of logarithms from unit to unit, measured over logs."""
 NEEDED: dict[Kind, int] = {"log_variance": 1, "mean_square": 3, "slope_group": 4, "lag_event": 3, "step_event": 6}
 """Fewer common units tell nothing."""
@@ -40,7 +40,7 @@ def p_values(kind: Kind, x: Array, y: Array) -> Array:
         # |x| > |y| exactly where (x - y)(x + y) > 0: both factors have to be told from zero
         sizes = np.minimum(_t_of(x - y), _t_of(x + y))
         return students_two_sided(sizes, x.shape[1] - 1)
-    return moderated.p_values(x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind])
+    return interval.p_of_moderated(x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind])
 
 
 def _logarithms(squares: Array) -> Array:
@@ -93,7 +93,7 @@ def signed_rank(d: Array) -> float:
     return min(1.0, 2.0 * float(np.sum(ways[: tail + 1])) / 2.0**n)
 
 
-def told_apart(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
+def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
     """Which of p-values (m,) stand if at most ``rate`` of the claims may be false (Benjamini & Hochberg 1995)."""
     m = len(p_values)
     order = np.argsort(p_values)

@@ -13,10 +13,10 @@ from attlog.flight.model import Attitude
 from attlog.flight.modes import commands_attitude
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_case
-from attlog.metrics.errors import rmse
 from attlog.metrics.evidence.samples import within
 from attlog.metrics.statistics import intervals as interval
-from attlog.metrics.steps.setpoint_response import Blocks, Piece, blocks_of, features, response
+from attlog.metrics.statistics.angles import groups_of, root_mean_square
+from attlog.metrics.steps.setpoint_response import NormalEquations, Piece, blocks_of, features, response
 from attlog.reference.model import Row
 from attlog.segments.spans import Span, intersect
 
@@ -133,13 +133,13 @@ def _pieces(case: Case, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
     return [] if wanted is None or flew is None else common(wanted, flew, spans)
 
 
-def moved(case: Case, window: str) -> Blocks | None:
+def moved(case: Case, window: str) -> NormalEquations | None:
     """The seconds of a window's flight in which the set-point moved; None without any."""
     return _moved(case, commanded(case, window)) if flown(case, window)[0] else None
 
 
 @per_case
-def _moved(case: Case, spans: list[Span]) -> Blocks | None:
+def _moved(case: Case, spans: list[Span]) -> NormalEquations | None:
     return blocks_of(angles(_pieces(case, spans)))
 
 
@@ -177,7 +177,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     return answers
 
 
-def _left_out(blocks: Blocks) -> Array:
+def _left_out(blocks: NormalEquations) -> Array:
     """The features (groups, 4) with one group of neighbouring seconds left out each."""
     found = []
     for group in interval.equal_groups(len(blocks.axis), min(GROUPS, len(blocks.axis))):
@@ -190,8 +190,8 @@ def _left_out(blocks: Blocks) -> Array:
 def _tracking(pieces: list[tuple[Array, Array, Array]], window: str) -> Answer:
     tilt = np.concatenate([np.degrees(rotation.inclination_angle(rotation.error(q, q_set))) for _, q_set, q in pieces])
     seconds = float(sum(t[-1] - t[0] for t, _, _ in pieces))
-    groups = rmse.groups_of(len(tilt), seconds)
-    value, ci95 = rmse.root_mean_square(tilt, groups)
+    groups = groups_of(len(tilt), seconds)
+    value, ci95 = root_mean_square(tilt, groups)
     return Answer(
         value,
         "deg",

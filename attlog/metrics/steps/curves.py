@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.metrics.base import Case, per_row, per_times
 from attlog.metrics.steps import events as steps
-from attlog.metrics.steps import evidence as step_evidence
+from attlog.metrics.steps import fits as step_fits
 from attlog.metrics.steps.events import Event
-from attlog.metrics.steps.fit.columns import axis_of
-from attlog.metrics.steps.turning import Turning
+from attlog.metrics.steps.fit.groups import axis_of
+from attlog.metrics.steps.fit.turning import SummedTurning
 from attlog.reference.model import AttitudeErrors, Row
 
 Array = NDArray[np.float64]
@@ -53,11 +53,11 @@ class Curve:
 
 def curves(case: Case, row: Row, window: str) -> list[Curve]:
     """The events of a window that the row and the reference cover without a gap."""
-    return _curves(case, row, step_evidence.first_with(case, row, window))
+    return _curves(case, row, step_fits.first_with(case, row, window))
 
 
 @dataclass(frozen=True, slots=True)
-class Covered:
+class EventSamples:
     """An event: its samples ``own`` (n,) of a row's errors, those ``before`` (m,) its onset, its ``body`` axis (3,).
 
     ``turned`` (n,) deg: what the reference turned about that axis since the onset.
@@ -72,7 +72,7 @@ class Covered:
 
 @per_row
 def _curves(case: Case, row: Row, window: str) -> list[Curve]:
-    return of_events(case, row, step_evidence.events_in(case, row, window))
+    return of_events(case, row, step_fits.events_in(case, row, window))
 
 
 def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
@@ -80,7 +80,7 @@ def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
 
     All events at once: a row may have hundreds.
     """
-    errors, ref = row.errors, step_evidence.reference_turning(case)
+    errors, ref = row.errors, step_fits.reference_turning(case)
     found = [] if errors is None else _all_covered(case, errors, events)
     if errors is None or not found:
         return []
@@ -97,9 +97,9 @@ def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
     return [Curve(c.event, errors.t[c.own], c.turned, x) for c, x in zip(found, off, strict=True)]
 
 
-def _all_covered(case: Case, errors: AttitudeErrors, events: list[Event]) -> list[Covered]:
+def _all_covered(case: Case, errors: AttitudeErrors, events: list[Event]) -> list[EventSamples]:
     """The events that a row and the reference show without a gap; most as any row without one at these times."""
-    ref, whole = step_evidence.reference_turning(case), _without_gaps(case, errors.t)
+    ref, whole = step_fits.reference_turning(case), _without_gaps(case, errors.t)
     broken = np.zeros(len(errors.t), np.int64)
     np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite(errors.q_est)[1:], out=broken[1:])
     found = []
@@ -113,13 +113,13 @@ def _all_covered(case: Case, errors: AttitudeErrors, events: list[Event]) -> lis
 
 
 @per_times
-def _without_gaps(case: Case, t: Array) -> dict[Event, Covered | None]:
+def _without_gaps(case: Case, t: Array) -> dict[Event, EventSamples | None]:
     """What a row at times (n,) and the reference show of all its events if no gap is in them."""
-    ref, unbroken = step_evidence.reference_turning(case), np.zeros(len(t), np.int64)
+    ref, unbroken = step_fits.reference_turning(case), np.zeros(len(t), np.int64)
     return {event: _covered(t, unbroken, ref, event) for event in steps.of_reference(case)}
 
 
-def _covered(t: Array, segment: Index, ref: Turning, event: Event) -> Covered | None:
+def _covered(t: Array, segment: Index, ref: SummedTurning, event: Event) -> EventSamples | None:
     """What a row at times (n,), in segments (n,) without a gap, and the reference show of an event.
 
     None where that is too little.
@@ -136,7 +136,7 @@ def _covered(t: Array, segment: Index, ref: Turning, event: Event) -> Covered | 
     before = own[(at >= event.onset - BEFORE_S) & (at <= event.onset)]
     if len(own) < 2 or len(before) == 0 or at[-1] < event.t90:
         return None
-    return Covered(event, own, before, body, _turned(ref, event, body, at))
+    return EventSamples(event, own, before, body, _turned(ref, event, body, at))
 
 
 def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
@@ -146,7 +146,7 @@ def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
     return rotation.means(error, np.cumsum([0, *(len(g) for g in groups)]))
 
 
-def _turned(ref: Turning, event: Event, body: Array, t: Array) -> Array:
+def _turned(ref: SummedTurning, event: Event, body: Array, t: Array) -> Array:
     """What the reference turned (n,) deg about the event's axis (3,) since its onset, at times (n,)."""
     near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
     along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)
@@ -155,7 +155,7 @@ def _turned(ref: Turning, event: Event, body: Array, t: Array) -> Array:
 
 def setpoint(case: Case, curve: Curve) -> Array | None:
     """The set-point's turning (n,) deg about the event's axis since the onset; None where none is logged around it."""
-    wanted, ref = case.log.setpoints, step_evidence.reference_turning(case)
+    wanted, ref = case.log.setpoints, step_fits.reference_turning(case)
     body = axis_of(ref, curve.event)
     if wanted is None or len(wanted.t) < 2 or body is None:
         return None

@@ -12,25 +12,23 @@ from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_times
-from attlog.metrics.errors.rmse import why_no_errors
+from attlog.metrics.evidence.phases import why_no_errors
 from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
 from attlog.metrics.steps import events as steps
-from attlog.metrics.steps import pure_delay
-from attlog.metrics.steps.evidence import Evidence, evidence, too_few, why_no_events
 from attlog.metrics.steps.fit.solution import MIN_EVENTS, Fit, Sums
+from attlog.metrics.steps.fits import RowFits, evidence, too_few, why_no_events
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
+
 
 AXES = (*steps.AXES, "all")
 COMMON_S, PER_SHAPE, PER_MOVED = 0.0005, 0.3, 0.15
 """The interval of a lag beside its jackknife: clock and input delay (common to all rows of a log), a share of the
 shape error, a share of what the aiding changes."""
-
 COMMON_GAIN = 0.006
 """The same of a gain: scale and low-pass of the logged gyro. Between it and a gyro made from the truth gains differ by
 0.002 in the median and 0.006 in nine of ten, while the jackknife alone (0.002) held the gain in 60 to 70 %."""
-
 _LAG = paragraph(
     """How late the row follows quick movements{axis}, positive = late. Each event (a stroke of at least 5 deg, yaw 10
     deg, within 1 s after 0.3 s of quiet) is compared from 0.5 s before its onset to 1.0 s after 90 % of the stroke.
@@ -65,6 +63,11 @@ _KINDS: tuple[tuple[str, str, str, Literal["zero", "one", "low"], str], ...] = (
     ("gain", "Step gain", "1", "one", _GAIN),
     ("distortion", "Distortion", "%", "low", _DISTORTION),
 )
+PURE_GAIN = (0.95, 1.05)
+MAX_DISTORTION = 0.15
+MAX_SHARE, MAX_SHARE_UNSOUND, MAX_SHARE_HEAVY = 0.7, 0.25, 0.15
+HEAVY = 0.02
+"""Where the specific force exceeds 2 g in more than this share of the time, a filter follows acceleration."""
 METRICS: tuple[Metric, ...] = tuple(
     Metric(
         metric_id(kind, axis),
@@ -98,7 +101,7 @@ def half_width(found: Fit, common: float = COMMON_S) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class OnEvents:
+class LagOnEvents:
     """The lag of a row over a choice of its events, in ms."""
 
     sums: Sums
@@ -127,7 +130,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     return {m.name: answers[m.name] for m in METRICS}
 
 
-def _of_axis(case: Case, row: Row, window: str, axis: str, seen: Evidence | None) -> dict[str, Answer]:
+def _of_axis(case: Case, row: Row, window: str, axis: str, seen: RowFits | None) -> dict[str, Answer]:
     names = {kind: metric_id(kind, axis) for kind in ("lag", "gain", "distortion")}
     found = None if seen is None else seen.fits.get(axis)
     if seen is None or found is None or len(found.events) < MIN_EVENTS:
@@ -161,7 +164,7 @@ def _of_axis(case: Case, row: Row, window: str, axis: str, seen: Evidence | None
         )
 
     distortion = answer(found.distortion, "distortion", found.half_width(2))
-    if not pure_delay.GAIN[0] <= found.gain <= pure_delay.GAIN[1]:
+    if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
         distortion.ranked, distortion.reason = False, f"follows {100 * found.gain:.0f} % of the movement"
     return {
         names["lag"]: _lag_answer(case, row, window, found, seen.events, detail),
@@ -184,7 +187,7 @@ def _lag_answer(
         return told(None, "ms", window, code="lag_at_edge", reason=reason)
     may_be_early = case.reference.kind == "onboard" or not row.causal
     earliest = -math.inf if may_be_early else -half_sample
-    why = pure_delay.why_not(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
+    why = why_no_pure_delay(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
     if why is not None:
         return told(None, "ms", window, code="not_a_pure_delay", reason=why)
     unranked = None if row.causal else "looks ahead in time: its lag is no merit"
@@ -201,8 +204,35 @@ def _lag_answer(
         reason=unranked,
         ranked=unranked is None,
         counts_as_zero_below=1000 * half_sample,
-        units=UnitValues("lag_event", ids, pseudo, OnEvents(found.sums, ids, found.events, delay)),
+        units=UnitValues("lag_event", ids, pseudo, LagOnEvents(found.sums, ids, found.events, delay)),
     )
+
+
+def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float, earliest: float) -> str | None:
+    """Why the lag (s) of a fit may not be judged, else None.
+
+    ``sound`` tells that the row neither diverged nor failed to settle. A causal filter
+    cannot come before ``earliest`` (s) by more than ``half_width`` (s).
+    """
+    if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
+        return (
+            f"follows {100 * found.gain:.0f} % of the movement ({PURE_GAIN[0]:.2f} to {PURE_GAIN[1]:.2f} can be judged)"
+        )
+    if found.distortion > MAX_DISTORTION:
+        return (
+            f"shape error {100 * found.distortion:.0f} % of the movement ({100 * MAX_DISTORTION:.0f} % can be judged)"
+        )
+    most, where = MAX_SHARE, ""
+    if not sound:
+        most, where = MAX_SHARE_UNSOUND, " in a row that diverged or did not settle"
+    if found.sums.heavy >= HEAVY:
+        most, where = min(most, MAX_SHARE_HEAVY), " where the specific force exceeds 2 g"
+    if found.share > most:
+        turned = f"accelerometer and magnetometer turn it at {100 * found.share:.0f} % of the movement's rate"
+        return f"{turned} ({100 * most:.0f} % can be judged{where})"
+    if lag + half_width < 0.0 and lag < earliest:
+        return f"comes out {-1000 * lag:.1f} ms early, which a causal filter cannot be"
+    return None
 
 
 def sample_step(case: Case, row: Row) -> float:

@@ -6,9 +6,9 @@ import math
 
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph
-from attlog.metrics.errors.rmse import why_no_errors
-from attlog.metrics.steps.evidence import evidence, too_few, why_no_events
+from attlog.metrics.evidence.phases import why_no_errors
 from attlog.metrics.steps.fit.solution import MIN_EVENTS
+from attlog.metrics.steps.fits import evidence, too_few, why_no_events
 from attlog.reference.model import Row
 
 LARGEST_HALF_PER_S, LARGEST_HALF = 0.2, 0.2

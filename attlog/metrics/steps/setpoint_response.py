@@ -37,7 +37,7 @@ LEVEL_S = 0.8
 
 
 @dataclass(slots=True)
-class Blocks:
+class NormalEquations:
     """Normal equations of k blocks of one second: ``xx`` (k, m, m), ``xy`` (k, m), ``yy`` and ``count`` (k,).
 
     ``axis`` (k,) is 0 for roll, 1 for pitch; ``step`` the spacing of the m lags in s.
@@ -50,12 +50,14 @@ class Blocks:
     axis: NDArray[np.int64]
     step: float
 
-    def only(self, which: NDArray[np.bool_]) -> Blocks:
+    def only(self, which: NDArray[np.bool_]) -> NormalEquations:
         """A choice (k,) of the blocks."""
-        return Blocks(self.xx[which], self.xy[which], self.yy[which], self.count[which], self.axis[which], self.step)
+        return NormalEquations(
+            self.xx[which], self.xy[which], self.yy[which], self.count[which], self.axis[which], self.step
+        )
 
 
-def blocks_of(pieces: list[Piece]) -> Blocks | None:
+def blocks_of(pieces: list[Piece]) -> NormalEquations | None:
     """The blocks of both axes in which the set-point moved; None without any. All pieces have one spacing."""
     if not pieces:
         return None
@@ -74,7 +76,7 @@ def blocks_of(pieces: list[Piece]) -> Blocks | None:
     if not found:
         return None
     xx, xy, yy, count, axes = (np.array(v) for v in zip(*found, strict=True))
-    return Blocks(xx, xy, yy, count, axes.astype(np.int64), step)
+    return NormalEquations(xx, xy, yy, count, axes.astype(np.int64), step)
 
 
 def _normal(x: Array, y: Array, begin: int, size: int, lags: int) -> tuple[Array, Array, float, float]:
@@ -84,7 +86,7 @@ def _normal(x: Array, y: Array, begin: int, size: int, lags: int) -> tuple[Array
     return columns.T @ columns, columns.T @ dy, float(dy @ dy), float(len(dy))
 
 
-def response(blocks: Blocks) -> tuple[Array, Array]:
+def response(blocks: NormalEquations) -> tuple[Array, Array]:
     """Times (m,) s from 0 on and the response to a unit step at 0, scaled to 1 at its end; NaN without a level."""
     xx, xy, yy = blocks.xx.sum(axis=0), blocks.xy.sum(axis=0), float(blocks.yy.sum())
     prior = np.linalg.inv(_prior(len(xy), blocks.step))

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.errors.rmse import why_no_errors
+from attlog.metrics.evidence.phases import why_no_errors
 from attlog.metrics.statistics import intervals as interval
 from attlog.metrics.steps.curves import Curve, curves
-from attlog.metrics.steps.evidence import first_with, too_few, why_no_events
 from attlog.metrics.steps.fit.solution import MIN_EVENTS
+from attlog.metrics.steps.fits import first_with, too_few, why_no_events
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]

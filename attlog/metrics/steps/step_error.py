@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
 from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
-from attlog.metrics.errors.rmse import why_no_errors
+from attlog.metrics.evidence.phases import why_no_errors
 from attlog.metrics.statistics import intervals as interval
 from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
 from attlog.metrics.steps.curves import Curve, curves
-from attlog.metrics.steps.evidence import first_with, too_few, why_no_events
 from attlog.metrics.steps.fit.solution import MIN_EVENTS
+from attlog.metrics.steps.fits import first_with, too_few, why_no_events
 from attlog.reference.model import Row
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ METRICS: tuple[Metric, ...] = tuple(
 
 
 @dataclass(frozen=True, slots=True)
-class Errors:
+class EventErrors:
     """Signed errors (k,) in deg of k events with these ids, and their strokes (k,) in deg."""
 
     ids: Ids
@@ -64,10 +64,10 @@ class Errors:
     stroke: Array
 
 
-def errors_after(found: list[Curve], after: float) -> Errors:
+def errors_after(found: list[Curve], after: float) -> EventErrors:
     """The error of each event that is covered ``after`` s past 90 % of its stroke."""
     kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
-    return Errors(
+    return EventErrors(
         ids_of([c.event.onset for c, _ in kept]),
         np.array([e for _, e in kept]),
         np.array([abs(c.event.delta_deg) for c, _ in kept]),
@@ -75,7 +75,7 @@ def errors_after(found: list[Curve], after: float) -> Errors:
 
 
 @per_row
-def _after(case: Case, row: Row, window: str, after: float) -> Errors:
+def _after(case: Case, row: Row, window: str, after: float) -> EventErrors:
     return errors_after(curves(case, row, window), after)
 
 
@@ -94,10 +94,10 @@ def error_at(curve: Curve, at: float) -> float | None:
 
 
 @dataclass(frozen=True, slots=True)
-class OnEvents:
+class ErrorOnEvents:
     """The median over a choice of events: magnitude in deg, or signed percent."""
 
-    errors: Errors
+    errors: EventErrors
     unit: Literal["deg", "pct"]
 
     def __call__(self, ids: Ids) -> Summary:
@@ -107,12 +107,12 @@ class OnEvents:
         return Summary(float(np.median(chosen)), interval.of_median(chosen))
 
 
-def magnitude(errors: Errors) -> Array:
+def magnitude(errors: EventErrors) -> Array:
     """Errors without sign, deg."""
     return np.abs(errors.deg)
 
 
-def percent(errors: Errors) -> Array:
+def percent(errors: EventErrors) -> Array:
     """Signed errors in percent of the stroke."""
     return np.asarray(100.0 * errors.deg / errors.stroke)
 
@@ -134,13 +134,15 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
     return {m.name: answers[m.name] for m in METRICS}
 
 
-def _answer(errors: Errors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float) -> Answer:
+def _answer(
+    errors: EventErrors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float
+) -> Answer:
     """The answer in one unit; ``own_deg``: the reference's own error, below which rows are the same."""
     count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
     if count < MIN_EVENTS:
         reason = too_few(count)
         return missing("too_few_events" if count else "no_events", reason, sign, window)
-    here = OnEvents(errors, unit)
+    here = ErrorOnEvents(errors, unit)
     summary, values = here(errors.ids), percent(errors) if unit == "pct" else magnitude(errors)
     seconds = math.fsum(c.event.end - c.event.begin for c in found)
     return Answer(

@@ -68,7 +68,7 @@ def _measured(case: Case, rows: tuple[str, ...]) -> LogOscillation:
     gyro = _run(case, "gyro")
     if gyro is None:
         return LogOscillation(name, "no inertial samples")
-    alone = injection.Integrated(gyro.t, gyro.q, _segments(gyro))
+    alone = injection.GyroAttitude(gyro.t, gyro.q, _segments(gyro))
     windows = _windows(case, float(gyro.t[0]))
     pushed: dict[str, list[Array]] = {row: [] for row in rows}
     runs = {row: _run(case, row) for row in rows}
@@ -122,7 +122,7 @@ def _windows(case: Case, start: float) -> list[Array]:
     return found
 
 
-def _residual(t: Array, run: estimators.Estimate | None, gyro: injection.Integrated) -> Array | None:
+def _residual(t: Array, run: estimators.Estimate | None, gyro: injection.GyroAttitude) -> Array | None:
     if run is None or t[0] < run.t[0] or t[-1] > run.t[-1]:
         return None
     q = rotation.slerp(run.t, run.q, t)

@@ -6,8 +6,10 @@ from attlog import metrics
 from attlog.base import rotation
 from attlog.flight.model import Attitude
 from attlog.metrics.base import HeadingReference
-from attlog.metrics.drift import drift_air, drift_rest, wander
+from attlog.metrics.drift import air as drift_air
+from attlog.metrics.drift import rest as drift_rest
 from attlog.metrics.drift import slope as drift
+from attlog.metrics.drift import wander
 from attlog.metrics.evidence.samples import DRIFT_AIR_S, DRIFT_REST_S
 from attlog.reference.model import Row
 from attlog.segments.model import Segment

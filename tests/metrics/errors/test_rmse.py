@@ -5,6 +5,7 @@ from scipy import stats
 from attlog.base import rotation
 from attlog.metrics.errors import rmse
 from attlog.metrics.ranking import best as ranking
+from attlog.metrics.statistics import angles
 from attlog.segments.model import Segment
 from tests.metrics import flights
 
@@ -68,7 +69,7 @@ def test_intervals_cover_the_value_of_the_process(statistic):
     truth = {"rmse": 1.0, "median": 0.6745, "p95": 1.96}[statistic]
     for _ in range(80):
         x = np.abs(flights.coloured(rng, 1500, 0.04, 1.0, 0.3))
-        _, ci = rmse.statistic(x, statistic, rmse.groups_of(len(x), 60.0))
+        _, ci = angles.statistic(x, statistic, angles.groups_of(len(x), 60.0))
         hits += ci[0] <= truth <= ci[1]
     assert hits >= 68
 
@@ -78,7 +79,7 @@ def test_they_cover_it_also_where_an_error_wanders_for_longer_than_a_group(stati
     rng, hits = np.random.default_rng(2), 0
     for _ in range(150):
         x = np.hypot(*(flights.coloured(rng, 1200, 0.1, 1.0, 12.0) for _ in range(2)))
-        _, ci = rmse.statistic(x, statistic, rmse.groups_of(len(x), 120.0, 5.0))
+        _, ci = angles.statistic(x, statistic, angles.groups_of(len(x), 120.0, 5.0))
         hits += ci[0] <= truth <= ci[1]
     assert hits >= 130
 
@@ -221,9 +222,9 @@ def test_the_95th_percentile_is_not_known_better_than_the_size_of_the_errors():
     rng = np.random.default_rng(4)
     for level in np.exp(0.7 * rng.standard_normal((40, 6))):
         x = np.abs(np.repeat(level, 250) * rng.standard_normal(1500))
-        groups = rmse.groups_of(len(x), 30.0)
-        value, (low, high) = rmse.statistic(x, "p95", groups)
-        size, (least, most) = rmse.statistic(x, "rmse", groups)
+        groups = angles.groups_of(len(x), 30.0)
+        value, (low, high) = angles.statistic(x, "p95", groups)
+        size, (least, most) = angles.statistic(x, "rmse", groups)
         assert low / value <= least / size * (1 + 1e-9)
         assert high / value >= most / size * (1 - 1e-9)
         assert low < value < high
@@ -232,7 +233,7 @@ def test_the_95th_percentile_is_not_known_better_than_the_size_of_the_errors():
 def test_the_interval_of_a_root_is_that_of_its_mean_square_by_half():
     """Groups of 3 and 3.3 deg in turn: Student's t over their mean squares, and half of its relative width."""
     size = np.tile([3.0, 3.3], 10)
-    value, ci95 = rmse.root_mean_square(np.repeat(size, 50), [slice(50 * k, 50 * k + 50) for k in range(20)])
+    value, ci95 = angles.root_mean_square(np.repeat(size, 50), [slice(50 * k, 50 * k + 50) for k in range(20)])
     low, high = stats.t.interval(0.95, 19, np.mean(size**2), stats.sem(size**2))
     assert value == pytest.approx(np.sqrt(np.mean(size**2)))
     assert ci95 == pytest.approx((np.sqrt(low), np.sqrt(high)), rel=2e-3)
@@ -241,7 +242,7 @@ def test_the_interval_of_a_root_is_that_of_its_mean_square_by_half():
 
 def test_no_interval_of_an_error_ends_beyond_half_a_turn():
     angle = np.concatenate([np.full(100, 170.0), np.full(300, 1.0)])
-    groups = rmse.groups_of(len(angle), 20.0)
+    groups = angles.groups_of(len(angle), 20.0)
     for name in ("rmse", "p95"):
-        value, ci95 = rmse.statistic(angle, name, groups)
+        value, ci95 = angles.statistic(angle, name, groups)
         assert ci95[0] <= value <= ci95[1] == 180.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.metrics.figures.envelope import Share
 from attlog.metrics.figures.rest import ORDERED, RestTraces, Scatter, close_up, residual, spreads
+from attlog.metrics.figures.trace import Share
 from attlog.segments.model import Segment
 from tests.metrics import flights
 

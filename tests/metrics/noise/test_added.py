@@ -6,10 +6,11 @@ from attlog import estimators
 from attlog.base import rotation
 from attlog.flight.model import Imu, Stream
 from attlog.metrics import compute, rank
-from attlog.metrics.evidence import probe, quantisation
 from attlog.metrics.evidence.samples import detrended
+from attlog.metrics.noise import added, variances
 from attlog.metrics.noise import added as noise
-from attlog.metrics.statistics import moderated
+from attlog.metrics.statistics import intervals as interval
+from attlog.metrics.trials.still import gains
 from attlog.segments.model import Segment
 from tests.conftest import few
 from tests.metrics import flights
@@ -117,9 +118,9 @@ def test_what_a_filter_does_while_it_settles_is_not_noise():
 
 def test_at_most_all_but_three_windows_settle():
     falling = np.exp(-np.arange(8.0))[:, None] * np.ones(4)
-    assert noise.unsettled(falling**2) == 5
-    assert noise.unsettled(np.ones((8, 4))) == 0
-    assert noise.unsettled(np.array([[9.0] * 4, [1.0] * 4, [1.0] * 4])) == 0
+    assert variances.unsettled(falling**2) == 5
+    assert variances.unsettled(np.ones((8, 4))) == 0
+    assert variances.unsettled(np.array([[9.0] * 4, [1.0] * 4, [1.0] * 4])) == 0
 
 
 FLIGHT = [
@@ -259,7 +260,7 @@ def test_a_filter_that_never_moved_is_ranked_by_a_probe_and_only_if_it_can_be_re
     case = flights.case(rows, [Segment("continuous", 0, 20), Segment("rest.long", 0, 20)])
     case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
     for row in rows:
-        np.testing.assert_allclose(probe.gains(case, row), 1.0, atol=0.03)
+        np.testing.assert_allclose(gains(case, row), 1.0, atol=0.03)
         assert noise.compute(case, row, "rest")["noise_roll_deg"].ranked == (row.name == "mahony")
     rows[1].estimator = "unknown-file"
     case.forget()
@@ -293,7 +294,7 @@ def test_the_noise_that_steps_hide_is_that_of_half_a_step_of_rate_noise():
     case, row = telemetry(3e-3, 1e-3)
     rate = np.degrees(0.5e-3) * np.random.default_rng(2).standard_normal((50, 1000))
     residual = detrended(row.t[:50], 0.1 * np.cumsum(rate, axis=0))
-    assert quantisation.hidden_deg(case, 0)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
+    assert added.hidden_deg(case, 0)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
 
 
 def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
@@ -320,7 +321,7 @@ def test_a_users_file_is_probed_itself_also_where_it_bears_the_name_of_a_built_i
     for name, gain in (("mahony", 1.0), (str(file), 0.0)):
         row.estimator = name
         case.forget()
-        np.testing.assert_allclose(probe.gains(case, row), gain, atol=0.1)  # half a sample of 10 Hz
+        np.testing.assert_allclose(gains(case, row), gain, atol=0.1)  # half a sample of 10 Hz
 
 
 def test_what_the_step_of_logged_values_adds_is_taken_out_of_value_and_interval():
@@ -334,6 +335,6 @@ def test_what_the_step_of_logged_values_adds_is_taken_out_of_value_and_interval(
 def test_a_single_axis_in_cruise_is_known_less_from_one_window_than_tilt():
     t = np.arange(0.0, 10.0, 0.02)
     row = flights.row(t, rotation.from_euler(0 * t, 0 * t, 0 * t))
-    widths = [np.diff(moderated.interval([0.0], noise.prior_of(row, "cruise", axis)))[0] for axis in noise.AXES]
+    widths = [np.diff(interval.of_moderated([0.0], noise.prior_of(row, "cruise", axis)))[0] for axis in variances.AXES]
     assert widths[0] == widths[1] == widths[2] > 1.5 * widths[3]
     assert noise.prior_of(row, "hover", "roll") == noise.prior_of(row, "hover", "tilt")

@@ -20,7 +20,7 @@ def turned(rates_dps, start=(1.0, 0.0, 0.0, 0.0)):
 
 
 def alone(q, t=T):
-    return injection.Integrated(t, q, np.zeros(len(t), np.int64))
+    return injection.GyroAttitude(t, q, np.zeros(len(t), np.int64))
 
 
 def swaying(amplitude_deg=8.0):
@@ -74,6 +74,6 @@ def test_rows_at_other_times_are_met_by_interpolation_and_restarts_are_not_cross
     own = T[:-1:4] + 0.003
     q = rotation.slerp(T, q_g, own)
     assert np.abs(injection.residual(own, q, alone(q_g), 20.0)).max() < 1e-9
-    restarted = injection.Integrated(T, q_g, (T > 2.5).astype(np.int64))
+    restarted = injection.GyroAttitude(T, q_g, (T > 2.5).astype(np.int64))
     assert injection.residual(own, q, restarted, 20.0) is None
     assert injection.residual(own + 1.0, q, alone(q_g), 20.0) is None

@@ -62,7 +62,7 @@ def test_the_reason_tells_a_record_that_is_too_short_from_one_that_is_too_noisy(
 
 def test_rests_that_disagree_keep_their_range():
     t = np.arange(0.0, 60.0, 1.0)
-    rests = [drift.slope(drift.Blocks(t, k * t, np.zeros(len(t), np.int64))) for k in (0.0, 2.0)]
+    rests = [drift.slope(drift.HeadingBlocks(t, k * t, np.zeros(len(t), np.int64))) for k in (0.0, 2.0)]
     found = drift.answer(drift.together(rests), "all", "rest")
     assert found.disagree == pytest.approx((0.0, 120.0))
     assert not withhold("drift_rest_deg_per_min", "zero", found)

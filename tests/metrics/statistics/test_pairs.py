@@ -72,8 +72,8 @@ def test_the_signed_rank_test_shares_ranks_and_leaves_zeros_out():
 
 def test_false_claims_are_held_as_benjamini_and_hochberg_say():
     p = np.array([0.001, 0.012, 0.014, 0.019, 0.2, 0.6, 0.013])
-    np.testing.assert_array_equal(pairs.told_apart(p), stats.false_discovery_control(p) <= 0.05)
-    assert not pairs.told_apart(np.array([])).any()
+    np.testing.assert_array_equal(pairs.significant(p), stats.false_discovery_control(p) <= 0.05)
+    assert not pairs.significant(np.array([])).any()
 
 
 def test_too_few_units_or_units_of_different_kinds_tell_nothing():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from attlog.base import rotation
-from attlog.metrics.steps import lag, pure_delay
+from attlog.metrics.steps import lag
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.metrics.motions import motion, sampled
@@ -145,16 +145,16 @@ def found_with(**changes):
     ],
 )
 def test_a_lag_is_judged_only_where_the_row_keeps_the_movements_shape(changes, sound, word):
-    why = pure_delay.why_not(found_with(**changes), sound=sound, half_width=0.001, lag=0.0, earliest=-0.0025)
+    why = lag.why_no_pure_delay(found_with(**changes), sound=sound, half_width=0.001, lag=0.0, earliest=-0.0025)
     assert (why is None) if word is None else (word in why)
 
 
 def test_an_early_row_needs_both_its_interval_and_half_a_sample_to_be_refused():
     found = found_with()
     early = {"sound": True, "lag": -0.004}
-    assert "early" in pure_delay.why_not(found, half_width=0.003, earliest=-0.0025, **early)
-    assert pure_delay.why_not(found, half_width=0.005, earliest=-0.0025, **early) is None
-    assert pure_delay.why_not(found, half_width=0.003, earliest=-0.005, **early) is None
+    assert "early" in lag.why_no_pure_delay(found, half_width=0.003, earliest=-0.0025, **early)
+    assert lag.why_no_pure_delay(found, half_width=0.005, earliest=-0.0025, **early) is None
+    assert lag.why_no_pure_delay(found, half_width=0.003, earliest=-0.005, **early) is None
 
 
 def test_the_interval_adds_clock_shape_and_aiding_to_the_jackknife():

@@ -3,7 +3,7 @@ import pytest
 from attlog.metrics.steps import leak
 from tests.conftest import few
 from tests.metrics.motions import motion, sampled
-from tests.metrics.steps.fit.test_line import thrust_flight
+from tests.metrics.steps.test_fits import thrust_flight
 from tests.metrics.steps.test_lag import step_case
 
 

@@ -1,49 +1,194 @@
-"""The columns of the fit of a lag: turning rates about each event's axis, in row and reference, at one delay."""
+"""The columns of the fit of a lag: turning rates of row and reference at a delay, and sums of their products.
+
+Both attitudes lie on one time axis, event after event; the faster one is interpolated at the slower one's samples.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.estimators.engine.vectors import GRAVITY
-from attlog.kernels.loops import function_of
-from attlog.metrics.evidence import aiding
-from attlog.metrics.steps.events import Event
-from attlog.metrics.steps.fit.loops import POWERS, PRODUCTS, event_products, powers
-from attlog.metrics.steps.turning import Stack, Turning, places, stacked
-from attlog.metrics.steps.turning_loop import ABOUT, about_axes
+from attlog.kernels.loops import function_of, kernel_of
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
-SPAN_S = 0.060
-"""A rate is taken over this time, at least two samples of the slower one."""
-MARGIN_S = 0.30
-"""So far beyond an event's window the faster one is needed: delays of 250 ms, their slope and a sample."""
-STRIDE_S = 64.0
-"""Events are laid behind each other on one time axis; none lasts that long."""
-HEAVY_M_S2 = 2.0 * GRAVITY
+
 SIZE = 12
 """Columns: rate of the row, slope, rate of the reference, its product with the axis (3), aiding (6)."""
 MOVED = 9
 """Most that is moved by the delay: seven columns of the row, two free, the slope."""
+THINNED = 60
+"""About so many samples per event tell where the correlation is largest."""
 
 
-@dataclass(frozen=True, slots=True)
-class Covered:
-    """An event that row and reference show without a gap: their samples around it, its ``axis`` (3,) in the body."""
+SOURCES = ("metrics/steps/fit/columns.py", "kernels")
 
-    event: Event
-    row: slice
-    ref: slice
-    axis: Array
+
+PRODUCTS_SIGNATURE = (
+    "void(f8[:, :, ::1], i8[::1], f8[:, ::1], f8[:, ::1], (f8[::1]), (f8[:, ::1]), (f8[::1]), (f8[:, ::1]), (f8[::1]), "
+    "(f8[::1]), (f8[::1]), (i8[::1]), (i8[::1]), (i8[::1]), f8, f8, i8)"
+)
+POWERS_SIGNATURE = (
+    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], (f8[::1]), (f8[::1]), (f8[::1]), (f8[::1]), (f8[::1]), "
+    "(i8[::1]), (i8[::1]), (i8[::1]))"
+)
+
+
+def after(t: Array, at: float, i: int) -> int:
+    """The first number from ``i`` on whose time is not before ``at``; at least 1, at most the last."""
+    i = max(i, 1)
+    while i < len(t) - 1 and t[i] < at:
+        i += 1
+    return i
+
+
+def event_products(
+    out: Array,
+    count: Index,
+    moved: Array,
+    rows: Array,
+    slow_t: Array,
+    slow_x: Array,
+    fast_t: Array,
+    fast_x: Array,
+    main: Array,
+    low: Array,
+    high: Array,
+    begin: Index,
+    end: Index,
+    first: Index,
+    shift: float,
+    slope: float,
+    slow_row: int,
+) -> None:
+    """Fill ``out`` (events, 12, 12) with products of the columns centred per event, ``count`` (events,) with lines.
+
+    Columns of a pair of samples ``begin``, ``end`` (pairs,) of the slower one: rate of the row, slope over +-``slope``
+    s of ``main``, rate of the reference and its product with the axis, aiding. Event e has the pairs ``first[e]`` to
+    ``first[e + 1]``; those reaching beyond ``low[e]`` or ``high[e]`` are left out. ``moved`` (samples of the longest
+    event, 9) and ``rows`` (its pairs, 12) are room.
+    """
+    wide, wide_fast = slow_x.shape[1], fast_x.shape[1]
+    last = len(fast_t) - 1
+    for e in range(len(count)):
+        count[e] = 0
+        a, b = first[e], first[e + 1]
+        for i in range(12):
+            for j in range(12):
+                out[e, i, j] = 0.0
+        if a == b:
+            continue
+        start, left, right = begin[a], 0, last
+        while left < right:  # bisection: where the event begins in the faster one
+            middle = (left + right) // 2
+            if fast_t[middle] < low[e]:
+                left = middle + 1
+            else:
+                right = middle
+        here = ahead = behind = left
+        for k in range(start, end[b - 1] + 1):
+            at = slow_t[k] + shift
+            if at - slope < low[e] or at + slope > high[e]:
+                continue
+            here, ahead = after(fast_t, at, here), after(fast_t, at + slope, ahead)
+            behind = after(fast_t, at - slope, behind)
+            share = (at - fast_t[here - 1]) / (fast_t[here] - fast_t[here - 1])
+            for j in range(wide_fast):
+                moved[k - start, j] = fast_x[here - 1, j] + share * (fast_x[here, j] - fast_x[here - 1, j])
+            steep = (main[ahead] - main[ahead - 1]) / (fast_t[ahead] - fast_t[ahead - 1])
+            top = steep * (at + slope - fast_t[ahead - 1]) + main[ahead - 1]
+            steep = (main[behind] - main[behind - 1]) / (fast_t[behind] - fast_t[behind - 1])
+            bottom = steep * (at - slope - fast_t[behind - 1]) + main[behind - 1]
+            moved[k - start, 8] = (top - bottom) / (2.0 * slope)
+        lines = 0
+        for p in range(a, b):
+            i, j = begin[p], end[p]
+            if slow_t[i] + shift - slope < low[e] or slow_t[j] + shift + slope > high[e]:
+                continue
+            span = slow_t[j] - slow_t[i]
+            rows[lines, 1] = (moved[j - start, 8] - moved[i - start, 8]) / span
+            for c in range(wide):
+                place = (c + 5 if c > 0 else 0) if slow_row == 1 else c + 2
+                rows[lines, place] = (slow_x[j, c] - slow_x[i, c]) / span
+            for c in range(wide_fast):
+                place = c + 2 if slow_row == 1 else (c + 5 if c > 0 else 0)
+                rows[lines, place] = (moved[j - start, c] - moved[i - start, c]) / span
+            lines += 1
+        count[e] = lines
+        for c in range(12):
+            total = 0.0
+            for k in range(lines):
+                total += rows[k, c]
+            for k in range(lines):
+                rows[k, c] -= total / lines
+        for k in range(lines):
+            for i in range(12):
+                for j in range(i, 12):
+                    out[e, i, j] += rows[k, i] * rows[k, j]
+        for i in range(12):
+            for j in range(i):
+                out[e, i, j] = out[e, j, i]
+
+
+def powers(
+    out: Array,
+    x: Array,
+    sums: Array,
+    delays: Array,
+    slow_t: Array,
+    slow_x: Array,
+    fast_t: Array,
+    fast_x: Array,
+    begin: Index,
+    end: Index,
+    of: Index,
+) -> None:
+    """Fill ``out`` (delays, 3) with sums of squares of two rates, centred per event, and of their product.
+
+    The first is that of the faster one, at each of ``delays`` [s], the second that of the slower one.
+
+    ``slow_x``, ``fast_x`` (n,) are what both have turned, ``begin``, ``end`` (pairs,) samples of the slower one, ``of``
+    their events. ``x`` (2, pairs) and ``sums`` (3, events) are room.
+    """
+    last, pairs = len(fast_t) - 1, len(begin)
+    for g in range(-1, len(delays)):
+        row = 0 if g < 0 else 1
+        i, j = 1, 1
+        for e in range(sums.shape[1]):
+            sums[2, e], sums[row, e] = 0.0, 0.0
+        for p in range(pairs):
+            a, b = slow_t[begin[p]], slow_t[end[p]]
+            if g < 0:
+                turned = slow_x[end[p]] - slow_x[begin[p]]
+            else:
+                i, j = after(fast_t, a + delays[g], i), after(fast_t, b + delays[g], j)
+                at = min(max(a + delays[g], fast_t[0]), fast_t[last])
+                share = (fast_x[i] - fast_x[i - 1]) / (fast_t[i] - fast_t[i - 1])
+                turned = -(share * (at - fast_t[i - 1]) + fast_x[i - 1])
+                at = min(max(b + delays[g], fast_t[0]), fast_t[last])
+                share = (fast_x[j] - fast_x[j - 1]) / (fast_t[j] - fast_t[j - 1])
+                turned += share * (at - fast_t[j - 1]) + fast_x[j - 1]
+            x[row, p] = turned / (b - a)
+            sums[row, of[p]] += x[row, p]
+            sums[2, of[p]] += 1.0
+        for p in range(pairs):
+            x[row, p] -= sums[row, of[p]] / sums[2, of[p]]
+        if g >= 0:
+            xx, yy, xy = 0.0, 0.0, 0.0
+            for p in range(pairs):
+                xx, yy, xy = xx + x[1, p] * x[1, p], yy + x[0, p] * x[0, p], xy + x[1, p] * x[0, p]
+            out[g, 0], out[g, 1], out[g, 2] = xx, yy, xy
+
+
+PRODUCTS = kernel_of(event_products, PRODUCTS_SIGNATURE, "metrics", "the fit of steps", SOURCES)
+POWERS = kernel_of(powers, POWERS_SIGNATURE, "metrics", "the coarse fit of steps", SOURCES)
 
 
 @dataclass(slots=True)
-class Part:
+class EventTurning:
     """One of the two attitudes: columns (n, k) of summed turning at ``t`` (n,) on the common time axis."""
 
     t: Array
@@ -59,15 +204,15 @@ class Part:
 
 
 @dataclass(slots=True)
-class Columns:
+class FitColumns:
     """Some events of one row. ``slow_row`` tells that the reference is the one that is moved.
 
     ``begin`` and ``end`` (pairs,) number the samples of the slower one between which a
     rate is taken, ``of`` (pairs,) the event.
     """
 
-    slow: Part
-    fast: Part
+    slow: EventTurning
+    fast: EventTurning
     slow_row: bool
     begin: NDArray[np.int64]
     end: NDArray[np.int64]
@@ -138,66 +283,3 @@ class Columns:
             of,
         )
         return out
-
-
-THINNED = 60
-"""About so many samples per event tell where the correlation is largest."""
-
-
-def build(
-    row: Turning, ref: Turning, events: Sequence[Covered], sensors: aiding.Sensors | None, slow_row: bool
-) -> Columns:
-    """The columns of some events (at least one)."""
-    kept, axes = [one.event for one in events], np.array([one.axis for one in events])
-    in_row, in_ref = stacked([one.row for one in events]), stacked([one.ref for one in events])
-    reference = _part(ref, in_ref, kept, np.empty((len(in_ref.index), 4)), axes)
-    estimate, heavy = _part(row, in_row, kept, np.zeros((len(in_row.index), 1 + len(aiding.NAMES))), axes), 0
-    if sensors is not None:
-        seen = sensors.around(in_row)
-        aiding.add_turned(estimate.x, row, in_row, seen, axes)
-        heavy = int(np.count_nonzero(np.einsum("ni,ni->n", seen.f, seen.f) > HEAVY_M_S2**2))
-    slow, fast, stack = (estimate, reference, in_row) if slow_row else (reference, estimate, in_ref)
-    step = row.step if slow_row else ref.step
-    begin, end, of = _pairs(slow.t, stack, kept, max(2, round(SPAN_S / step)))
-    return Columns(slow, fast, slow_row, begin, end, of, heavy)
-
-
-def axes_of(ref: Turning, events: Sequence[Event]) -> Array:
-    """The events' axes (events, 3) in the body, NaN without any.
-
-    That is the reference's turning from onset to the 90 % point, with the sign of the stroke.
-    """
-    times = np.array([(e.onset, e.t90, e.delta_deg) for e in events]).reshape(-1, 3)
-    i, j = (np.searchsorted(ref.t, times[:, k]) for k in (0, 1))
-    turn = ref.turned[np.minimum(j, len(ref.t) - 1)] - ref.turned[np.maximum(i - 1, 0)]
-    length = np.sqrt(np.einsum("ni,ni->n", turn, turn))
-    scale = np.divide(np.copysign(1.0, times[:, 2]), length, out=np.full(len(turn), math.nan), where=length >= 1e-6)
-    return np.asarray(turn * scale[:, None])
-
-
-def axis_of(ref: Turning, event: Event) -> Array | None:
-    """The same (3,) of one event; None without any."""
-    axis = axes_of(ref, [event])[0]
-    return axis if np.isfinite(axis[0]) else None
-
-
-def _part(track: Turning, stack: Stack, events: list[Event], x: Array, axes: Array) -> Part:
-    """What is turned since each event's first sample in the first column of ``x`` (n, k), of (n, 4) with its products.
-
-    About ``axes`` (events, 3); the other columns are kept.
-    """
-    t, (begin, first) = np.empty(len(x)), places(stack)
-    start = STRIDE_S * np.arange(len(events)) - np.array([e.begin for e in events])
-    cross = int(x.shape[1] == 4)
-    function_of(ABOUT, about_axes)(x, t, axes, start, begin, first, track.t, track.turned, cross)
-    return Part(t, x, t[first[:-1]], t[first[1:] - 1])
-
-
-def _pairs(t: Array, stack: Stack, events: list[Event], span: int) -> tuple[NDArray[np.int64], ...]:
-    """First and last sample of every span of ``span`` samples inside an event's window, and its event."""
-    n = max(len(t) - span, 0)
-    of = stack.of[:n]
-    start, length = STRIDE_S * of, np.array([e.end - e.begin for e in events])[of]
-    use = (stack.of[span : span + n] == of) & (t[:n] >= start - 1e-9) & (t[span : span + n] <= start + length + 1e-9)
-    begin = np.flatnonzero(use)
-    return begin, begin + span, of[begin]

@@ -13,11 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.metrics.evidence import aiding
 from attlog.metrics.statistics.quantiles import student
+from attlog.metrics.steps.fit import aiding
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
 
 Y, SLOPE, GAIN, AID = 0, 1, 2, slice(6, 12)
 PLAIN = 5

@@ -1,0 +1,1 @@
+"""Which questions can a log answer, before any filter runs?"""

@@ -1,0 +1,204 @@
+"""Which questions can a log answer, before any filter runs? The metrics themselves, asked of a stand-in.
+
+The stand-in is the gyro alone, integrated with numpy: it has the times, restarts and gaps
+that every replayed filter has. What the metrics refuse to it for want of rest, flight,
+movements or reference, they refuse to every filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.base import rotation
+from attlog.base.freed import give_back
+from attlog.estimators.base import Estimate
+from attlog.estimators.engine import samples
+from attlog.flight.model import Imu
+from attlog.metrics.answer import Answer
+from attlog.metrics.answerable import plain_lag
+from attlog.metrics.base import Case, per_case
+from attlog.metrics.drift import air as drift_air
+from attlog.metrics.drift import rest as drift_rest
+from attlog.metrics.errors import rmse
+from attlog.metrics.evidence.phases import PHASES, why_none
+from attlog.metrics.noise import injection
+from attlog.metrics.noise.windows import of_row
+from attlog.metrics.ranking.resolution import CODE, withhold
+from attlog.metrics.steps import lag
+from attlog.reference import replayed
+from attlog.reference.model import Row
+
+Array = NDArray[np.float64]
+
+
+AIR, REST = ("airborne", "all", "armed"), ("rest", "rest.long", "all")
+"""Windows in which a question is looked up, as the verdicts do."""
+STAND_IN = "gyro"
+WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
+ONBOARD = drift_air.HEADING_REFERENCES["onboard"]
+Compute = Callable[[Case, Row, str], dict[str, Answer]]
+
+
+@dataclass(frozen=True, slots=True)
+class Availability:
+    """What could be measured for a question, in words; where nothing can, why not, with the codes of the metrics."""
+
+    found: tuple[str, ...]
+    why: tuple[str, ...] = ()
+    codes: tuple[str, ...] = ()
+
+    @property
+    def can(self) -> bool:
+        """Whether anything can be measured."""
+        return bool(self.found)
+
+
+@per_case
+def stand_in(case: Case) -> Row:
+    """The gyro alone as a row of a case with an IMU; no compiler is loaded for it."""
+    imu = case.log.replay_imu
+    assert imu is not None
+    row = replayed(
+        case.log, case.segments, case.reference, integrated(imu, case.gyro_of(imu), case.reference.clock), name=STAND_IN
+    )
+    give_back(len(row.t))
+    row.imu = imu
+    row.status = "ok" if row.status in ("diverged", "not_converged") else row.status
+    return row
+
+
+def integrated(imu: Imu, rates: Array, clock: str) -> Estimate:
+    """The unit's ``rates`` (n, 3) integrated from level at each restart, at the samples that every filter uses."""
+    t = imu.gyro.t_best if clock == "sample" else imu.gyro.t
+    clean = samples.prepare(t, rates, imu.acc.x, dt=imu.dt, sampling=imu.gyro.sampling, lead=False, ours=True)
+    angles, first = np.where(clean.substeps > 0, clean.dt, 0.0)[:, None] * clean.gyr, clean.acc[clean.begin]
+    times, segment, begins = clean.t, clean.segment, clean.begin.tolist()
+    del clean, rates
+    turns = [rotation.from_rotvec(angles)]
+    del angles  # of gigabytes each copy is one
+    q = products(turns.pop())
+    for begin, end, acc in zip(begins, [*begins[1:], len(q)], first, strict=True):
+        level = rotation.multiply(levelled(acc), rotation.conjugate(q[begin]))
+        for a in range(begin, end, rotation.BLOCK):
+            own = slice(a, min(a + rotation.BLOCK, end))
+            q[own] = rotation.multiply(level, q[own])
+    return Estimate(times, q, segment=segment)
+
+
+def levelled(acc: Array) -> Array:
+    """The attitude (4,) without heading in which a specific force (3,) points up; level without one."""
+    if not acc.any():
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    return rotation.from_euler(np.arctan2(-acc[1], -acc[2]), np.arctan2(acc[0], np.hypot(acc[1], acc[2])), 0.0)
+
+
+def products(q: Array) -> Array:
+    """q[0], q[0] q[1], q[0] q[1] q[2] ... of (n, 4): in short blocks, then what stands before each."""
+    n = len(q)
+    size = max(2, round(n ** (1.0 / 3.0)))
+    padded = np.zeros((-(-n // size) * size, 4))
+    padded[:, 0] = 1.0
+    padded[:n] = q
+    del q
+    blocks = padded.reshape(-1, size, 4)
+    for k in range(1, size):
+        blocks[:, k] = rotation.multiply(blocks[:, k - 1], blocks[:, k])
+    if len(blocks) > 1:
+        before, some = products(blocks[:-1, -1]), max(1, rotation.BLOCK // size)
+        for a in range(1, len(blocks), some):  # what is made on the way stays in the processor's cache
+            own = blocks[a : a + some]
+            own[:] = rotation.normalize(rotation.multiply(before[a - 1 : a - 1 + len(own), None], own))
+    return padded[:n]
+
+
+def ask(case: Case, question: str) -> Availability:
+    """What one of ASKED finds in the stand-in: the evidence that a verdict rests on."""
+    return ASKED[question](case)
+
+
+def closest(case: Case) -> Availability:
+    """Tilt errors against the reference."""
+    answer = looked_up(case, rmse.compute, "inclination_rmse_deg", AIR, "low")
+    if answer.value is None:
+        return refused(answer)
+    return Availability((f"{answer.seconds:.0f} s to compare with {case.reference.source}",))
+
+
+def quiet(case: Case) -> Availability:
+    """Windows of noise in each phase."""
+    row = stand_in(case)
+    gyro = injection.GyroAttitude(row.t, row.q, row.segment)
+    found = []
+    for phase in PHASES:
+        windows = [w for group in of_row(case, row, phase, phase) for w in group]
+        if phase != "rest":
+            use = injection.of_use(row.t, gyro, injection.TURN_DEG, [s for _, s in windows])
+            windows = [w for w, good in zip(windows, use, strict=True) if good]
+        if windows:
+            seconds = sum(t1 - t0 for (t0, t1), _ in windows)
+            found.append(f"{seconds:.0f} s {WHERE[phase]}")
+    code, why = why_none(case, "rest", "rest")
+    return Availability(tuple(found)) if found else Availability((), (why,), (code,))
+
+
+def late(case: Case) -> Availability:
+    """A lag in quick movements: of the gyro alone it is a pure delay wherever the reference follows the gyro."""
+    count = plain_lag.plainly(case, stand_in(case), AIR[0])
+    if count is None:
+        answer = looked_up(case, lag.compute, lag.metric_id("lag", "all"), AIR)
+        if answer.value is None:
+            return refused(answer)
+        count = answer.n
+    name = case.reference.name or case.reference.source
+    return Availability((f"{count} quick movements, compared with {name} at {case.reference.rate:.0f} Hz",))
+
+
+def drifting(case: Case) -> Availability:
+    """Rests after settling, and flight against each heading reference."""
+    rest = looked_up(case, drift_rest.compute, drift_rest.METRICS[0].name, REST)
+    air = {
+        words: looked_up(case, drift_air.compute, f"drift_air_deg_per_min.{name}", AIR)
+        for name, words in drift_air.HEADING_REFERENCES.items()
+    }
+    found = [f"{rest.seconds:.0f} s at rest after settling"] if rest.value is not None else []
+    flown = {words: a.seconds for words, a in air.items() if a.value is not None}
+    if flown:
+        found.append(f"{max(flown.values()):.0f} s in the air against {', '.join(flown)}")
+    if found:
+        return Availability(tuple(found))
+    nearest = next((a for a in air.values() if a.code in (CODE, "record_too_short", "not_covered")), air[ONBOARD])
+    both = [refused(a) for a in (rest, nearest)]
+    return Availability((), tuple(w for p in both for w in p.why), tuple(c for p in both for c in p.codes))
+
+
+def looked_up(case: Case, compute: Compute, metric: str, windows: tuple[str, ...], better: str = "zero") -> Answer:
+    """The stand-in's answer in the first window that has a value, else in the first that the metric is about."""
+    first: Answer | None = None
+    for window in windows:
+        answer = compute(case, stand_in(case), window).get(metric)
+        if answer is not None:
+            withhold(metric, better, answer)
+        if answer is not None and answer.value is not None:
+            return answer
+        first = first or answer
+    assert first is not None
+    return first
+
+
+def refused(answer: Answer) -> Availability:
+    """Why there is no value. Of the gyro alone: a filter that is off by more than its interval is told all the same."""
+    told = "; only a filter that is further off than that is told" if answer.code == CODE else ""
+    return Availability((), ((answer.reason or "") + told,), (answer.code or "",))
+
+
+ASKED: dict[str, Callable[[Case], Availability]] = {
+    "closest": closest,
+    "quiet": quiet,
+    "late": late,
+    "drifting": drifting,
+}
+"""The questions in the order of the report."""

@@ -1,0 +1,99 @@
+"""The stand-in is the gyro alone, and what is possible with it is what filters are judged by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from attlog import analysis, estimators, flight, reference
+from attlog.analysis.inspection import inspect
+from attlog.base import rotation
+from attlog.base.errors import AttlogError
+from attlog.metrics.answer import missing
+from attlog.metrics.answerable import questions
+from attlog.metrics.ranking import resolution as telling
+from tests.conftest import SAMPLES, corpus_logs, corpus_root
+
+ONLY_FILTERS_TELL = {"px4_1.6.5_hand_rotation.ulg", "log_copter_3.1.1_nan.log"}
+"""The onboard attitude is refused because six filters agree against it: before they run nobody knows."""
+
+
+def every_log() -> list[Path]:
+    root = corpus_root()
+    cases = [] if root is None else sorted((root / "logs" / "cases").glob("*"))
+    return corpus_logs() + [p for p in cases if p.suffix.lower() in (".ulg", ".bin", ".tlog", ".log")]
+
+
+def test_products_are_those_of_one_multiplication_after_the_other() -> None:
+    q = rotation.normalize(np.random.default_rng(3).normal(size=(2500, 4)))
+    told = questions.products(q)
+    expected = q[0]
+    for k in range(1, len(q)):
+        expected = rotation.multiply(expected, q[k])
+    assert abs(expected @ told[-1]) == pytest.approx(1.0, abs=1e-9)
+    assert np.allclose(told[0], q[0])
+
+
+def test_the_stand_in_turns_as_the_compiled_gyro_row_does() -> None:
+    imu = flight.read(SAMPLES / "copter_yaw_turns.bin").replay_imu
+    assert imu is not None
+    own = questions.integrated(imu, imu.gyro.x, "sample")
+    row = estimators.estimate(
+        "gyro", imu.gyro.t_best, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt, q0=own.q[0]
+    )
+    assert np.array_equal(own.t, row.t)
+    apart = rotation.total_angle(rotation.error(own.q, rotation.normalize(row.q)))
+    assert np.degrees(np.max(apart)) < 0.01
+
+
+def without_smoother(monkeypatch: pytest.MonkeyPatch) -> None:
+    choose = reference.choose
+    monkeypatch.setattr(reference, "choose", lambda *given, smooth=None, **more: choose(*given, **more))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", every_log(), ids=lambda p: f"{p.parent.name}-{p.name}")
+def test_info_says_of_every_log_what_analyze_can_answer(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compared with the same: info does not run the smoother, and says of it only that it comes first."""
+    without_smoother(monkeypatch)
+    try:
+        result = analysis.evaluate(analysis.prepare(path))
+    except AttlogError:
+        return
+    answered = {v.question: bool(v.bars) for v in result.verdicts}
+    if path.name in ONLY_FILTERS_TELL:
+        assert "reference_contradicted" in {p.code for p in result.problems}
+        assert inspect_answers(path) != answered, "no longer an exception"
+        answered |= {"closest": True, "late": inspect_answers(path)["late"]}
+    said = inspect(path)["answerable"]
+    large = {a["question"] for a in said if "only a filter that is further off" in (a["reason"] or "")}
+    assert {a["question"]: a["can"] or (a["question"] in large and answered[a["question"]]) for a in said} == answered
+
+
+@pytest.mark.slow
+def test_of_a_flight_too_short_for_any_small_drift_only_large_ones_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    root = corpus_root()
+    if root is None:
+        pytest.skip("no corpus")
+    path = root / "logs" / "cases" / "copter_3.6.8_compass.bin"
+    without_smoother(monkeypatch)
+    said = next(a for a in inspect(path)["answerable"] if a["question"] == "drifting")
+    assert not said["can"]
+    assert "only a filter that is further off than that is told" in said["reason"]
+    told = next(v for v in analysis.evaluate(analysis.prepare(path)).verdicts if v.question == "drifting")
+    assert told.bars
+    assert all(abs(value) > 60.0 for _, value, _ in told.bars)
+
+
+def inspect_answers(path: Path) -> dict[str, bool]:
+    return {a["question"]: a["can"] for a in inspect(path)["answerable"]}
+
+
+def test_a_refusal_says_why_and_of_an_uncertain_number_also_who_is_told_of_one() -> None:
+    assert questions.refused(missing("no_rest", "no rest of 20 s", "deg", "rest")) == questions.Availability(
+        (), ("no rest of 20 s",), ("no_rest",)
+    )
+    (why,) = questions.refused(missing(telling.CODE, "too noisy", "deg", "rest")).why
+    assert why.startswith("too noisy; only a filter that is further off")
