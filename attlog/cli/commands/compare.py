@@ -95,8 +95,7 @@ def command(
         raise UsageError(f"{found.again[0]}; a comparison needs two that differ")
     for sentence in found.again:
         to_stderr(f"attlog: {sentence}; it is compared once")
-    before = found.wanted.options | ({} if own.window is None else {"window": own.window})
-    settings = for_comparison(options, before)
+    settings = for_comparison(options, found.wanted.options | ({} if own.window is None else {"window": own.window}))
     logs, wrong = find(found.logs)
     if not found.logs:
         raise UsageError("no log named: attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6")
