@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from attlog.base.errors import UsageError
 from attlog.flight.model import FlightLog
-from attlog.recorded.columns import Columns
+from attlog.recorded.columns import AttitudeColumns
 
 Array = NDArray[np.float64]
 OVERLAP = 0.5
 """So much of the file, or of the log, must lie within the other."""
 
 
-def on_log(path: Path, table: Columns, log: FlightLog, offset: float) -> list[tuple[Array, NDArray[np.int64], str]]:
+def on_log(
+    path: Path, table: AttitudeColumns, log: FlightLog, offset: float
+) -> list[tuple[Array, NDArray[np.int64], str]]:
     """For each clock on which the file overlaps the log: times (m,) s on the log's clock, which rows (m,) of the table
     they are, and what clock it is.
 

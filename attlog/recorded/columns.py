@@ -38,7 +38,7 @@ STEP_S = (2e-4, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class AttitudeColumns:
     """What a file holds: times (n,) s, and quaternions (n, 4) scalar first or Euler angles (n, 3) with their unit."""
 
     t: Array
@@ -50,7 +50,7 @@ class Columns:
     """The columns that were taken, for messages."""
 
 
-def read(path: Path) -> Columns:
+def read(path: Path) -> AttitudeColumns:
     """The time and attitude of a file. LogUnreadable if it cannot be opened, UsageError if they are not there."""
     text = text_of(path, MAX_RESULT_BYTES)
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "%"))]
@@ -76,7 +76,7 @@ def read(path: Path) -> Columns:
     t = _seconds(path, head[time], values[:, 0])
     names = ", ".join(head[i] for i in (time, *chosen))
     attitude = values[:, 1:]
-    return Columns(t, attitude if found else None, None if found else attitude, next(iter(units), ""), names)
+    return AttitudeColumns(t, attitude if found else None, None if found else attitude, next(iter(units), ""), names)
 
 
 def _plain(name: str) -> str:

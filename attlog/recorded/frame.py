@@ -17,7 +17,7 @@ from attlog.base import rotation
 from attlog.base.errors import UsageError
 from attlog.base.limits import GYRO_LIMIT_RAD_S
 from attlog.flight.model import Imu
-from attlog.recorded.columns import Columns
+from attlog.recorded.columns import AttitudeColumns
 from attlog.segments import gaps
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class FrameFit:
         return float(self.quality.get("gyro_disagreement_pct", 100.0))
 
 
-def candidates(table: Columns, rows: NDArray[np.int64], asked: str, angles: str) -> list[FrameCandidate]:
+def candidates(table: AttitudeColumns, rows: NDArray[np.int64], asked: str, angles: str) -> list[FrameCandidate]:
     """All readings of a file that are not excluded by what was asked for or told by the names of its columns."""
     found = []
     for unit, q in _quaternions(table, rows, angles):
@@ -71,7 +71,7 @@ def candidates(table: Columns, rows: NDArray[np.int64], asked: str, angles: str)
     return found
 
 
-def _quaternions(table: Columns, rows: NDArray[np.int64], angles: str) -> Iterator[tuple[str, Array]]:
+def _quaternions(table: AttitudeColumns, rows: NDArray[np.int64], angles: str) -> Iterator[tuple[str, Array]]:
     if table.q is not None:
         yield "", rotation.normalize(table.q[rows])
         return
