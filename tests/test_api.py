@@ -70,7 +70,7 @@ from numpy.typing import NDArray
 
 import attlog
 from attlog import Aids, Config, Result, analyze, estimate, evaluate, prepare, read
-from attlog.estimators import Estimate, Measured, place
+from attlog.estimators import Estimate, Measurements, place
 from attlog.flight.model import FlightLog
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario.scenario import Scenario, load
