@@ -143,9 +143,9 @@ def estimate(
     """
     row = parse(name) if isinstance(name, str) else name if isinstance(name, EstimatorSpec) else EstimatorSpec(name)
     estimator = row.estimator
-    if estimator.apart is not None:
+    if estimator.process is not None:
         told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
-        return estimator.apart.call(
+        return estimator.process.call(
             _there,
             row.preset,
             {**row.params, **params},

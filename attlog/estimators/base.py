@@ -135,7 +135,7 @@ AIDS = frozenset({"gnss", "baro", "airspeed", "at_rest"})
 
 
 class PluginProcess(Protocol):
-    """A process that runs an estimator's functions, see :mod:`attlog.estimators.apart`. ``name``: what it loads."""
+    """A process that runs an estimator's functions, see :mod:`attlog.estimators.isolation`. ``name``: what it loads."""
 
     name: str
 
@@ -160,8 +160,8 @@ class Estimator:
     ``from_log(params, info) -> values`` gives the
     filter's own parameters that follow from a log (:class:`LogInfo`); a step whose ``uses``
     names aids takes one argument more (:mod:`attlog.estimators.aids`). Filters with one ``equation``
-    differ in gains and numerics alone. ``apart``: the process that runs its functions, which then only stand for those
-    that are there; None where this one does.
+    differ in gains and numerics alone. ``process``: the process that runs its functions, which then only stand for
+    those that are there; None where this one does.
     """
 
     name: str
@@ -183,7 +183,7 @@ class Estimator:
     vectors_at: VectorsAt = "start"
     from_log: Callable[..., Any] | None = None
     equation: str = ""
-    apart: PluginProcess | None = None
+    process: PluginProcess | None = None
 
     @property
     def aided(self) -> bool:

@@ -30,7 +30,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from attlog.base.errors import AttlogError, PluginError, UsageError, suggestion
-from attlog.estimators import apart, recorded
+from attlog.estimators import isolation, recorded
 from attlog.estimators.base import AIDS, COMMON, DECLINATION, INIT, SENSORS, Estimator, Parameter, VectorsAt
 from attlog.estimators.plugin_errors import broken
 
@@ -72,19 +72,19 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> Estimator:
     """The estimator of that name, or of the file ``name`` if it ends in ``.py``, or ``.csv`` for an attitude.
 
-    Code that is not attlog's runs in a process of its own (:mod:`attlog.estimators.apart`), its import included.
+    Code that is not attlog's runs in a process of its own (:mod:`attlog.estimators.isolation`), its import included.
 
     UsageError for an unknown name or a file that cannot be read; PluginError with file and line for a broken plug-in.
     """
     if name.endswith(".py"):
         _check_readable(Path(name))
-        return apart.from_file(Path(name))
+        return isolation.from_file(Path(name), here)
     if recorded.is_recorded(name):
         return recorded.from_file(Path(name))
     if name in BUILT_IN:
         return from_module(importlib.import_module(f"attlog.estimators.filters.{name}"), name)
     point = _entry_point(name)
-    return apart.from_package(name, f"{point.value} {_version(point)}")
+    return isolation.from_package(name, f"{point.value} {_version(point)}", here)
 
 
 def here(name: str) -> Estimator:

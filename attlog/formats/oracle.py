@@ -9,11 +9,6 @@ stands in each format's ``oracle.py``.
 from __future__ import annotations
 
 import math
-import os
-import pickle
-import signal
-import subprocess
-import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterable
@@ -25,6 +20,8 @@ from typing import Any
 import numpy as np
 
 from attlog.base.limits import VERIFY_S, VERIFY_S_PER_BYTE, VERIFY_WAITS
+from attlog.base.processes.child import Child, Died, TooLong
+from attlog.base.processes.serve import write_output_to
 from attlog.formats.base import Messages, Table
 
 Key = tuple[str, int | None]
@@ -69,63 +66,46 @@ def read(path: Path, log_format: str) -> Columns:
     from attlog.formats.compression import is_gzip, unpack
 
     try:
-        room = tempfile.TemporaryDirectory(prefix="attlog-")
+        scratch = tempfile.TemporaryDirectory(prefix="attlog-")
     except OSError as error:
         raise OracleFailed(f"no temporary folder for what it says ({error.strerror or error})") from error
-    with room as folder:
-        answer, printed, log = Path(folder, "answer"), Path(folder, "printed"), path.absolute()
+    with scratch as folder:
+        printed, log = Path(folder, "printed"), path.absolute()
         if is_gzip(path):
             log = Path(folder, "log")
             with log.open("w+b") as file:
                 unpack(path, file)
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(p or os.curdir for p in sys.path)}
         patience = max(math.ceil(VERIFY_S + VERIFY_S_PER_BYTE * log.stat().st_size), 1)
-        command = [sys.executable, "-P", "-m", __name__, log_format, str(log), str(answer), str(patience)]
-        with printed.open("wb") as sink:
+        with Child.started() as child:
             try:
-                done = subprocess.run(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=sink,
-                    stderr=sink,
-                    env=environment,
-                    check=False,
-                    timeout=VERIFY_WAITS * patience,
-                )
-            except subprocess.TimeoutExpired:
+                return child.call(_read, log_format, log, printed, patience, seconds=VERIFY_WAITS * patience)
+            except TooLong:
                 raise OracleLate(f"it is not done after {VERIFY_WAITS * patience:.0f} s") from None
-        if hasattr(signal, "SIGXCPU") and done.returncode == -signal.SIGXCPU:
-            raise OracleLate(f"it is not done after {patience} s of CPU time")
-        if done.returncode != 0 or not answer.exists():
-            last = printed.read_bytes().decode("utf-8", "replace").strip().rpartition("\n")[2]
-            raise OracleFailed(f"its process ended with code {done.returncode}: {last}")
-        with answer.open("rb") as file:
-            failure, columns = pickle.load(file)
-    if failure is not None:
-        raise OracleFailed(failure)
-    found: Columns = columns
-    return found
+            except Died as died:
+                if died.exit.signal == "SIGXCPU":
+                    raise OracleLate(f"it is not done after {patience} s of CPU time") from None
+                said = printed.read_bytes().decode("utf-8", "replace").strip() if printed.exists() else ""
+                raise OracleFailed(f"{died}: {said.rpartition(chr(10))[2]}") from None
 
 
-def limit_cpu(seconds: int) -> None:
+def _read(log_format: str, path: Path, printed: Path, cpu_s: int) -> Columns:
+    """What the child does. OracleFailed where the library raises."""
+    from attlog.formats import format_named
+
+    write_output_to(printed)
+    _limit_cpu(cpu_s)
+    try:
+        return format_named(log_format).load_oracle().read(path)
+    except Exception as error:  # the library may fail in any way on a log that we can read
+        raise OracleFailed(f"{type(error).__name__}: {error}") from None
+
+
+def _limit_cpu(seconds: int) -> None:
     """Have the system end this process after so much of its time; on Windows, which cannot, the parent's clock does."""
     with suppress(ImportError):
         import resource
 
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
-
-
-def answer_to(log_format: str, path: Path, answer: Path) -> None:
-    """What the child does: read, and leave (failure, columns) behind."""
-    from attlog.formats import format_named
-
-    failure, columns = None, None
-    try:
-        columns = format_named(log_format).load_oracle().read(path)
-    except Exception as error:  # the library may fail in any way on a log that we can read
-        failure = f"{type(error).__name__}: {error}"
-    with answer.open("wb") as file:
-        pickle.dump((failure, columns), file, protocol=5)
 
 
 def gathered(rows: Iterable[tuple[str, int | None, Any]]) -> Columns:
@@ -163,8 +143,3 @@ def as_printed(tables: list[Table], spell: Callable[[bytes], str]) -> dict[str, 
         is_text = column.dtype.kind == "S"
         columns[name] = _objects([spell(raw) for raw in column.tolist()]) if is_text else column
     return columns
-
-
-if __name__ == "__main__":
-    limit_cpu(int(sys.argv[4]))
-    answer_to(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]))

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from attlog.base.errors import AttlogError
-from attlog.base.processes import Died, in_processes
+from attlog.base.processes.child import Died
+from attlog.base.processes.pool import in_processes
 from attlog.reproduce.paper import PaperOptions
 
 R = TypeVar("R")

@@ -44,8 +44,8 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
     from attlog.simulate.autopilot.pilot import foreign, make
 
     row = None if autopilot is not None else foreign(scenario)
-    if row is not None and row.estimator.apart is not None:
-        return row.estimator.apart.call(_there, row.preset, dict(row.params), scenario, seed, also_s=scenario.seconds)
+    if row is not None and row.estimator.process is not None:
+        return row.estimator.process.call(_there, row.preset, dict(row.params), scenario, seed, also_s=scenario.seconds)
     home = environment(scenario)
     truth = _no_truth(scenario)
     sensors = _Sensors(scenario, seed, home)

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from attlog.base.output import staged
-from attlog.base.processes import in_processes
+from attlog.base.processes.pool import in_processes
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import write
 from attlog.simulate.scenario.scenario import Scenario

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import signal
-import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -147,16 +147,14 @@ def test_a_library_that_never_ends_is_given_up(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGXCPU"), reason="no limit of CPU time on this system")
-def test_time_in_which_the_library_does_not_run_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_in_which_the_library_does_not_run_is_not_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A limit on the clock called a log different because the machine was busy: here its process waits 3 s of 2."""
     monkeypatch.setattr(oracle, "VERIFY_S", 2.0)
     monkeypatch.setattr(oracle, "VERIFY_S_PER_BYTE", 0.0)
-    run = subprocess.run
-
-    def slowly(command: list[str], **options: Any) -> Any:
-        return run(["sh", "-c", 'sleep 3; exec "$@"', "sh", *command], **options)
-
-    monkeypatch.setattr(subprocess, "run", slowly)
+    slow = tmp_path / "python"
+    slow.write_text(f'#!/bin/sh\nsleep 3\nexec {sys.executable} "$@"\n')
+    slow.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(slow))
     assert verify(SAMPLES / "px4_hover.ulg").agrees
 
 

@@ -32,8 +32,8 @@ def firmware_names(estimator: Estimator) -> dict[str, str]:
     """Parameter of the filter -> parameter of the autopilot that it is, for those that are taken as they stand."""
     if estimator.from_log is None:
         return {}
-    if estimator.apart is not None:
-        return estimator.apart.call(firmware_names)
+    if estimator.process is not None:
+        return estimator.process.call(firmware_names)
     sizes = {p.name: float(p.default) for p in estimator.own if not p.choices}
     try:
         probe = _Asked({})

@@ -8,7 +8,8 @@ from typing import Any
 
 from attlog.analysis.config import Config
 from attlog.base.errors import UsageError
-from attlog.base.processes import Died, in_processes
+from attlog.base.processes.child import Died
+from attlog.base.processes.pool import in_processes
 from attlog.base.versions import versions
 from attlog.compare.configurations.configuration import Configuration
 from attlog.compare.differences.comparison import Comparison

@@ -124,9 +124,9 @@ def estimate_batch(
     """
     if dtype not in WIDTH:
         raise UsageError(f"dtype={dtype} is not known; give float64 or float32")
-    if estimator.apart is not None:
+    if estimator.process is not None:
         told = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
-        return estimator.apart.call(
+        return estimator.process.call(
             estimate_batch,
             [dict(p) for p in params],
             t,

@@ -212,8 +212,8 @@ def not_compiled(estimator: Estimator) -> str:
 
     PluginError as in :func:`kernel`.
     """
-    if estimator.apart is not None:
-        return estimator.apart.call(not_compiled)
+    if estimator.process is not None:
+        return estimator.process.call(not_compiled)
     if estimator.step is None or not cache.jit_wanted():
         return ""
     return _kernel(estimator)[1]

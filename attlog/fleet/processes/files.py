@@ -1,24 +1,37 @@
-"""One log to files: the report, the JSON, and what both are called."""
+"""One log to files: the report, the JSON, what both are called, and the same as the work of a process of its own."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+import traceback
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from attlog import __version__
 from attlog.base import file_names
-from attlog.base.output import staged
+from attlog.base.errors import BUG, LogUnreadable, OutputError, exit_code, message
+from attlog.base.output import is_full, staged
+from attlog.fleet.records.record import written
+from attlog.fleet.records.work import Work, key, stamp
 from attlog.fleet.sources.unchanged import unchanged
 
 if TYPE_CHECKING:
     from attlog.analysis.config import Config
     from attlog.result import Result
 
+RESERVED = ("index",)
+"""Names that the pages of a batch have."""
+PRINTED = "printed.txt"
+"""In the scratch folder of a log's process: all that it prints, also when it crashes."""
+STAGES = {"attlog.stages": "stage", "attlog.compiling": "compiling"}
+"""Loggers that say what is being done, and what they say it as."""
+
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class ReportFiles:
     """What was found out about a log, and the files it stands in."""
 
     result: Result
@@ -28,7 +41,7 @@ class Written:
 
 def analyze_to_files(
     log: Path, config: Config, folder: Path, name: str = "", *, command: str = "", deterministic: bool = False
-) -> Written:
+) -> ReportFiles:
     """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder; ``name`` is the file's own by default.
 
     Both files appear whole or the old ones stay, and nothing is written of a log that fails.
@@ -41,17 +54,13 @@ def analyze_to_files(
     name = name or log.name
     with unchanged(log):
         result = analyze(log, config, command=command)
-    written = Written(result, folder / f"{name}.html", folder / f"{name}.json")
+    files = ReportFiles(result, folder / f"{name}.html", folder / f"{name}.json")
     logging.getLogger("attlog.stages").info("writing the report")
     document = result.to_dict(deterministic)  # large: made once for both
     with staged(folder) as stage:
-        result.to_html(stage / written.report.name, deterministic=deterministic, document=document)
-        result.to_json(stage / written.json.name, whole=document)
-    return written
-
-
-RESERVED = ("index",)
-"""Names that the pages of a batch have."""
+        result.to_html(stage / files.report.name, deterministic=deterministic, document=document)
+        result.to_json(stage / files.json.name, whole=document)
+    return files
 
 
 def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
@@ -62,3 +71,78 @@ def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     the folder.
     """
     return file_names.file_names(map(str, logs), (*RESERVED, *taken))
+
+
+class MessageHandler(logging.Handler):
+    """Hands on what loggers say is being done."""
+
+    def __init__(self, tell: Callable[[dict[str, Any]], None]) -> None:
+        super().__init__(logging.INFO)
+        self._tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._tell({STAGES[record.name]: record.getMessage()})
+
+
+def load_filters(specs: list[str], *, tell: Callable[[dict[str, Any]], None]) -> None:
+    """Load filters into this process, which forks others that then have them; those that are compiled are told.
+
+    What fails here fails in the process of a log, and is told there.
+    """
+    from attlog.analysis.preload import preload
+
+    logger, handler = logging.getLogger("attlog.compiling"), MessageHandler(tell)
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    with suppress(Exception):
+        preload(specs)
+    logger.removeHandler(handler)
+
+
+def process_log(work: Work, scratch: Path, *, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+    """The work of a log's process: :func:`fields_of_record`; what is printed goes to a file of the folder."""
+    from attlog.base.processes.serve import write_output_to
+
+    write_output_to(scratch / PRINTED)
+    return fields_of_record(work, scratch, tell)
+
+
+def fields_of_record(work: Work, scratch: Path, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+    """Analyse a log to files in ``scratch / "out"``; the fields of its record. An error is told by them, not raised."""
+    from attlog.fleet.records.row import index_row
+
+    for name in STAGES:
+        logger = logging.getLogger(name)
+        logger.handlers, logger.propagate = [MessageHandler(tell)], False
+        logger.setLevel(logging.INFO)
+    content, out = "", scratch / "out"
+    try:
+        sign = _stamp(work)
+        with unchanged(Path(work.source.place)), work.source.local(scratch) as log:
+            content = log.sha256
+            files = analyze_to_files(
+                log.path, work.config, out, work.name, command=work.command, deterministic=work.deterministic
+            )
+        return {
+            "key": key(content, work.settings),
+            "stamp": sign,
+            "row": index_row(files.result),
+            "files": {path.name: written(path) for path in (files.report, files.json)},
+        }
+    except Exception as error:
+        code = exit_code(error)
+        return {
+            "key": key(content, work.settings) if content and not isinstance(error, LogUnreadable) else "",
+            "code": code,
+            "message": message(error, __version__, work.source.name).replace(str(out), str(work.folder)),
+            "trace": "".join(traceback.format_exception(error)) if code == BUG else "",
+            "folder_full": isinstance(error, OutputError) and is_full(error.__cause__),
+        }
+
+
+def _stamp(work: Work) -> str:
+    """Taken before the bytes, so that a later change is noticed. A server that fails now may answer the download."""
+    try:
+        return stamp(work.source)
+    except LogUnreadable:
+        return ""

@@ -14,6 +14,7 @@ from typing import Protocol
 from attlog.base.errors import INTERRUPTED, ClusterError, OutputError
 from attlog.base.output import remove_unfinished
 from attlog.fleet.pages.index_page import INDEX, write_index
+from attlog.fleet.processes.run import SCRATCH
 from attlog.fleet.records.entry import Entry
 from attlog.fleet.records.lock import locked
 from attlog.fleet.records.plan import Job, planned
@@ -113,8 +114,8 @@ def _analyse_all(job: Job, run: Runner, watcher: Watcher, judge: Judge | None) -
 
 
 def _tidy(folder: Path) -> None:
-    """Remove what a run that was killed left behind: rooms of its processes, files that were being written."""
-    shutil.rmtree(folder / INSIDE / "rooms", ignore_errors=True)
+    """Remove what a run that was killed left behind: scratch folders, files that were being written."""
+    shutil.rmtree(folder / INSIDE / SCRATCH, ignore_errors=True)
     remove_unfinished(folder / INSIDE)
     remove_unfinished(folder / INSIDE / "records")
     remove_unfinished(folder, INDEX, PARQUET, CSV)

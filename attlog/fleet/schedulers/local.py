@@ -7,8 +7,8 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
-from attlog.fleet.processes.nursery import Nursery
-from attlog.fleet.processes.run import run_one
+from attlog.base.processes.forks import Forks
+from attlog.fleet.processes.run import forks, run_one
 from attlog.fleet.records.record import Record
 from attlog.fleet.records.work import Work
 
@@ -18,14 +18,14 @@ Runner = Callable[[Sequence[Work]], Records]
 Tell = Callable[[Work, dict[str, Any]], None]
 
 
-def here(workers: int | None = None, tell: Tell | None = None, nursery: Nursery | None = None) -> Runner:
+def here(workers: int | None = None, tell: Tell | None = None, processes: Forks | None = None) -> Runner:
     """A runner on this machine; as many ``workers`` as it has cores by default. ``tell`` hears the stages of each log.
 
-    ``tell`` is called from threads. ``nursery``: one that is used again, and closed by whoever made it.
+    ``tell`` is called from threads. ``processes``: used again, and closed by whoever made them.
     """
 
     def run(works: Sequence[Work]) -> Records:
-        return _run(works, min(workers or cores(), max(len(works), 1)), tell, nursery)
+        return _run(works, min(workers or cores(), max(len(works), 1)), tell, processes)
 
     return run
 
@@ -35,11 +35,11 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _run(works: Sequence[Work], workers: int, tell: Tell | None, kept: Nursery | None) -> Records:
-    nursery = kept or Nursery()
+def _run(works: Sequence[Work], workers: int, tell: Tell | None, kept: Forks | None) -> Records:
+    processes = kept or forks()
 
     def one(work: Work) -> Record:
-        return run_one(work, nursery, None if tell is None else lambda told: tell(work, told))
+        return run_one(work, processes, None if tell is None else lambda told: tell(work, told))
 
     pool = ThreadPoolExecutor(workers, "attlog")
     try:
@@ -50,5 +50,5 @@ def _run(works: Sequence[Work], workers: int, tell: Tell | None, kept: Nursery |
             yield future.result()
     finally:
         if kept is None:
-            nursery.close()  # first: a thread waits for its child
+            processes.close()  # first: a thread waits for its child
         pool.shutdown(wait=True, cancel_futures=True)

@@ -93,7 +93,7 @@ def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], u
     mag = np.where(np.arange(SAMPLES)[:, None] % MAG_EVERY == 0, np.array([20.0, 0.0, 40.0]) + swing, np.nan)
     asked = estimators.EstimatorSpec(estimators.get(estimator), params=dict(parameters))
     runs = []
-    if asked.estimator.apart is not None:  # what is wrong with it, its own process says
+    if asked.estimator.process is not None:  # what is wrong with it, its own process says
         runs.append(estimators.estimate(asked, t, 0.3 * swing, acc, mag if uses_mag else None))
     # The samples are cleaned once: only the filter's own loop is timed.
     made = prepare(t, 0.3 * swing, acc, mag if uses_mag else None, hold_mag=asked.estimator.hold_mag)

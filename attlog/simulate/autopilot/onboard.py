@@ -102,8 +102,8 @@ class Live:
         log: LogFacts | None = None,
     ) -> None:
         row = stepping(estimator) if isinstance(estimator, str) else estimator
-        if row.estimator.apart is not None:
-            row = replace(row, estimator=registry.here(row.estimator.apart.name))
+        if row.estimator.process is not None:
+            row = replace(row, estimator=registry.here(row.estimator.process.name))
         self.row, filter_ = row, row.estimator
         if mag_rate is None and "mag" in filter_.needs:
             raise UsageError(f"{self.row.name} needs a magnetometer, which this vehicle does not have")

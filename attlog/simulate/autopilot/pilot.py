@@ -164,4 +164,4 @@ def foreign(scenario: Scenario) -> EstimatorSpec | None:
     if scenario.estimator.name == TRUTH:
         return None
     row = stepping(spec(scenario.estimator.name, scenario.estimator.params))
-    return None if row.estimator.apart is None else row
+    return None if row.estimator.process is None else row

@@ -15,10 +15,10 @@ import pytest
 
 from attlog import Config
 from attlog.base.errors import LogUnreadable
-from attlog.fleet.processes import child
+from attlog.base.processes.forks import Closed, Forks
+from attlog.fleet.processes import files
 from attlog.fleet.processes.files import analyze_to_files
-from attlog.fleet.processes.nursery import Closed, Nursery
-from attlog.fleet.processes.run import run_one
+from attlog.fleet.processes.run import forks, run_one
 from attlog.fleet.records.record import Record, read_record, record_path, records
 from attlog.fleet.records.work import Work, settings_key
 from attlog.fleet.sources.source import Source
@@ -29,9 +29,9 @@ LOG = SAMPLES / "copter_yaw_turns.bin"
 
 
 @pytest.fixture(scope="module")
-def nursery() -> Iterator[Nursery]:
+def processes() -> Iterator[Forks]:
     with installed():
-        kept = Nursery()
+        kept = forks()
         yield kept
         kept.close()
 
@@ -49,18 +49,18 @@ def plugin(folder: Path, body: str) -> str:
     return str(path)
 
 
-def test_the_process_writes_what_the_caller_would(tmp_path: Path, nursery: Nursery) -> None:
-    record = run_one(work(tmp_path / "a"), nursery)
+def test_the_process_writes_what_the_caller_would(tmp_path: Path, processes: Forks) -> None:
+    record = run_one(work(tmp_path / "a"), processes)
     here = analyze_to_files(LOG, Config(estimators=["gyro"]), tmp_path / "b", deterministic=True)
     assert (record.code, record.message) == (0, "")
     for path in (here.report, here.json):
         assert (tmp_path / "a" / path.name).read_bytes() == path.read_bytes()
     assert sorted(p.name for p in (tmp_path / "a").iterdir()) == [".attlog", here.report.name, here.json.name]
-    assert not list((tmp_path / "a" / ".attlog" / "rooms").iterdir())
+    assert not list((tmp_path / "a" / ".attlog" / "scratch").iterdir())
 
 
-def test_a_record_reads_back_as_it_was(tmp_path: Path, nursery: Nursery) -> None:
-    record = run_one(work(tmp_path), nursery)
+def test_a_record_reads_back_as_it_was(tmp_path: Path, processes: Forks) -> None:
+    record = run_one(work(tmp_path), processes)
     assert read_record(tmp_path, LOG.name) == record
     assert list(records(tmp_path)) == [record]
     assert min(record.cpu_s, record.wall_s) > 0
@@ -69,30 +69,30 @@ def test_a_record_reads_back_as_it_was(tmp_path: Path, nursery: Nursery) -> None
     assert record.row["flight"]["name"] == LOG.name
 
 
-def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path, nursery: Nursery) -> None:
+def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path, processes: Forks) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
-    first = run_one(work(tmp_path / "out", log), nursery)
+    first = run_one(work(tmp_path / "out", log), processes)
     task = work(tmp_path / "out", log, resume=True)
-    assert run_one(task, nursery).again
-    assert run_one(task, nursery) == first
-    assert not run_one(replace(task, resume=False), nursery).again
+    assert run_one(task, processes).again
+    assert run_one(task, processes) == first
+    assert not run_one(replace(task, resume=False), processes).again
     report = tmp_path / "out" / "a.bin.html"
     whole = report.read_bytes()
     report.write_bytes(whole[:-1] + b" ")
-    assert not run_one(task, nursery).again
+    assert not run_one(task, processes).again
     assert report.read_bytes() == whole
-    assert not run_one(work(tmp_path / "out", log, specs="accel_mag", resume=True), nursery).again
-    assert not run_one(task, nursery).again
+    assert not run_one(work(tmp_path / "out", log, specs="accel_mag", resume=True), processes).again
+    assert not run_one(task, processes).again
     log.write_bytes(LOG.read_bytes()[:-200])
-    assert not run_one(task, nursery).again
+    assert not run_one(task, processes).again
 
 
-def test_a_record_that_is_damaged_is_a_log_that_is_not_done(tmp_path: Path, nursery: Nursery) -> None:
-    run_one(work(tmp_path), nursery)
+def test_a_record_that_is_damaged_is_a_log_that_is_not_done(tmp_path: Path, processes: Forks) -> None:
+    run_one(work(tmp_path), processes)
     place = record_path(tmp_path, LOG.name)
     place.write_bytes(place.read_bytes()[:100])
-    assert not run_one(work(tmp_path, resume=True), nursery).again
+    assert not run_one(work(tmp_path, resume=True), processes).again
 
 
 def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
@@ -110,76 +110,85 @@ def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
     ("import os\nif not os.fork():\n    os._exit(0)\nwhile True: pass", 75, "longer than 1.5 s"),
     ("x = bytearray(10**9)\nwhile True: pass", 75, "more than 600 MB"),
 ])  # fmt: skip
-def test_a_process_that_fails_is_one_record(tmp_path: Path, nursery: Nursery, body: str, code: int, words: str) -> None:
+def test_a_process_that_fails_is_one_record(tmp_path: Path, processes: Forks, body: str, code: int, words: str) -> None:
     limits: dict[str, Any] = {"timeout": 1.5 if code == 75 and "MB" not in words else 300.0, "memory": 600.0}
-    record = run_one(work(tmp_path, specs=harm(body), **limits), nursery)
+    record = run_one(work(tmp_path, specs=harm(body), **limits), processes)
     assert record.code == code
     assert words in record.message
     assert str(LOG) in record.message
     assert not list(tmp_path.glob("*.json"))
-    assert not list((tmp_path / ".attlog" / "rooms").iterdir())
+    assert not list((tmp_path / ".attlog" / "scratch").iterdir())
     assert read_record(tmp_path, LOG.name) == record
-    assert run_one(work(tmp_path), nursery).code == 0
+    assert run_one(work(tmp_path), processes).code == 0
 
 
-def test_memory_of_a_filter_from_a_file_is_counted(tmp_path: Path, nursery: Nursery) -> None:
+def test_memory_of_a_filter_from_a_file_is_counted(tmp_path: Path, processes: Forks) -> None:
     file = plugin(tmp_path, "x = bytearray(10**9)\nwhile True: pass")
-    record = run_one(work(tmp_path, specs=file, memory=600.0), nursery)
+    record = run_one(work(tmp_path, specs=file, memory=600.0), processes)
     assert (record.code, "more than 600 MB" in record.message) == (75, True)
 
 
-def test_a_log_that_is_cut_while_it_is_mapped_is_unreadable(tmp_path: Path, nursery: Nursery) -> None:
+def test_a_log_that_is_cut_while_it_is_mapped_is_unreadable(tmp_path: Path, processes: Forks) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
     body = f"import os; os.truncate({str(log)!r}, 1000)"
-    record = run_one(work(tmp_path, log, specs=harm(body)), nursery)
+    record = run_one(work(tmp_path, log, specs=harm(body)), processes)
     assert record.code == 66
     assert "changed while it was read" in record.message
 
 
-def test_a_log_that_grows_while_it_is_read_is_unreadable(tmp_path: Path, nursery: Nursery) -> None:
+def test_a_log_that_grows_while_it_is_read_is_unreadable(tmp_path: Path, processes: Forks) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
     body = f"open({str(log)!r}, 'ab').write(b'x')"
-    record = run_one(work(tmp_path, log, specs=plugin(tmp_path, body)), nursery)
+    record = run_one(work(tmp_path, log, specs=plugin(tmp_path, body)), processes)
     assert (record.code, record.key) == (66, "")
     assert not list(tmp_path.glob("*.json"))
 
 
-def test_a_bug_is_told_with_its_traceback(tmp_path: Path, nursery: Nursery) -> None:
+def test_a_bug_is_told_with_its_traceback(tmp_path: Path, processes: Forks) -> None:
     body = "import attlog.report.page as page\ndef broken(*a, **k): raise ZeroDivisionError('x')\npage.render = broken"
-    record = run_one(work(tmp_path, specs=harm(body)), nursery)
+    record = run_one(work(tmp_path, specs=harm(body)), processes)
     assert (record.code, "a bug in attlog" in record.message) == (70, True)
     assert "ZeroDivisionError" in record.trace
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, nursery: Nursery) -> None:
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, processes: Forks) -> None:
     (tmp_path / "file").write_text("x")
-    assert run_one(work(tmp_path / "file" / "out"), nursery).code == 73
+    assert run_one(work(tmp_path / "file" / "out"), processes).code == 73
     (tmp_path / "out" / f"{LOG.name}.html").mkdir(parents=True)
-    record = run_one(work(tmp_path / "out"), nursery)
+    record = run_one(work(tmp_path / "out"), processes)
     assert (record.code, record.folder_full) == (73, False)
     assert f"{LOG.name}.html: cannot be written" in record.message
 
 
 @pytest.mark.slow
-def test_the_death_of_the_nursery_costs_its_children_alone(tmp_path: Path) -> None:
+def test_the_death_of_the_forking_program_costs_its_children_alone(tmp_path: Path) -> None:
     with installed():
-        nursery = Nursery()
-        assert run_one(work(tmp_path / "first"), nursery).code == 0  # it loads the filters of its first log itself
+        processes = forks()
+        assert run_one(work(tmp_path / "first"), processes).code == 0  # it loads the filters of its first log itself
         pid = tmp_path / "pid"
-        kills_the_nursery = (
+        kills_the_program = (
             f"import os, signal, time\nopen({str(pid)!r}, 'w').write(str(os.getpid()))\n"
             "os.kill(os.getppid(), signal.SIGKILL)\ntime.sleep(100)"
         )
-        record = run_one(work(tmp_path, specs=harm(kills_the_nursery)), nursery)
+        record = run_one(work(tmp_path, specs=harm(kills_the_program)), processes)
         assert record.code == 70
         assert "so is the one that started it" in record.message
         assert gone(int(pid.read_text()))
-        assert run_one(work(tmp_path), nursery).code == 0
-        nursery.close()
+        assert run_one(work(tmp_path), processes).code == 0
+        processes.close()
         with pytest.raises(Closed):
-            run_one(work(tmp_path), nursery)
+            run_one(work(tmp_path), processes)
+
+
+def pid_in(place: Path) -> int:
+    """The process number that a filter wrote to that file."""
+    for _ in range(1200):
+        if place.exists() and place.read_text():
+            return int(place.read_text())
+        time.sleep(0.05)
+    raise AssertionError("the process never came to its filter")
 
 
 def gone(pid: int) -> bool:
@@ -204,35 +213,30 @@ def test_a_process_that_never_gives_way_ends_with_a_parent_that_is_killed(tmp_pa
         [sys.executable, "-m", "attlog", "batch", LOG, "-o", tmp_path / "out", "--estimators", filter_file],
         cwd=SAMPLES.parent, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    for _ in range(1200):
-        if pid.exists() and pid.read_text():
-            break
-        time.sleep(0.05)
+    number = pid_in(pid)
     run.kill()
     run.wait()
-    assert gone(int(pid.read_text()))
+    assert gone(number)
 
 
 @pytest.mark.slow
-def test_closing_the_nursery_ends_what_runs(tmp_path: Path) -> None:
+def test_closing_ends_what_runs(tmp_path: Path) -> None:
     import threading
 
-    nursery = Nursery()
+    processes = forks()
     body = f"import os, time\nopen({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid()))\ntime.sleep(100)"
     ended: list[object] = []
 
     def run() -> None:
         try:
-            ended.append(run_one(work(tmp_path, specs=plugin(tmp_path, body)), nursery))
+            ended.append(run_one(work(tmp_path, specs=plugin(tmp_path, body)), processes))
         except Closed as closed:
             ended.append(closed)
 
     thread = threading.Thread(target=run)
     thread.start()
-    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
-        time.sleep(0.05)
-    pid = int((tmp_path / "pid").read_text())
-    nursery.close()
+    pid = pid_in(tmp_path / "pid")
+    processes.close()
     thread.join(10)
     assert [type(e) for e in ended] == [Closed]
     assert gone(pid)
@@ -262,8 +266,7 @@ def test_a_server_that_does_not_answer_at_first_is_asked_again_by_the_download(
     def silent(_: Source) -> str:
         raise LogUnreadable("no answer")
 
-    monkeypatch.setattr(child, "stamp", silent)
-    told: list[dict[str, Any]] = []
-    child.analyse(work(tmp_path), tmp_path, told.append)
-    assert told[-1]["files"]
-    assert told[-1]["stamp"] == ""
+    monkeypatch.setattr(files, "stamp", silent)
+    told = files.fields_of_record(work(tmp_path), tmp_path, lambda _: None)
+    assert told["files"]
+    assert told["stamp"] == ""

@@ -17,7 +17,8 @@ import pytest
 
 from attlog import Config
 from attlog.base.errors import OutputError, UsageError
-from attlog.fleet.processes.nursery import Nursery
+from attlog.base.processes.forks import Forks
+from attlog.fleet.processes.run import forks
 from attlog.fleet.records.entry import Entry
 from attlog.fleet.records.lock import locked
 from attlog.fleet.records.plan import Job
@@ -51,16 +52,16 @@ def job(folder: Path, *logs: Path, **more: object) -> Job:
 
 
 @functools.cache
-def nursery() -> Nursery:
+def kept() -> Forks:
     """One for all tests of this file: it takes a second to start."""
-    kept = Nursery()
-    atexit.register(kept.close)
-    return kept
+    found = forks()
+    atexit.register(found.close)
+    return found
 
 
 def run(job: Job, workers: int = 1) -> tuple[Outcome, list[Record]]:
     watching = Watching()
-    return run_batch(job, here(workers, nursery=nursery()), watching), watching.records
+    return run_batch(job, here(workers, processes=kept()), watching), watching.records
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -136,7 +137,7 @@ def test_other_options_do_all_logs_again(tmp_path: Path) -> None:
 
 
 def test_rooms_of_processes_that_were_killed_are_removed(tmp_path: Path) -> None:
-    room = tmp_path / "out" / ".attlog" / "rooms" / "dead"
+    room = tmp_path / "out" / ".attlog" / "scratch" / "dead"
     room.mkdir(parents=True)
     (room / "half.html").write_text("x")
     for place in ("out/.index.html.0123456789ab", "out/.attlog/records/.x.bin.json.0123456789ab"):
@@ -185,7 +186,7 @@ def test_a_batch_stops_where_the_disk_is_full(tmp_path: Path) -> None:
             if work.name == "2.bin":
                 yield Record(work.source.name, work.name, code=73, message="attlog: no space", folder_full=True)
             else:
-                yield next(iter(here(1, nursery=nursery())([work])))
+                yield next(iter(here(1, processes=kept())([work])))
 
     watching = Watching()
     outcome = run_batch(job(tmp_path / "out", *logs, resume=True), no_room, watching)

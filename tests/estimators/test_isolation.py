@@ -13,9 +13,10 @@ import pytest
 import attlog
 from attlog import estimators
 from attlog.base.errors import PluginError, PluginTimeout, UsageError
-from attlog.estimators import Estimate, LogFacts, LogInfo, apart
+from attlog.base.processes import child
+from attlog.estimators import Estimate, LogFacts, LogInfo, isolation
 from attlog.estimators.engine.batch import estimate_batch
-from attlog.estimators.registry import from_file
+from attlog.estimators.registry import from_file, here
 from tests.conftest import few
 
 pytestmark = pytest.mark.usefixtures("interruptible")
@@ -38,11 +39,11 @@ HOW = {
     "aux": "return attlog.estimators.Estimate(t, np.ones((len(t), 4)), aux={'sigma_tilt': np.zeros(3)})",
     "counts": "return attlog.estimators.Estimate(t, np.ones((len(t), 4)), skipped={'x': 'some'})",
     "talk": "raise ValueError('x' * 3_000_000)",
-    "spoil": "[os.write(f, b'\\xff' * 64) for f in range(3, 64) if is_pipe(f)]",
+    "spoil": "[os.write(f, b'\\xff' * 64) for f in range(3, 64) if is_socket(f)]",
     "mute": "raise Mute",
     "strange": "return attlog.estimators.Estimate(t, np.zeros((len(t), 4)), quality={'x': lambda: 0})",
 }
-WHOLE = """import ctypes, fcntl, os, signal, stat, sys
+WHOLE = """import ctypes, os, signal, stat, sys
 import numpy as np
 import attlog.estimators
 print("at import")
@@ -51,9 +52,9 @@ os.system("echo from a shell")
 def deep(n):
     return deep(n + 1) + 1
 
-def is_pipe(f):
+def is_socket(f):
     try:
-        return stat.S_ISFIFO(os.fstat(f).st_mode) and fcntl.fcntl(f, fcntl.F_GETFL) & os.O_ACCMODE == os.O_WRONLY
+        return stat.S_ISSOCK(os.fstat(f).st_mode)
     except OSError:
         return False
 
@@ -157,7 +158,7 @@ def test_what_a_file_prints_goes_to_standard_error(whole: Path, capfd: pytest.Ca
 def test_an_endless_one_is_ended_and_not_tried_again(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     os.utime(whole)
     row = estimators.parse(f"{whole}:how=loop")
-    monkeypatch.setenv(apart.LIMIT, "0.5")
+    monkeypatch.setenv(isolation.LIMIT, "0.5")
     with pytest.raises(PluginTimeout, match=r"took longer than 0\.5 s"):
         estimators.estimate(row, T, GYR, ACC)
     began = time.monotonic()
@@ -180,7 +181,7 @@ def test_what_a_compiled_step_raises_has_file_and_line(stepping: Path) -> None:
 
 def test_results_are_those_of_this_process_to_the_bit(stepping: Path) -> None:
     here, there = from_file(stepping), estimators.get(str(stepping))
-    assert (here.apart, there.apart is None) == (None, False)
+    assert (here.process, there.process is None) == (None, False)
     for sampling in ("interval", "instant"):
         one, other = (estimators.estimate(e, T, GYR, ACC, sampling=sampling, scale=0.9) for e in (here, there))
         assert np.array_equal(one.q, other.q)
@@ -197,7 +198,7 @@ def test_results_are_those_of_this_process_to_the_bit(stepping: Path) -> None:
 
 def test_a_file_that_never_loads_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "slow.py").write_text("import time\ntime.sleep(100)\n")
-    monkeypatch.setenv(apart.LIMIT, "0.3")
+    monkeypatch.setenv(isolation.LIMIT, "0.3")
     with pytest.raises(PluginTimeout):
         estimators.get(str(tmp_path / "slow.py"))
 
@@ -206,7 +207,7 @@ def test_built_in_filters_start_no_process(monkeypatch: pytest.MonkeyPatch) -> N
     def forbidden(*_: object, **__: object) -> None:
         raise AssertionError("a process")
 
-    monkeypatch.setattr(apart.subprocess, "Popen", forbidden)
+    monkeypatch.setattr(child.subprocess, "Popen", forbidden)
     assert estimators.estimate("gyro", T, GYR, ACC).q.shape == (200, 4)
 
 
@@ -300,7 +301,7 @@ def test_a_filter_that_hangs_when_a_metric_tries_it_costs_a_sentence_and_not_the
 ) -> None:
     file = tmp_path / "later.py"
     file.write_text(LATER)
-    monkeypatch.setenv(apart.LIMIT, "3")
+    monkeypatch.setenv(isolation.LIMIT, "3")
     log = Path(__file__).parents[2] / "sample_logs" / "copter_yaw_turns.bin"
     result = attlog.analyze(log, {"estimators": ["gyro", str(file)]})
     row = next(r for r in result.estimators if r.name == "later")
@@ -337,15 +338,15 @@ def lives(pid: int) -> bool:
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no process groups")
 @pytest.mark.parametrize("how", few(["answer", "die", "loop"], 1))
 def test_what_a_filter_starts_ends_with_its_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
-    monkeypatch.setenv(apart.LIMIT, "2")
+    monkeypatch.setenv(isolation.LIMIT, "2")
     path = tmp_path / f"starting_{how}.py"
     path.write_text(STARTING)
-    filter_ = apart.from_file(path)
-    assert filter_.apart is not None
+    filter_ = isolation.from_file(path, here)
+    assert filter_.process is not None
     if how == "answer":
         run(path, how)
         assert lives(int(path.with_suffix(".pid").read_text())), "it may be needed for the next run"
-        filter_.apart._stop()
+        filter_.process.end()
     else:
         with pytest.raises(PluginError):
             run(path, how)
