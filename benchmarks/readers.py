@@ -26,7 +26,7 @@ from measured import Pair, anonymous_mb, apart, by_turns, cpu, environment, quie
 from table import Measured, Target, Task, of_pair, seconds
 
 from attlog import formats
-from attlog.base.freed import give_back
+from attlog.base.memory import give_back
 from attlog.formats import Messages
 
 WANTED = {

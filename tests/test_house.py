@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -71,6 +72,12 @@ def test_the_table_of_rooms_names_every_file() -> None:
     assert not [m for m in MODULES if m not in ("__init__", "__main__") and not room_of(m)]
     unknown = {name for others in MAY_IMPORT.values() for name in others} | set(MAY_IMPORT)
     assert not [name for name in unknown if name not in MODULES]
+
+
+def test_no_folder_holds_more_than_fifteen_files() -> None:
+    """A reader guesses the file from the question; the filters are a list, one file each."""
+    files = Counter(path.parent for path in MODULES.values() if path.parent.name != "filters")
+    assert not {str(folder): n for folder, n in files.items() if n > 15}
 
 
 def test_the_rooms_form_no_circle() -> None:

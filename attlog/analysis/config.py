@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 from attlog import estimators
 from attlog.base.errors import UsageError, suggestion
+from attlog.base.files.settings_file import text_of, toml_of
 from attlog.base.setting_values import Kind, either, number, or_none, text, truth, whole, words
-from attlog.base.settings_file import text_of, toml_of
 
 
 @dataclass

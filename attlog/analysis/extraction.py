@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 
 from attlog import formats
 from attlog.analysis.summary import sha256
-from attlog.base import rotation, spreadsheet
+from attlog.base import rotation
 from attlog.base.errors import LogUnusable, OutputError, UsageError
-from attlog.base.file_names import file_names
+from attlog.base.files import spreadsheet
+from attlog.base.files.file_names import file_names
+from attlog.base.files.output import staged, write_atomic, write_together
 from attlog.base.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
-from attlog.base.output import staged, write_atomic, write_together
 from attlog.flight.clock.record_time import clock_of
 from attlog.flight.model import FlightLog
 from attlog.formats import Messages

@@ -10,7 +10,7 @@ from typing import Any
 
 from attlog import formats, reference, segments, story
 from attlog.analysis.summary import describe
-from attlog.base.freed import give_back
+from attlog.base.memory import give_back
 from attlog.base.plain import plain
 from attlog.flight import flight_in
 from attlog.flight import memory as room

@@ -15,7 +15,7 @@ from attlog import estimators, reference
 from attlog.analysis import inputs
 from attlog.base.barrier import guarded
 from attlog.base.errors import AttlogError, PluginError, UsageError
-from attlog.base.freed import give_back
+from attlog.base.memory import give_back
 from attlog.estimators.base import Estimate
 from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.base import Case, per_case

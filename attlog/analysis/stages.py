@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from attlog.base.freed import give_back
+from attlog.base.memory import give_back
 
 STAGES = logging.getLogger("attlog.stages")
 """Tells what is being done; who wants to know adds a handler."""

@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from attlog.base.errors import PluginError, UsageError
-from attlog.base.freed import give_back
+from attlog.base.memory import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Estimate, Estimator, LogFacts
 from attlog.estimators.engine import loop

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from attlog.base.errors import TooLittleMemory
-from attlog.base.free_memory import free_bytes
+from attlog.base.memory import free_bytes
 from attlog.flight.model import FlightLog
 from attlog.formats import Messages
 

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 import attlog
-from attlog.base.private_folder import private_folder, version_of
+from attlog.base.files.private_folder import private_folder, version_of
 
 
 @functools.lru_cache(maxsize=1)

@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from attlog.base.private_folder import version_of
+from attlog.base.files.private_folder import version_of
 from attlog.kernels import processor, sources
 from attlog.kernels.folder import folder, write
 from attlog.kernels.kernel import Kernel

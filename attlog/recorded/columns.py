@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base.errors import UsageError
+from attlog.base.files.settings_file import text_of
 from attlog.base.limits import MAX_RESULT_BYTES
-from attlog.base.settings_file import text_of
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,7 @@ from attlog.reference.choose import choose
 from attlog.reference.declination import measured_deg
 from attlog.reference.heading_references import heading_references
 from attlog.reference.meaning import meaning, own_sigma_deg
-from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, Row
-from attlog.reference.options import ReferenceOptions
+from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, ReferenceOptions, Row
 from attlog.reference.physics.contradiction import ReferenceCheck, contradicted
 from attlog.reference.rows import onboard_rows, replayed, withhold
 from attlog.reference.smoothed import NAME as SMOOTHER

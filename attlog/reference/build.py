@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.reference import clock, declination, floor, scoring, trim
-from attlog.reference.model import AlignmentStep, Reference
-from attlog.reference.options import ReferenceOptions
+from attlog.reference.model import AlignmentStep, Reference, ReferenceOptions
 from attlog.reference.physics import delay, gravity
 from attlog.segments import Segments, gaps, resets
 

@@ -12,8 +12,7 @@ from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, part_of
 from attlog.reference import clock, smoothed
 from attlog.reference.build import build, frozen, without
-from attlog.reference.model import AlignmentStep, Reference, SensorFault
-from attlog.reference.options import ReferenceOptions
+from attlog.reference.model import AlignmentStep, Reference, ReferenceOptions, SensorFault
 from attlog.reference.physics import sensor_faults, turning
 from attlog.segments import Segments, resets
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 from attlog.present.numbers import counted
 from attlog.present.text import clean
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 from attlog.present.alike import alike
 from attlog.present.events import events
 from attlog.present.flight import firmware, subtitle

@@ -14,8 +14,8 @@ from jinja2.bccache import Bucket
 
 from attlog import __version__
 from attlog.base.errors import OutputError
-from attlog.base.output import write_atomic
-from attlog.base.private_folder import private_folder, version_of
+from attlog.base.files.output import write_atomic
+from attlog.base.files.private_folder import private_folder, version_of
 from attlog.present.text import clean
 
 WEB = Path(__file__).parent / "web"

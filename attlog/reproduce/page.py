@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 from attlog.base.plain import plain
 from attlog.present.numbers import interval, quantity, unit_sign
 from attlog.present.text import typeset

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
+from attlog.base.files.settings_file import bytes_of
 from attlog.base.limits import MAX_RESULT_BYTES
 from attlog.base.plain import IN_JSON, NotANumber
-from attlog.base.settings_file import bytes_of
 from attlog.flight.model import Problem
 from attlog.health.model import Check
 from attlog.metrics.answer import Answer
@@ -182,7 +182,7 @@ class Result:
         if document.NOT_UTF8.search(text):  # a copy of all of it is not made for nothing
             text = document.NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
-            from attlog.base.output import write_atomic
+            from attlog.base.files.output import write_atomic
 
             write_atomic(Path(path), text)
         return text

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from attlog.base.output import staged
+from attlog.base.files.output import staged
 from attlog.base.processes.pool import in_processes
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import write

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from attlog.base.free_memory import free_bytes
+from attlog.base.memory import free_bytes
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_where_nothing_is_told_nothing_is_known(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="limits as Linux knows them")
 def test_the_limit_of_address_space_counts() -> None:
     code = (
-        "import resource; from attlog.base.free_memory import free_bytes\n"
+        "import resource; from attlog.base.memory import free_bytes\n"
         "resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30)); print(free_bytes())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

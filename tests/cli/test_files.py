@@ -89,7 +89,7 @@ def test_where_the_disk_takes_one_file_and_not_the_other_both_old_ones_stay(tmp_
     for path, text in old.items():
         path.write_text(text)
     before = (
-        "import attlog.base.output as o\nreal = o.write_atomic\n"
+        "import attlog.base.files.output as o\nreal = o.write_atomic\n"
         "def write(path, data):\n"
         "    if path.suffix == '.json':\n"
         "        raise o._cannot(path, OSError(28, 'No space left on device'))\n"

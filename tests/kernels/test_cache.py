@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from attlog.base import private_folder
+from attlog.base.files import private_folder
 from attlog.kernels import cache, folder
 
 SOURCE = "@njit('f8(f8)', cache=KEEP, error_model='numpy')\ndef f(x):\n    return x + {0}\n"

@@ -130,7 +130,7 @@ def test_tables_saved_from_the_page_run_nothing(page: Visit) -> None:
 
 @pytest.mark.slow
 def test_the_script_quotes_cells_as_the_package_does(page: Visit, spreadsheet: Callable[[str], str]) -> None:
-    from attlog.base.spreadsheet import cell
+    from attlog.base.files.spreadsheet import cell
 
     for text in ("=1", "-1", "-1 -1", " @x", "a;=1", "a\r=2", "a\tb", "\t=1", "-5;=1", 'a"b', "two\nlines", "-", ""):
         assert spreadsheet(text) == '"' + cell(text).replace('"', '""') + '"'

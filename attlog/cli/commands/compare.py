@@ -11,7 +11,7 @@ import typer
 
 from attlog import __version__
 from attlog.base.errors import PluginError, PluginTimeout, UsageError, exit_code, message, worst
-from attlog.base.file_names import file_name
+from attlog.base.files.file_names import file_name
 from attlog.cli.shared import completion
 from attlog.cli.shared.arguments import command_line
 from attlog.cli.shared.options import CommonOptions, Jobs, Open
@@ -149,7 +149,7 @@ class LogReport:
 
 def _written(result: Comparison, folder: Path, name: str) -> Path:
     """The page, with JSON and CSV beside it."""
-    from attlog.base.output import write_together
+    from attlog.base.files.output import write_together
     from attlog.compare.tables import comparison_page, export
 
     place = folder / f"{name}.html"

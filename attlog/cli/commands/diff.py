@@ -85,6 +85,6 @@ def _write(lines: list[str], output: Path | None) -> None:
     if output is None:
         say(map(TextLine, lines), console())
         return
-    from attlog.base.output import write_atomic
+    from attlog.base.files.output import write_atomic
 
     write_atomic(output, "\n".join(lines) + "\n")

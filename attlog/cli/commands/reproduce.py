@@ -49,7 +49,7 @@ def command(
 
     Example: attlog reproduce lyu --seeds 20
     """
-    from attlog.base.output import write_together
+    from attlog.base.files.output import write_together
     from attlog.fleet.schedulers.local import cores
     from attlog.fleet.sources.find import find
     from attlog.reproduce import page

@@ -98,7 +98,7 @@ def _written(found: Sweep, folder: Path, about: dict[str, Any]) -> tuple[Path, P
     """The page, the JSON and the CSV, written together."""
     import json
 
-    from attlog.base.output import write_together
+    from attlog.base.files.output import write_together
     from attlog.compare.sweep import text as sweep_words
     from attlog.compare.sweep.page import sweep_page
 

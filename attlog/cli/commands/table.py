@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from attlog import __version__
-from attlog.base import spreadsheet
 from attlog.base.errors import LogUnusable, OutputError, UsageError, exit_code, message, worst
+from attlog.base.files import spreadsheet
 from attlog.cli.shared.options import OneFile
 from attlog.cli.shared.printing import TextLine, console, say, to_stderr
 
@@ -120,7 +120,7 @@ def _notes(found: Across, failed: int) -> None:
 
 
 def _write(found: Across, by: str | None, kind: str, output: Path | None) -> None:
-    from attlog.base.output import write_atomic
+    from attlog.base.files.output import write_atomic
     from attlog.compare.tables.files import latex, markdown
     from attlog.fleet.pages import across_table
 

@@ -107,7 +107,7 @@ def _written(found: Tuning, folder: Path, about: dict[str, Any], firmware: dict[
     """The page and the JSON, written together."""
     import json
 
-    from attlog.base.output import write_together
+    from attlog.base.files.output import write_together
     from attlog.compare.tune import text as tune_words
     from attlog.compare.tune.page import tune_page
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from attlog.analysis.config import KINDS, Config
 from attlog.base.errors import AttlogError, UsageError, suggestion
-from attlog.base.settings_file import text_of, toml_of
+from attlog.base.files.settings_file import text_of, toml_of
 from attlog.compare.configurations.configuration import Configuration, build
 from attlog.compare.differences.questions import asked
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from attlog.base.errors import UsageError
+from attlog.base.files.settings_file import bytes_of
 from attlog.base.limits import MAX_RESULT_BYTES
 from attlog.base.plain import plain
-from attlog.base.settings_file import bytes_of
 from attlog.base.validation import lines
 from attlog.compare.differences.paired import Direction, Scale
 
@@ -157,7 +157,7 @@ class Comparison:
         text = json.dumps(plain(self), ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
         text = text.encode("utf-8", "surrogatepass").decode("utf-8", "replace")
         if path is not None:
-            from attlog.base.output import write_atomic
+            from attlog.base.files.output import write_atomic
 
             write_atomic(Path(path), text)
         return text

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from attlog.base.errors import LogUnreadable, UsageError, suggestion
-from attlog.base.settings_file import text_of, toml_of
+from attlog.base.files.settings_file import text_of, toml_of
 from attlog.compare.gates.gates import Gate, Gates
 from attlog.compare.gates.limits import KINDS, GateLimit
 from attlog.compare.gates.rows import windows

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from attlog.base import plain, spreadsheet
+from attlog.base import plain
+from attlog.base.files import spreadsheet
 from attlog.compare.sweep.grid import Setting, text_of
 from attlog.compare.sweep.many import SettingResult, SweptMetric
 from attlog.compare.sweep.sweep import SettingDifference, Sweep, SweepColumn

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from attlog.base import spreadsheet
+from attlog.base.files import spreadsheet
 from attlog.compare.differences.comparison import Comparison
 from attlog.compare.tables import files as table_file
 from attlog.compare.tables.files import TableForm, in_latex

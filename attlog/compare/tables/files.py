@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from attlog.base import spreadsheet
+from attlog.base.files import spreadsheet
 from attlog.present.table.markdown import escaped
 from attlog.present.text import CONTROL
 

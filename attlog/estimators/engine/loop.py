@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog.base import rotation
 from attlog.base.errors import AttlogError
-from attlog.base.freed import give_back
+from attlog.base.memory import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Estimator
 from attlog.estimators.engine import SOURCES

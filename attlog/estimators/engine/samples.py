@@ -25,8 +25,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog.base import gap
 from attlog.base.errors import UsageError
-from attlog.base.freed import give_back
 from attlog.base.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
+from attlog.base.memory import give_back
 from attlog.estimators.base import Array, VectorsAt
 
 Sampling = Literal["interval", "instant"]

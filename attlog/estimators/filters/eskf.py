@@ -23,7 +23,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from attlog.base.freed import give_back
+from attlog.base.memory import give_back
 from attlog.estimators.aids import Aids
 from attlog.estimators.base import Array, Estimate, Parameter
 from attlog.estimators.filters.navigation import attitude, passes

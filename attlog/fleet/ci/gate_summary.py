@@ -8,7 +8,7 @@ from pathlib import Path
 
 from attlog import __version__
 from attlog.base.errors import OutputError
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 from attlog.fleet.ci.judged import Judged, failing
 from attlog.present.numbers import counted
 from attlog.present.table.markdown import escaped

@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
 from attlog import __version__
-from attlog.base.output import writing
+from attlog.base.files.output import writing
 from attlog.compare.gates.gates import GateOutcome
 
 NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 from attlog.fleet.pages.index_data import Line, ordered, page_data
 from attlog.fleet.records.entry import Entry
 from attlog.present.numbers import counted, listed

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from attlog import __version__
-from attlog.base import file_names
 from attlog.base.errors import BUG, LogUnreadable, OutputError, exit_code, message
-from attlog.base.output import is_full, staged
+from attlog.base.files import file_names
+from attlog.base.files.output import is_full, staged
 from attlog.fleet.records.record import written
 from attlog.fleet.records.work import Work, key, stamp
 from attlog.fleet.sources.unchanged import unchanged
@@ -67,8 +67,8 @@ def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     """The name of each log's report: its file name with suffix; a second of the same name gets a number.
 
     Names that differ in case alone count as the same: some file systems do not tell them apart; what a file system
-    or a terminal may stumble over is replaced (:mod:`attlog.base.file_names`). ``taken`` are names of other reports in
-    the folder.
+    or a terminal may stumble over is replaced (:mod:`attlog.base.files.file_names`). ``taken`` are names of other
+    reports in the folder.
     """
     return file_names.file_names(map(str, logs), (*RESERVED, *taken))
 

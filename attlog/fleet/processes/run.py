@@ -14,7 +14,7 @@ from typing import Any
 from attlog import __version__
 from attlog.base import limits
 from attlog.base.errors import BUG, LogUnreadable, OutputError, exit_code, message, no_more_processes
-from attlog.base.output import is_full
+from attlog.base.files.output import is_full
 from attlog.base.processes.child import Died, Exit, TooLong, TooMuchMemory
 from attlog.base.processes.forks import Closed, Forks
 from attlog.fleet.processes.files import PRINTED, load_filters, process_log

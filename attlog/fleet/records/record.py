@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 
 INSIDE = ".attlog"
 """The folder inside a batch folder that belongs to attlog: records, plan, lock, work in progress."""

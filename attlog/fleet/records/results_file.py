@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from attlog.base import spreadsheet
-from attlog.base.output import writing
+from attlog.base.files import spreadsheet
+from attlog.base.files.output import writing
 from attlog.fleet.records.entry import Entry
 
 PARQUET, CSV = "results.parquet", "results.csv"

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from attlog.base.errors import INTERRUPTED, ClusterError, OutputError
-from attlog.base.output import remove_unfinished
+from attlog.base.files.output import remove_unfinished
 from attlog.fleet.pages.index_page import INDEX, write_index
 from attlog.fleet.processes.run import SCRATCH
 from attlog.fleet.records.entry import Entry

@@ -22,7 +22,7 @@ from typing import Any
 
 from attlog import __version__
 from attlog.base.errors import BUG, AttlogError, ClusterError, OutputError, UsageError, message
-from attlog.base.output import is_full, write_atomic
+from attlog.base.files.output import is_full, write_atomic
 from attlog.fleet.records.record import Record
 from attlog.fleet.records.work import Work, done_before, keep
 from attlog.fleet.schedulers.task import OtherVersion, Returned, Unseen, sign

@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 from attlog import formats
 from attlog.base import limits
 from attlog.base.errors import AttlogError, LogUnreadable, NotALog
-from attlog.base.file_names import file_name
+from attlog.base.files.file_names import file_name
 from attlog.base.limits import MAX_FILE_NAME_BYTES
 from attlog.fleet.sources.copies import hashed, unreadable
 from attlog.fleet.sources.urls import is_url, shown

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from attlog.base.errors import UsageError
-from attlog.base.settings_file import bytes_of
+from attlog.base.files.settings_file import bytes_of
 from attlog.flight.model import Problem
 from attlog.flight.parameters.limits import impossible
 from attlog.formats.base import Messages, ParamChange

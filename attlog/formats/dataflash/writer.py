@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base.errors import UsageError
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 from attlog.formats.dataflash.compiled import FMT_TYPE
 from attlog.formats.dataflash.index import FMT_FORMAT, HEADER_LENGTH, LETTER_DTYPES, LETTER_SCALES, MessageFormat
 from attlog.formats.dataflash.tables import instance_column

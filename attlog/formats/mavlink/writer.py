@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base.errors import UsageError
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 from attlog.formats.base import Text
 from attlog.formats.mavlink.crc import crc_of_rows
 from attlog.formats.mavlink.detect import STAMP_LENGTH, V2

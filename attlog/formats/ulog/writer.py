@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base.errors import UsageError
-from attlog.base.output import write_atomic
+from attlog.base.files.output import write_atomic
 from attlog.formats.base import ParamChange, Text
 from attlog.formats.merge import merged
 from attlog.formats.recording import Columns, Key, Recording, only

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import rotation
-from attlog.base.freed import give_back
+from attlog.base.memory import give_back
 from attlog.estimators.base import Estimate
 from attlog.estimators.engine import samples
 from attlog.flight.model import Imu

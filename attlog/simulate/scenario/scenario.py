@@ -19,7 +19,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from attlog.base.errors import UsageError, suggestion
-from attlog.base.settings_file import text_of, toml_of
+from attlog.base.files.settings_file import text_of, toml_of
 from attlog.base.validation import lines
 from attlog.simulate.autopilot.loop import Controller, EstimatorChoice, LoggingRates, Loop
 from attlog.simulate.fault import PlantedFault

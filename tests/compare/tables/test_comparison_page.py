@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from attlog.base.errors import LogUnreadable, UsageError
-from attlog.base.output import write_together
+from attlog.base.files.output import write_together
 from attlog.compare.configurations.toml_file import read
 from attlog.compare.differences.comparison import Comparison, LogLine
 from attlog.compare.tables import comparison_page as page

@@ -141,7 +141,7 @@ def command(
     Example: attlog new my_filter.py
     """
     from attlog.base.errors import OutputError, UsageError
-    from attlog.base.output import write_atomic
+    from attlog.base.files.output import write_atomic
     from attlog.cli.shared.printing import to_stdout
 
     if file.suffix != ".py":

@@ -1,7 +1,13 @@
-"""How much more memory this process may take before the system refuses it, or ends a process to get it back."""
+"""How much memory this process may still take, and what a long log's steps freed given back to the system.
+
+The C library keeps freed memory, cut into pieces that fit nothing.
+"""
 
 from __future__ import annotations
 
+import functools
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
@@ -48,3 +54,24 @@ def _text(path: Path) -> str:
         return path.read_text().strip()
     except (OSError, ValueError):
         return ""
+
+
+MANY = 100_000
+"""Samples from which it is worth its time: arrays of less are used again from what is kept."""
+
+
+def give_back(samples: int) -> bool:
+    """Give freed memory back after a step over so many samples; False where there is nothing to be done."""
+    trim = _trim() if samples >= MANY else None
+    return trim is not None and bool(trim(0))
+
+
+@functools.lru_cache(maxsize=1)
+def _trim() -> Callable[[int], int] | None:
+    """``malloc_trim`` of glibc; other C libraries have none, and none of their own accord keeps as much."""
+    if not sys.platform.startswith("linux"):
+        return None
+    import ctypes
+
+    found: Callable[[int], int] | None = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    return found

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from attlog.base.file_names import LONGEST, file_name, file_names
+from attlog.base.files.file_names import LONGEST, file_name, file_names
 
 HOSTILE = (
     "../../evil", "/etc/passwd", "..", ".", "", " ", "C:\\evil", "\\\\host\\share", "a\x00b", "a\nb", "\x1b[31mX",

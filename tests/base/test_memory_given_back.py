@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog.base import freed
+from attlog.base import memory
 
 glibc = pytest.mark.skipif(
-    not sys.platform.startswith("linux") or freed._trim() is None, reason="only glibc gives memory back when told"
+    not sys.platform.startswith("linux") or memory._trim() is None, reason="only glibc gives memory back when told"
 )
 
 
@@ -29,10 +29,10 @@ def test_what_is_freed_between_what_is_kept_leaves_the_process() -> None:
     held = pieces[::2][-250:], pieces[-1]
     before = resident_mb()
     del pieces
-    assert freed.give_back(freed.MANY)
+    assert memory.give_back(memory.MANY)
     assert resident_mb() < before - 40
     assert held[1][0] == 1.0
 
 
 def test_a_short_log_is_left_alone() -> None:
-    assert not freed.give_back(freed.MANY - 1)
+    assert not memory.give_back(memory.MANY - 1)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from attlog.base.private_folder import private_folder, usable, version_of
+from attlog.base.files.private_folder import private_folder, usable, version_of
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import io
 
 import pytest
 
-from attlog.base.spreadsheet import cell, csv_text
+from attlog.base.files.spreadsheet import cell, csv_text
 
 
 @pytest.mark.parametrize(

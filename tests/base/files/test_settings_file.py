@@ -9,7 +9,7 @@ import pytest
 
 from attlog.analysis.config import Config
 from attlog.base.errors import LogUnreadable, UsageError
-from attlog.base.settings_file import text_of, toml_of
+from attlog.base.files.settings_file import text_of, toml_of
 from attlog.flight.parameters.file import read_file as read_parameters
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from attlog.base.errors import OutputError
-from attlog.base.output import staged, write_atomic, write_together, writing
+from attlog.base.files.output import staged, write_atomic, write_together, writing
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="rights as POSIX knows them")
 
@@ -167,7 +167,8 @@ def test_a_socket_is_refused_and_stays(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.mark.skipif(not os.path.islink("/dev/stdout"), reason="standard output has no name here")
 def test_the_name_of_standard_output_means_what_stands_behind_it(tmp_path: Path) -> None:
     run = (
-        "import sys; from pathlib import Path; from attlog.base.output import write_atomic; print('first', flush=True);"
+        "import sys; from pathlib import Path; from attlog.base.files.output import write_atomic;"
+        "print('first', flush=True);"
         "write_atomic(Path('/dev/stdout'), 'second'); write_atomic(Path('/dev/fd/1'), ' third')"
     )
     with (tmp_path / "all").open("w") as out:
