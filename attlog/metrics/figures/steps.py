@@ -11,7 +11,7 @@ from attlog.metrics.steps import curves as step_curves
 from attlog.metrics.steps import events as steps
 from attlog.metrics.steps import fits as step_fits
 from attlog.metrics.steps.curves import Curve
-from attlog.metrics.steps.events import Event
+from attlog.metrics.steps.events import StepEvent
 from attlog.metrics.steps.fit.groups import STRIDE_S
 from attlog.reference.model import Row
 
@@ -43,7 +43,7 @@ def step_traces(case: Case, row: Row) -> list[Trace]:
 
 
 @per_case
-def representative(case: Case) -> Event | None:
+def representative(case: Case) -> StepEvent | None:
     """The event of median stroke about the axis with most events; None without events."""
     events = steps.of_reference(case)
     if not events:

@@ -12,7 +12,7 @@ from attlog.base import rotation
 from attlog.metrics.base import Case, per_row, per_times
 from attlog.metrics.steps import events as steps
 from attlog.metrics.steps import fits as step_fits
-from attlog.metrics.steps.events import Event
+from attlog.metrics.steps.events import StepEvent
 from attlog.metrics.steps.fit.groups import axis_of
 from attlog.metrics.steps.fit.turning import SummedTurning
 from attlog.reference.model import AttitudeErrors, Row
@@ -35,7 +35,7 @@ class Curve:
     its mean over 0.3 s before the onset; negative: the row shows too little.
     """
 
-    event: Event
+    event: StepEvent
     t: Array
     reference: Array
     error: Array
@@ -63,7 +63,7 @@ class EventSamples:
     ``turned`` (n,) deg: what the reference turned about that axis since the onset.
     """
 
-    event: Event
+    event: StepEvent
     own: Index
     before: Index
     body: Array
@@ -75,7 +75,7 @@ def _curves(case: Case, row: Row, window: str) -> list[Curve]:
     return of_events(case, row, step_fits.events_in(case, row, window))
 
 
-def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
+def of_events(case: Case, row: Row, events: list[StepEvent]) -> list[Curve]:
     """Error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis in earth axes.
 
     All events at once: a row may have hundreds.
@@ -97,7 +97,7 @@ def of_events(case: Case, row: Row, events: list[Event]) -> list[Curve]:
     return [Curve(c.event, errors.t[c.own], c.turned, x) for c, x in zip(found, off, strict=True)]
 
 
-def _all_covered(case: Case, errors: AttitudeErrors, events: list[Event]) -> list[EventSamples]:
+def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
     """The events that a row and the reference show without a gap; most as any row without one at these times."""
     ref, whole = step_fits.reference_turning(case), _without_gaps(case, errors.t)
     broken = np.zeros(len(errors.t), np.int64)
@@ -113,13 +113,13 @@ def _all_covered(case: Case, errors: AttitudeErrors, events: list[Event]) -> lis
 
 
 @per_times
-def _without_gaps(case: Case, t: Array) -> dict[Event, EventSamples | None]:
+def _without_gaps(case: Case, t: Array) -> dict[StepEvent, EventSamples | None]:
     """What a row at times (n,) and the reference show of all its events if no gap is in them."""
     ref, unbroken = step_fits.reference_turning(case), np.zeros(len(t), np.int64)
     return {event: _covered(t, unbroken, ref, event) for event in steps.of_reference(case)}
 
 
-def _covered(t: Array, segment: Index, ref: SummedTurning, event: Event) -> EventSamples | None:
+def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> EventSamples | None:
     """What a row at times (n,), in segments (n,) without a gap, and the reference show of an event.
 
     None where that is too little.
@@ -146,7 +146,7 @@ def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
     return rotation.means(error, np.cumsum([0, *(len(g) for g in groups)]))
 
 
-def _turned(ref: SummedTurning, event: Event, body: Array, t: Array) -> Array:
+def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Array:
     """What the reference turned (n,) deg about the event's axis (3,) since its onset, at times (n,)."""
     near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
     along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)

@@ -28,7 +28,7 @@ RATE_SPAN_S = 0.04
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class StepEvent:
     """One movement about a body axis: onset, half and 90 % of the stroke, its size, the window to compare in (s)."""
 
     axis: int
@@ -40,14 +40,14 @@ class Event:
     end: float
 
 
-def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[Event]:
+def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[StepEvent]:
     """Step events of an attitude ``q`` (n, 4) at ``t`` (n,) s, in time order; no event crosses a segment.
 
     The stroke is the largest excursion of the integrated body rate within 1 s of the
     onset, at least 5 deg (yaw 10); an onset less than 0.7 s after the last event's
     90 % point belongs to that event (docs/metrics.md, Quick movements).
     """
-    events: list[Event] = []
+    events: list[StepEvent] = []
     for own in gaps.slices(np.ones(len(t), bool), segment):
         if own.stop - own.start < 8 or t[own.stop - 1] - t[own.start] < BEFORE_S + RUN_AFTER_S:
             continue
@@ -58,24 +58,24 @@ def find(t: Array, q: Array, segment: NDArray[np.int64]) -> list[Event]:
 
 
 @per_case
-def of_reference(case: Case) -> list[Event]:
+def of_reference(case: Case) -> list[StepEvent]:
     """The events of the reference that every row is judged by: after the scoring start, before the end."""
     return scored(case.reference)
 
 
-def scored(reference: Reference) -> list[Event]:
+def scored(reference: Reference) -> list[StepEvent]:
     """The events of a reference after its scoring start and before its end."""
     found = find(reference.t, reference.q, reference.segment) if len(reference.t) else []
     return [e for e in found if e.begin >= reference.scoring_start and e.end <= reference.end]
 
 
-def in_window(case: Case, events: list[Event], window: str) -> list[Event]:
+def in_window(case: Case, events: list[StepEvent], window: str) -> list[StepEvent]:
     """The events whose onset lies in a window."""
     inside = case.segments.mask(np.array([e.onset for e in events]), window)
     return [e for e, ok in zip(events, inside, strict=True) if ok]
 
 
-def _of_axis(t: Array, turn: Array, axis: int) -> list[Event]:
+def _of_axis(t: Array, turn: Array, axis: int) -> list[StepEvent]:
     angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turn))])
     step = float(np.median(np.diff(t)))
     if step <= 0:
@@ -89,7 +89,7 @@ def _of_axis(t: Array, turn: Array, axis: int) -> list[Event]:
     before = np.full(len(rate), np.inf)
     before[quiet:] = _largest_ahead(rate, quiet)[: len(rate) - quiet]
     onsets = np.flatnonzero((rate >= LEVEL * peak) & (before < LEVEL * peak) & (peak >= SMALLEST_DEG[axis] / STROKE_S))
-    events: list[Event] = []
+    events: list[StepEvent] = []
     for i in onsets:
         onset = float(at[i])
         if onset - BEFORE_S < t[0] or (events and onset < events[-1].t90 + REST_OF_EVENT_S):
@@ -100,7 +100,7 @@ def _of_axis(t: Array, turn: Array, axis: int) -> list[Event]:
     return events
 
 
-def _stroke(t: Array, angle: Array, axis: int, onset: float) -> Event | None:
+def _stroke(t: Array, angle: Array, axis: int, onset: float) -> StepEvent | None:
     first, last = np.searchsorted(t, [onset, onset + STROKE_S])
     before = slice(max(int(first) - 1, 0), int(last) + 1)  # alone: interp would look at the whole flight
     excursion = angle[first:last] - np.interp(onset, t[before], angle[before])
@@ -111,10 +111,10 @@ def _stroke(t: Array, angle: Array, axis: int, onset: float) -> Event | None:
         return None
     share = excursion / delta
     middle, t90 = (float(t[first + np.argmax(share >= level)]) for level in (0.5, 0.9))
-    return Event(axis, onset, middle, t90, delta, onset - BEFORE_S, t90 + AFTER_S)
+    return StepEvent(axis, onset, middle, t90, delta, onset - BEFORE_S, t90 + AFTER_S)
 
 
-def _cut_to_neighbours(events: list[Event]) -> list[Event]:
+def _cut_to_neighbours(events: list[StepEvent]) -> list[StepEvent]:
     cut = list(events)
     for k in range(len(events) - 1):
         halfway = 0.5 * (events[k].t90 + events[k + 1].onset)

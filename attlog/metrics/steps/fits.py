@@ -105,7 +105,7 @@ class RowFits:
     """The fits of a row per axis and ``all``, and the events that their numbers mean."""
 
     fits: dict[str, Fit]
-    events: list[steps.Event]
+    events: list[steps.StepEvent]
 
 
 def evidence(case: Case, row: Row, window: str) -> RowFits | None:
@@ -119,7 +119,7 @@ def first_with(case: Case, row: Row, window: str) -> str:
 
 
 @per_row
-def events_in(case: Case, row: Row, window: str) -> list[steps.Event]:
+def events_in(case: Case, row: Row, window: str) -> list[steps.StepEvent]:
     """The events of a window for which this row is scored."""
     return steps.in_window(case, scored_events(case, row), window)
 
@@ -145,7 +145,7 @@ def reference_turning(case: Case) -> SummedTurning:
     return SummedTurning(case.reference.t, case.reference.q, case.reference.segment)
 
 
-def scored_events(case: Case, row: Row) -> list[steps.Event]:
+def scored_events(case: Case, row: Row) -> list[steps.StepEvent]:
     """The events of the reference for which this row is scored (after a restart it settles first)."""
     errors = row.errors
     if errors is None or len(errors.t) == 0:

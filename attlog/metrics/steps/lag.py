@@ -174,7 +174,7 @@ def _of_axis(case: Case, row: Row, window: str, axis: str, seen: RowFits | None)
 
 
 def _lag_answer(
-    case: Case, row: Row, window: str, found: Fit, events: list[steps.Event], shared: dict[str, Any]
+    case: Case, row: Row, window: str, found: Fit, events: list[steps.StepEvent], shared: dict[str, Any]
 ) -> Answer:
     delay = input_delay(case, row)
     lag, half, half_sample = found.delay - delay, half_width(found), 0.5 * sample_step(case, row)

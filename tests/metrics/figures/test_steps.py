@@ -7,13 +7,13 @@ import pytest
 
 from attlog.metrics.figures.steps import GRID_S, in_percent, representative, together
 from attlog.metrics.steps.curves import Curve
-from attlog.metrics.steps.events import Event
+from attlog.metrics.steps.events import StepEvent
 from tests.metrics import flights
 
 
-def event(axis: int, onset: float, delta: float) -> Event:
+def event(axis: int, onset: float, delta: float) -> StepEvent:
     """A movement that takes 0.3 s."""
-    return Event(axis, onset, onset + 0.15, onset + 0.3, delta, onset - 0.5, onset + 1.5)
+    return StepEvent(axis, onset, onset + 0.15, onset + 0.3, delta, onset - 0.5, onset + 1.5)
 
 
 def curve(stroke: float, error_share: float) -> Curve:

@@ -4,7 +4,7 @@ import pytest
 from attlog.base import rotation
 from attlog.metrics.steps import settling
 from attlog.metrics.steps.curves import Curve
-from attlog.metrics.steps.events import Event
+from attlog.metrics.steps.events import StepEvent
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.metrics.motions import motion, sampled
@@ -44,7 +44,7 @@ def curve(error_deg):
     """A movement of 20 deg within 0.2 s, its error (n,) at 100 Hz from 0.3 s before the onset on."""
     t = 5.0 + np.arange(-30, 200) / 100.0
     moved = 20.0 * np.clip((t - 5.0) / 0.2, 0.0, 1.0)
-    return Curve(Event(0, 5.0, 5.1, 5.18, 20.0, 4.7, 6.99), t, moved, np.asarray(error_deg(t - 5.0)))
+    return Curve(StepEvent(0, 5.0, 5.1, 5.18, 20.0, 4.7, 6.99), t, moved, np.asarray(error_deg(t - 5.0)))
 
 
 @pytest.mark.parametrize("until", [0.25, 0.6, 1.5])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.estimators.engine.vectors import GRAVITY
 from attlog.kernels.loops import function_of
-from attlog.metrics.steps.events import Event
+from attlog.metrics.steps.events import StepEvent
 from attlog.metrics.steps.fit import aiding
 from attlog.metrics.steps.fit.columns import EventTurning, FitColumns
 from attlog.metrics.steps.fit.sensors import RowSensors
@@ -39,7 +39,7 @@ MIN_PAIRS = 4
 class EventRanges:
     """An event that row and reference show without a gap: their samples around it, its ``axis`` (3,) in the body."""
 
-    event: Event
+    event: StepEvent
     row: slice
     ref: slice
     axis: Array
@@ -69,7 +69,7 @@ class Groups:
         self.bounds = [slice(a, b) for a, b in pairwise(ends)]
 
     @property
-    def events(self) -> list[Event]:
+    def events(self) -> list[StepEvent]:
         """The events themselves."""
         return [c.event for c in self.covered]
 
@@ -114,7 +114,7 @@ class Groups:
 
 
 def groups(
-    row: SummedTurning, ref: SummedTurning, events: Sequence[Event], sensors: RowSensors | None
+    row: SummedTurning, ref: SummedTurning, events: Sequence[StepEvent], sensors: RowSensors | None
 ) -> Groups | None:
     """The events that both attitudes cover without a gap; None without any."""
     slow_row = row.step > 1.05 * ref.step
@@ -148,7 +148,7 @@ def build(
     return FitColumns(slow, fast, slow_row, begin, end, of, heavy)
 
 
-def axes_of(ref: SummedTurning, events: Sequence[Event]) -> Array:
+def axes_of(ref: SummedTurning, events: Sequence[StepEvent]) -> Array:
     """The events' axes (events, 3) in the body, NaN without any.
 
     That is the reference's turning from onset to the 90 % point, with the sign of the stroke.
@@ -161,13 +161,13 @@ def axes_of(ref: SummedTurning, events: Sequence[Event]) -> Array:
     return np.asarray(turn * scale[:, None])
 
 
-def axis_of(ref: SummedTurning, event: Event) -> Array | None:
+def axis_of(ref: SummedTurning, event: StepEvent) -> Array | None:
     """The same (3,) of one event; None without any."""
     axis = axes_of(ref, [event])[0]
     return axis if np.isfinite(axis[0]) else None
 
 
-def _part(track: SummedTurning, stack: Stack, events: list[Event], x: Array, axes: Array) -> EventTurning:
+def _part(track: SummedTurning, stack: Stack, events: list[StepEvent], x: Array, axes: Array) -> EventTurning:
     """What is turned since each event's first sample in the first column of ``x`` (n, k), of (n, 4) with its products.
 
     About ``axes`` (events, 3); the other columns are kept.
@@ -179,7 +179,7 @@ def _part(track: SummedTurning, stack: Stack, events: list[Event], x: Array, axe
     return EventTurning(t, x, t[first[:-1]], t[first[1:] - 1])
 
 
-def _pairs(t: Array, stack: Stack, events: list[Event], span: int) -> tuple[NDArray[np.int64], ...]:
+def _pairs(t: Array, stack: Stack, events: list[StepEvent], span: int) -> tuple[NDArray[np.int64], ...]:
     """First and last sample of every span of ``span`` samples inside an event's window, and its event."""
     n = max(len(t) - span, 0)
     of = stack.of[:n]

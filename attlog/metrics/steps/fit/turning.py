@@ -15,7 +15,7 @@ from attlog.kernels.loops import function_of, kernel_of
 from attlog.segments import gaps
 
 if TYPE_CHECKING:
-    from attlog.metrics.steps.events import Event
+    from attlog.metrics.steps.events import StepEvent
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -152,7 +152,7 @@ class Stack:
     first: Index
 
 
-def around(track: SummedTurning, events: Sequence[Event], margin: float) -> list[slice | None]:
+def around(track: SummedTurning, events: Sequence[StepEvent], margin: float) -> list[slice | None]:
     """The samples from ``margin`` s before to after each event's window that no gap parts from its mid-step.
 
     None where they do not reach from 0.1 s before the onset to 0.3 s after the 90 % point.

@@ -49,7 +49,7 @@ def test_samples_around_an_event_are_those_of_its_segment_and_reach_far_enough()
     t = np.delete(np.arange(0.0, 60.0, 0.01), np.arange(2011, 2061))
     q = rotation.from_euler(0 * t, 0.3 * np.sin(t), 0 * t)
     track = SummedTurning(t, q, (t > 33.333).astype(np.int64))
-    events = [steps.Event(1, at, at + 0.1, at + 0.3, 9.0, at - 0.5, at + 1.3) for at in np.arange(0.2, 59.0, 0.37)]
+    events = [steps.StepEvent(1, at, at + 0.1, at + 0.3, 9.0, at - 0.5, at + 1.3) for at in np.arange(0.2, 59.0, 0.37)]
     for event, found in zip(events, around(track, events, 0.3), strict=True):
         middle = track.segment[np.searchsorted(track.t, event.middle)]
         near = (track.t >= event.begin - 0.3) & (track.t < event.end + 0.3) & (track.segment == middle)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.kernels.loops import function_of
-from attlog.metrics.steps.events import Event
+from attlog.metrics.steps.events import StepEvent
 from attlog.metrics.steps.fit import turning
 from attlog.metrics.steps.fit.turning import (
     ABOUT,
@@ -30,8 +30,8 @@ def track(segment: np.ndarray | None = None) -> SummedTurning:
     )
 
 
-def event(onset: float) -> Event:
-    return Event(0, onset, onset + 0.2, onset + 0.3, 20.0, onset - 0.5, onset + 1.5)
+def event(onset: float) -> StepEvent:
+    return StepEvent(0, onset, onset + 0.2, onset + 0.3, 20.0, onset - 0.5, onset + 1.5)
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.25])
