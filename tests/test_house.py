@@ -80,6 +80,12 @@ def test_no_folder_holds_more_than_fifteen_files() -> None:
     assert not {str(folder): n for folder, n in files.items() if n > 15}
 
 
+def test_no_class_name_stands_for_two_things() -> None:
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in MODULES.values()]
+    names = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    assert not [name for name, times in names.items() if times > 1]
+
+
 def test_the_rooms_form_no_circle() -> None:
     graph = {room.partition(".")[0]: set() for room in MAY_IMPORT}
     for room, others in MAY_IMPORT.items():

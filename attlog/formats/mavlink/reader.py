@@ -102,7 +102,7 @@ def _tables(data: NDArray[np.uint8], packets: Packets, guard: Guard) -> dict[tup
         name, fields, record = layout(int(numbers[k // len(senders)]))
         if packets.stamped:
             fields = {STAMP: Field(STAMP, np.dtype(np.int64), "us"), **fields}
-        tables[name, instance] = Table(name, instance, fields, offsets, _Decoder(data, record), guard)
+        tables[name, instance] = Table(name, instance, fields, offsets, _PayloadDecoder(data, record), guard)
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
 
 
@@ -114,7 +114,7 @@ def _ranked(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArra
     return present, place[values]
 
 
-class _Decoder:
+class _PayloadDecoder:
     """The columns of one message: the stamp ahead of each packet, and the fields of its payload."""
 
     def __init__(self, data: NDArray[np.uint8], record: np.dtype[Any]) -> None:

@@ -24,7 +24,7 @@ class Topic:
     layouts: list[TopicLayout]
     parts: list[tuple[int, Offsets]] = field(default_factory=list)
     left_out: int = 0
-    decoder: _Decoder | None = None
+    decoder: _TopicDecoder | None = None
 
     def add(self, layout: TopicLayout, offsets: Offsets) -> None:
         """Take in records of one layout, starts in file order."""
@@ -49,7 +49,7 @@ class Topic:
         if any(after[0] < before[-1] for (_, before), (_, after) in pairwise(parts)):
             order = starts.argsort(kind="stable")
             starts, which = starts[order], None if which is None else which[order]
-        self.decoder = _Decoder(data, self.layouts, starts, which)
+        self.decoder = _TopicDecoder(data, self.layouts, starts, which)
         return Table(name, multi, self._fields, starts, self.decoder, guard)
 
     def forget(self) -> None:
@@ -64,7 +64,7 @@ class Topic:
         return {n: f for n, f in first.fields.items() if all(o.fields.get(n) == f for o in others)}
 
 
-class _Decoder:
+class _TopicDecoder:
     """Gathers all bytes of a topic's records once; columns are views of them.
 
     ``which`` (n,) is the layout of each of the topic's records, which start at ``starts``; None where there is one.
