@@ -84,8 +84,7 @@ def read(path: Path, log_format: str) -> Columns:
             except Died as died:
                 if died.exit.signal == "SIGXCPU":
                     raise OracleLate(f"it is not done after {patience} s of CPU time") from None
-                said = printed.read_bytes().decode("utf-8", "replace").strip() if printed.exists() else ""
-                raise OracleFailed(f"{died}: {said.rpartition(chr(10))[2]}") from None
+                raise OracleFailed(f"its process {_end(died)}: {_last_line(printed)}") from None
 
 
 def _read(log_format: str, path: Path, printed: Path, cpu_s: int) -> Columns:
@@ -98,6 +97,17 @@ def _read(log_format: str, path: Path, printed: Path, cpu_s: int) -> Columns:
         return format_named(log_format).load_oracle().read(path)
     except Exception as error:  # the library may fail in any way on a log that we can read
         raise OracleFailed(f"{type(error).__name__}: {error}") from None
+
+
+def _end(died: Died) -> str:
+    """How the child ended; a library that ends it by itself may have said why, which is quoted behind."""
+    own = died.exit.status is not None and not died.exit.signal and not died.exit.crashed
+    return f"ended with code {died.exit.status}" if own else str(died.exit)
+
+
+def _last_line(printed: Path) -> str:
+    text = printed.read_bytes().decode("utf-8", "replace").strip() if printed.exists() else ""
+    return text.rpartition("\n")[2]
 
 
 def _limit_cpu(seconds: int) -> None:
