@@ -56,7 +56,7 @@ def test_the_flight_is_that_of_this_process_to_the_bit(tmp_path: Path, capfd: py
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize(("now", "step", "words"), few([
     ("raise ValueError('no good')", "pass", "own.py, line 9: ValueError: no good"),
-    ("os._exit(0)", "pass", "ended its process"),
+    ("os._exit(0)", "pass", "its process ended without a word (exit status 0)"),
     ("os.abort()", "pass", "SIGABRT"),
     ("os.closerange(3, 64)", "pass", "cannot answer any more"),
     ("return np.zeros(3)", "state[:] = np.nan", "cannot fly: gives"),

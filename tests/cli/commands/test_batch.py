@@ -200,7 +200,7 @@ def test_a_disk_that_is_full_stops_the_batch_and_leaves_nothing_half_written(tmp
     assert "cannot be written" in done.stderr
     assert "Traceback" not in done.stderr
     assert not list((tmp_path / "out").glob("[01].bin*"))
-    assert not list((tmp_path / "out/.attlog/rooms").iterdir())
+    assert not list((tmp_path / "out/.attlog/scratch").iterdir())
 
 
 @pytest.mark.rights

@@ -16,7 +16,7 @@ from attlog.metrics.answerable import questions
 from attlog.metrics.ranking import resolution as telling
 from tests.conftest import SAMPLES, corpus_logs, corpus_root
 
-ONLY_FILTERS_TELL = {"px4_1.6.5_hand_rotation.ulg", "log_copter_3.1.1_nan.log"}
+ONLY_FILTERS_TELL = {"px4_1.6.5_hand_rotation.ulg", "log_copter_3.1.1_nan.log", "bin_plane_3.0.4beta3_nomag.BIN"}
 """The onboard attitude is refused because six filters agree against it: before they run nobody knows."""
 
 
