@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from attlog import segments
+from attlog import segments, story
 from attlog.estimators.base import Estimate
 from attlog.flight.model import Attitude, FlightLog, Gnss, Mag, Stream, TimeLine
 from attlog.reference import choose, heading_references, onboard_rows, replayed
@@ -76,6 +76,8 @@ def logs(draw: st.DrawFn) -> FlightLog:
 def test_nothing_in_a_log_breaks_the_comparison(log, e):
     found = segments.build(log)
     assert all(s.t1 >= s.t0 and s.kind in segments.KINDS and s.why for s in found.segments)
+    happened = story.events(log, found)
+    assert all(e.text and e.evidence and np.isfinite(e.t) for e in happened)
     reference = choose(log, found)
     assert len(reference.t) == len(reference.q) == len(reference.segment) == len(reference.gap_segment)
     rows = onboard_rows(log, found, reference)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.segments import crash, flags
 from attlog.segments.crash import Ending
+from attlog.segments.crash.scene import fastest_dps
 from attlog.segments.spans import Span
 
 from .flights import DISARMED, LANDED, TAKE_OFF, flight
@@ -164,3 +166,10 @@ def test_vibration_is_no_blow():
     shaking = (imu.acc.t > LANDED - 6.0) & (imu.acc.t < LANDED - 0.35)
     imu.acc.x[shaking, 2] *= np.where(np.arange(shaking.sum()) % 3 == 0, 7.0, 0.1)
     assert [e.kind for e in endings(log) if e.kind == "impact"] == []
+
+
+def test_a_gyro_without_one_finite_sample_turns_at_no_rate():
+    log = flight()
+    log.imus[0].gyro.x[:] = np.nan
+    scene = SimpleNamespace(log=log)
+    assert fastest_dps(scene, 0.0, 5.0) == 0.0

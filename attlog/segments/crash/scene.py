@@ -140,10 +140,9 @@ def stands(scene: Scene) -> Array:
 
 
 def fastest_dps(scene: Scene, t0: float, t1: float) -> float:
-    """The fastest rate in deg/s of any IMU within [t0, t1] s, 0 without a sample."""
+    """The fastest rate in deg/s of any IMU within [t0, t1] s, 0 without a finite sample."""
     largest = 0.0
     for imu in scene.log.imus:
         x = imu.gyro.x[spans.between(imu.gyro.t_best, t0, t1)]
-        if len(x):
-            largest = max(largest, float(np.degrees(np.nanmax(rotation.length(x)))))
+        largest = max(largest, float(np.degrees(np.fmax.reduce(rotation.length(x), initial=0.0))))
     return largest
