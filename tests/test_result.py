@@ -76,14 +76,14 @@ def test_another_schema_is_refused_in_words(written: Path, tmp_path: Path, schem
     ("content", "says"),
     [
         (b"", "line 1, column 1 .the file ends there"),
-        (b'{"schema": "attlog-result/4",\n "log": {"a": [1, 2', "line 2, column .* cut off"),
+        (b'{"schema": "attlog-result/5",\n "log": {"a": [1, 2', "line 2, column .* cut off"),
         (b'{"schema": ]}', "line 1, column 12"),
         (b"[1, 2]", "no schema"),
         (b'"text"', "no schema"),
         (b"\xff\xfe{}", "no UTF-8 text at byte 0"),
         (b'{"schema": NaN}', "NaN is no number of JSON"),
         (b"[" * 200_000, "not a result"),
-        (b'{"schema": "attlog-result/4"}', "attlog: is missing"),
+        (b'{"schema": "attlog-result/5"}', "attlog: is missing"),
     ],
 )
 def test_what_is_no_result_is_refused_with_the_place(tmp_path: Path, content: bytes, says: str) -> None:
@@ -220,3 +220,19 @@ def test_the_schema_names_the_version_that_is_read() -> None:
 
     assert schema()["properties"]["schema"] == {"const": SCHEMA}
     assert "traces" not in schema()["properties"]
+
+
+@pytest.mark.parametrize(
+    ("before", "now"), [("good", "ok"), ("warn", "warning"), ("bad", "fault"), ("cannot_judge", "unknown")]
+)
+def test_verdicts_of_the_schema_before_are_read_in_todays_words(
+    written: Path, tmp_path: Path, before: str, now: str
+) -> None:
+    document = json.loads(written.read_text())
+    document["schema"] = "attlog-result/4"
+    document["audit"] = [{"name": "field", "verdict": before, "text": "x"}]
+    file = tmp_path / "older.json"
+    file.write_text(json.dumps(document))
+    found = Result.load(file)
+    assert [c.verdict for c in found.audit] == [now]
+    assert found.estimators == Result.load(written).estimators  # what the file leaves out is restored as well

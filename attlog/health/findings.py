@@ -29,13 +29,13 @@ ORDER: tuple[Severity, ...] = ("error", "warning", "note", "info")
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What a check that is not good means: how bad, why, which remedy, what for the comparison.
+    """What a check that is not ok means: how bad, why, which remedy, what for the comparison.
 
     ``codes``: problems of readers and reports that say the same; ``beside``: those that are as important.
     """
 
-    warn: Severity = "warning"
-    bad: Severity = "warning"
+    as_warning: Severity = "warning"
+    as_fault: Severity = "warning"
     cause: str = ""
     fault: Fault | None = None
     means: str = ""
@@ -47,68 +47,68 @@ _TILT = "Where the attitude is wrong, filters that agree with it are wrong as we
 _HEADING = "Filters that use the compass take its error for heading."
 _STOPPED = "The sensor, its driver or its bus stopped."
 ABOUT: dict[str, Explanation] = {
-    "gyro": Explanation(bad="error", cause=_STOPPED, means="No filter can follow."),
+    "gyro": Explanation(as_fault="error", cause=_STOPPED, means="No filter can follow."),
     "gravity": Explanation(
         cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.",
         fault="accelerometer",
         means="Filters that check the size of the force trust it less; a wrong direction tilts all of them.",
     ),
-    "frozen gyro": Explanation(bad="error", cause=_STOPPED, means="No filter can follow."),
+    "frozen gyro": Explanation(as_fault="error", cause=_STOPPED, means="No filter can follow."),
     "gyro spikes": Explanation(
-        bad="error",
+        as_fault="error",
         cause="Errors on the sensor's bus, or samples that leave its range.",
         fault="bus",
         means="Every filter turns by them as if the vehicle had turned.",
     ),
     "compass axes": Explanation(
-        bad="error",
+        as_fault="error",
         cause="The compass is mounted otherwise than set, or its axes are mixed up.",
         fault="compass_mounting",
         means=_HEADING,
     ),
     "accelerometer axes": Explanation(
-        bad="error",
+        as_fault="error",
         cause="The accelerometer is mounted otherwise than set, or its axes are mixed up.",
         fault="mounting",
         means="Filters take its down for down. The attitude that flew is right.",
     ),
     "accelerometer delay": Explanation(
-        bad="error",
+        as_fault="error",
         cause="Its samples wait in a queue, or are stamped by another clock.",
         fault="bus",
         means="Filters take the force of one moment for gravity of another.",
     ),
     "frozen sensors": Explanation(
-        bad="error", cause=_STOPPED, means="Filters that use it go on with its last value as if it were measured."
+        as_fault="error", cause=_STOPPED, means="Filters that use it go on with its last value as if it were measured."
     ),
     "gyro bias": Explanation(
-        bad="error",
+        as_fault="error",
         cause="The gyro was not calibrated, was moved while it started, or warms up.",
         fault="gyro_bias",
         means="Filters that do not estimate the gyro's bias lean and turn away by it.",
     ),
     "crash": Explanation(
-        bad="error",
+        as_fault="error",
         cause="Lost thrust, lost attitude or contact with something.",
         fault="crash",
         means="Errors in a tumble say little about flight.",
         codes=("crash",),
     ),
     "onboard against smoother": Explanation(
-        bad="error",
+        as_fault="error",
         cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
         fault="estimator",
         means="Filters are compared with the smoother and not with it; what it flew on was wrong.",
         codes=("reference_contradicted",),
     ),
     against_smoother.TRUTH: Explanation(
-        bad="error",
+        as_fault="error",
         cause="The onboard estimator was not aligned, or learned a wrong bias or a disturbed field.",
         fault="estimator",
         means="What it flew on was wrong; filters are compared with the truth and not with it.",
     ),
     "gravity direction": Explanation(
-        bad="error",
+        as_fault="error",
         cause="The onboard estimator failed, or the sensor is mounted otherwise than set.",
         fault="mounting",
         means=_TILT,
@@ -116,8 +116,8 @@ ABOUT: dict[str, Explanation] = {
         beside=("ekf_failsafe", "ekf_check", "ekf_fault"),
     ),
     "gyro against attitude": Explanation(
-        warn="note",
-        bad="error",
+        as_warning="note",
+        as_fault="error",
         cause="A wrong scale, unit, orientation or clock of the logged gyro, or a slow or filtered attitude.",
         fault="mounting",
         means="Errors grow with every turn.",
@@ -153,7 +153,7 @@ ABOUT: dict[str, Explanation] = {
         means="Filters that trust the accelerometer are pushed about; noise in flight contains it.",
     ),
     "vertical force": Explanation(
-        bad="error",
+        as_fault="error",
         cause="Vibration that clips or is rectified in the sensor becomes a constant force.",
         fault="vibration",
         means="Filters that trust the accelerometer tilt; gravity in flight is not to be trusted.",
@@ -170,7 +170,7 @@ ABOUT: dict[str, Explanation] = {
         means=_TILT,
     ),
     "declination": Explanation(
-        warn="note",
+        as_warning="note",
         fault="declination",
         cause="A compass that does not point forward, or a heading that was not aligned with true north.",
         means="Headings of filters and of the onboard attitude differ by a constant.",
@@ -181,12 +181,12 @@ ABOUT: dict[str, Explanation] = {
         means="Headings that use the parameter, onboard or of filters, are off by the difference.",
     ),
     "GNSS": Explanation(
-        warn="note",
+        as_warning="note",
         cause="Bad view of the sky, interference, or a receiver that failed.",
         means="Filters and references that use GNSS run on without it there.",
     ),
     "gaps": Explanation(
-        warn="note",
+        as_warning="note",
         cause="The logger lost records, or stops while the vehicle is disarmed.",
         means="Filters start anew after each gap longer than half a second.",
         codes=("logger_dropouts",),
@@ -194,22 +194,26 @@ ABOUT: dict[str, Explanation] = {
     "gyro range": Explanation(
         cause="A blow or vibration beyond the sensor's range.", fault="vibration", means="Rotation is lost there."
     ),
-    "jitter": Explanation(warn="note", cause="The logger was busy, or samples were lost.", fault="gaps"),
+    "jitter": Explanation(as_warning="note", cause="The logger was busy, or samples were lost.", fault="gaps"),
     "rate": Explanation(
-        warn="note", bad="error", codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short")
+        as_warning="note",
+        as_fault="error",
+        codes=("imu_low_rate", "imu_rate_too_low", "imu_decimated", "no_imu", "imu_too_short"),
     ),
     "delay": Explanation(
-        warn="note",
+        as_warning="note",
         cause="Low-pass filters ahead of the logger, or a clock that differs.",
         means="All filters are late by it; lags are given without what the log tells of it.",
     ),
     "coverage": Explanation(
-        warn="note",
+        as_warning="note",
         cause="The attitude was logged for a part of the time only.",
         means="Filters are compared with it for that part only.",
     ),
     "trim": Explanation(
-        warn="note", cause="The level was calibrated on a slope, or the autopilot is mounted tilted.", fault="trim"
+        as_warning="note",
+        cause="The level was calibrated on a slope, or the autopilot is mounted tilted.",
+        fault="trim",
     ),
 }
 """By the name of the check, in the order of entries that are equally bad."""
@@ -235,17 +239,17 @@ class OpenQuestion:
 def findings(
     log: FlightLog, checks: Iterable[Check], others: Iterable[Problem] = (), unanswered: Iterable[OpenQuestion] = ()
 ) -> list[Problem]:
-    """Everything that is not good, worst first, each once, what comes in dozens as one entry with their number.
+    """Everything that is not ok, worst first, each once, what comes in dozens as one entry with their number.
 
     ``others`` are problems that the analysis itself found.
     """
     checks = list(checks)
     told = [_timed(p) for p in [*log.problems, *others]]
     for check in checks:
-        if check.verdict in ("warn", "bad"):
+        if check.verdict in ("warning", "fault"):
             told = _joined(told, check, log)
     told += [Problem(FAILED, "error", c.text, means=UNCHECKED) for c in checks if c.value == FAILED]
-    missing = [c for c in checks if c.verdict == "cannot_judge" and c.value != FAILED]
+    missing = [c for c in checks if c.verdict == "unknown" and c.value != FAILED]
     if missing:
         names = ", ".join(c.name for c in missing)
         text = f"Not checked: {names}. {missing[0].text}" if len(missing) == 1 else f"Not checked: {names}."
@@ -293,7 +297,7 @@ def unusable(checks: Iterable[Check]) -> str:
 def _joined(told: list[Problem], check: Check, log: FlightLog) -> list[Problem]:
     """The list with what a check says: as an entry of its own, or as a part of the one that says the same."""
     about = ABOUT.get(check.name, Explanation())
-    severity = about.bad if check.verdict == "bad" else about.warn
+    severity = about.as_fault if check.verdict == "fault" else about.as_warning
     value = check.value if isinstance(check.value, (int, float)) else None
     means = about.means
     if unusable([check]):
@@ -333,7 +337,7 @@ def _explained(problem: Problem, checks: list[Check], log: FlightLog) -> Problem
     """A refused reference with its cause: a mounting where it is off at rest throughout, else the estimator."""
     if problem.code != "reference_contradicted" or problem.cause:
         return problem
-    throughout = any(c.name == "gravity direction" and c.verdict == "bad" for c in checks)
+    throughout = any(c.name == "gravity direction" and c.verdict == "fault" for c in checks)
     cause = ABOUT["gravity direction"].cause if throughout else "The onboard estimator failed, or had not aligned."
     return replace(problem, cause=cause, remedy=log.remedies["mounting" if throughout else "estimator"])
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Check:
-    """One physics check of the log: ``verdict`` is good, warn, bad or cannot_judge.
+    """One physics check of the log: ``verdict`` is ok, warning, fault or unknown.
 
     ``t`` s is where it begins, None for all of the log; ``count`` how often it happens.
     """
@@ -36,9 +36,9 @@ class Answerable:
     setting: str = ""
 
 
-def graded(value: float, good: float, warn: float) -> str:
-    """The verdict of a size: good up to ``good``, warn up to ``warn``, else bad."""
-    return "good" if value <= good else "warn" if value <= warn else "bad"
+def graded(value: float, ok: float, warning: float) -> str:
+    """The verdict of a size: ok up to ``ok``, warning up to ``warning``, else fault."""
+    return "ok" if value <= ok else "warning" if value <= warning else "fault"
 
 
 FAILED = "part_failed"
@@ -47,9 +47,9 @@ FAILED = "part_failed"
 
 def failed(name: str, sentence: str) -> list[Check]:
     """A check that ended in a bug, with the sentence that says so."""
-    return [Check(name, "cannot_judge", sentence, value=FAILED)]
+    return [Check(name, "unknown", sentence, value=FAILED)]
 
 
 def not_judged(name: str, why: str, threshold: str = "") -> Check:
     """A check that cannot be made, with the reason."""
-    return Check(name, "cannot_judge", why, threshold=threshold)
+    return Check(name, "unknown", why, threshold=threshold)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SEVERITY = {
     "error": ("Serious", "bad"),
-    "warning": ("Limits", "warn"),
+    "warning": ("Warning", "warn"),
     "note": ("Note", "note"),
     "info": ("Note", "note"),
 }

@@ -14,7 +14,7 @@ from typing import Any
 
 from attlog.base.plain import plain, without
 
-SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 4
+SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 5
 SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""

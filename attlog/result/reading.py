@@ -14,9 +14,17 @@ from attlog.base.validation import lines
 from attlog.result.document import NOT_UTF8, SCHEMA, SCHEMA_NAME, SCHEMA_NUMBER, expanded
 
 T = TypeVar("T")
-OLDEST = 1
-"""Schemas from this number on are read."""
-WORDS_BEFORE = {("verdict", "look"): "warn", ("kind", "run"): "continuous", ("code", "bent"): "not_a_pure_delay"}
+OLDEST, SHORTENED = 1, 4
+"""Schemas from the first number on are read; from the second on a document leaves out what a reader knows."""
+WORDS_BEFORE = {
+    ("verdict", "good"): "ok",
+    ("verdict", "look"): "warning",
+    ("verdict", "warn"): "warning",
+    ("verdict", "bad"): "fault",
+    ("verdict", "cannot_judge"): "unknown",
+    ("kind", "run"): "continuous",
+    ("code", "bent"): "not_a_pure_delay",
+}
 """(key, value) of older schemas, and what the value is called now."""
 MOST = 3
 """So many things that are wrong are told."""
@@ -31,7 +39,8 @@ def read(kind: type[T], content: bytes, name: str) -> T:
     document = _document(content, name)
     older = document["schema"] != SCHEMA
     try:
-        whole = _renamed(document) if older else expanded(document)
+        whole = expanded(document) if int(document["schema"].removeprefix(SCHEMA_NAME)) >= SHORTENED else document
+        whole = _renamed(whole) if older else whole
         return _checked(kind, whole, older)
     except ValidationError as error:
         wrong = lines(error, kind)

@@ -87,7 +87,7 @@ def test_a_fault_that_would_mislead_a_smoother_is_told_and_none_is_made(
 ) -> None:
     case = prepared(faulty(opened(name), sensor, fault))
     told = {c.name: c for c in audit(case.log, case.segments, case.reference)}
-    assert told[check].verdict == "bad"
+    assert told[check].verdict == "fault"
     assert said in told[check].text
     assert case.reference.kind == "onboard"
     assert said in case.reference.refused["smoother"]

@@ -24,17 +24,17 @@ def log() -> FlightLog:
     return found
 
 
-def check(name: str, verdict: str = "bad", value: float | str | None = None, t: float | None = None) -> Check:
+def check(name: str, verdict: str = "fault", value: float | str | None = None, t: float | None = None) -> Check:
     return Check(name, verdict, f"{name} is off.", value, "m", t=t)
 
 
 def test_nothing_is_found_where_every_check_is_good_and_every_question_answered(log: FlightLog) -> None:
-    assert findings(log, [check(name, "good") for name in ABOUT]) == []
+    assert findings(log, [check(name, "ok") for name in ABOUT]) == []
 
 
 @pytest.mark.parametrize("name", ABOUT)
 def test_every_check_that_is_not_good_is_an_entry(log: FlightLog, name: str) -> None:
-    for verdict in ("warn", "bad"):
+    for verdict in ("warning", "fault"):
         found = findings(log, [check(name, verdict, 4.0, 7.0)])
         assert [p.text for p in found] == [f"{name} is off."]
         assert (found[0].t, found[0].value, found[0].unit) == (7.0, 4.0, "m")
@@ -46,7 +46,7 @@ def test_an_unknown_check_is_an_entry_as_well(log: FlightLog) -> None:
 
 def test_the_worst_stands_first(log: FlightLog) -> None:
     others = [Problem("cut_at_end", "note", "Cut."), Problem("x", "error", "Broken.")]
-    found = findings(log, [check("field", "warn"), check("crash")], others)
+    found = findings(log, [check("field", "warning"), check("crash")], others)
     assert [p.severity for p in found] == ["error", "error", "warning", "note"]
     assert found[0].code == "crash"
 
@@ -93,8 +93,9 @@ def test_a_gyro_is_hopeless_from_ten_degrees_a_second_on(log: FlightLog) -> None
 
 
 def test_every_serious_entry_has_cause_and_remedy(log: FlightLog) -> None:
+    sensors_stopped = ("rate", "gyro", "frozen gyro", "frozen sensors")
     for name, about in ABOUT.items():
-        if "error" in (about.warn, about.bad) and name not in ("rate", "gyro", "frozen gyro", "frozen sensors"):
+        if "error" in (about.as_warning, about.as_fault) and name not in sensors_stopped:
             (one,) = findings(log, [check(name)])
             assert one.cause
             assert one.remedy

@@ -99,17 +99,17 @@ def test_nothing_to_compare_with_says_so():
 def against_smoother(rows, heading_by="own", **more):
     found = made(rows, {TILT: ["vqf"]}, {TILT: "mahony"}, "smoother")
     found.reference.sigma_tilt_deg, found.reference.heading_by = 0.12, heading_by
-    found.audit = [Check("onboard against smoother", more.get("onboard", "good"), "")]
+    found.audit = [Check("onboard against smoother", more.get("onboard", "ok"), "")]
     return found
 
 
 def test_against_the_smoother_its_sigma_is_named_and_what_flew_is_judged():
     rows = [row("vqf", tilt(1.2)), row("mahony", tilt(3.7)), row("onboard", tilt(18.2))]
-    assert sentence("closest", against_smoother(rows, onboard="bad")) == (
+    assert sentence("closest", against_smoother(rows, onboard="fault")) == (
         "VQF is closest in tilt to the smoother (sigma 0.12°): 1.2° (1.1 to 1.3). "
         "Mahony is farthest: 3.7° (3.3 to 4.1). Onboard: 18.2°; it is the wrong one here."
     )
-    for verdict_on_onboard in ("good", "warn"):  # a warning asks for a look, it calls nothing wrong
+    for verdict_on_onboard in ("ok", "warning"):  # a warning asks for a look, it calls nothing wrong
         assert sentence("closest", against_smoother(rows, onboard=verdict_on_onboard)).endswith("Onboard: 18.2°.")
     assert verdict("closest", against_smoother(rows)).title == "Which filter is closest?"
 

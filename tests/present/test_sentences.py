@@ -28,7 +28,7 @@ def test_sentences_stay_short_with_many_filters():
 
 def test_a_gyro_that_reads_wrong_standing_still_is_said_by_every_card():
     made = result([row("a", noise(0.01))])
-    made.audit = [Check("gyro bias", "bad", "At rest -24.34, -23.28, 2.62 deg/s about x, y, z.")]
+    made.audit = [Check("gyro bias", "fault", "At rest -24.34, -23.28, 2.62 deg/s about x, y, z.")]
     for found in verdicts(made):
         assert found.sentence.startswith(
             "Do not rely on this, the gyro is wrong: at rest −24.34, −23.28, 2.62°/s about x, y, z. "
@@ -37,7 +37,7 @@ def test_a_gyro_that_reads_wrong_standing_still_is_said_by_every_card():
     assert not any(found.sentence.startswith("Do not rely") for found in verdicts(made)), "it was taken off"
     made.estimators[0].status = "not_judged"
     assert sentence("quiet", made).startswith("Do not rely")
-    made.audit[0].verdict = "warn"
+    made.audit[0].verdict = "warning"
     assert not sentence("quiet", made).startswith("Do not rely")
 
 

@@ -263,8 +263,8 @@ def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Res
             Problem("text_truncated", "note", "3 messages were cut to 4096 characters.", count=3),
         ],
         audit=[
-            Check("gravity", "good", "The accelerometer reads 9.81 m/s² at rest.", 9.81, "m/s^2", "9.80 ± 0.3"),
-            Check("field", "warn", "The magnetic field changes by 12 % with the throttle.", 12.0, "%", "below 10 %"),
+            Check("gravity", "ok", "The accelerometer reads 9.81 m/s² at rest.", 9.81, "m/s^2", "9.80 ± 0.3"),
+            Check("field", "warning", "The magnetic field changes by 12 % with the throttle.", 12.0, "%", "below 10 %"),
         ],
         segments=[
             Segment("continuous", 0, SECONDS, "one segment without a gap"),

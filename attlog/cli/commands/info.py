@@ -13,8 +13,7 @@ from attlog.cli.shared.options import Boot, CommonOptions, Json, Logs, System
 from attlog.cli.shared.printing import TextLine, columns, console, json_line, json_to_stdout, say, to_stderr, wrapped
 
 DIFFERS, LATE = 1, 75
-WORDS = {"good": "good", "warn": "warn", "bad": "bad", "cannot_judge": "cannot judge"}
-STYLES = {"good": "", "warn": "yellow", "bad": "red", "cannot_judge": "dim"}
+STYLES = {"ok": "", "warning": "yellow", "fault": "red", "unknown": "dim"}
 
 
 def command(
@@ -83,7 +82,7 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Text
     if report["headline"]:
         yield TextLine("")
         yield from wrapped("", report["headline"], width)
-    checks = [(c["name"], WORDS[c["verdict"]], c["text"]) for c in report["audit"]]
+    checks = [(c["name"], c["verdict"], c["text"]) for c in report["audit"]]
     yield from _part("Physics", checks, width, [STYLES[c["verdict"]] for c in report["audit"]])
     questions = report["answerable"]
     answers = [

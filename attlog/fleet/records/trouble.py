@@ -58,13 +58,13 @@ POINTS = {
     ("log", "error"): 20.0,
     ("reset", "warning"): 20.0,
     ("reset", "error"): 40.0,
-    ("sensor", "bad"): 20.0,
+    ("sensor", "fault"): 20.0,
     ("sensor", "warning"): 10.0,
     ("log", "warning"): 3.0,
 }
 """How much a reason weighs, by kind and severity; notes weigh nothing and are left out.
 
-A sensor's warning counts as bad where its check says so.
+A sensor's warning counts as a fault where its check says so.
 """
 FILTER_POINTS, MOST_FILTERS = 10.0, 5
 REFUSED_POINTS = 40.0
@@ -104,8 +104,8 @@ def with_gates(said: dict[str, Any], failed: Iterable[str]) -> dict[str, Any]:
 
 def reasons(result: Result) -> list[Reason]:
     """Everything in a result that speaks of trouble with the attitude or with what it is computed from."""
-    bad = {check.name.replace(" ", "_") for check in result.audit if check.verdict == "bad"}
-    found = [reason for problem in result.problems if (reason := _of_problem(problem, bad)) is not None]
+    faults = {check.name.replace(" ", "_") for check in result.audit if check.verdict == "fault"}
+    found = [reason for problem in result.problems if (reason := _of_problem(problem, faults)) is not None]
     codes = {r.code for r in found}
     refused = result.reference.refused if result.reference else {}
     for kind, why in refused.items():
@@ -115,10 +115,10 @@ def reasons(result: Result) -> list[Reason]:
     return [*found, *_of_rows(result)]
 
 
-def _of_problem(problem: Problem, bad: Collection[str]) -> Reason | None:
+def _of_problem(problem: Problem, faults: Collection[str]) -> Reason | None:
     kind = kind_of(problem.code)
-    is_bad = problem.severity == "warning" and problem.code in bad and (kind, "bad") in POINTS
-    points = POINTS.get((kind, "bad" if is_bad else problem.severity))
+    is_fault = problem.severity == "warning" and problem.code in faults and (kind, "fault") in POINTS
+    points = POINTS.get((kind, "fault" if is_fault else problem.severity))
     if points is None:
         return None
     if kind == "reset" and problem.value is not None and problem.unit == "deg":

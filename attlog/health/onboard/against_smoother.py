@@ -29,7 +29,7 @@ heading on flights with truth."""
 LEAST_S = {"tilt": 5.0, "heading": 10.0}
 MOUNTED = 0.3
 """What is left of a tilt error that a turn of the sensor explains, at most."""
-LIMIT = "good up to 3 deg of tilt and 10 deg of heading"
+LIMIT = "ok up to 3 deg of tilt and 10 deg of heading"
 LIMITS = {"smoother": f"{LIMIT}, or 3 sigma of the smoother", "truth": LIMIT}
 
 
@@ -82,7 +82,7 @@ def checks(log: FlightLog, segments: Segments, reference: Reference | None) -> l
     if not found:
         usual = ", ".join(_usual(angle, size[counted], sigmas[angle][counted]) for angle, size in angles.items())
         whom = "the truth" if reference.kind == "truth" else "the smoother"
-        return [Check(name, "good", f"{log.onboard} differs from {whom} by {usual}.", threshold=limit)]
+        return [Check(name, "ok", f"{log.onboard} differs from {whom} by {usual}.", threshold=limit)]
     shown = [off for off in found if off.wrong] or found
     wrong = shown[0].wrong
     text = "The onboard attitude is the wrong one here" if wrong else "The onboard attitude errs"
@@ -91,7 +91,7 @@ def checks(log: FlightLog, segments: Segments, reference: Reference | None) -> l
         wrong, text = False, "The sensor's mounting is not what is set, or the onboard attitude is wrong throughout"
     text += f": {'; '.join(off.text for off in shown)}."
     first = min(off.longest[0] for off in shown)
-    return [Check(name, "bad" if wrong else "warn", text, round(shown[0].size, 1), "deg", limit, t=first)]
+    return [Check(name, "fault" if wrong else "warning", text, round(shown[0].size, 1), "deg", limit, t=first)]
 
 
 def _sigmas(reference: Reference, t: Array) -> dict[str, Array] | None:

@@ -11,7 +11,7 @@ from attlog.health.model import Check, graded
 from attlog.reference import declination
 
 NAME = "declination told"
-LIMIT = "good within 4 deg of the model, bad above 15 deg"
+LIMIT = "ok within 4 deg of the model, fault above 15 deg"
 
 
 def checks(log: FlightLog) -> list[Check]:

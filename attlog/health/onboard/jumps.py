@@ -25,18 +25,18 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     attitude, imu = log.onboard_attitude, log.replay_imu
     if attitude is None or imu is None:
         return []
-    limit = f"good up to {LEAST_DEG:.0f} deg, bad above {LARGE_DEG:.0f} deg in flight"
+    limit = f"ok up to {LEAST_DEG:.0f} deg, fault above {LARGE_DEG:.0f} deg in flight"
     index, _ = resets.known(log, log.onboard or "", segments)
     index = index[in_use(attitude.t[index], float(attitude.t[0]), segments)]
     sizes = resets.unexplained_deg(attitude, imu) if len(index) else None
     if sizes is None:
-        return [Check("attitude jumps", "good", f"{log.onboard} never jumps while in use.", 0.0, "deg", limit)]
+        return [Check("attitude jumps", "ok", f"{log.onboard} never jumps while in use.", 0.0, "deg", limit)]
     size = sizes[0][index - 1]
     large = np.isfinite(size) & (size > LEAST_DEG)
     if not large.any():
         worst = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
         text = f"{log.onboard} jumps by {worst:.1f} deg at most."
-        return [Check("attitude jumps", "good", text, round(worst, 1), "deg", limit)]
+        return [Check("attitude jumps", "ok", text, round(worst, 1), "deg", limit)]
     t, size, index = attitude.t[index[large]], size[large], index[large]
     order = np.argsort(-size, kind="stable")
     flown = segments.mask(t, "airborne")
@@ -46,7 +46,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     kind = "heading is realigned" if (yaw > 0.9).all() else "attitude jumps"
     times = "once" if len(t) == 1 else f"{len(t)} times"
     text = f"The onboard {kind} {times}: {shown}{more}."
-    verdict = "bad" if (size[flown] > LARGE_DEG).any() else "warn"
+    verdict = "fault" if (size[flown] > LARGE_DEG).any() else "warning"
     worst = float(size.max())
     return [Check("attitude jumps", verdict, text, round(worst, 1), "deg", limit, t=float(t[0]), count=len(t))]
 

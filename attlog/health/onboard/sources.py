@@ -12,7 +12,7 @@ from attlog.health.model import Check, not_judged
 from attlog.segments.model import Segments
 
 TILT_DEG, HEADING_DEG = (10.0, 30.0), (20.0, 60.0)
-"""Where warn, and where bad: a backup estimator is coarse, but no compass is 20 deg off for half a flight."""
+"""Where a warning, and where a fault: a backup estimator is coarse, but no compass is 20 deg off for half a flight."""
 STEEP_DEG = 60.0
 """Heading means nothing beyond this tilt."""
 SHARE, LASTING, SETTLED_S = 0.2, 0.9, 15.0
@@ -26,8 +26,8 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     others = {n: a for n, a in log.attitudes.items() if n != log.onboard}
     if flew is None or not others:
         return []
-    limit = f"good up to {TILT_DEG[0]:.0f} deg of tilt and {HEADING_DEG[0]:.0f} of heading"
-    limit += f", bad above {TILT_DEG[1]:.0f} and {HEADING_DEG[1]:.0f}"
+    limit = f"ok up to {TILT_DEG[0]:.0f} deg of tilt and {HEADING_DEG[0]:.0f} of heading"
+    limit += f", fault above {TILT_DEG[1]:.0f} and {HEADING_DEG[1]:.0f}"
     seen = {n: d for n, a in others.items() if (d := difference(flew, a, segments)) is not None}
     if not seen:
         return [
@@ -40,10 +40,10 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     off = {n: d for n, d in seen.items() if d.since is not None}
     if not off:
         text = f"{listed([*seen, str(log.onboard)])} show the same tilt and heading."
-        return [Check("second source", "good", text, 0.0, "deg", limit)]
+        return [Check("second source", "ok", text, 0.0, "deg", limit)]
     worst = max(off.values(), key=lambda d: max(d.tilt / TILT_DEG[0], d.heading / HEADING_DEG[0]))
     same = [n for n, d in off.items() if abs(d.tilt - worst.tilt) < 1.0 and abs(d.heading - worst.heading) < 3.0]
-    verdict = "bad" if worst.tilt > TILT_DEG[1] or worst.heading > HEADING_DEG[1] else "warn"
+    verdict = "fault" if worst.tilt > TILT_DEG[1] or worst.heading > HEADING_DEG[1] else "warning"
     sizes = [(worst.heading, HEADING_DEG[0], "heading"), (worst.tilt, TILT_DEG[0], "tilt")]
     shown = " and ".join(f"{size:.0f} deg in {what}" for size, least, what in sizes if size > least)
     differ = "differ" if len(same) > 1 else "differs"

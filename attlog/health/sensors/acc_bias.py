@@ -26,12 +26,12 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     tilt = float(np.degrees(np.arctan2(np.hypot(bias[0], bias[1]), G)))
     worst = "xy"[int(np.argmax(np.abs(bias[:2])))]
     size = float(bias["xy".index(worst)])
-    limit = f"good up to {LIMITS_DEG[0]:.0f} deg of tilt, bad above {LIMITS_DEG[1]:.0f} deg"
+    limit = f"ok up to {LIMITS_DEG[0]:.0f} deg of tilt, fault above {LIMITS_DEG[1]:.0f} deg"
     text = f"The onboard estimator takes {size:+.2f} m/s^2 off the accelerometer's {worst} ({stream.source}), "
     text += f"{tilt:.1f} deg of tilt"
-    verdict = "good" if tilt <= LIMITS_DEG[0] else "warn" if tilt <= LIMITS_DEG[1] else "bad"
+    verdict = "ok" if tilt <= LIMITS_DEG[0] else "warning" if tilt <= LIMITS_DEG[1] else "fault"
     both = differences(log, segments, bias)
-    if both is not None and verdict != "good":
+    if both is not None and verdict != "ok":
         plain, corrected = both
         if corrected < EXPLAINS * plain:
             text += f": it explains {plain - corrected:.1f} of the {plain:.1f} deg between {log.onboard} and gravity"

@@ -47,11 +47,11 @@ def gravity(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segment
     if rest.sum() < 10:
         return gravity_in_flight(log, imu, segments, g)
     value = float(np.median(np.sqrt(np.sum(imu.acc.x[rest] ** 2, axis=1))))
-    verdict = "bad" if not 7.0 <= value <= 13.0 else graded(abs(value - g), 0.3, np.inf)
+    verdict = "fault" if not 7.0 <= value <= 13.0 else graded(abs(value - g), 0.3, np.inf)
     text = f"{where[0].upper()}{where[1:]} the accelerometer shows {value:.3f} m/s^2; gravity is {g:.3f}."
-    if verdict != "good":
+    if verdict != "ok":
         text += f" Its scale seems to be {value / g:.2f} of what it should be, or it has an offset."
-    return Check("gravity", verdict, text, round(value, 3), "m/s^2", f"good within 0.3 of {g:.2f}, bad outside 7 to 13")
+    return Check("gravity", verdict, text, round(value, 3), "m/s^2", f"ok within 0.3 of {g:.2f}, fault outside 7 to 13")
 
 
 def gravity_in_flight(log: FlightLog, imu: Imu, segments: Segments, g: float) -> Check:
@@ -65,9 +65,9 @@ def gravity_in_flight(log: FlightLog, imu: Imu, segments: Segments, g: float) ->
     verdict = graded(abs(value - g), good, good + 1.0)
     text = f"No rest in the log; along the attitude's down the mean over {seconds:.0f} s is {value:.2f} m/s^2; "
     text += f"gravity is {g:.2f}."
-    if verdict == "bad":
+    if verdict == "fault":
         text += " The scale, vibration that the sensor rectifies or clips, or the attitude is wrong."
-    limit = f"good within {good:.1f} of {g:.2f}, bad beyond {good + 1.0:.1f}"
+    limit = f"ok within {good:.1f} of {g:.2f}, fault beyond {good + 1.0:.1f}"
     return Check("gravity in flight", verdict, text, round(value, 3), "m/s^2", limit)
 
 
@@ -94,10 +94,10 @@ def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segme
     """Angle between measured gravity and the attitude's down, with the vehicle's trim put back."""
     onboard = log.onboard_attitude
     if onboard is None:
-        return not_judged("gravity direction", "There is no onboard attitude to compare with.", "good up to 3 deg")
+        return not_judged("gravity direction", "There is no onboard attitude to compare with.", "ok up to 3 deg")
     if rest.sum() < 10:
         return direction_in_flight(log, imu, segments)
-    limit = "good up to 3 deg, bad above 10 deg"
+    limit = "ok up to 3 deg, fault above 10 deg"
     q = rotation.slerp(onboard.t, of_imu(log, onboard), imu.acc.t[rest])
     known = rotation.finite(q)
     if known.sum() < 10:
@@ -114,7 +114,7 @@ def direction(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], segments: Segme
 
 def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
     """The same from the mean specific force in flight, which holds less tightly."""
-    limit = "good up to 10 deg in flight, bad above 30 deg"
+    limit = "ok up to 10 deg in flight, fault above 30 deg"
     flown = in_flight(log, imu, segments)
     if flown is None:
         return not_judged("gravity direction", "No rest in the log, and too little attitude in flight.", limit)

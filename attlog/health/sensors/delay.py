@@ -19,7 +19,7 @@ def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
     imu = log.imus[log.imu or 0]
     told = 1e3 * imu.gyro.delay
     seen = None if reference is None or log.imu is None else delay.measured(imu, reference)
-    limit = f"good up to {SHORT_MS:.0f} ms, and confirmed to {AGREES_MS:.0f} ms where it can be measured"
+    limit = f"ok up to {SHORT_MS:.0f} ms, and confirmed to {AGREES_MS:.0f} ms where it can be measured"
     known = told > 0 or imu.filtered not in ("unknown", "driver")
     if not known and seen is None:
         return [not_judged("delay", f"{imu.gyro.source}: the log does not tell how it was filtered.", limit)]
@@ -35,5 +35,5 @@ def checks(log: FlightLog, reference: Reference | None) -> list[Check]:
         however = ", yet" if told == 0 and known and 1e3 * seen > AGREES_MS else ";"
         text += f"{however} against {reference.source} its rates are late by {1e3 * seen:.1f} ms"
         off = abs(1e3 * seen - told)
-        verdict = max(verdict, graded(off, AGREES_MS, WRONG_CLOCK_MS), key=("good", "warn", "bad").index)
+        verdict = max(verdict, graded(off, AGREES_MS, WRONG_CLOCK_MS), key=("ok", "warning", "fault").index)
     return [Check("delay", verdict, text + ".", round(told if seen is None else 1e3 * seen, 2), "ms", limit)]

@@ -27,7 +27,7 @@ An accelerometer that shakes is no sign of it: engines run on the ground."""
 UNUSABLE_PCT = 5.0
 """A gyro that stood still for more than this part of the record makes every replay wrong from there on."""
 LIMIT = (
-    f"good: no value stays for {IMU_S:.0f} s (compass {MAG_S:.0f} s, barometer {BARO_S:.0f} s) while the vehicle moves"
+    f"ok: no value stays for {IMU_S:.0f} s (compass {MAG_S:.0f} s, barometer {BARO_S:.0f} s) while the vehicle moves"
 )
 
 
@@ -44,7 +44,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     stopped = [s for s in held(imu.gyro, IMU_S) if _turned(log, s) >= TURNED_DEG]
     lost = 100.0 * seconds(stopped) / max(log.seconds, 1e-9)
     text = f"{imu.gyro.source}: {_sentence('gyro', stopped)}." if stopped else "The gyro never stands still in motion."
-    found = [Check(GYRO, "bad" if stopped else "good", text, round(lost, 1), "%", LIMIT, **_first(stopped))]
+    found = [Check(GYRO, "fault" if stopped else "ok", text, round(lost, 1), "%", LIMIT, **_first(stopped))]
     others = {
         f"{imu.acc.source}: {_sentence('accelerometer', spans)}": spans
         for spans in [[s for s in held(imu.acc, IMU_S) if np.degrees(_spread(imu.gyro, s)) >= MOVING_DPS]]
@@ -54,7 +54,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     others |= _compass(log) | _barometer(log, segments)
     every = sorted((s for spans in others.values() for s in spans), key=lambda s: s[0] - s[1])
     text = f"{'; '.join(others)}." if others else "No other sensor stands still while the vehicle moves."
-    verdict = "bad" if serious else "warn" if others else "good"
+    verdict = "fault" if serious else "warning" if others else "ok"
     longest = round(every[0][1] - every[0][0], 1) if every else 0.0
     return [*found, Check(OTHERS, verdict, text, longest, "s", LIMIT, **_first(every))]
 

@@ -13,7 +13,7 @@ LOST_S = 3.0
 """A shorter outage is a late message."""
 THREE_DIMENSIONAL = 3
 NAME = "GNSS"
-LIMIT = f"good: never without a fix for more than {LOST_S:.0f} s in flight"
+LIMIT = f"ok: never without a fix for more than {LOST_S:.0f} s in flight"
 
 
 def checks(log: FlightLog, segments: Segments) -> list[Check]:
@@ -24,11 +24,11 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         return []
     found = min((outages(one, flights, log) for one in had), key=lambda lost: sum(b - a for a, b in lost))
     if not found:
-        return [Check(NAME, "good", "GNSS had a fix all through the flight.", 0.0, "s", LIMIT)]
+        return [Check(NAME, "ok", "GNSS had a fix all through the flight.", 0.0, "s", LIMIT)]
     seconds = sum(b - a for a, b in found)
     times = "" if len(found) == 1 else f" in {len(found)} outages"
     text = f"GNSS had no fix for {seconds:.0f} s in flight{times}, first at {found[0][0]:.0f} s."
-    return [Check(NAME, "warn", text, round(seconds, 1), "s", LIMIT, t=found[0][0], count=len(found))]
+    return [Check(NAME, "warning", text, round(seconds, 1), "s", LIMIT, t=found[0][0], count=len(found))]
 
 
 def outages(gnss: Gnss, flights: list[tuple[float, float]], log: FlightLog) -> list[tuple[float, float]]:

@@ -30,11 +30,11 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if found:
         return found
     peak = float(np.degrees(np.abs(imu.gyro.x).max()))
-    limit = "warn from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
+    limit = "warning from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
     clipped = at_limit(np.degrees(reduce(np.maximum, np.abs(imu.gyro.x).T)))
     samples = "1 sample is" if clipped == 1 else f"{clipped} samples are"
     text = f"Largest rate {peak:.0f} deg/s" + (f"; {samples} at the sensor's limit." if clipped else ".")
-    found = [Check("gyro range", "warn" if clipped else "good", text, round(peak, 1), "deg/s", limit)]
+    found = [Check("gyro range", "warning" if clipped else "ok", text, round(peak, 1), "deg/s", limit)]
     found.append(bias(imu, segments))
     return found
 
@@ -55,7 +55,7 @@ def at_limit(rate: np.ndarray) -> int:
 def bias(imu: Imu, segments: Segments) -> Check:
     """The median rate at rest, and how far it moved from one rest to another; on the ground with motors on where the
     vehicle never rests."""
-    limit = f"good up to {BIAS_DPS[0]:.0f} deg/s, bad above {BIAS_DPS[1]:.0f} deg/s; the same for its change"
+    limit = f"ok up to {BIAS_DPS[0]:.0f} deg/s, fault above {BIAS_DPS[1]:.0f} deg/s; the same for its change"
     for kind, where in (("rest", "Standing still"), ("idle", "On the ground with motors on")):
         mask = segments.mask(imu.gyro.t, kind)
         if mask.sum() < 10:
@@ -64,7 +64,7 @@ def bias(imu: Imu, segments: Segments) -> Check:
         worst = max(x, y, z, key=abs)
         text = f"{where} the gyro reads {x:.2f}, {y:.2f}, {z:.2f} deg/s about x, y, z."
         verdict = graded(abs(worst), *BIAS_DPS)
-        moved = _moved(imu, segments, limit) if kind == "rest" and verdict != "bad" else None
+        moved = _moved(imu, segments, limit) if kind == "rest" and verdict != "fault" else None
         return moved or Check("gyro bias", verdict, text, round(worst, 3), "deg/s", limit)
     return not_judged("gyro bias", "The vehicle never stands still on the ground in this log.", limit)
 
@@ -93,12 +93,12 @@ def _moved(imu: Imu, segments: Segments, limit: str) -> Check | None:
 
 
 def alive(name: str, x: np.ndarray, source: str) -> list[Check]:
-    """A bad check if a sensor is all zero or has an axis that never changes, else nothing."""
+    """A fault if a sensor is all zero or has an axis that never changes, else nothing."""
     limit = "every axis must change"
     if not x.any():
-        return [Check(name, "bad", f"{source}: all values are zero.", "zero", "", limit)]
+        return [Check(name, "fault", f"{source}: all values are zero.", "zero", "", limit)]
     stuck = [axis for axis, spread in zip("xyz", map(np.ptp, x.T), strict=True) if spread == 0]
     if stuck and len(x) >= 20:
         which = "all axes are" if len(stuck) == 3 else f"axis {', '.join(stuck)} is"
-        return [Check(name, "bad", f"{source}: {which} constant.", "constant", "", limit)]
+        return [Check(name, "fault", f"{source}: {which} constant.", "constant", "", limit)]
     return []

@@ -28,7 +28,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     if log.mag is None:
         return []
     name = "field against motors"
-    limit = f"good up to {SHARE_PCT[0]:.0f} % or r below {LEAST_R}, bad above {SHARE_PCT[1]:.0f} %"
+    limit = f"ok up to {SHARE_PCT[0]:.0f} % or r below {LEAST_R}, fault above {SHARE_PCT[1]:.0f} %"
     field = log.mags[log.mag].field
     spans = segments.spans("armed") or segments.spans("airborne")
     best: Check | None = None
@@ -39,10 +39,10 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
         r, low, high = seen
         change = 100.0 * abs(high - low) / max(min(low, high), LEAST_UT)
         follows = abs(r) >= LEAST_R and change > SHARE_PCT[0]
-        verdict = "good" if not follows else "bad" if change > SHARE_PCT[1] else "warn"
+        verdict = "ok" if not follows else "fault" if change > SHARE_PCT[1] else "warning"
         text = f"The field goes from {low:.1f} to {high:.1f} uT over the range of {what} (r = {r:.2f})."
         check = Check(name, verdict, text, round(change, 1), "%", limit)
-        if best is None or (verdict != "good" and change > float(best.value or 0.0)):
+        if best is None or (verdict != "ok" and change > float(best.value or 0.0)):
             best = check
     return [best or not_judged(name, "The log holds no throttle or current that changes while armed.", limit)]
 

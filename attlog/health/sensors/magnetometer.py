@@ -24,7 +24,7 @@ def checks(log: FlightLog) -> list[Check]:
     if not log.mags:
         return [not_judged("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
     found = [
-        Check(f"magnetometer {m.index}", "bad", f"{m.field.source}: {reason}.", "dead", "", "must follow the field")
+        Check(f"magnetometer {m.index}", "fault", f"{m.field.source}: {reason}.", "dead", "", "must follow the field")
         for m in log.mags
         if (reason := magnetic.dead(m, log.replay_imu))
     ]
@@ -45,26 +45,26 @@ def strength(log: FlightLog) -> Check:
     value, spread = float(np.median(norm)), float(np.std(norm) / np.median(norm))
     model = declination.model(log)
     text = f"{mag.field.source}: {value:.1f} uT, varying by {100 * spread:.0f} %"
-    verdict = "good" if STRENGTH_UT[0] <= value <= STRENGTH_UT[1] else "bad"
-    limit = "good within 20 % of the model and varying up to 10 %; bad outside 15 to 90 uT"
+    verdict = "ok" if STRENGTH_UT[0] <= value <= STRENGTH_UT[1] else "fault"
+    limit = "ok within 20 % of the model and varying up to 10 %; fault outside 15 to 90 uT"
     if model is not None:
         expected = model.strength_t * 1e6
         text += f"; the earth's field there is {expected:.1f} uT"
-        if verdict == "good" and abs(value / expected - 1) > 0.2:
-            verdict = "warn"
-    elif verdict == "bad":
+        if verdict == "ok" and abs(value / expected - 1) > 0.2:
+            verdict = "warning"
+    elif verdict == "fault":
         text += "; the earth's field is 22 to 67 uT anywhere"
-    if verdict == "good" and spread > 0.1:
-        verdict = "warn"
+    if verdict == "ok" and spread > 0.1:
+        verdict = "warning"
     if not mag.calibrated:
-        verdict = "warn" if verdict == "good" else verdict
+        verdict = "warning" if verdict == "ok" else verdict
         text += "; uncalibrated"
     return Check("field", verdict, text + ".", round(value, 2), "uT", limit)
 
 
 def against_attitude(log: FlightLog) -> list[Check]:
     """Direction of the horizontal field, rotated by truth or the onboard attitude: steady, and the declination."""
-    limit = f"good up to {STEADY_DEG:.0f} deg, bad above {UNSTEADY_DEG:.0f} deg"
+    limit = f"ok up to {STEADY_DEG:.0f} deg, fault above {UNSTEADY_DEG:.0f} deg"
     name, attitude = ("truth", log.truth) if log.truth is not None else (log.onboard, log.onboard_attitude)
     if attitude is None:
         return [not_judged("field against attitude", "There is no attitude to rotate the field by.", limit)]
@@ -81,7 +81,7 @@ def against_attitude(log: FlightLog) -> list[Check]:
     verdict = graded(spread, STEADY_DEG, UNSTEADY_DEG)
     found = [Check("field against attitude", verdict, text, round(spread, 2), "deg", limit)]
     model = declination.model(log)
-    limit = "good within 4 deg of the model, bad above 15 deg"
+    limit = "ok within 4 deg of the model, fault above 15 deg"
     if model is None:
         return [
             *found,

@@ -8,10 +8,10 @@ from attlog.reference.model import Reference
 from attlog.reference.physics.sensor_faults import COMPASS, FRAME, GYRO, LATE
 
 LIMITS = {
-    GYRO: "good: fewer than 5 samples 20 times further from their neighbours than usual; bad above 20 deg/min of them",
-    COMPASS: "good: no other axes of the compass turn three times better with the gyro, and the dip is within 25 deg",
-    FRAME: "good: the field does not dip by 25 deg otherwise below its level while it is right below the attitude's",
-    LATE: "good: no other clock of the accelerometer fits the GNSS velocity nine times better (squared)",
+    GYRO: "ok: fewer than 5 samples 20 times further from their neighbours than usual; fault above 20 deg/min of them",
+    COMPASS: "ok: no other axes of the compass turn three times better with the gyro, and the dip is within 25 deg",
+    FRAME: "ok: the field does not dip by 25 deg otherwise below its level while it is right below the attitude's",
+    LATE: "ok: no other clock of the accelerometer fits the GNSS velocity nine times better (squared)",
 }
 
 
@@ -21,7 +21,7 @@ def checks(reference: Reference | None) -> list[Check]:
     return [
         Check(
             name,
-            "bad" if fault.misleads else "warn",
+            "fault" if fault.misleads else "warning",
             as_sentence(fault.why),
             fault.value,
             fault.unit,

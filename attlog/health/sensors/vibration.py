@@ -44,7 +44,7 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
 
 def level(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     """The typical level in flight, and the time from which it had grown to several times what it was."""
-    limit = f"good up to {STRONG_M_S2:.0f} m/s^2 and steady, bad above {VERY_STRONG_M_S2:.0f}; onboard level 30 and 60"
+    limit = f"ok up to {STRONG_M_S2:.0f} m/s^2 and steady, fault above {VERY_STRONG_M_S2:.0f}; onboard level 30 and 60"
     t, x = levels(imu, flown)
     if len(t) < LEAST_S:
         return not_judged("vibration", "Too little flight to measure vibration in.", limit)
@@ -54,10 +54,10 @@ def level(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     shown, unit, since = typical, "m/s^2", onset(strongest)
     since = None if since is None or more_power(log.throttle, t, since) else since
     text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
-    verdict = "bad" if typical > VERY_STRONG_M_S2 else "warn" if typical > STRONG_M_S2 else "good"
+    verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
     own = onboard_level(log.onboard_vibration, flown)
     if own is not None and own > ONBOARD_M_S2[0]:
-        verdict = "bad" if own > ONBOARD_M_S2[1] or verdict == "bad" else "warn"
+        verdict = "fault" if own > ONBOARD_M_S2[1] or verdict == "fault" else "warning"
         text += f" The autopilot itself measured {own:.0f} m/s^2 or more in 5 % of the flight"
         text += f", of which the logged {imu.acc.rate:.0f} Hz show little." if own > TIMES_OWN * typical else "."
     if since is None:
@@ -70,7 +70,7 @@ def level(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
         f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 (1 sigma, up to "
         f"{peak:.1f}) instead of {before:.1f}."
     )
-    verdict = "bad" if after > STRONG_M_S2 else "warn"
+    verdict = "fault" if after > STRONG_M_S2 else "warning"
     return Check("vibration", verdict, text, round(after, 2), unit, limit, t=float(t[since]))
 
 
@@ -113,7 +113,7 @@ def onboard_level(own: Stream | None, flown: list[Span]) -> float | None:
 
 def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     """Whether the mean vertical force changes in flight without a climb that explains it (vibration rectification)."""
-    limit = f"good up to {CHANGED_M_S2} m/s^2 over {FORCE_S:.0f} s, bad above {WRONG_M_S2}"
+    limit = f"ok up to {CHANGED_M_S2} m/s^2 over {FORCE_S:.0f} s, fault above {WRONG_M_S2}"
     above, onboard = height(log), log.onboard_attitude
     if above is None or onboard is None or onboard.rate < 5.0:
         return not_judged("vertical force", "No barometer or no attitude to compare the vertical force with.", limit)
@@ -131,9 +131,9 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     unexplained = force - by_height - (force[0] - by_height[0])
     worst = int(np.argmax(np.abs(unexplained)))
     size = float(abs(unexplained[worst]))
-    verdict = "good" if size <= CHANGED_M_S2 else "warn" if size <= WRONG_M_S2 else "bad"
+    verdict = "ok" if size <= CHANGED_M_S2 else "warning" if size <= WRONG_M_S2 else "fault"
     text = f"The mean vertical force over {FORCE_S:.0f} s stays within {size:.2f} m/s^2 of what the height explains."
-    if verdict == "good":
+    if verdict == "ok":
         return Check("vertical force", verdict, text, round(size, 2), "m/s^2", limit)
     since = int(np.argmax(np.abs(unexplained) > CHANGED_M_S2))
     most = f", at {times[worst]:.0f} s most" if worst != since else ""

@@ -105,7 +105,7 @@ def flew(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:
     """The errors of what flew, where something better is the reference, and whether it is the wrong one."""
     if tilt.onboard is None:
         return ""
-    wrong = any(check.name in ONBOARD_CHECKS and check.verdict == "bad" for check in result.audit)
+    wrong = any(check.name in ONBOARD_CHECKS and check.verdict == "fault" for check in result.audit)
     beside = f", heading {heading.onboard.text}" if heading.onboard else ""
     return f" Onboard: {tilt.onboard.text}{beside}{'; it is the wrong one here' if wrong else ''}."
 

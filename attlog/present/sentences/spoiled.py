@@ -18,7 +18,7 @@ def spoiling(result: Result) -> Check | None:
     can where that was taken off and rows were judged all the same."""
     judged = all(row.status != "not_judged" for row in result.estimators)
     mended = judged and any(bias.dps is not None for bias in result.gyro_bias)
-    bad = [check for check in result.audit if check.verdict == "bad" and check.name in SPOILING]
+    bad = [check for check in result.audit if check.verdict == "fault" and check.name in SPOILING]
     return next((check for check in bad if not (mended and check.name == "gyro bias")), None)
 
 

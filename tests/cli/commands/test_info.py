@@ -26,7 +26,7 @@ def test_it_names_vehicle_sensors_and_what_can_be_answered(attlog, samples, log,
     assert report["log"]["firmware"]["name"] == firmware
     assert source in report["log"]["imu"]["source"]
     assert report["log"]["simulated"] is True
-    assert {c["verdict"] for c in report["audit"]} <= {"good", "warn", "bad", "cannot_judge"}
+    assert {c["verdict"] for c in report["audit"]} <= {"ok", "warning", "fault", "unknown"}
     assert {a["question"] for a in report["answerable"]} == {"closest", "quiet", "late", "drifting"}
     text = attlog("info", samples / log)
     assert text.code == 0

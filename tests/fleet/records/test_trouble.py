@@ -122,10 +122,14 @@ def test_how_often_it_happened_is_told_once() -> None:
 def test_a_bad_check_weighs_more_than_one_to_look_at() -> None:
     made = result([row("onboard", {})])
     made.problems = [problem("field_against_attitude"), problem("gaps")]
-    checks = [Check("field against attitude", "bad", "x"), Check("gaps", "bad", "x"), Check("vibration", "bad", "x")]
+    checks = [
+        Check("field against attitude", "fault", "x"),
+        Check("gaps", "fault", "x"),
+        Check("vibration", "fault", "x"),
+    ]
     points = {}
-    for verdict in ("warn", "bad"):
+    for verdict in ("warning", "fault"):
         made.audit = [Check(c.name, verdict, c.text) for c in checks]
         points[verdict] = {r.code: r.points for r in reasons(made)}
-    assert points["warn"] == {"field_against_attitude": 10.0, "gaps": 3.0}
-    assert points["bad"] == {"field_against_attitude": 20.0, "gaps": 3.0}
+    assert points["warning"] == {"field_against_attitude": 10.0, "gaps": 3.0}
+    assert points["fault"] == {"field_against_attitude": 20.0, "gaps": 3.0}

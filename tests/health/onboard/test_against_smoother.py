@@ -37,13 +37,13 @@ def judged(log: FlightLog, **sigma: float) -> tuple[Check, Reference]:
 
 def test_an_attitude_that_agrees_is_good_and_told_in_sigmas() -> None:
     check, _ = judged(off(flight(), (0.3, 0.0, 0.0), 0.0, 60.0))
-    assert check.verdict == "good"
+    assert check.verdict == "ok"
     assert "tilt 0.3 deg (3.0 sigma), heading 0.0 deg (0.0 sigma)" in check.text
 
 
 def test_a_tilt_that_is_off_for_long_is_the_wrong_one_with_size_sigma_and_time() -> None:
     check, _ = judged(off(flight(), (18.0, 0.0, 0.0), 30.0, 50.0), tilt=0.3)
-    assert check.verdict == "bad"
+    assert check.verdict == "fault"
     assert check.text.startswith(
         "The onboard attitude is the wrong one here: tilt 18.0 deg off (sigma 0.3) from 30 s to 50 s."
     )
@@ -54,30 +54,30 @@ def test_a_tilt_that_is_off_for_long_is_the_wrong_one_with_size_sigma_and_time()
 @pytest.mark.parametrize(
     ("vector", "span", "sigma", "verdict"),
     [
-        ((5.0, 0.0, 0.0), (30.0, 50.0), 0.1, "warn"),  # a look, but not the wrong attitude
-        ((18.0, 0.0, 0.0), (30.0, 33.0), 0.1, "good"),  # 3 s are no "for long"
-        ((2.5, 0.0, 0.0), (30.0, 50.0), 0.9, "good"),  # within three sigmas of the smoother
-        ((0.0, 0.0, 20.0), (30.0, 50.0), 0.1, "warn"),
-        ((0.0, 0.0, 60.0), (30.0, 50.0), 0.1, "bad"),
+        ((5.0, 0.0, 0.0), (30.0, 50.0), 0.1, "warning"),  # a look, but not the wrong attitude
+        ((18.0, 0.0, 0.0), (30.0, 33.0), 0.1, "ok"),  # 3 s are no "for long"
+        ((2.5, 0.0, 0.0), (30.0, 50.0), 0.9, "ok"),  # within three sigmas of the smoother
+        ((0.0, 0.0, 20.0), (30.0, 50.0), 0.1, "warning"),
+        ((0.0, 0.0, 60.0), (30.0, 50.0), 0.1, "fault"),
     ],
 )
 def test_how_far_and_how_long_decide(vector, span, sigma: float, verdict: str) -> None:
     check, _ = judged(off(flight(), vector, *span), tilt=sigma, heading=sigma)
     assert check.verdict == verdict
-    assert ("wrong" in check.text) == (verdict == "bad")
+    assert ("wrong" in check.text) == (verdict == "fault")
 
 
 def test_where_it_is_wrong_comes_before_where_it_is_only_off_for_longer() -> None:
     log = off(off(flight(), (5.0, 0.0, 0.0), 25.0, 45.0), (18.0, 0.0, 0.0), 46.0, 54.0)
     check, _ = judged(log)
-    assert check.verdict == "bad"
+    assert check.verdict == "fault"
     assert "tilt 18.0 deg off (sigma 0.1) from 46 s to 54 s." in check.text
 
 
 def test_a_heading_of_which_the_smoother_is_not_sure_judges_nobody() -> None:
     check, reference = judged(off(flight(), (0.0, 0.0, 60.0), 30.0, 50.0), heading=5.0)
     assert reference.heading_by == "onboard"
-    assert check.verdict == "good"
+    assert check.verdict == "ok"
     assert "heading" not in check.text
 
 
@@ -93,7 +93,7 @@ def test_it_stands_in_the_list_of_what_is_wrong_and_takes_the_place_of_what_foll
     phases = segments.build(log)
     reference = choose(log, phases, smooth=made)
     checks = audit(log, phases, reference)
-    assert {c.name for c in checks if c.verdict == "bad"} >= {NAME, "gravity direction"}
+    assert {c.name for c in checks if c.verdict == "fault"} >= {NAME, "gravity direction"}
     told = findings(log, checks)
     first = next(p for p in told if p.code == "onboard_against_smoother")
     assert first.severity == "error"
@@ -109,11 +109,11 @@ def test_a_sensor_that_is_mounted_otherwise_than_set_is_no_wrong_attitude() -> N
     attitude = log.attitudes["ATT"]
     attitude.q = rotation.multiply(attitude.q, rotation.from_rotvec(np.radians([25.0, 0.0, 0.0])))
     check, _ = judged(log)
-    assert check.verdict == "warn"
+    assert check.verdict == "warning"
     assert check.text.startswith(
         "The sensor's mounting is not what is set, or the onboard attitude is wrong throughout"
     )
-    assert judged(off(flight(), (25.0, 0.0, 0.0), 30.0, 60.0))[0].verdict == "bad"
+    assert judged(off(flight(), (25.0, 0.0, 0.0), 30.0, 60.0))[0].verdict == "fault"
 
 
 def test_truth_judges_the_attitude_that_flew_without_sigmas() -> None:
@@ -123,9 +123,9 @@ def test_truth_judges_the_attitude_that_flew_without_sigmas() -> None:
     phases.segments.append(Segment("airborne", 22.0, 60.0))
     checks = audit(log, phases, choose(log, phases))
     check = next(c for c in checks if c.name == "onboard against truth")
-    assert (check.verdict, check.value) == ("bad", 60.0)
+    assert (check.verdict, check.value) == ("fault", 60.0)
     assert check.text == "The onboard attitude is the wrong one here: heading 60.0 deg off from 30 s to 50 s."
     assert "onboard_against_truth" in {p.code for p in findings(log, checks)}
     log.attitudes["ATT"] = flight().attitudes["ATT"]
     check = next(c for c in audit(log, phases, choose(log, phases)) if c.name == "onboard against truth")
-    assert (check.verdict, check.text) == ("good", "ATT differs from the truth by tilt 0.0 deg, heading 0.0 deg.")
+    assert (check.verdict, check.text) == ("ok", "ATT differs from the truth by tilt 0.0 deg, heading 0.0 deg.")

@@ -32,7 +32,7 @@ def moving() -> FlightLog:
 
 
 def test_a_sound_log_has_nothing_frozen() -> None:
-    assert {c.verdict for c in found(moving()).values()} == {"good"}
+    assert {c.verdict for c in found(moving()).values()} == {"ok"}
 
 
 @pytest.mark.parametrize("attitude", [True, False])
@@ -42,7 +42,7 @@ def test_a_gyro_that_stops_in_motion_is_said_and_nothing_is_judged(attitude: boo
         log.attitudes, log.onboard = {}, None
     stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 50.0)
     check = found(log)["frozen gyro"]
-    assert (check.verdict, check.t) == ("bad", pytest.approx(40.0))
+    assert (check.verdict, check.t) == ("fault", pytest.approx(40.0))
     assert check.value == pytest.approx(100 * 10 / 60, abs=0.2)
     assert "stands still for 17 %" in unusable([check])
 
@@ -51,7 +51,7 @@ def test_a_gyro_that_stops_for_a_moment_leaves_the_filters_judged() -> None:
     log = moving()
     stop(log.imus[0].gyro.x, log.imus[0].gyro.t, 40.0, 42.0)
     check = found(log)["frozen gyro"]
-    assert check.verdict == "bad"
+    assert check.verdict == "fault"
     assert unusable([check]) == ""
 
 
@@ -60,7 +60,7 @@ def test_a_gyro_that_is_coarse_and_at_rest_is_not_frozen() -> None:
     log = moving()
     log.imus[0].gyro.x = np.round(log.imus[0].gyro.x, 2)
     assert frozen.held(log.imus[0].gyro, 1.0)
-    assert found(log)["frozen gyro"].verdict == "good"
+    assert found(log)["frozen gyro"].verdict == "ok"
 
 
 def test_an_accelerometer_and_a_compass_that_stop_are_told_together() -> None:
@@ -70,7 +70,7 @@ def test_an_accelerometer_and_a_compass_that_stop_are_told_together() -> None:
     field = log.mags[log.mag].field
     stop(field.x, field.t, 30.0, 50.0)
     check = found(log)["frozen sensors"]
-    assert (check.verdict, check.count) == ("bad", 2)
+    assert (check.verdict, check.count) == ("fault", 2)
     assert check.value == pytest.approx(20.0, abs=0.1)
     assert "accelerometer" in check.text
     assert "compass" in check.text
@@ -82,4 +82,4 @@ def test_values_without_a_number_are_no_value_that_stays() -> None:
     assert log.mag is not None
     x = np.full_like(log.mags[log.mag].field.x, np.nan)
     log.mags[log.mag] = Mag(0, Stream(log.mags[log.mag].field.t, x, "T", "FRD", "MAG"))
-    assert found(log)["frozen sensors"].verdict == "good"
+    assert found(log)["frozen sensors"].verdict == "ok"

@@ -30,7 +30,7 @@ def middle(found: Segments) -> float:
 
 def test_a_fix_all_through_the_flight_is_good(flown: tuple[FlightLog, Segments]) -> None:
     (check,) = gnss.checks(*flown)
-    assert (check.name, check.verdict, check.value) == ("GNSS", "good", 0.0)
+    assert (check.name, check.verdict, check.value) == ("GNSS", "ok", 0.0)
 
 
 @pytest.mark.parametrize("how", ["no fix", "no message"])
@@ -44,7 +44,7 @@ def test_an_outage_is_told_with_its_time_and_length(flown: tuple[FlightLog, Segm
         else:
             one.t, one.fix = one.t[~lost], one.fix[~lost]
     (check,) = gnss.checks(log, found)
-    assert check.verdict == "warn"
+    assert check.verdict == "warning"
     assert check.value == pytest.approx(6.0, abs=0.41)
     assert check.t == pytest.approx(at, abs=0.21)
 
@@ -57,20 +57,20 @@ def test_late_messages_outages_on_the_ground_and_pauses_of_the_logger_are_none(
     at = middle(found)
     for one in log.gnss:
         one.fix = np.where((one.t < begin - 1) | ((one.t > at) & (one.t < at + 2.5)), 1, one.fix)
-    assert gnss.checks(log, found)[0].verdict == "good"
+    assert gnss.checks(log, found)[0].verdict == "ok"
     for stream in (*(g for g in log.gnss), log.imus[log.imu or 0].gyro):
         keep = (stream.t < at) | (stream.t > at + 20)
         stream.t = stream.t[keep]
         if hasattr(stream, "fix"):
             stream.fix = stream.fix[keep]
-    assert gnss.checks(log, found)[0].verdict == "good"
+    assert gnss.checks(log, found)[0].verdict == "ok"
 
 
 def test_the_better_of_two_receivers_counts(flown: tuple[FlightLog, Segments]) -> None:
     log, found = deepcopy(flown[0]), flown[1]
     log.gnss = [deepcopy(log.gnss[0]), log.gnss[0]]
     log.gnss[0].fix = np.where(log.gnss[0].t > middle(found), 0, log.gnss[0].fix)
-    assert gnss.checks(log, found)[0].verdict == "good"
+    assert gnss.checks(log, found)[0].verdict == "ok"
 
 
 def test_indoors_nothing_is_said(flown: tuple[FlightLog, Segments]) -> None:
@@ -85,7 +85,7 @@ def test_indoors_nothing_is_said(flown: tuple[FlightLog, Segments]) -> None:
 def test_the_planted_outages_of_the_firmware_simulators_are_found(corpus: Path, name: str, seconds: float) -> None:
     log = flight.read(corpus / "sitl" / name)
     (check,) = gnss.checks(log, segments.build(log))
-    assert check.verdict == "warn"
+    assert check.verdict == "warning"
     assert check.value == pytest.approx(seconds, abs=2.0)
 
 
@@ -103,9 +103,9 @@ def test_a_wrong_declination_is_found_unless_the_autopilot_looks_it_up(flown: tu
     model = declination.model(log)
     assert model is not None
     right = model.declination_deg
-    assert [c.verdict for c in declination_told.checks(told(log, right + 3.0))] == ["good"]
-    assert [c.verdict for c in declination_told.checks(told(log, right - 10.0))] == ["warn"]
-    assert [c.verdict for c in declination_told.checks(told(log, right + 20.0 - 360.0))] == ["bad"]
+    assert [c.verdict for c in declination_told.checks(told(log, right + 3.0))] == ["ok"]
+    assert [c.verdict for c in declination_told.checks(told(log, right - 10.0))] == ["warning"]
+    assert [c.verdict for c in declination_told.checks(told(log, right + 20.0 - 360.0))] == ["fault"]
     for name in ("COMPASS_AUTODEC", "EKF2_DECL_TYPE", "ATT_MAG_DECL_A"):
         assert declination_told.checks(told(log, right + 20.0, **{name: 3.0})) == []
         assert declination_told.checks(told(log, right + 20.0, **{name: 2.0})) != []

@@ -40,7 +40,7 @@ def test_twenty_hours_of_flight_take_no_minutes() -> None:
 
 @pytest.mark.parametrize(
     ("shaking", "own", "verdict"),
-    [(0.5, 10.0, "good"), (0.5, 40.0, "warn"), (0.5, 70.0, "bad"), (60.0, 40.0, "bad"), (60.0, 10.0, "bad")],
+    [(0.5, 10.0, "ok"), (0.5, 40.0, "warning"), (0.5, 70.0, "fault"), (60.0, 40.0, "fault"), (60.0, 10.0, "fault")],
 )
 def test_the_worse_of_what_is_measured_and_what_the_autopilot_says_is_told(
     shaking: float, own: float, verdict: str

@@ -60,7 +60,7 @@ def test_the_field_finds_the_gyro_that_is_wrong(what: str) -> None:
     assert found.kind == "onboard"
     assert "smoother" in found.refused
     (against,) = [c for c in checks(log, segments.build(log), found.gyro_fault) if c.name == "gyro against attitude"]
-    assert (against.verdict, against.value) == ("bad", CONTRADICTED)
+    assert (against.verdict, against.value) == ("fault", CONTRADICTED)
     assert "turn differently" in unusable([against])
 
 
@@ -123,7 +123,7 @@ def test_vibration_of_the_gyro_is_no_scale() -> None:
     imu = log.imus[0]
     imu.gyro.x = imu.gyro.x + np.radians(10.0) * np.sin(2 * np.pi * 37.0 * imu.gyro.t)[:, None]
     (against,) = [c for c in checks(log, segments.build(log)) if c.name == "gyro against attitude"]
-    assert against.verdict == "good"
+    assert against.verdict == "ok"
     assert against.value == pytest.approx(1.0, abs=0.02)
 
 
@@ -184,7 +184,7 @@ def test_a_reversed_axis_is_found_where_the_vehicle_hardly_turns_about_it(sample
     assert fault.of == "gyro"
     assert f"reversed sign about {'xyz'[axis]}" in fault.why
     found = {check.name: check for check in checks(log, segments.build(log))}["gyro against attitude"]
-    assert found.verdict == "bad"
+    assert found.verdict == "fault"
 
 
 @pytest.mark.parametrize("seed", range(5))
