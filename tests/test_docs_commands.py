@@ -136,9 +136,8 @@ def test_every_command_runs(document: str, folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("document", [d for d in DOCUMENTS if blocks(d, "python") and d != "docs/estimators.md"])
+@pytest.mark.parametrize("document", [d for d in DOCUMENTS if blocks(d, "python")])
 def test_every_python_example_runs(document: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of docs/estimators.md are whole filters: tests/estimators/test_c_library.py builds and runs them."""
     import numpy as np
 
     monkeypatch.chdir(folder)

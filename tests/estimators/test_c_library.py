@@ -1,8 +1,7 @@
-"""A filter in C through ctypes, as docs/estimators.md shows it: as steps, and as whole segments."""
+"""A filter in C through ctypes, as docs/filter_in_c shows it: as steps, and as whole segments."""
 
 from __future__ import annotations
 
-import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -15,22 +14,18 @@ from attlog.estimators import get, not_compiled
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.testing import about, check_estimator, swing
 
-DOCS = Path(__file__).parents[2] / "docs" / "estimators.md"
+EXAMPLE = Path(__file__).parents[2] / "docs" / "filter_in_c"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The library, ``steps.py`` and ``segments.py``, all from the page."""
+    """The library, built, with ``steps.py`` and ``segments.py`` beside it."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("there is no C compiler")
-    text = DOCS.read_text(encoding="utf-8")
     made = tmp_path_factory.mktemp("c")
-    source = re.findall(r"```c\n(.*?)```", text, re.S)[0]
-    blocks = [b for b in re.findall(r"```python\n(.*?)```", text, re.S) if "complementary.so" in b]
-    (made / "complementary.c").write_text(source)
-    for name, block in zip(("steps.py", "segments.py"), blocks, strict=True):
-        (made / name).write_text(block)
+    for name in ("complementary.c", "steps.py", "segments.py"):
+        shutil.copy(EXAMPLE / name, made)
     arguments = ["-O2", "-Wall", "-Werror", "-shared", "-fPIC", "complementary.c", "-o", "complementary.so", "-lm"]
     subprocess.run([compiler, *arguments], cwd=made, check=True)
     return made
