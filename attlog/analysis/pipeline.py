@@ -181,16 +181,22 @@ def analyze(
     of its names, such as ``{"estimators": ["default", "mahony:kp=0.3"], "reference": "onboard"}``; None: the defaults.
     ``command`` stands in the result as what was typed. :func:`prepare` and :func:`evaluate` in one call, traces and
     costs included; raises what the two raise: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError. A log
-    that cannot be replayed but holds an attitude gives a result without the comparison.
+    that cannot be replayed but holds an attitude, a position or arming gives a result without the comparison.
     """
     settings, stage = Config.of(config), Stages()
     with once():
         with stage("read"):
             log = choices.flight_of(source, settings)
-        if log.imu is None and log.onboard_attitude is not None:
+        if log.imu is None and has_a_story(log):
             return without_replay(log, settings, stage, command)
         case = _prepared(log, settings, stage)
     return evaluate(case, traces=True, cost=True, command=command)
+
+
+def has_a_story(log: FlightLog) -> bool:
+    """Whether a log that cannot be replayed holds something that happened at a known time."""
+    armed = log.armed is not None and len(log.armed.t) > 1 and log.armed.t[-1] > log.armed.t[0]
+    return bool(log.attitudes or log.gnss or armed)
 
 
 def samples_of(log: FlightLog) -> int:

@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from attlog.flight.model import FlightLog
+from attlog.segments.airborne.heights import height
 from attlog.segments.crash import Ending, fast_enough
 from attlog.segments.model import Segments
 from attlog.segments.spans import between
@@ -39,7 +40,7 @@ def events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]
             found.append(_flown(log, "liftoff", a, "Lifted off", matching(log, TAKE_OFF), told))
         ended = [e for e in segments.endings if abs(e.t - b) <= NEAR_S]
         if not ended and end - b < END_S:
-            found.append(Event("ends_in_air", b, "note", f"The log ends in the air, at {b:.1f} s.", evidence=["IMU"]))
+            found.append(Event("ends_in_air", b, "note", f"The log ends in the air, at {b:.1f} s.", evidence=_by(log)))
         elif not ended:
             found.append(_flown(log, "landing", b, "Landed", matching(log, LANDED), told))
     said = matching(log, CRASHED)
@@ -87,7 +88,15 @@ def _flown(log: FlightLog, kind: str, t: float, word: str, texts: list[Text], to
     """A lift-off or landing, with what the autopilot says of it."""
     near = [x for x in texts if abs(x[0] - t) <= NEAR_S]
     told += near
-    return Event(kind, t, "info", f"{word} at {t:.1f} s.", evidence=["IMU", *(quoted(x) for x in near[:1])])
+    return Event(kind, t, "info", f"{word} at {t:.1f} s.", evidence=[*_by(log), *(quoted(x) for x in near[:1])])
+
+
+def _by(log: FlightLog) -> list[str]:
+    """What tells flight in a log: its IMU, else a height."""
+    if log.imu is not None:
+        return ["IMU"]
+    stream = height(log)
+    return ["throttle" if stream is None else stream.source]
 
 
 def _physics(ending: Ending) -> tuple[str, ...]:

@@ -162,3 +162,24 @@ def test_a_log_cut_out_of_a_flight_is_all_flight():
     log.throttle = Stream(np.arange(0.0, 40.0, 0.1), np.full((400, 1), 0.4), "1", "", "CTUN.ThO")
     (flight,) = found_in(log).spans
     assert flight == (pytest.approx(0.0, abs=0.2), pytest.approx(40.0, abs=0.2))
+
+
+def leaning(height_m: float) -> FlightLog:
+    """Motors at half throttle, 26 deg of lean by gravity for 6 s; the onboard attitude shows none of it and drifts."""
+    t = np.arange(0.0, 30.0, 0.02)
+    up = (t > 12.0) & (t < 18.0)
+    lean = np.radians(26.0) * up
+    acc = 9.81 * np.column_stack([0.0 * t, np.sin(lean), -np.cos(lean)])
+    acc += np.random.default_rng(4).normal(size=acc.shape) * np.where((t > 10.0) & (t < 20.0), 0.6, 0.02)[:, None]
+    gyro = np.radians(np.random.default_rng(5).normal(size=acc.shape) * 15.0)
+    q = rotation.from_euler(np.radians(-8.0 * np.clip(t - 12.0, 0.0, 6.0)), 0.0 * t, 0.0 * t)
+    log = imu_log(t, gyro, acc, attitudes={"ATT": Attitude(t[::5], q[::5], "ATT")}, onboard="ATT")
+    log.armed = TimeLine(np.array([0.0, 8.0, 22.0]), [False, True, False], "EV")
+    log.throttle = Stream(t[::5], np.where((t > 10.0) & (t < 20.0), 0.5, 0.0)[::5, None], "1", "", "CTUN")
+    log.baro = [Stream(t[::5], np.where(up, height_m, 0.0)[::5, None], "m", "", "BARO")]
+    return log
+
+
+def test_what_leans_in_a_hand_at_the_height_of_its_stand_does_not_fly():
+    assert found_in(leaning(0.1)).spans == []
+    assert found_in(leaning(3.0)).spans != []

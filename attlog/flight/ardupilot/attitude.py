@@ -66,8 +66,8 @@ def of_table(
     builder: LogBuilder, clock: Clock, table: Table, name: str, trimmed: bool, resets_us: list[int] | tuple[()]
 ) -> Attitude | None:
     """The attitude in one record type: its quaternion where it has one, else its Euler angles in degrees."""
-    t = clock.of(table)
-    if "TimeUS" not in table and "TimeMS" not in table:
+    t = clock.of_samples(table)
+    if t is None:
         return None
     step = 0.0
     if all(c in table for c in QUATERNION):
@@ -116,7 +116,7 @@ def resets(builder: LogBuilder, clock: Clock, lane_t: Stamps, lanes: list[int]) 
 def truth(builder: LogBuilder, clock: Clock) -> Attitude | None:
     """The simulator's attitude (SIM): its quaternion, else angles that are cut to 0.01 deg."""
     table = builder.messages.first("SIM")
-    if table is None or not ("TimeUS" in table or "TimeMS" in table):
+    if table is None or clock.of_samples(table) is None:
         return None
     return of_table(builder, clock, table, "SIM", False, ())
 
@@ -128,7 +128,7 @@ def setpoints(builder: LogBuilder, clock: Clock, flew: str | None) -> Attitude |
         table = builder.messages.first(name)
         if table is None or not all(c in table for c in desired):
             continue
-        if not ("TimeUS" in table or "TimeMS" in table):
+        if clock.of_samples(table) is None:
             return None
         q, step = from_euler_deg(columns(table, *desired))
         good = rotation.finite(q)

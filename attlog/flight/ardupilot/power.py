@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.flight import physics
-from attlog.flight.ardupilot.clock import Clock, own_time
+from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Stream
 
@@ -20,7 +20,7 @@ def throttle(builder: LogBuilder, clock: Clock, family: str) -> Stream | None:
     for name in ("CTUN", "THR"):
         table = builder.messages.first(name)
         column = None if table is None else next((c for c in ("ThO", "ThrOut") if c in table), None)
-        if table is None or column is None or own_time(table) is None:
+        if table is None or column is None or clock.of_samples(table) is None:
             continue
         x = table.value(column)
         scale = 0.01 if family in ("plane", "rover") else (1e-3 if column == "ThrOut" else 1.0)
@@ -33,7 +33,7 @@ def throttle(builder: LogBuilder, clock: Clock, family: str) -> Stream | None:
 def motors(builder: LogBuilder, clock: Clock, vehicle: str, values: dict[str, float]) -> Stream | None:
     """Outputs to the motors of a multirotor (n, motors), 0 stopped to 1 full, by RCOU and its limits."""
     table = builder.messages.first("RCOU")
-    if table is None or vehicle not in MOTORS or own_time(table) is None:
+    if table is None or vehicle not in MOTORS or clock.of_samples(table) is None:
         return None
     numbers = [n for n in range(1, 17) if values.get(f"SERVO{n}_FUNCTION") in MOTOR_FUNCTIONS]
     numbers = numbers or list(range(1, MOTORS[vehicle] + 1))
@@ -67,7 +67,7 @@ def battery(builder: LogBuilder, clock: Clock) -> Stream | None:
     """Battery (n, 2): voltage in V and current in A; before 3.4 the log holds hundredths."""
     for name in ("BAT", "CURR"):
         table = builder.messages.first(name)
-        if table is None or "Volt" not in table or "Curr" not in table or own_time(table) is None:
+        if table is None or "Volt" not in table or "Curr" not in table or clock.of_samples(table) is None:
             continue
         x = columns(table, "Volt", "Curr")
         volts = x[np.isfinite(x[:, 0]), 0]

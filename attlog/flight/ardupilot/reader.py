@@ -34,6 +34,12 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
             "error",
             "No record of this log carries a time stamp, as in ArduPilot 3.0 and older: nothing in it can be replayed.",
         )
+    elif clock.interpolates:
+        builder.problem(
+            "clock_between_gps",
+            "note",
+            "Only GPS records carry a time, as in ArduPilot 3.1 and older: others are placed between them, to 0.2 s.",
+        )
     found = imus.candidates(builder, clock, messages.params)
     chosen = inertial.best_per_unit(builder, found)
     ekf = values.get("AHRS_EKF_TYPE")
@@ -53,7 +59,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     family_of_vehicle = builder.attempt("The vehicle", lambda: vehicle.family_of(messages, values), "")
     logging = ArduPilotLogging(family_of_vehicle, firmware.version, values)
     position = inertial.choose_unit(builder, chosen, flew, why, imu, logging)
-    begin = builder.attempt("The first time stamp", lambda: first_stamp(builder, chosen, position), 0)
+    begin = builder.attempt("The first time stamp", lambda: first_stamp(builder, clock, chosen, position), 0)
     builder.t0_us = on_a_clock(begin)
 
     log = FlightLog(messages.path, messages.format, messages.size, builder.t0_us, firmware, "")
@@ -90,13 +96,13 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     return log
 
 
-def first_stamp(builder: LogBuilder, chosen: list[inertial.ImuCandidate], position: int | None) -> int:
+def first_stamp(builder: LogBuilder, clock: Clock, chosen: list[inertial.ImuCandidate], position: int | None) -> int:
     """The boot time in us that becomes t = 0: the replayed IMU's first sample, else the first sample of anything."""
     if chosen:
         return int(chosen[0 if position is None else position].t_us[0])
     for name in ("ATT", "AHR2", "GPS", "CTUN"):
         table = builder.messages.first(name)
-        own = None if table is None else own_time(table)
+        own = None if table is None else clock.of_samples(table)
         if own is not None and len(own):
             return int(np.median(own[:5]))
     return 0

@@ -9,7 +9,7 @@ import numpy as np
 
 from attlog.flight import physics
 from attlog.flight.ardupilot import clipping, events, gyro_bias, phases, power, receivers, remedies, vehicle
-from attlog.flight.ardupilot.clock import Clock, own_time
+from attlog.flight.ardupilot.clock import Clock
 from attlog.flight.ardupilot.imus import units
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.model import Array, FlightLog, Imu, Stream
@@ -99,8 +99,12 @@ def hundredths(t: Array, measured: Array, imu: Imu) -> bool:
 
 
 def baro(builder: LogBuilder, clock: Clock) -> list[Stream]:
-    """Barometric altitude in m above the take-off pressure (BARO.Alt)."""
+    """Barometric altitude in m above the take-off pressure: BARO.Alt, in 3.2 and older CTUN.BarAlt."""
     tables = units(builder.messages, "BARO")
+    control = builder.messages.first("CTUN")
+    if not tables and control is not None and "BarAlt" in control and (t := clock.of_samples(control)) is not None:
+        one = builder.stream(t, control.value("BarAlt"), "m", "CTUN.BarAlt", within=physics.BARO)
+        return [] if one is None else [one]
     for extra in (2, 3):
         table = builder.messages.first(f"BAR{extra}")
         if table is not None:
@@ -122,7 +126,7 @@ def rangefinder(builder: LogBuilder, clock: Clock) -> Stream | None:
     for name, columns_of in (("RFND", ("Dist", "Dist1")), ("CTUN", ("SAlt", "SonAlt"))):
         for table in units(builder.messages, name).values():
             column = next((c for c in columns_of if c in table), None)
-            if column is None or own_time(table) is None:
+            if column is None or clock.of_samples(table) is None:
                 continue
             x = table.value(column).astype(np.float64)
             good = np.isfinite(x) & (x > 0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments import spans
-from attlog.segments.airborne.grid import STEP_S, Grid, during, held, runs
+from attlog.segments.airborne.grid import FASTEST_M_S, STEP_S, Grid, during, held, runs
 from attlog.segments.airborne.heights import HINT_M, Level, levels_of
 from attlog.segments.spans import Span
 
@@ -28,7 +28,9 @@ HINTED, PROVEN, LASTING = 0.2, 0.55, -0.3
 LEAST_DRIVE, OF_FLIGHT, OF_OWN = 0.02, 0.25, 0.6
 OF_LIFT, OF_HOVER, IDLING = 0.5, 0.8, 0.1
 """Parts of the power of flight: below the first nothing climbs, at the second it hovers. Motors idle to the third."""
-ENOUGH_S, LONG_S, BRIDGE_S = 0.5, 1.5, 2.0
+ENOUGH_S, LONG_S, BRIDGE_S, SLOW_S = 0.5, 1.5, 2.0, 3.0
+LEANS_M_S2 = 2.5
+"""Rotors push along their own axis: a sideways force of this size (15 deg) without speed or height is a hand's."""
 BY_AIR_M_S = 5.0
 OF_HINT, CLIMBS_S, TREMBLE_M = 0.3, 3.0, 0.03
 """Signs of flight come late where the ground was felt for long: up to so many s the height leads back to it."""
@@ -189,11 +191,20 @@ def _proven(a: int, b: int, grid: Grid, levels: list[Level]) -> bool:
 
     if seconds([level.sure for level in levels]) >= ENOUGH_S:
         return True
-    hinted = seconds([level.hint for level in levels]) >= ENOUGH_S
+    hints = seconds([level.hint for level in levels])
     if grid.slow:
-        return hinted
+        return hints >= SLOW_S
+    hinted = hints >= ENOUGH_S
     dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
-    return (hinted and dynamics > HINTED) or (dynamics > PROVEN and (b - a) * STEP_S >= LONG_S)
+    moves = dynamics > PROVEN and (b - a) * STEP_S >= LONG_S
+    return (hinted and dynamics > HINTED) or (moves and not (levels and _held(a, b, grid)))
+
+
+def _held(a: int, b: int, grid: Grid) -> bool:
+    """Whether what never rose leans on a hand or the ground: slow, and long tilted against its own force."""
+    sideways = np.hypot(grid.force[a:b, 0], grid.force[a:b, 1])
+    slow = not np.any(grid.speed[a:b] > FASTEST_M_S)
+    return slow and float(np.quantile(sideways, 0.6)) > LEANS_M_S2
 
 
 def _liftoff(grid: Grid, first: int) -> float:

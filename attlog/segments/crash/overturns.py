@@ -17,6 +17,7 @@ UPRIGHT_DEG, UPRIGHT_S = 60.0, 5.0
 TURNED_DPS, TURNED_S = 100.0, 3.0
 TUMBLE_DPS, TUMBLE_S = 400.0, 0.3
 TIPPED_DEG = 30.0
+REPORTED_S = 10.0
 
 
 def overturns(scene: Scene) -> list[Ending]:
@@ -71,7 +72,13 @@ def _hit(scene: Scene, t0: float, t1: float) -> bool:
 
 
 def _felt(scene: Scene, t0: float, t1: float) -> bool:
-    """Whether the IMU itself shows a turn: a fast rate before, or gravity from the side or above afterwards."""
+    """Whether the IMU itself shows a turn: a fast rate before, or gravity from the side or above afterwards.
+
+    Without an IMU in the log the autopilot's own report of a crash stands in.
+    """
+    if not scene.log.imus:
+        reports = [p.t for p in scene.log.problems if p.code == "crash" and p.t is not None]
+        return any(t0 - TURNED_S <= t <= t1 + REPORTED_S for t in reports)
     if fastest_dps(scene, t0 - TURNED_S, t0 + 0.5) > TURNED_DPS:
         return True
     lying = lies(scene, t0)
