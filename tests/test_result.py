@@ -13,8 +13,8 @@ import pytest
 
 import attlog
 from attlog.base.errors import LogUnreadable, UsageError
-from attlog.base.plain import plain
-from attlog.result import SCHEMA, Answer, Result
+from attlog.base.plain import plain, rounded
+from attlog.result import SCHEMA, Answer, EstimatorRow, Result
 from tests.conftest import SAMPLES, few
 
 LOGS = [p for p in sorted(SAMPLES.iterdir()) if p.suffix in (".ulg", ".bin", ".tlog")]
@@ -177,10 +177,26 @@ def test_every_answer_reads_back_whole_though_the_file_tells_it_once(tmp_path: P
     result.to_json(tmp_path / "a.json")
     back, made = answers(Result.load(tmp_path / "a.json")), answers(result)
     assert back.keys() == made.keys()
-    assert [key for key in made if plain(back[key]) != plain(made[key])] == []
-    row = json.loads((tmp_path / "a.json").read_text())["estimators"][1]["metrics"]
+    assert [key for key in made if plain(back[key]) != rounded(plain(made[key]), 10)] == []
+    document = json.loads((tmp_path / "a.json").read_text())
+    row = document["estimators"][1]["metrics"]
     assert row["airborne"]["lag_ms"] == {"value": row["all"]["lag_ms"]["value"], "as_in": "all"}
-    assert (tmp_path / "a.json").stat().st_size < 300_000
+    assert (tmp_path / "a.json").stat().st_size < 230_000
+    lag, gain = (document["evidence"][row["all"][name]["evidence"]] for name in ("lag_ms", "step_gain"))
+    assert lag["n"] == gain["n"] == made["mahony", "all", "lag_ms"].n
+    assert document["sentences"][lag["method"]] == made["mahony", "all", "lag_ms"].method
+
+
+def test_numbers_of_answers_are_written_to_a_ten_billionth(tmp_path: Path) -> None:
+    result = Result({"version": "1"}, "", {}, {"name": "x.ulg", "t0": 1 / 3})
+    answer = Answer(2 / 3, "deg", "all", 1, ci95=(1e-7 / 3, 1e7 / 3), detail={"slopes": [1 / 7]})
+    result.estimators = [EstimatorRow("mahony", "replay", "mahony", "ok", metrics={"all": {"total_rmse_deg": answer}})]
+    document = json.loads(result.to_json(tmp_path / "a.json"))
+    written = document["estimators"][0]["metrics"]["all"]["total_rmse_deg"]
+    assert written == {"value": 0.6666666667, "ci95": [3.333333333e-08, 3333333.333], "evidence": 0}
+    assert document["evidence"] == [{"n": 1, "detail": {"slopes": [0.1428571429]}}]
+    assert document["log"]["t0"] == 1 / 3
+    assert Result.load(tmp_path / "a.json").to_json() == (tmp_path / "a.json").read_text()
 
 
 @pytest.mark.parametrize(
@@ -192,6 +208,8 @@ def test_every_answer_reads_back_whole_though_the_file_tells_it_once(tmp_path: P
         ({"value": 1.0, "as_in": "all"}, "value: differs from that in 'all'"),
         ({"value": 1.0, "reason": 1000}, "reason: there is no sentence 1000"),
         ({"value": 1.0, "method": -1}, "method: there is no sentence -1"),
+        ({"value": 1.0, "evidence": 100_000}, "evidence: there is no evidence 100000"),
+        ({"value": 1.0, "evidence": -1}, "evidence: there is no evidence -1"),
     ],
 )
 def test_what_an_answer_points_to_must_be_there(
@@ -204,7 +222,31 @@ def test_what_an_answer_points_to_must_be_there(
         Result.load(tmp_path / "x.json")
 
 
-def test_a_file_of_the_schema_before_reads_the_same(tmp_path: Path) -> None:
+def test_evidence_that_is_no_number_is_an_unknown_key(written: Path, tmp_path: Path) -> None:
+    document = json.loads(written.read_text())
+    document["estimators"][0]["metrics"]["rest"]["noise_roll_deg"] = {"value": 1.0, "evidence": "first"}
+    (tmp_path / "x.json").write_text(json.dumps(document))
+    with pytest.raises(UsageError, match=r"unknown key estimators.*noise_roll_deg.evidence"):
+        Result.load(tmp_path / "x.json")
+
+
+def test_a_file_of_schema_4_reads_the_same(written: Path, tmp_path: Path) -> None:
+    """Schema 4 had sentences by their number and answers by an earlier window, and no evidence that answers share."""
+    whole = json.loads(written.read_text())
+    evidence = whole.pop("evidence")
+    for row in whole["estimators"]:
+        for answers_ in row["metrics"].values():
+            for answer in answers_.values():
+                answer |= evidence[answer.pop("evidence")] if "evidence" in answer else {}
+                if "unit_values" in answer:
+                    answer["units"] = answer["units"] | {"values": answer.pop("unit_values")}
+    (tmp_path / "old.json").write_text(json.dumps(whole | {"schema": "attlog-result/4"}))
+    found = Result.load(tmp_path / "old.json")
+    assert found.schema == "attlog-result/4"
+    assert found.to_dict() == Result.load(written).to_dict()
+
+
+def test_a_file_of_schema_3_reads_the_same(tmp_path: Path) -> None:
     """Schema 3 told every field, defaults and definitions included, and fields that are gone."""
     result = attlog.evaluate(attlog.prepare(SAMPLES / "copter_steps_stabilize.bin"), ["mahony"])
     gone = {"comparisons": [], "health": [], "definitions": result.definitions}

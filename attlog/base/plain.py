@@ -73,7 +73,7 @@ def plain(value: Any, defaults: bool = True) -> Any:
         if not defaults and _is(item, default):
             continue
         if type(item) not in AS_THEY_ARE:
-            item = plain(item, defaults) if digits is None else _rounded(plain(item), digits)
+            item = plain(item, defaults) if digits is None else rounded(plain(item), digits)
         document[name] = item
     return document
 
@@ -115,9 +115,13 @@ def _less_common(value: Any, defaults: bool) -> Any:
     return str(value)
 
 
-def _rounded(values: list[float | None], digits: int) -> list[float | None]:
-    """The numbers of a list with so many digits."""
-    return [None if v is None else float(f"{v:.{digits}g}") for v in values]
+def rounded(value: Any, digits: int) -> Any:
+    """A plain value with its floats to so many significant digits."""
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}")
+    if isinstance(value, dict):
+        return {k: rounded(v, digits) for k, v in value.items()}
+    return [rounded(v, digits) for v in value] if isinstance(value, list) else value
 
 
 def without(value: Any, keys: tuple[str, ...]) -> Any:

@@ -1,23 +1,27 @@
 """A result as its JSON document: nothing that a reader knows anyway, and nothing twice.
 
-What has its default is left out. An answer leaves out its window and its metric's unit, an answer that the row already
-gave in an earlier window tells only which (``as_in``), and the sentences of answers (``reason``, ``method``) stand in
-one list, ``sentences``, each once: an answer has their numbers there.
+What has its default is left out. An answer leaves out its window and its metric's unit, and an answer that the row
+already gave in an earlier window tells only which (``as_in``). Beside its own value, interval and code an answer has a
+number in the list ``evidence``: what it shares with others, such as n, seconds, method, reason and the ids of its
+units. Sentences stand there by their number in the list ``sentences``. Answers have ten significant digits.
 """
 
 from __future__ import annotations
 
 import functools
+import json
 import re
-from collections.abc import Iterator
 from typing import Any
 
-from attlog.base.plain import plain, without
+from attlog.base.plain import plain, rounded, without
 
 SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 5
 SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
 """What differs between two runs of the same log; ``--deterministic`` leaves it out."""
+ANSWER_DIGITS = 10
+OWN = ("value", "ci95", "code", "each", "records")
+"""Fields of an answer that stand in it and not in its evidence."""
 SENTENCES = ("reason", "method")
 """Fields of an answer that are sentences."""
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
@@ -32,20 +36,52 @@ def document(result: Any, deterministic: bool = False) -> dict[str, Any]:
     found: dict[str, Any] = {"schema": SCHEMA} | plain(result, defaults=False) | {"schema": SCHEMA}
     if deterministic:
         found = without(found, MEASURED_TIMES) | {"command": ""}
-    sentences: dict[str, int] = {}
+    shared = Shared()
     for row in found.get("estimators", []):
         if "metrics" in row:
-            row["metrics"] = _short(row["metrics"], sentences)
-    return found | {"sentences": list(sentences)} if sentences else found
+            row["metrics"] = _short(row["metrics"], shared)
+    return found | shared.lists()
+
+
+class Shared:
+    """What answers share, each once: sentences, and evidence by its JSON text, with their numbers."""
+
+    def __init__(self) -> None:
+        self.sentences: dict[str, int] = {}
+        self.evidence: dict[str, int] = {}
+
+    def lists(self) -> dict[str, list[Any]]:
+        """The lists of the document; those that are empty are left out."""
+        evidence = [json.loads(text) for text in self.evidence]
+        return {k: v for k, v in (("sentences", list(self.sentences)), ("evidence", evidence)) if v}
+
+    def taken_from(self, answer: dict[str, Any]) -> dict[str, Any]:
+        """The answer with a number in place of what others may share."""
+        own = {key: answer[key] for key in OWN if key in answer}
+        rest = {key: value for key, value in answer.items() if key not in OWN}
+        for key in SENTENCES:
+            if rest.get(key):
+                rest[key] = self.sentences.setdefault(rest[key], len(self.sentences))
+        if units := rest.get("units"):
+            own["unit_values"] = units["values"]
+            rest["units"] = {key: value for key, value in units.items() if key != "values"}
+        if answer.get("value") is None:
+            rest.pop("ranked", None)  # no answer without a value is ranked
+        return own | ({"evidence": self.evidence.setdefault(_text(rest), len(self.evidence))} if rest else {})
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def expanded(found: dict[str, Any]) -> dict[str, Any]:
     """A document with the answers as :func:`document` was given them. ValueError with the place where they are not."""
-    sentences, rows = found.get("sentences", []), found.get("estimators", [])
-    rest = {key: value for key, value in found.items() if key != "sentences"}
-    if not isinstance(rows, list) or not isinstance(sentences, list):
+    lists = {name: found.get(name, []) for name in ("sentences", "evidence")}
+    rows = found.get("estimators", [])
+    if not all(isinstance(part, list) for part in (rows, *lists.values())):
         return found
-    return rest | {"estimators": [_expanded_row(row, sentences, f"estimators[{k}]") for k, row in enumerate(rows)]}
+    rest = {key: value for key, value in found.items() if key not in lists}
+    return rest | {"estimators": [_expanded_row(row, lists, f"estimators[{k}]") for k, row in enumerate(rows)]}
 
 
 @functools.cache
@@ -56,7 +92,7 @@ def units() -> dict[str, str]:
     return {name: metric.unit for name, metric in metrics.definitions().items()}
 
 
-def _short(metrics: dict[str, Answers], sentences: dict[str, int]) -> dict[str, Answers]:
+def _short(metrics: dict[str, Answers], shared: Shared) -> dict[str, Answers]:
     """The answers of a row (window -> metric -> answer), those that are there already by the window of the first."""
     seen: dict[str, list[tuple[str, dict[str, Any]]]] = {}
     found: dict[str, Answers] = {}
@@ -65,18 +101,18 @@ def _short(metrics: dict[str, Answers], sentences: dict[str, int]) -> dict[str, 
         for metric, answer in answers.items():
             usual = {"window": window, "unit": units().get(metric)}
             own = {key: value for key, value in answer.items() if key not in usual or usual[key] != value}
+            own = rounded(own, ANSWER_DIGITS)
             earlier = seen.setdefault(metric, [])
             first = next((place for place, known in earlier if known == own), None)
             if first is None:
                 earlier.append((window, own))
-                numbers = {k: sentences.setdefault(own[k], len(sentences)) for k in SENTENCES if own.get(k)}
-                found[window][metric] = own | numbers
+                found[window][metric] = shared.taken_from(own)
             else:
                 found[window][metric] = {key: own[key] for key in KEPT if key in own} | {"as_in": first}
     return found
 
 
-def _expanded_row(row: Any, sentences: list[Any], place: str) -> Any:
+def _expanded_row(row: Any, lists: dict[str, list[Any]], place: str) -> Any:
     metrics = row.get("metrics") if isinstance(row, dict) else None
     if not isinstance(metrics, dict) or not all(isinstance(answers, dict) for answers in metrics.values()):
         return row  # what is wrong with it is told where types are checked
@@ -93,19 +129,34 @@ def _expanded_row(row: Any, sentences: list[Any], place: str) -> Any:
                     raise ValueError(f"{here}.{other[0]}: differs from that in {answer['as_in']!r}")
                 whole[window][metric] = first | {"window": window}
             elif isinstance(answer, dict):
-                said = dict(_said(answer, sentences, here))
-                whole[window][metric] = {"unit": units().get(metric, ""), "window": window} | answer | said
+                usual = {"unit": units().get(metric, ""), "window": window}
+                whole[window][metric] = usual | _whole_answer(answer, lists, here)
             else:
                 whole[window][metric] = answer
     return row | {"metrics": whole}
 
 
-def _said(answer: dict[str, Any], sentences: list[Any], place: str) -> Iterator[tuple[str, Any]]:
-    """The sentences of an answer in place of their numbers."""
+def _whole_answer(answer: dict[str, Any], lists: dict[str, list[Any]], place: str) -> dict[str, Any]:
+    """An answer with its evidence and sentences in place of their numbers."""
+    own = dict(answer)
+    evidence = _at(lists["evidence"], own.get("evidence"), f"{place}.evidence", "evidence")
+    if isinstance(evidence, dict):
+        del own["evidence"]
+        own = evidence | own
+    if "unit_values" in own:
+        known = own.get("units")
+        own["units"] = (known if isinstance(known, dict) else {}) | {"values": own.pop("unit_values")}
     for key in SENTENCES:
-        number = answer.get(key)
-        if isinstance(number, bool) or not isinstance(number, int):
-            continue
-        if not 0 <= number < len(sentences):
-            raise ValueError(f"{place}.{key}: there is no sentence {number}")
-        yield key, sentences[number]
+        sentence = _at(lists["sentences"], own.get(key), f"{place}.{key}", "sentence")
+        if sentence is not None:
+            own[key] = sentence
+    return own
+
+
+def _at(known: list[Any], number: Any, place: str, what: str) -> Any:
+    """What stands at a number; None for what is none. ValueError with the place where the list has no such number."""
+    if isinstance(number, bool) or not isinstance(number, int):
+        return None
+    if not 0 <= number < len(known):
+        raise ValueError(f"{place}: there is no {what} {number}")
+    return known[number]

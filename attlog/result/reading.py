@@ -39,9 +39,8 @@ def read(kind: type[T], content: bytes, name: str) -> T:
     document = _document(content, name)
     older = document["schema"] != SCHEMA
     try:
-        whole = expanded(document) if int(document["schema"].removeprefix(SCHEMA_NAME)) >= SHORTENED else document
-        whole = _renamed(whole) if older else whole
-        return _checked(kind, whole, older)
+        whole = expanded(document) if _number(document["schema"]) >= SHORTENED else document
+        return _checked(kind, _renamed(whole) if older else whole, older)
     except ValidationError as error:
         wrong = lines(error, kind)
         more = f" (and {len(wrong) - MOST} more)" if len(wrong) > MOST else ""
@@ -98,13 +97,18 @@ def _document(content: bytes, name: str) -> dict[str, Any]:
     schema = document.get("schema") if isinstance(document, dict) else None
     if not isinstance(schema, str) or not schema.startswith(SCHEMA_NAME):
         raise UsageError(f"{name}: not a result of attlog: it has no schema {SCHEMA_NAME}N")
-    number = schema.removeprefix(SCHEMA_NAME)
-    if not (number.isdecimal() and OLDEST <= int(number) <= SCHEMA_NUMBER):
-        newer = number.isdecimal() and int(number) > SCHEMA_NUMBER
+    if not OLDEST <= _number(schema) <= SCHEMA_NUMBER:
+        newer = _number(schema) > SCHEMA_NUMBER
         what = "a newer attlog wrote it; update attlog" if newer else "analyse the log again with this version"
         raise UsageError(f"{name}: holds {schema[:40]} and this attlog reads {SCHEMA}: {what}")
     found: dict[str, Any] = document
     return found
+
+
+def _number(schema: str) -> int:
+    """The number of a schema; 0, which none has, where it tells none."""
+    number = schema.removeprefix(SCHEMA_NAME)
+    return int(number) if number.isdecimal() and len(number) < 9 else 0
 
 
 def _no_number(word: str) -> float:

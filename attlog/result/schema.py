@@ -13,7 +13,7 @@ from attlog.base.plain import IN_JSON
 from attlog.metrics.answer import Answer
 from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.metrics.statistics.units import UnitValues
-from attlog.result.document import MEASURED_TIMES, SCHEMA, SENTENCES
+from attlog.result.document import MEASURED_TIMES, OWN, SCHEMA, SENTENCES
 from attlog.result.model import Result
 from attlog.result.reading import adapter
 
@@ -43,7 +43,12 @@ def schema() -> dict[str, Any]:
     document["properties"]["sentences"] = {
         "type": "array",
         "items": {"type": "string"},
-        "description": "Reasons and methods of answers, each once; an answer has their number here, from 0 on.",
+        "description": "Reasons and methods of answers, each once; evidence has their number here, from 0 on.",
+    }
+    document["properties"]["evidence"] = {
+        "type": "array",
+        "items": {"$ref": "#/$defs/Evidence"},
+        "description": "What answers share, each once; an answer has its number here, from 0 on.",
     }
     document["required"] = ["schema", *document["required"]]
     _name_answers(document["$defs"])
@@ -72,10 +77,17 @@ def _metrics() -> dict[str, Any]:
 
 def _name_answers(parts: dict[str, Any]) -> None:
     """Answers as they are shortened: sentences by their number, and those of an earlier window by its name."""
-    answer = parts["Answer"]["properties"]
+    fields_of_answer = parts["Answer"]["properties"]
+    own = {name: fields_of_answer.pop(name) for name in OWN}
     for name in SENTENCES:
-        answer[name] = {"type": "integer", "minimum": 0, "description": "Which of the document's sentences."}
-    answer["as_in"] = {"type": "string", "description": "The earlier window of the row whose answer this is, too."}
+        fields_of_answer[name] = {"type": "integer", "minimum": 0, "description": "Which of the document's sentences."}
+    parts["Evidence"] = {"type": "object", "properties": fields_of_answer, "description": "The rest of an answer."}
+    units = parts["UnitValues"]
+    own["unit_values"] = units["properties"].pop("values") | {"description": "One value per id of its evidence."}
+    units["required"].remove("values")
+    own["evidence"] = {"type": "integer", "minimum": 0, "description": "Which of the document's evidence."}
+    own["as_in"] = {"type": "string", "description": "The earlier window of the row whose answer this is, too."}
+    parts["Answer"]["properties"] = own
     parts["EstimatorRow"]["properties"]["metrics"] = {
         "type": "object",
         "description": "window -> metric -> answer",
