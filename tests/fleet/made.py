@@ -7,8 +7,7 @@ import functools
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from attlog.fleet.records.entry import Entry
-from attlog.fleet.records.row import index_row, light
+from attlog.fleet.records.entry import Entry, index_row, light
 from attlog.fleet.records.trouble import POINTS, Reason, trouble
 from attlog.present.sentences import verdicts
 from tests.report.conftest import make_result
@@ -24,8 +23,8 @@ def _sound() -> dict[str, Any]:
     return light(index_row(made))
 
 
-def reason(kind: str, severity: str = "error", text: str = "") -> Reason:
-    return Reason(kind, kind, POINTS[kind, severity], text or f"Something about the {kind}.", 12.0)
+def reason(kind: str, severity: str = "error", text: str = "", *, in_flight: bool = True) -> Reason:
+    return Reason(kind, kind, POINTS[kind, severity], text or f"Something about the {kind}.", 12.0, in_flight)
 
 
 def flown(name: str, *reasons: Reason, folder: str = "drive", **flight: Any) -> Entry:
@@ -33,6 +32,7 @@ def flown(name: str, *reasons: Reason, folder: str = "drive", **flight: Any) -> 
     row = copy.deepcopy(_sound())
     scale = flight.pop("scale", 1.0)
     gates = flight.pop("gates", ())
+    row["headline"] = flight.pop("headline", "")
     for column in row["columns"]:
         column["values"] = {k: v * scale if isinstance(v, float) else v for k, v in column["values"].items()}
     row["flight"] |= {"name": name} | flight

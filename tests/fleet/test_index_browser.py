@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from attlog.fleet.pages.index_page import write_index
+from attlog.fleet.pages.index import write_index
 from attlog.fleet.records.entry import Entry
 from tests.fleet.made import failed, flown, many, reason
-from tests.fleet.pages.test_index_page import EVIL
+from tests.fleet.pages.test_index import EVIL
 
 BATCH: list[Entry] = [
     flown("fine.ulg", scale=1.0, firmware="PX4 1.15.4", date_utc="2025-02-01T10:00:00+00:00"),
@@ -42,8 +42,8 @@ def drawn(page: Any, count: int) -> None:
 def test_it_opens_without_a_complaint_or_a_request_and_says_what_is_wrong(index: Any) -> None:
     assert index.complaints == []
     assert len(index.requests) == 1
-    assert names(index)[:3] == ["gate.ulg", "crash.ulg", "broken.bin"]
-    row = index.page.locator("tr[data-log]").nth(1)
+    assert names(index)[:3] == ["crash.ulg", "gate.ulg", "broken.bin"]
+    row = index.page.locator("tr[data-log]").nth(0)
     assert "Serious" in row.inner_text()
     assert "A blow of 5.2 g at 7.9 s." in row.inner_text()
     assert "not a flight log" in index.page.locator("tr[data-log]").nth(2).inner_text()
@@ -113,7 +113,7 @@ def test_details_tell_every_reason_and_the_four_sentences(index: Any) -> None:
     row.locator(".open").click()
     told = index.page.locator("tr.more").inner_text()
     assert "Something about the sensor." in told
-    for question in ("Closest", "Quiet", "Late", "Drifting"):
+    for question in ("Accuracy", "Noise", "Lag", "Yaw drift"):
         assert question in told
     assert "drive/crash.ulg" in told
 
@@ -258,3 +258,19 @@ def test_a_picture_tells_in_words_what_it_draws(visit: Any, tmp_path: Path) -> N
     assert picture.locator(".mark").count() == 1
     heights = [float(y) for y in re.findall(r"[ML][\d.]+ ([\d.]+)", picture.locator(".diff").get_attribute("d") or "")]
     assert heights == pytest.approx([32 - 31 * (d / 90) ** 0.5 for d in (2.9, 0.1)], abs=0.15)
+
+
+@pytest.mark.slow
+def test_a_row_shows_what_happened_without_being_opened_and_the_name_without_what_all_share(
+    visit: Any, tmp_path: Path
+) -> None:
+    crash = flown("log_0_12.ulg", reason("crash", text="A blow of 5.2 g."), headline="Rover: hit a wall at 8 s.")
+    page = visit(write_index(tmp_path, [crash, flown("log_0_134.ulg", headline="Rover: drove 3 to 9 s.")])).page
+    rows = page.locator("tr[data-log]")
+    assert [rows.nth(k).locator("th a").inner_text() for k in range(2)] == ["12.ulg", "134.ulg"]
+    assert rows.nth(0).locator("th a").get_attribute("title") == "log_0_12.ulg"
+    assert "Rover: hit a wall at 8 s." in rows.nth(0).inner_text()
+    assert "Crash: A blow of 5.2 g." in rows.nth(0).inner_text()
+    assert "Rover: drove 3 to 9 s." in rows.nth(1).inner_text()
+    page.locator("#q").fill("log_0_134")
+    page.wait_for_selector('html[data-drawn="1"]', state="attached")

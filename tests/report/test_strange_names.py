@@ -15,7 +15,7 @@ from attlog.compare.sweep.page import sweep_page
 from attlog.compare.sweep.sweep import sweep
 from attlog.compare.tables import comparison_page
 from attlog.estimators import get
-from attlog.fleet.pages.index_page import write_index
+from attlog.fleet.pages.index import write_index
 from attlog.report import write_report
 from tests.compare.flights import comparison
 from tests.compare.sweep.test_sweep import Made

@@ -11,7 +11,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from attlog.base.errors import UsageError
-from attlog.fleet.pages.index_data import natural
+from attlog.fleet.pages.order import natural
 from attlog.fleet.records.answers import numbers
 from attlog.fleet.records.entry import Entry
 from attlog.present.table.columns import AXIS_COLUMNS, DRIFT_REST, ERRORS, STEPS

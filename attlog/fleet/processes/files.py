@@ -109,7 +109,7 @@ def process_log(work: Work, scratch: Path, *, tell: Callable[[dict[str, Any]], N
 
 def fields_of_record(work: Work, scratch: Path, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
     """Analyse a log to files in ``scratch / "out"``; the fields of its record. An error is told by them, not raised."""
-    from attlog.fleet.records.row import index_row
+    from attlog.fleet.records.entry import index_row
 
     for name in STAGES:
         logger = logging.getLogger(name)

@@ -30,7 +30,7 @@ A_DAY_S = 86_400.0
 PRELOADED = (
     "attlog.analysis.pipeline",
     "attlog.fleet.processes.files",
-    "attlog.fleet.records.row",
+    "attlog.fleet.records.entry",
     "attlog.flight.ardupilot.reader",
     "attlog.flight.px4.reader",
     "attlog.formats.dataflash.reader",

@@ -11,10 +11,9 @@ from typing import Any
 
 from attlog.base.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.fleet.records import restored as from_results
-from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.entry import FORM, Entry, index_row
 from attlog.fleet.records.record import INSIDE, records
 from attlog.fleet.records.results_file import CSV, PARQUET
-from attlog.fleet.records.row import FORM, index_row
 from attlog.result import SCHEMA_NAME, Result
 
 HEAD = 200

@@ -12,7 +12,7 @@ from attlog import __version__
 from attlog.analysis.config import Config
 from attlog.base.errors import OutputError, UsageError
 from attlog.base.files.output import write_atomic
-from attlog.fleet.pages.index_page import INDEX
+from attlog.fleet.pages.index import INDEX
 from attlog.fleet.processes.files import report_names
 from attlog.fleet.records.record import INSIDE, read_record, record_path, records, written
 from attlog.fleet.records.results_file import CSV, PARQUET

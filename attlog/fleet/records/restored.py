@@ -9,10 +9,9 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.entry import FORM, Entry
 from attlog.fleet.records.record import INSIDE
 from attlog.fleet.records.results_file import COLUMNS, FAILED, PARQUET, TEXTS, UNITS
-from attlog.fleet.records.row import FORM
 
 ANSWER = ("row", "window", "metric", "value", "low", "high", "n", "seconds", "code")
 

@@ -1,9 +1,13 @@
-"""What was wrong with a flight's attitude, and how urgently somebody should look: reasons in words, worst first."""
+"""What was wrong with a flight's attitude, and how urgently somebody should look: reasons in words, worst first.
+
+Logs are opened in the order of :data:`RANKS`. Points order the reasons of one log, and logs of the same rank.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from attlog.compare.gates.rows import BASELINES
@@ -70,6 +74,11 @@ FILTER_POINTS, MOST_FILTERS = 10.0, 5
 REFUSED_POINTS = 40.0
 SERIOUS, LOOK = 40.0, 10.0
 """One reason of this weight makes a log serious, or one to look at."""
+RANKS = ("crash", "attitude", "serious", "other")
+"""What somebody should open first: a crash or loss of control, a wrong attitude in flight, another serious finding in
+flight (or a failed gate), all else."""
+LANDED_S = 2.0
+"""What begins so soon after landing belongs to the flight; what began before take-off went along."""
 ANY_JUMP, PER_DEGREE, MOST_DEGREES = 5.0, 0.5, 60.0
 """A jump of known size: a heading set anew by a few degrees at take-off is no news, one by 60 deg nearly serious."""
 
@@ -78,7 +87,8 @@ ANY_JUMP, PER_DEGREE, MOST_DEGREES = 5.0, 0.5, 60.0
 class Reason:
     """Why somebody should look: ``kind`` gate, attitude, crash, reset, filter, sensor or log.
 
-    ``points`` is its weight, ``text`` a sentence, ``t`` s on the log's clock or None.
+    ``points`` is its weight, ``text`` a sentence, ``t`` s on the log's clock or None. ``in_flight``: it was there while
+    the vehicle flew; of a crash, that sensors show it.
     """
 
     kind: str
@@ -86,19 +96,34 @@ class Reason:
     points: float
     text: str
     t: float | None = None
+    in_flight: bool = False
+
+    @property
+    def rank(self) -> int:
+        """The place in RANKS of a log that has this reason."""
+        if self.points < SERIOUS or not self.in_flight:
+            return RANKS.index("other")
+        return RANKS.index(self.kind) if self.kind in RANKS else RANKS.index("serious")
 
 
 def trouble(reasons: Iterable[Reason]) -> dict[str, Any]:
-    """Reasons as plain values, the heaviest first: ``level`` serious, look or none; ``score``, the sum of points."""
+    """Reasons as plain values, the heaviest first.
+
+    ``level``: serious, look or none; ``rank``: the first place in RANKS; ``score``: the sum of points.
+    """
     found = sorted(reasons, key=lambda r: -r.points)
     most = found[0].points if found else 0.0
-    level = "serious" if most >= SERIOUS else "look" if most >= LOOK else "none"
-    return {"level": level, "score": round(sum(r.points for r in found), 1), "reasons": [asdict(r) for r in found]}
+    return {
+        "level": "serious" if most >= SERIOUS else "look" if most >= LOOK else "none",
+        "rank": min((r.rank for r in found), default=RANKS.index("other")),
+        "score": round(sum(r.points for r in found), 1),
+        "reasons": [asdict(r) for r in found],
+    }
 
 
 def with_gates(said: dict[str, Any], failed: Iterable[str]) -> dict[str, Any]:
     """What :func:`trouble` told, with one more reason for each sentence of a gate that failed."""
-    gates = [Reason("gate", "gate", POINTS["gate", "error"], text) for text in failed]
+    gates = [Reason("gate", "gate", POINTS["gate", "error"], text, in_flight=True) for text in failed]
     return trouble([*gates, *(Reason(**reason) for reason in said["reasons"])]) if gates else said
 
 
@@ -107,12 +132,28 @@ def reasons(result: Result) -> list[Reason]:
     faults = {check.name.replace(" ", "_") for check in result.audit if check.verdict == "fault"}
     found = [reason for problem in result.problems if (reason := _of_problem(problem, faults)) is not None]
     codes = {r.code for r in found}
+    crashes = [event for event in result.events if event.is_crash]
+    if crashes and "crash" not in codes:
+        found.append(Reason("crash", crashes[0].kind, POINTS["crash", "error"], crashes[0].text, crashes[0].t))
     refused = result.reference.refused if result.reference else {}
     for kind, why in refused.items():
         if kind == "truth" or (kind == "onboard" and not codes & ATTITUDE):
             said = "truth" if kind == "truth" else "attitude that flew"
             found.append(Reason("attitude", "refused", REFUSED_POINTS, f"The {said} is refused as reference: {why}."))
-    return [*found, *_of_rows(result)]
+    shown = bool(crashes) or not result.events  # what the autopilot alone reports as a crash is often a bench
+    landed = _last_landing(result)
+    return [
+        replace(r, in_flight=shown if r.kind == "crash" else landed is not None and (r.t is None or r.t <= landed))
+        for r in [*found, *_of_rows(result)]
+    ]
+
+
+def _last_landing(result: Result) -> float | None:
+    """When the last flight was over, s; None of a log that never flew, infinite where nobody knows when."""
+    spans = (result.log.get("timeline") or {}).get("airborne") or []
+    if spans:
+        return float(spans[-1][1]) + LANDED_S
+    return math.inf if (result.log.get("seconds") or {}).get("airborne") else None
 
 
 def _of_problem(problem: Problem, faults: Collection[str]) -> Reason | None:

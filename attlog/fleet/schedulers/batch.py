@@ -13,14 +13,13 @@ from typing import Protocol
 
 from attlog.base.errors import INTERRUPTED, ClusterError, OutputError
 from attlog.base.files.output import remove_unfinished
-from attlog.fleet.pages.index_page import INDEX, write_index
+from attlog.fleet.pages.index import INDEX, write_index
 from attlog.fleet.processes.run import SCRATCH
-from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.entry import Entry, light
 from attlog.fleet.records.lock import locked
 from attlog.fleet.records.plan import Job, planned
 from attlog.fleet.records.record import INSIDE, Record, read_record
 from attlog.fleet.records.results_file import CSV, PARQUET, write_results
-from attlog.fleet.records.row import light
 from attlog.fleet.records.work import Work
 from attlog.fleet.schedulers.local import Runner
 

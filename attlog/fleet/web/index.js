@@ -4,7 +4,7 @@ const SAID = { serious: 'Serious', failed: 'Failed', look: 'Look', none: 'Fine' 
 const TILES = [['', 'logs'], ['serious', 'in serious trouble'], ['gates', 'with a failed gate'], ['look', 'to look at'], ['failed', 'not analysed'], ['none', 'without trouble']];
 const KIND = { gate: 'Gate failed', attitude: 'Attitude', crash: 'Crash', reset: 'Attitude jumped', filter: 'Filters lost', sensor: 'Sensor', log: 'Recording' };
 const NUMBERS = 5;
-const QUESTIONS = ['Closest', 'Quiet', 'Late', 'Drifting'];
+const QUESTIONS = ['Accuracy', 'Noise', 'Lag', 'Yaw drift'];
 const state = { q: '', level: '', kind: '', firmware: '', vehicle: '', row: '', metric: '', by: 'firmware', sort: '', down: '' };
 let shownRows = PAGE, list = [], hay = [], opened = new Set();
 
@@ -85,7 +85,7 @@ function often() {
 
 function head() {
   const numbers = inTable();
-  const columns = [['log', 'Log'], ['why', 'What is wrong'], ['flight', 'Flight'], ['date', 'Date'], ['vehicle', 'Vehicle, firmware'], ['air', 'In the air'], ...numbers.map((c) => [c.title, c.title, c.sign])];
+  const columns = [['log', 'Log'], ['why', 'What happened'], ['flight', 'Flight'], ['date', 'Date'], ['vehicle', 'Vehicle, firmware'], ['air', 'In the air'], ...numbers.map((c) => [c.title, c.title, c.sign])];
   const cells = columns.map(([key, text, sign]) => {
     const number = sign !== undefined || key === 'air';
     if (key === 'why' || key === 'flight') return el('th', { scope: 'col', role: 'columnheader' }, text);
@@ -127,10 +127,10 @@ function append(from, to) {
 
 function line(i, k, numbers) {
   const level = D.levels[D.level[i]], reasons = D.reasons[i], first = reasons[0];
-  const name = D.href[i] ? el('a', { href: D.href[i] }, D.name[i]) : el('b', {}, D.name[i]);
-  const text = level === 'failed' ? D.message[i] || 'It could not be analysed.' : first ? first[1] : '';
-  const chips = [el('span', { class: 'chip ' + level }, SAID[level])];
-  if (first && level !== 'failed') chips.push(el('span', { class: 'mu' }, KIND[D.kinds[first[0]]] + ': '));
+  const title = D.short[i] === D.name[i] ? null : D.name[i];
+  const name = D.href[i] ? el('a', { href: D.href[i], title }, D.short[i]) : el('b', { title }, D.short[i]);
+  const text = D.text[i] || (level === 'failed' ? 'It could not be analysed.' : '');
+  const why = first && first[1] !== text ? el('small', {}, KIND[D.kinds[first[0]]] + ': ' + first[1]) : '';
   const open = el('button', { type: 'button', class: 'open', 'aria-expanded': String(opened.has(i)) }, reasons.length > 1 ? counted(reasons.length - 1, 'more reason') : 'Details', el('span', { class: 'vh' }, ' of ' + D.name[i]));
   open.addEventListener('click', () => {
     const row = open.closest('tr');
@@ -140,7 +140,7 @@ function line(i, k, numbers) {
   const vehicle = [D.vehicle.words[D.vehicle.at[i]], D.firmware.words[D.firmware.at[i]]];
   return el('tr', { role: 'row', 'aria-rowindex': k + 2, 'data-log': i },
     el('th', { scope: 'row', role: 'rowheader' }, name, el('small', {}, folder(D.log[i]).slice(above.length))),
-    el('td', { role: 'cell', class: 'why' }, el('span', { class: 'clamp' }, ...chips, text), open),
+    el('td', { role: 'cell', class: 'why' }, el('span', { class: 'clamp' }, el('span', { class: 'chip ' + level }, SAID[level]), text), why, open),
     el('td', { role: 'cell' }, thumbnail(i)),
     el('td', { role: 'cell', class: 'd' }, day(D.date[i])),
     el('td', { role: 'cell', class: 'v' }, vehicle[0], vehicle[1] ? el('small', {}, vehicle[1]) : ''),
@@ -162,8 +162,6 @@ function details(i) {
     ['Compared with', { truth: 'the logged truth', smoother: 'the smoother', onboard: 'the onboard attitude (agreement, not truth)', none: 'nothing' }[D.reference.words[D.reference.at[i]]]],
     ...D.says[i].map((s, k) => [QUESTIONS[k], s])].filter(([, v]) => v);
   const parts = [];
-  if (D.headline[i]) parts.push(el('p', {}, el('b', {}, D.headline[i])));
-  if (D.message[i]) parts.push(el('p', {}, D.message[i]));
   if (said.length) parts.push(el('ul', {}, ...said));
   if (D.href[i]) parts.push(el('p', {}, el('a', { href: D.href[i] }, 'Open the report')));
   parts.push(el('dl', {}, ...(D.href[i] ? facts : facts.slice(0, 1)).flatMap(([k, v]) => [el('dt', {}, k), el('dd', {}, v)])));
@@ -255,7 +253,7 @@ async function start() {
   Object.assign(DEFAULT, state);
   for (const [key, value] of new URLSearchParams(location.hash.slice(1))) if (key in state) state[key] = value;
   settle();
-  hay = D.name.map((_, i) => [D.name[i], D.log[i], D.message[i], D.firmware.words[D.firmware.at[i]], D.vehicle.words[D.vehicle.at[i]], D.board.words[D.board.at[i]], day(D.date[i]), ...D.reasons[i].map((r) => KIND[D.kinds[r[0]]] + ' ' + r[1])].join(' ').toLowerCase());
+  hay = D.name.map((_, i) => [D.name[i], D.log[i], D.text[i], D.message[i], D.firmware.words[D.firmware.at[i]], D.vehicle.words[D.vehicle.at[i]], D.board.words[D.board.at[i]], day(D.date[i]), ...D.reasons[i].map((r) => KIND[D.kinds[r[0]]] + ' ' + r[1])].join(' ').toLowerCase());
   const of = new Set(D.thumb.filter(Boolean).map((t) => t[3]));
   $('of').textContent = of.size > 1 ? 'onboard, or filters where onboard is the reference,' : of.has('onboard') ? 'onboard' : 'filters';
   $('key').hidden = !of.size;

@@ -14,7 +14,8 @@ from attlog.present.sentences.quiet import quiet
 from attlog.present.sentences.spoiled import spoiled
 from attlog.result import Result, Verdict
 
-QUESTIONS = ("closest", "quiet", "late", "drifting")
+QUESTIONS = {"closest": "accuracy", "quiet": "noise", "late": "lag", "drifting": "yaw drift"}
+"""What the questions are called, in the order of the page."""
 
 
 def verdicts(result: Result) -> list[Verdict]:

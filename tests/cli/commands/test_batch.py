@@ -36,8 +36,9 @@ def test_a_batch_writes_reports_index_and_table_and_sums_up(attlog, small, tmp_p
     assert {"small.bin.html", "small.bin.json", "index.html", ".attlog"} <= names
     lines = done.out.splitlines()
     assert lines[0].startswith(f"2 logs: 1 report in {tmp_path / 'out'}, ")
-    assert lines[1] == "  answered: closest on 0, quiet on 0, late on 0, drifting on 0 of 1 log"  # by the gyro alone
-    assert "1 log cannot be used (exit code 65)" in lines[2]
+    assert lines[1] == "  compared with: the logged truth 1 of 1 log"
+    assert lines[2] == "  answered: accuracy on 0, noise on 0, lag on 0, yaw drift on 0 of 1 log"  # by the gyro alone
+    assert "1 log cannot be used (exit code 65)" in lines[3]
     assert lines[-1] == f"index: {tmp_path / 'out' / 'index.html'}"
     assert len(lines) <= 10
 

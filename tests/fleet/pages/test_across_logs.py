@@ -14,10 +14,9 @@ from attlog.base.errors import LogUnreadable, LogUnusable, UsageError
 from attlog.fleet.pages.across_logs import Log, across, grouped, references, spread, usual_window
 from attlog.fleet.pages.across_table import values, words
 from attlog.fleet.records.collection import Gathered
-from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.entry import Entry, index_row
 from attlog.fleet.records.record import Record, write_record
 from attlog.fleet.records.results_file import PARQUET, write_results
-from attlog.fleet.records.row import index_row
 from attlog.present.names import CODES
 from attlog.result import EstimatorRow, Result
 from tests.present.made import absent, lag, merged, result, row, tilt

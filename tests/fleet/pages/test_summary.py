@@ -1,76 +1,79 @@
-"""What became of many logs, in a few lines."""
+"""What became of many logs, in a screen."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from attlog.fleet.pages.summary import summary
 from attlog.fleet.records.entry import Entry
+from tests.fleet.made import failed, flown, reason
 
 OUT = Path("out")
 
 
-def row(answered: tuple[str, ...] = (), **points: float) -> dict[str, Any]:
-    """A row with answers to these questions and reasons of these weights."""
-    reasons = [
-        {"kind": "sensor", "code": code, "points": weight, "text": f"{code} is wrong.", "t": None}
-        for code, weight in points.items()
+def answering(name: str, *questions: str, reference: str = "truth") -> Entry:
+    """A log on which filters answer these questions alone."""
+    entry = flown(name, reference=reference)
+    assert entry.row is not None
+    for verdict in entry.row["verdicts"]:
+        verdict["bars"] = [["mahony", 1.0, "deg"]] if verdict["question"] in questions else []
+    return entry
+
+
+def test_it_counts_what_was_answered_and_what_logs_were_compared_with() -> None:
+    done = [answering("a", "closest"), answering("b", "closest", "quiet", reference="smoother"),
+            answering("c", reference="onboard"), answering("d", "closest", reference="smoother"),
+            answering("e", reference="none")]  # fmt: skip
+    assert list(summary(done, 6, 62.0, OUT, again=3)) == [
+        "6 logs: 5 reports in out, 62 s; 3 done before; 1 not reached",
+        "  compared with: the logged truth 1, the smoother 2, the onboard attitude 1, nothing 1 of 5 logs",
+        "  answered: accuracy on 3, noise on 1, lag on 0, yaw drift on 0 of 5 logs",
+        "  found: no log with trouble",
     ]
-    level = "serious" if any(p >= 40 for p in points.values()) else "look" if points else "none"
-    return {
-        "verdicts": [
-            {"question": q, "bars": [["mahony", 1.0, "deg"]] if q in answered else []}
-            for q in ("closest", "quiet", "late", "drifting")
-        ],
-        "trouble": {"level": level, "score": sum(points.values()), "reasons": reasons},
-    }
-
-
-def test_it_tells_what_was_answered_what_failed_and_the_worst_five_in_order() -> None:
-    done = [Entry(f"{k}.bin", f"{k}.bin", row=row(("closest",), field=10.0 + k)) for k in range(7)]
-    quiet = Entry("q.bin", "q.bin", row=row(("closest", "quiet")))
-    broken = [Entry(f"{k}.ulg", f"{k}.ulg", 65, f"{k}.ulg: no log") for k in range(2)] + [
-        Entry("t", "t", 75, "t: slow")
-    ]
-    lines = list(summary([*done, quiet, *broken], 12, 62.0, OUT, again=3))
-    assert lines == [
-        "12 logs: 8 reports in out, 62 s; 3 done before; 1 not reached",
-        "  answered: closest on 8, quiet on 1, late on 0, drifting on 0 of 8 logs",
-        "  2 logs cannot be used (exit code 65): 0.ulg: no log (and 1 more)",
-        "  1 log took more time or memory than allowed (exit code 75): t: slow",
-        "  0 logs with serious trouble, 7 to look at; the worst:",
-        *(f"    {k}.bin: field is wrong." for k in (6, 5, 4, 3, 2)),
-    ]
-
-
-def test_a_gate_that_failed_comes_before_all_other_trouble() -> None:
-    entries = [Entry("a", "a", row=row(gyro=40.0)), Entry("b", "b", row=row(), gates=("lag_ms 9 ms, at most 5 ms",))]
-    lines = list(summary(entries, 2, 1.0, OUT))
-    assert "  gates failed on 1 of 2 logs" in lines
-    assert lines[-2:] == ["    b: lag_ms 9 ms, at most 5 ms", "    a: gyro is wrong."]
 
 
 def test_the_gyro_alone_answers_nothing() -> None:
-    flight = row()
-    flight["verdicts"][0]["bars"] = [["gyro/imu0", 1.0, "deg"], ["onboard", 0.9, "deg"]]
-    lines = list(summary([Entry("a", "a", row=flight)], 1, 1.0, OUT))
-    assert lines[1] == "  answered: closest on 0, quiet on 0, late on 0, drifting on 0 of 1 log"
+    entry = answering("a")
+    assert entry.row is not None
+    entry.row["verdicts"][0]["bars"] = [["gyro/imu0", 1.0, "deg"], ["onboard", 0.9, "deg"]]
+    assert "  answered: accuracy on 0, noise on 0, lag on 0, yaw drift on 0 of 1 log" in summary([entry], 1, 1.0, OUT)
 
 
-def test_without_trouble_it_counts_none_and_units_are_written_as_in_reports() -> None:
-    flight = row(jump=7.0)
-    flight["trouble"]["level"] = "none"
-    flight["trouble"]["reasons"][0]["text"] = "The heading is realigned by 4.7 deg."
-    assert list(summary([Entry("a", "a", row=flight)], 1, 1.0, OUT))[-2:] == [
-        "  no log with trouble; what was noticed most:",
-        "    a: The heading is realigned by 4.7°.",
+def test_it_counts_by_reason_and_names_five_logs_to_open_first_with_what_happened() -> None:
+    logs = [flown(f"{k}.ulg", reason("sensor", "warning"), headline=f"Rover {k}.") for k in range(4)]
+    logs.append(flown("fell.ulg", reason("crash"), headline="Quadrotor: hit the ground."))
+    logs.append(flown("bench.ulg", reason("sensor", in_flight=False), airborne_s=0.0, headline="Never flew."))
+    logs += [flown("gyro.ulg", reason("sensor"), headline="Plane."), flown("fine.ulg", headline="Nothing.")]
+    lines = list(summary(logs, 8, 1.0, OUT, width=400))[3:]
+    assert lines[0].removeprefix("  found: ").split("; ") == [
+        "a crash or loss of control in 1 log",
+        "another serious finding in flight in 1 log",
+        "1 more with a serious finding on the ground",
+        "4 more to look at",
+    ]
+    assert lines[1:] == [
+        "  open first:",
+        "    fell.ulg: Quadrotor: hit the ground.",
+        "    gyro.ulg: Plane.",
+        "    bench.ulg: Never flew.",
+        "    0.ulg: Rover 0.",
+        "    1.ulg: Rover 1.",
     ]
 
 
-def test_lines_fit_the_terminal() -> None:
-    entries = [Entry("x" * 70, "x" * 70, row=row(gyro=40.0)), Entry("y", "y", 65, "word " * 100)]
-    assert max(map(len, summary(entries, 2, 1.0, OUT, width=72))) <= 72
+def test_gates_that_failed_are_counted_and_open_first() -> None:
+    entries = [flown("a", reason("sensor", "warning")), flown("b", gates=("lag_ms 9 ms, at most 5 ms",))]
+    lines = list(summary(entries, 2, 1.0, OUT))
+    assert "  gates failed on 1 of 2 logs" in lines
+    assert lines[-2:] == ["    b: lag_ms 9 ms, at most 5 ms", "    a: Something about the sensor."]
+
+
+def test_lines_fit_the_terminal_and_no_headline_is_cut() -> None:
+    headline = " ".join(f"word{k}" for k in range(30))
+    entries = [flown("x" * 60, reason("crash"), headline=headline), failed("y" * 200, "word " * 100)]
+    lines = list(summary(entries, 2, 1.0, OUT, width=72))
+    assert max(map(len, lines)) <= 72
+    assert " ".join(" ".join(lines).split()).endswith(headline)
 
 
 def test_nothing_done_is_told_without_a_table() -> None:
@@ -85,13 +88,17 @@ def test_failures_are_grouped_by_reason_and_those_of_an_earlier_run_come_last() 
     ]
     assert list(summary([*old, *new], 6, 1.0, OUT)) == [
         "6 logs: 0 reports in out, 1.0 s; 3 failed before",
-        "  2 logs cannot be used (exit code 65): y0: 0 s of data are too short (and 1 more)",
-        "  1 log cannot be used (exit code 65): x: encrypted",
-        "  3 logs cannot be used, as before: 0.ulg: 000 bytes, no flight log (and 2 more)",
+        "  2 logs cannot be used (exit code 65): 0 s of data are too short (such as y0)",
+        "  1 log cannot be used (exit code 65): encrypted (x)",
+        "  3 logs cannot be used, as before: 000 bytes, no flight log (such as 0.ulg)",
     ]
 
 
-def test_many_reasons_do_not_fill_the_screen() -> None:
-    lines = list(summary([Entry(c, c, 65, f"{c}: reason {c}") for c in "abcdefghi"], 9, 1.0, OUT))
-    assert lines[-1] == "  3 logs failed for 3 other reasons"
-    assert len(lines) <= 8
+def test_many_reasons_do_not_fill_the_screen_and_every_log_is_counted() -> None:
+    codes = dict.fromkeys("abcdefg", 65) | dict.fromkeys("hi", 70)
+    lines = list(summary([Entry(c, c, code, f"{c}: reason {c}") for c, code in codes.items()], 9, 1.0, OUT))
+    assert lines[-2:] == [
+        "  1 log cannot be used (exit code 65) for other reasons",
+        "  2 logs crashed or hit a bug (exit code 70) for other reasons",
+    ]
+    assert len(lines) == 9

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from attlog.fleet.records.collection import Gathered
+from attlog.fleet.records.entry import FORM, index_row
 from attlog.fleet.records.record import Record, write_record
-from attlog.fleet.records.row import FORM, index_row
 from tests.report.conftest import make_result
 
 

@@ -12,9 +12,8 @@ import pytest
 
 from attlog.base.errors import OutputError
 from attlog.fleet.records import results_file
-from attlog.fleet.records.entry import Entry
+from attlog.fleet.records.entry import Entry, index_row
 from attlog.fleet.records.results_file import COLUMNS, CSV, PARQUET, write_results
-from attlog.fleet.records.row import index_row
 from attlog.result import MEASURED_TIMES, Result
 from tests.report.conftest import make_result
 

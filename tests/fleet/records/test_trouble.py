@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import pytest
 
-from attlog.fleet.records.trouble import reasons, trouble, with_gates
+from attlog.fleet.records.trouble import RANKS, reasons, trouble, with_gates
 from attlog.flight.model import Problem, Severity
 from attlog.result import Check
+from attlog.story.event import Event
 from tests.present.made import result, row
 
 
@@ -25,7 +26,7 @@ def problem(code: str, severity: Severity = "warning", **more: object) -> Proble
 
 
 def test_a_good_flight_has_none() -> None:
-    assert said() == {"level": "none", "score": 0.0, "reasons": []}
+    assert said() == {"level": "none", "rank": 3, "score": 0.0, "reasons": []}
     assert said([problem("gyro", "note"), problem("unanswered", "note")])["reasons"] == []
 
 
@@ -133,3 +134,40 @@ def test_a_bad_check_weighs_more_than_one_to_look_at() -> None:
         points[verdict] = {r.code: r.points for r in reasons(made)}
     assert points["warning"] == {"field_against_attitude": 10.0, "gaps": 3.0}
     assert points["fault"] == {"field_against_attitude": 20.0, "gaps": 3.0}
+
+
+def rank(problems: Sequence[Problem], airborne: Sequence[Sequence[float]] = ((10.0, 60.0),), **events: float) -> str:
+    """Where a log with these problems, flights and serious events (kind: time, s) stands."""
+    made = result([row("onboard", {}), row("vqf", {})])
+    made.problems = list(problems)
+    made.log |= {"timeline": {"airborne": [list(s) for s in airborne]}, "seconds": {"airborne": 50.0 * len(airborne)}}
+    made.events = [Event("power_up", 0.0, "info", "Power-up.")]
+    made.events += [Event(kind, t, "serious", "It fell.") for kind, t in events.items()]
+    return RANKS[trouble(reasons(made))["rank"]]
+
+
+def test_a_crash_is_what_sensors_show_not_what_the_autopilot_reports() -> None:
+    reported = problem("crash", "error", t=30.0)
+    assert rank([reported], impact=30.0) == rank([], overturn=5.0) == "crash"
+    assert rank([reported]) == "other"
+    assert rank([reported], hard_landing=60.0) == "other"
+
+
+IN_FLIGHT = {None: "attitude", 5.0: "attitude", 61.0: "attitude", 63.0: "other"}
+
+
+@pytest.mark.parametrize(("t", "expected"), IN_FLIGHT.items())
+def test_a_wrong_attitude_counts_as_one_in_flight_until_the_last_landing(t: float | None, expected: str) -> None:
+    assert rank([problem("onboard_against_smoother", "error", t=t)]) == expected
+    assert rank([problem("onboard_against_smoother", "error", t=t)], airborne=()) == "other"
+
+
+def test_only_serious_findings_of_a_flight_come_before_all_else() -> None:
+    assert rank([problem("gyro", "error")]) == "serious"
+    assert rank([problem("gyro", "warning"), problem("ekf_fault")]) == "other"
+    assert rank([problem("gyro", "error")], airborne=()) == "other"
+
+
+def test_a_failed_gate_ranks_with_serious_findings_wherever_the_log_was_made() -> None:
+    bench = trouble([])
+    assert RANKS[with_gates(bench, ["mekf: lag_ms 9 ms"])["rank"]] == "serious"

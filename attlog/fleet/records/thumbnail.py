@@ -19,7 +19,7 @@ POINTS = 48
 """Points of a thumbnail over the whole log."""
 MARKS = ("reset", "impact", "loss_of_control")
 MOST_MARKS = 20
-FULL_DEG = 180.0
+FULL_DEG, FULL_BYTE, NO_BYTE = 180.0, 254, 255
 
 
 def thumbnail(result: Result) -> dict[str, Any] | None:
@@ -51,6 +51,16 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
         "air": [[round(float(a), 1), round(float(b), 1)] for a, b in air[:MOST_MARKS]],
         "marks": [[round(s.t1 if s.kind == "reset" else s.t0, 1), s.kind] for s in marks[:MOST_MARKS]],
     }
+
+
+def encoded(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
+    """What stands beside the curves of a thumbnail; the curves go to ``out``, small angles finer than large ones."""
+    if seen is None:
+        return None
+    at = len(out)
+    for curve in ("tilt", "tilt_diff", "heading_diff"):
+        out += bytes(NO_BYTE if v is None else round(FULL_BYTE * math.sqrt(v / FULL_DEG)) for v in seen[curve])
+    return [at, seen["t0"], seen["t1"], seen["of"], seen["air"], [t for t, _ in seen["marks"]]]
 
 
 def _within(t: float, spans: list[list[float]]) -> bool:

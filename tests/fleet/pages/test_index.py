@@ -14,8 +14,8 @@ from urllib.parse import unquote_to_bytes
 import pytest
 
 from attlog.base.errors import OutputError
-from attlog.fleet.pages.index_data import first_row, ordered, page_data
-from attlog.fleet.pages.index_page import INDEX, render, write_index
+from attlog.fleet.pages.index import INDEX, first_row, page_data, render, write_index
+from attlog.fleet.pages.order import ordered
 from tests.fleet.made import failed, flown, many, reason
 
 EVIL = "</script><script>document.title='ran'</script><img src=x onerror=alert(1)>'\"\x00\u202e{{7*7}}"
@@ -28,20 +28,6 @@ def inside(html: str) -> tuple[dict[str, Any], bytes]:
     raw = gzip.decompress(base64.b64decode(found[1]))
     size = int.from_bytes(raw[:4], "little")
     return json.loads(raw[4 : 4 + size]), raw[4 + size :]
-
-
-def test_the_worst_come_first_and_failed_ones_before_sound_ones() -> None:
-    entries = [
-        flown("fine.ulg"),
-        flown("look.ulg", reason("sensor", "warning")),
-        failed("failed.bin"),
-        flown("crash.ulg", reason("crash")),
-        flown("gate.ulg", gates=("mekf: tilt 3.1 deg; at most 2",)),
-        flown("both.ulg", reason("attitude"), reason("crash")),
-    ]
-    worst_first = ["both.ulg", "gate.ulg", "crash.ulg", "look.ulg", "failed.bin", "fine.ulg"]
-    assert [x.name for x in ordered(entries)] == worst_first
-    assert [x.name for x in ordered(entries[::-1])] == worst_first
 
 
 def test_equally_bad_logs_stand_as_people_count() -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from attlog import Config, Result, analyze
-from attlog.fleet.pages.thumbnail import POINTS, thumbnail
 from attlog.fleet.records.answers import numbers
-from attlog.fleet.records.row import index_row, light
+from attlog.fleet.records.entry import index_row, light
+from attlog.fleet.records.thumbnail import POINTS, thumbnail
 from attlog.metrics.figures.trace import Trace
 from attlog.result import MEASURED_TIMES, Segment
 from tests.conftest import SAMPLES
@@ -128,7 +128,7 @@ def test_a_result_without_traces_has_no_thumbnail_and_still_a_row() -> None:
 def test_a_result_with_nothing_in_it_has_a_row() -> None:
     empty = Result({}, "", {}, {})
     row = index_row(empty)
-    assert row["trouble"] == {"level": "none", "score": 0.0, "reasons": []}
+    assert row["trouble"] == {"level": "none", "rank": 3, "score": 0.0, "reasons": []}
     assert (row["columns"], row["rows"], list(numbers(row["answers"]))) == ([], {}, [])
 
 

@@ -1,86 +1,112 @@
-"""What the page of a batch shows, in the little space that lets ten thousand logs open at once."""
+"""``index.html`` of a batch: one file in which ten thousand logs can be sorted and filtered, the worst first."""
 
 from __future__ import annotations
 
+import json
 import math
-import os
-import re
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from statistics import median
 from typing import Any
-from urllib.parse import quote
 
+from attlog.base.files.output import write_atomic
 from attlog.compare.gates.rows import BASELINES
-from attlog.fleet.pages.thumbnail import POINTS
+from attlog.fleet.pages.order import LEVELS, RankedLog, natural, ordered, short_names
 from attlog.fleet.records.entry import Entry
-from attlog.fleet.records.row import light
-from attlog.fleet.records.trouble import trouble, with_gates
-from attlog.present.numbers import unit_sign
-from attlog.present.text import clean, typeset
+from attlog.fleet.records.thumbnail import POINTS, encoded
+from attlog.present.numbers import counted, listed, unit_sign
+from attlog.present.text import clean, cleaned, typeset
+from attlog.report.bundle import source_hash
+from attlog.report.pack import packed
+from attlog.report.page import WEB as REPORT
 
-LEVELS = ("serious", "look", "failed", "none")
-"""What somebody should open first. A log that failed may hide anything, but there is nothing to open."""
+WEB = Path(__file__).parents[1] / "web"
+SCRIPTS = (REPORT / "unpack.js", REPORT / "theme.js", WEB / "words.js", WEB / "charts.js", WEB / "index.js")
+"""Joined in this order into the one script of the page."""
+WITHOUT_SCRIPT = 100
+"""Logs that are listed for a browser without JavaScript."""
+INDEX = "index.html"
 KINDS = ("gate", "attitude", "crash", "reset", "filter", "sensor", "log")
 MOST_ROWS, MOST_COLUMNS = 16, 10
 """Rows and columns of numbers that the page offers, the most common ones; all stand in the results file."""
 LEAST_SHARE = 0.5
 """The attitude that flew is shown first where so many logs have numbers for it."""
 NEARLY_ALL = 0.9
-NO_VALUE, FULL_BYTE, FULL_DEG = 255, 254, 180.0
 AUTO = "onboard"
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One log as the page shows it."""
+def write_index(folder: Path, entries: Iterable[Entry], *, title: str = "", results: str = "") -> Path:
+    """Write ``index.html`` to the folder in which the reports are. OutputError if it cannot be written.
 
-    name: str
-    log: str
-    href: str
-    level: str
-    score: float
-    reasons: list[dict[str, Any]]
-    message: str
-    row: dict[str, Any] | None
+    Equal entries give equal bytes, in any order. ``title``: what the batch is called, the folder's name by default;
+    ``results``: the name of the file with all numbers, if there is one.
+    """
+    path = folder / INDEX
+    write_atomic(path, render(entries, title=title or folder.resolve().name, results=results))
+    return path
 
 
-def ordered(entries: Iterable[Entry]) -> list[Line]:
-    """The logs of a batch, the worst first; equally bad ones by their names."""
-    return sorted((line(e) for e in entries), key=lambda x: (LEVELS.index(x.level), -x.score, natural(x.name), x.log))
+def render(entries: Iterable[Entry], *, title: str = "", results: str = "") -> str:
+    """The page as text: template, style and script of this package, data packed."""
+    from attlog.report.templates import template
+
+    lines = ordered(entries)
+    data, thumbnails = page_data(lines)
+    style = "\n".join((file).read_text(encoding="utf-8") for file in (REPORT / "style.css", WEB / "index.css"))
+    parts = [file.read_text(encoding="utf-8") for file in SCRIPTS]
+    script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
+    return template("index.html", {"typeset": typeset, "counted": counted}, WEB).render(
+        policy=policy(style, script),
+        style=style,
+        script=script,
+        title=clean(title),
+        subtitle=subtitle(lines),
+        worst=[x for x in lines if x.level != "none"][:WITHOUT_SCRIPT],
+        count=len(lines),
+        data=block(data, thumbnails),
+        results=results,
+        versions=listed(sorted({str(x.row["flight"]["attlog"]) for x in lines if x.row})),
+    )
 
 
-def natural(name: str) -> list[tuple[int, str]]:
-    """A key that sorts log9 before log10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", name.casefold())]
+def subtitle(lines: list[RankedLog]) -> list[str]:
+    """How many logs, of what, from when to when, how long they flew."""
+    flights = [x.row["flight"] for x in lines if x.row]
+    vehicles = Counter(clean(f["vehicle"]) for f in flights if f["vehicle"])
+    dates = sorted(str(f["date_utc"])[:10] for f in flights if f["date_utc"])
+    hours = sum(f["airborne_s"] or 0.0 for f in flights) / 3600.0
+    kinds = listed([counted(n, name) for name, n in vehicles.most_common(4)])
+    parts = [counted(len(lines), "log"), kinds + (" and others" if len(vehicles) > 4 else "")]
+    parts.append(clean(dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}") if dates else "")
+    parts.append(f"{hours:.1f} h in the air" if hours >= 1.0 else f"{60.0 * hours:.0f} min in the air")
+    return [p for p in parts if p]
 
 
-def line(entry: Entry) -> Line:
-    """One log: how urgently somebody should look, and the link to its report."""
-    said = with_gates(entry.row["trouble"] if entry.row else trouble([]), entry.gates)
-    level = said["level"] if entry.row else "failed"
-    href = quote(os.fsencode(f"{entry.name}.html")) if entry.row else ""
-    row = light(entry.row) if entry.row else None
-    return Line(entry.name, entry.log, href, level, said["score"], said["reasons"], failure(entry), row)
+def block(data: dict[str, Any], thumbnails: bytes) -> str:
+    """Header and bytes as the page's script unpacks them: the header's length, header, bytes; gzipped, base64."""
+    text = json.dumps(cleaned(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8")
+    return packed(len(text).to_bytes(4, "little") + text + thumbnails)
 
 
-def failure(entry: Entry) -> str:
-    """Why a log has no report, without its name, which stands beside it."""
-    text = entry.message.removeprefix("attlog: ")
-    for name in (entry.log, entry.name, re.split(r"[/\\]", entry.log)[-1]):
-        text = text.removeprefix(f"{name}: ")
-    return text
+def policy(style: str, script: str) -> str:
+    """The content-security policy: the page's own script and style by hash, nothing else, no request."""
+    script_hash, style_hash = (source_hash(part.encode("utf-8")) for part in (script, style))
+    return (
+        f"default-src 'none'; script-src '{script_hash}'; style-src '{style_hash}'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
 
 
-def page_data(lines: list[Line]) -> tuple[dict[str, Any], bytes]:
+def page_data(lines: list[RankedLog]) -> tuple[dict[str, Any], bytes]:
     """Columns of values, one for each thing that the page shows, and the thumbnails: POINTS bytes of each curve."""
     flights: list[dict[str, Any]] = [x.row["flight"] if x.row else {} for x in lines]
     names, columns = numbers(lines)
     thumbnails = bytearray()
     data = {
         "name": [clean(x.name) for x in lines],
+        "short": short_names([clean(x.name) for x in lines]),
         "log": [clean(x.log) for x in lines],
         "href": [x.href for x in lines],
         "level": [LEVELS.index(x.level) for x in lines],
@@ -94,9 +120,9 @@ def page_data(lines: list[Line]) -> tuple[dict[str, Any], bytes]:
         "firmware": _coded([f.get("firmware") for f in flights]),
         "vehicle": _coded([f.get("vehicle") for f in flights]),
         "board": _coded([f.get("board") for f in flights]),
-        "headline": [clean(x.row.get("headline") or "") if x.row else "" for x in lines],
+        "text": [clean(x.text) for x in lines],
         "says": [[typeset(v["sentence"]) for v in x.row["verdicts"]] if x.row else [] for x in lines],
-        "thumb": [_thumbnail(x.row, thumbnails) for x in lines],
+        "thumb": [encoded(x.row["thumbnail"] if x.row else None, thumbnails) for x in lines],
         "points": POINTS,
         "kinds": KINDS,
         "levels": LEVELS,
@@ -107,7 +133,7 @@ def page_data(lines: list[Line]) -> tuple[dict[str, Any], bytes]:
     return data, bytes(thumbnails)
 
 
-def numbers(lines: list[Line]) -> tuple[dict[str, str], list[dict[str, Any]]]:
+def numbers(lines: list[RankedLog]) -> tuple[dict[str, str], list[dict[str, Any]]]:
     """The most common rows with their names, and the columns: title, unit, and row -> a value or None for each log."""
     rows: Counter[str] = Counter()
     titles: Counter[str] = Counter()
@@ -156,7 +182,7 @@ def first_row(names: Iterable[str], columns: list[dict[str, Any]], count: int) -
     return min(common, key=lambda row: median(middle[row]) if middle[row] else math.inf, default="")
 
 
-def _order(lines: list[Line]) -> list[str]:
+def _order(lines: list[RankedLog]) -> list[str]:
     """Titles in the order of the logs that have most of them."""
     longest = sorted((x.row["columns"] for x in lines if x.row), key=len, reverse=True)
     return list(dict.fromkeys(c["title"] for columns in longest for c in columns))
@@ -171,17 +197,6 @@ def _coded(values: list[Any]) -> dict[str, Any]:
     words = sorted({clean(v) for v in values if v}, key=natural)
     place = {word: i for i, word in enumerate(words)}
     return {"words": words, "at": [place[clean(v)] if v else -1 for v in values]}
-
-
-def _thumbnail(row: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
-    """What stands beside the curves of a thumbnail; the curves go to ``out``, small angles finer than large ones."""
-    seen = row["thumbnail"] if row else None
-    if seen is None:
-        return None
-    at = len(out)
-    for curve in ("tilt", "tilt_diff", "heading_diff"):
-        out += bytes(NO_VALUE if v is None else round(FULL_BYTE * math.sqrt(v / FULL_DEG)) for v in seen[curve])
-    return [at, seen["t0"], seen["t1"], seen["of"], seen["air"], [t for t, _ in seen["marks"]]]
 
 
 def _epoch(date: str | None) -> int | None:

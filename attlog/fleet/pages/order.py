@@ -1,0 +1,106 @@
+"""Which logs of a batch somebody should open first, and how each is called.
+
+Crashes and losses of control come first, then attitudes that were wrong in flight, then other serious findings in
+flight, then all else. Of each, real flights stand before logs that never flew, and these before simulated ones.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import quote
+
+from attlog.fleet.records.entry import Entry, light
+from attlog.fleet.records.trouble import trouble, with_gates
+from attlog.present.text import typeset
+
+LEVELS = ("serious", "look", "failed", "none")
+"""How urgent a log is. One that failed may hide anything, but there is nothing to open."""
+
+
+@dataclass(frozen=True, slots=True)
+class RankedLog:
+    """One log as index and summary show it.
+
+    ``rank`` is a place in :data:`attlog.fleet.records.trouble.RANKS`, ``level`` one of LEVELS. ``reasons``: why
+    somebody should look, the heaviest first; ``message``: why there is no report.
+    """
+
+    name: str
+    log: str
+    href: str
+    rank: int
+    level: str
+    score: float
+    reasons: list[dict[str, Any]]
+    message: str
+    row: dict[str, Any] | None
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """What logs are sorted by; equally bad ones stand by their names."""
+        return (self.rank, LEVELS.index(self.level), self._kind, -self.score, natural(self.name), self.log)
+
+    @property
+    def _kind(self) -> int:
+        """0 of a real flight, 1 of a log in which nothing flew, 2 of a simulation."""
+        flight = self.row["flight"] if self.row else {}
+        return 2 if flight.get("simulated") else 0 if flight.get("airborne_s") or not self.row else 1
+
+    @property
+    def text(self) -> str:
+        """What happened, in a sentence: the headline; of older results the heaviest reason; why there is no report."""
+        headline = str(self.row.get("headline") or "") if self.row else ""
+        return headline or (typeset(self.reasons[0]["text"]) if self.reasons else self.message)
+
+
+def ordered(entries: Iterable[Entry]) -> list[RankedLog]:
+    """The logs of a batch, those first that somebody should open first."""
+    return sorted(map(ranked, entries), key=lambda log: log.place)
+
+
+def ranked(entry: Entry) -> RankedLog:
+    """One log: how urgently somebody should look, and the link to its report."""
+    found = with_gates(entry.row["trouble"] if entry.row else trouble([]), entry.gates)
+    return RankedLog(
+        entry.name,
+        entry.log,
+        quote(os.fsencode(f"{entry.name}.html")) if entry.row else "",
+        found["rank"],
+        found["level"] if entry.row else "failed",
+        found["score"],
+        found["reasons"],
+        failure(entry),
+        light(entry.row) if entry.row else None,
+    )
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """A key that sorts log9 before log10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", name.casefold())]
+
+
+def failure(entry: Entry) -> str:
+    """Why a log has no report, without its name, which stands beside it."""
+    text = entry.message.removeprefix("attlog: ")
+    for name in (entry.log, entry.name, re.split(r"[/\\]", entry.log)[-1]):
+        text = text.removeprefix(f"{name}: ")
+    return text
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Names without the words that all of them begin with; as they are where one of them would lose all its words.
+
+    Words end at ``_ - .`` or a blank, so that no number is cut in two.
+    """
+    if len(names) < 2:
+        return list(names)
+    stems = [name.rpartition(".")[0] or name for name in names]
+    first, last = min(stems), max(stems)  # what these two share, all between them share
+    common = next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(map(len, stems)))
+    words = re.match(r".*[ _.-]", first[:common])
+    cut = words.end() if words else 0
+    return [name[cut:] for name in names] if all(re.search(r"\w", stem[cut:]) for stem in stems) else list(names)
