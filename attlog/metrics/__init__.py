@@ -55,7 +55,6 @@ MEASURED = "trials.cost"
 """The question that is answered by running the filter again, not from the log."""
 LATE = {"Drawing": "figures.traces", "Trace": "figures.trace"}
 FULL_COVERAGE_PCT = 95.0
-COMPARED = ("total_", "heading_", "inclination_", "lag_", "step_error_", "drift_air_")
 
 
 @cache
@@ -96,7 +95,7 @@ def compute(
     ``coverage_pct`` stands beside comparisons of a row that was scored on less than 95 % of
     its time. A row that gravity does not correct is a baseline: it is ranked nowhere. What tells nothing is withheld.
     """
-    from attlog.metrics.ranking import resolution as telling
+    from attlog.metrics.ranking.resolution import withhold
     from attlog.metrics.trials import still
 
     table: dict[str, dict[str, Answer]] = {}
@@ -109,10 +108,10 @@ def compute(
             answers |= _asked(question, case, row, window)
             for metric in question.METRICS:
                 if metric.name in answers:
-                    telling.withhold(metric.name, metric.better, answers[metric.name])
-        for name, answer in answers.items():
-            if partly and name.startswith(COMPARED):
-                answer.coverage_pct = row.coverage_pct
+                    withhold(metric, answers[metric.name])
+                    if partly and metric.covers:
+                        answers[metric.name].coverage_pct = row.coverage_pct
+        for answer in answers.values():
             if uncorrected and answer.ranked:
                 answer.ranked, answer.reason = False, uncorrected
     return table

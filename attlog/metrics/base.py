@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import weakref
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
@@ -18,7 +18,19 @@ from attlog.metrics.evidence.common_bias import CommonBias, common_bias, none
 from attlog.reference.model import HeadingReference, Reference, Row
 from attlog.segments.model import WINDOWS, Segments
 
-__all__ = ["Case", "HeadingReference", "Metric", "applies_to", "paragraph", "per_case", "per_row", "per_times"]
+__all__ = [
+    "Case",
+    "HeadingReference",
+    "Metric",
+    "Resolution",
+    "Wording",
+    "applies_to",
+    "named",
+    "paragraph",
+    "per_case",
+    "per_row",
+    "per_times",
+]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -26,12 +38,42 @@ P = ParamSpec("P")
 
 
 @dataclass(frozen=True, slots=True)
+class Resolution:
+    """The coarsest answer that says anything: an interval that holds perfection and reaches farther is withheld.
+
+    ``size`` is the distance from perfection that is known without any log, in the metric's unit; ``even`` says in
+    words what is then not shown ("a lag of 50 ms"); ``evidence`` is what more of would help.
+    """
+
+    size: float
+    even: str
+    evidence: Literal["seconds", "steps", "windows"]
+
+
+@dataclass(frozen=True, slots=True)
+class Wording:
+    """How a comparison says a metric: "A ``verb`` 24 % ``more`` than B", or ``less``; ``noun`` stands after "in".
+
+    ``more`` is said of the better one. ``none``: a difference whose interval ends below it is no difference.
+    """
+
+    verb: str
+    more: str
+    less: str
+    noun: str
+    none: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Metric:
-    """A column of the table. ``definition`` is the paragraph that the report shows.
+    """A column of the table, and all that others say or decide about it. ``definition`` is the report's paragraph.
 
     ``name`` carries the unit (``noise_roll_deg``); ``better`` says which value is best;
     ``needs`` names what must be in the log (rest, reference, events, mag, gnss, setpoint).
-    ``decided_by`` is the metric whose comparison of rows holds for this one too.
+    ``decided_by`` is the metric whose comparison of rows holds for this one too. ``resolution``: what its
+    answers must resolve, None where any answer describes the flight. ``wording``: its words in a comparison, else
+    made of the title. ``scale``: how two values are compared. ``asked``: where ``compare`` asks it: in flight, at
+    rest, or in each phase for itself. ``covers``: whether an answer tells the share of the time it was compared on.
     """
 
     name: str
@@ -41,6 +83,11 @@ class Metric:
     needs: tuple[str, ...]
     definition: str
     decided_by: str = ""
+    resolution: Resolution | None = None
+    wording: Wording | None = None
+    scale: Literal["ratio", "difference"] = "difference"
+    asked: Literal["flight", "rest", "phases"] = "flight"
+    covers: bool = False
 
 
 @dataclass(slots=True)
@@ -175,6 +222,17 @@ def _frozen(value: Any) -> Hashable:
         return (slice, value.start, value.stop, value.step)
     key: Hashable = value
     return key
+
+
+def named(metrics: Iterable[Metric], name: str) -> Metric:
+    """The metric of an id; for an id without its variant after the dot (``drift_air_deg_per_min``) the first of them.
+
+    KeyError for an id that none has.
+    """
+    some = [metric for metric in metrics if name in (metric.name, metric.name.partition(".")[0])]
+    if not some:
+        raise KeyError(name)
+    return next((metric for metric in some if metric.name == name), some[0])
 
 
 def applies_to(window: str, *names: str) -> bool:

@@ -15,15 +15,16 @@ FIRST, SECOND = (c.name for c in CONFIGURATIONS)
 
 
 def beside(log: str, question: ComparedMetric, change: float, half: float) -> LogDifference:
-    """A difference (of the logarithm for ratios) with its interval; told where that excludes none."""
-    told = abs(change) > half
-    direction = "same" if change == half == 0.0 else "not told" if not told else "better" if change < 0.0 else "worse"
+    """A difference (of the logarithm for ratios) with its interval; significant where that excludes none."""
+    direction = "better" if change < 0.0 else "worse"
+    if abs(change) <= half:
+        direction = "same" if half == 0.0 else "not significant"
     ends = (change - half, change + half)
     if question.scale == "ratio":
         value, ends = math.exp(change), (math.exp(ends[0]), math.exp(ends[1]))
     else:
         value = change
-    p = 1.0 if direction in ("same", "not told") else 0.001
+    p = 1.0 if direction in ("same", "not significant") else 0.001
     return LogDifference(log, value, ends, p, 9, 2.0, 2.0 * value, half / 2.0, 0.0, direction, question.windows[0])
 
 
@@ -31,10 +32,11 @@ def comparison(
     changes: dict[str, list[tuple[float, float]]],
     configurations: list[Configuration] | None = None,
     broken: list[LogLine] | None = None,
+    questions: list[ComparedMetric] | None = None,
 ) -> Comparison:
     """A comparison of two configurations: by metric id, for each log (change, half interval)."""
     chosen = configurations or CONFIGURATIONS
-    questions = [next(q for q in asked() if q.metric == metric) for metric in changes]
+    questions = questions or [next(q for q in asked() if q.metric == metric) for metric in changes]
     count = max(len(each) for each in changes.values())
     logs = []
     for k in range(count):

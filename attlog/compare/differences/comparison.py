@@ -14,7 +14,7 @@ from attlog.base.plain import plain
 from attlog.base.validation import lines
 from attlog.compare.differences.paired import Direction, Scale
 
-SCHEMA = "attlog-comparison/1"
+SCHEMA = "attlog-comparison/2"
 
 
 @dataclass(slots=True)
@@ -76,14 +76,14 @@ class LogDifference:
     second: float | None = None
     error: float | None = None
     floor: float = 0.0
-    direction: Direction = "not told"
+    direction: Direction = "not significant"
     window: str = ""
     reason: str = ""
 
 
 @dataclass(slots=True)
 class PooledDifference:
-    """The same over all logs that have a value: ``better``, ``worse``, ``same`` count logs by sign, told or not.
+    """The same over all logs that have a value: ``better``, ``worse``, ``same`` count logs by sign, significant or not.
 
     ``tau`` is the scatter of the true difference from log to log (of the logarithm for ratios).
     """

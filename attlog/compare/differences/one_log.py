@@ -46,7 +46,7 @@ class LogComparison:
 
 
 def measured(log: Path, name: str, plan: Plan) -> LogComparison:
-    """One log measured; whatever goes wrong with it, a bug too, is told by its line."""
+    """One log measured; whatever goes wrong with it, a bug too, stands in its line."""
     try:
         return _measured(log, name, plan)
     except Exception as error:
@@ -66,14 +66,14 @@ def failed(log: Path, name: str, error: Exception) -> LogComparison:
 def _measured(log: Path, name: str, plan: Plan) -> LogComparison:
     runs = [ConfiguredFilter(parse(text, called)) for called, text in plan.configurations]
     result = evaluate(prepare(log, plan.options), runs, only={question.metric for question in plan.questions})
-    told = result.log
+    facts = result.log
     line = LogLine(
         name,
         str(log),
-        str(told.get("sha256") or ""),
-        str(told.get("vehicle") or ""),
-        " ".join(str(told.get("firmware", {}).get(k) or "") for k in ("name", "version")).strip(),
-        told.get("duration_s"),
+        str(facts.get("sha256") or ""),
+        str(facts.get("vehicle") or ""),
+        " ".join(str(facts.get("firmware", {}).get(k) or "") for k in ("name", "version")).strip(),
+        facts.get("duration_s"),
         f"{result.reference.choice} ({result.reference.source})" if result.reference else "",
     )
     rows = {row.name: row for row in result.estimators}

@@ -23,6 +23,7 @@ from attlog.compare.differences.pooled import pool
 from attlog.compare.differences.questions import ComparedMetric
 from attlog.compare.differences.sentences import verdicts
 from attlog.metrics import definitions
+from attlog.metrics.base import named
 
 
 def gathered(
@@ -35,13 +36,12 @@ def gathered(
     config: dict[str, Any] | None = None,
 ) -> Comparison:
     """The comparison of configurations on logs; a log that failed is a line with its reason and nothing else."""
-    known = definitions()
     called = labels(configurations)
     found = Comparison(attlog, command, config or {}, [_configured(c, called[c.name]) for c in configurations])
     found.logs = [m.line for m in logs]
     usable = [m for m in logs if m.line.code == 0]
     for asked in questions:
-        metric = known.get(asked.metric) or next(m for n, m in known.items() if n.startswith(asked.metric))
+        metric = named(definitions().values(), asked.metric)
         question = Question(
             asked.id,
             asked.metric,
@@ -91,11 +91,11 @@ def over(each: Sequence[LogDifference], scale: Scale) -> PooledDifference | None
 
 
 def direction(value: float, p: float | None, same: bool, floor: float) -> Direction:
-    """Whether a pooled difference is told: p below 5 %, and larger than what a log resolves."""
+    """Whether a pooled difference is significant: p below 5 %, and larger than what a log resolves."""
     if same:
         return "same"
     if p is None or p >= ALPHA or abs(value) <= floor:
-        return "not told"
+        return "not significant"
     return "better" if value < 0.0 else "worse"
 
 

@@ -37,7 +37,7 @@ from attlog.metrics.statistics.units import Kind, UnitValues
 
 Array = NDArray[np.float64]
 Scale = Literal["ratio", "difference"]
-Direction = Literal["better", "worse", "same", "not told"]
+Direction = Literal["better", "worse", "same", "not significant"]
 
 RATIOS: tuple[Kind, ...] = ("log_variance", "mean_square")
 ALPHA = 0.05
@@ -51,9 +51,9 @@ class PairedDifference:
 
     ``value`` on the scale it is averaged on: the logarithm of the ratio, or the difference of
     sizes (how far from perfect) in the metric's unit; negative where the second is nearer to perfect.
-    ``error`` is its standard error, None where no units tell it. ``first`` and ``second`` are both answers on
+    ``error`` is its standard error, None without units. ``first`` and ``second`` are both answers on
     the common units, errors as those of the typical block (not the RMSE, which a few blocks can carry): their
-    ratio is the one that ``value`` tells. ``direction``: whether the second is told to be better or worse;
+    ratio is the one in ``value``. ``direction``: whether the second is significantly better or worse;
     "same" where all units are equal.
     """
 
@@ -88,9 +88,9 @@ def paired(a: Answer, b: Answer, better: str) -> PairedDifference | str:
         shown = typical(a.units, common, first)
         return PairedDifference(scale, 0.0, (0.0, 0.0), error, 1.0, len(common), shown, shown, "same")
     apart = _size(second, better) - _size(first, better)
-    told = p < ALPHA and (ci95 is None or not ci95[0] <= 0.0 <= ci95[1])
-    told = told and abs(apart) > ranking.floor(a, b) and (apart < 0.0) == (value < 0.0)
-    direction: Direction = ("better" if apart < 0.0 else "worse") if told else "not told"
+    significant = p < ALPHA and (ci95 is None or not ci95[0] <= 0.0 <= ci95[1])
+    significant = significant and abs(apart) > ranking.floor(a, b) and (apart < 0.0) == (value < 0.0)
+    direction: Direction = ("better" if apart < 0.0 else "worse") if significant else "not significant"
     first, second = (typical(u, common, v) for u, v in ((a.units, first), (b.units, second)))
     return PairedDifference(scale, value, ci95, error, p, len(common), first, second, direction)
 
@@ -103,7 +103,7 @@ def typical(units: UnitValues, common: NDArray[np.int64], value: float) -> float
 
 
 def _without_units(a: Answer, b: Answer, better: str) -> PairedDifference:
-    """Two answers that no common units tell apart: different where their intervals lie apart."""
+    """Two answers without common units: they differ significantly where their intervals do not meet."""
     first, second = float(a.value or 0.0), float(b.value or 0.0)
     apart = _size(second, better) - _size(first, better)
     if first == second:
@@ -111,8 +111,8 @@ def _without_units(a: Answer, b: Answer, better: str) -> PairedDifference:
     near_a, _, far_a = ranking.distance(a, better)
     near_b, _, far_b = ranking.distance(b, better)
     known = a.ci95 is not None and b.ci95 is not None
-    told = known and (far_a < near_b or far_b < near_a) and abs(apart) > ranking.floor(a, b)
-    direction: Direction = ("better" if apart < 0.0 else "worse") if told else "not told"
+    significant = known and (far_a < near_b or far_b < near_a) and abs(apart) > ranking.floor(a, b)
+    direction: Direction = ("better" if apart < 0.0 else "worse") if significant else "not significant"
     return PairedDifference("difference", apart, None, None, None, 0, first, second, direction)
 
 

@@ -26,7 +26,7 @@ class PooledMean:
     """The mean of ``logs`` differences, its interval and p (None for one log alone whose own are not known).
 
     ``tau`` is the scatter of the true difference from log to log, ``i2_pct`` the share of the scatter that is not
-    each log's own uncertainty. ``better``, ``worse``, ``same``: on how many logs the sign is so, told or not.
+    each log's own uncertainty. ``better``, ``worse``, ``same``: on how many logs the sign is so, significant or not.
     """
 
     value: float

@@ -8,19 +8,26 @@ from dataclasses import dataclass
 from attlog.base.errors import UsageError, suggestion
 from attlog.compare.differences.paired import Scale
 from attlog.metrics import definitions
+from attlog.metrics.base import named
 from attlog.present.heading import DRIFT_AIR
-from attlog.present.table.rows import AIR, ALL, REST
+from attlog.present.table.rows import AIR, ALL, PHASES, REST
 
 EVERY = ("all", "airborne", "armed", "rest", "hover", "cruise", "idle")
+PLACES = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
+"""What the phases are called after a noun."""
 
 
 @dataclass(frozen=True, slots=True)
 class ComparedMetric:
-    """One question: ``metric`` in the first of ``windows`` that a log answers; ``main`` has a sentence and a plot."""
+    """One question: ``metric`` in the first of ``windows`` that a log answers; ``main`` has a sentence and a plot.
+
+    Its values are compared on ``scale``, as a ratio or as a difference.
+    """
 
     metric: str
     windows: tuple[str, ...]
     title: str
+    scale: Scale
     main: bool = True
 
     @property
@@ -28,26 +35,19 @@ class ComparedMetric:
         """What it is called in files: ``inclination_rmse_deg@airborne``."""
         return f"{self.metric}@{self.windows[0]}"
 
-    @property
-    def scale(self) -> Scale:
-        """Errors and noises are compared as ratios, everything else as a difference."""
-        name = self.metric
-        paired = name.endswith("_rmse_deg") or (name.startswith("noise_") and "p2p" not in name)
-        return "ratio" if paired else "difference"
 
-
-MAIN = (
-    ComparedMetric("inclination_rmse_deg", AIR, "Tilt error"),
-    ComparedMetric("heading_rmse_deg", AIR, "Heading error"),
-    ComparedMetric("noise_tilt_deg", ("rest",), "Noise at rest"),
-    ComparedMetric("noise_tilt_deg", ("hover",), "Noise in hover"),
-    ComparedMetric("noise_tilt_deg", ("cruise",), "Noise moving"),
-    ComparedMetric("lag_ms", AIR, "Lag"),
-    ComparedMetric("step_error_deg.0.5s", AIR, "Step error"),
-    ComparedMetric("drift_rest_deg_per_min", REST, "Drift at rest"),
-    ComparedMetric(DRIFT_AIR, AIR, "Drift in the air"),
+MAIN: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("inclination_rmse_deg", AIR),
+    ("heading_rmse_deg", AIR),
+    ("noise_tilt_deg", ("rest",)),
+    ("noise_tilt_deg", ("hover",)),
+    ("noise_tilt_deg", ("cruise",)),
+    ("lag_ms", AIR),
+    ("step_error_deg.0.5s", AIR),
+    ("drift_rest_deg_per_min", REST),
+    (DRIFT_AIR, AIR),
 )
-"""In the order of a report on one log."""
+"""Metric and windows, in the order of a report on one log."""
 
 
 def asked(metrics: Sequence[str] = (), window: str | None = None) -> list[ComparedMetric]:
@@ -61,20 +61,29 @@ def asked(metrics: Sequence[str] = (), window: str | None = None) -> list[Compar
     if wrong:
         raise UsageError("\n".join(f"there is no metric {m}{suggestion(m, ['all', *known])}" for m in wrong))
     if not metrics:
-        return list({q.id: q for q in (ComparedMetric(q.metric, windows or q.windows, q.title) for q in MAIN)}.values())
-    named = list(known) if "all" in metrics else list(metrics)
-    found = []
-    for name in named:
-        places = windows or next((q.windows for q in MAIN if q.metric == name and "rmse" in name), None)
-        title, main = known[name].title, "all" not in metrics
-        found += [ComparedMetric(name, places, title, main)] if places else _by_phase(name, title, main)
+        found = [_main(name, places, windows) for name, places in MAIN]
+    else:
+        every = "all" in metrics
+        found = [q for name in (known if every else metrics) for q in _asked(name, windows, not every)]
     return list({q.id: q for q in found}.values())
 
 
-def _by_phase(name: str, title: str, main: bool) -> list[ComparedMetric]:
-    """A metric in the windows that make sense for it: noise by phase, drift at rest at rest, others in flight."""
-    if name.startswith("noise_"):
-        return [ComparedMetric(name, (w,), f"{title}, {w}", main) for w in ("rest", "hover", "cruise", "idle")]
-    if name.startswith(("drift_rest", "allan", "gyro_bias")):
-        return [ComparedMetric(name, REST, title, main)]
-    return [ComparedMetric(name, (*AIR, *(w for w in (*ALL, *EVERY) if w not in AIR)), title, main)]
+def _main(name: str, places: tuple[str, ...], windows: tuple[str, ...] | None) -> ComparedMetric:
+    """One of MAIN, called by its noun: ``Tilt error``, ``Noise in hover``."""
+    metric = named(definitions().values(), name)
+    noun = metric.wording.noun if metric.wording is not None else metric.title
+    place = f" {PLACES[places[0]]}" if metric.asked == "phases" else ""
+    return ComparedMetric(name, windows or places, f"{noun[:1].upper()}{noun[1:]}{place}", metric.scale)
+
+
+def _asked(name: str, windows: tuple[str, ...] | None, main: bool) -> list[ComparedMetric]:
+    """A metric by name in the windows that make sense for it: each phase for itself, at rest, or first in flight."""
+    metric = definitions()[name]
+    title, scale = metric.title, metric.scale
+    in_flight = dict(MAIN).get(name) if scale == "ratio" and metric.asked == "flight" else None
+    if windows or in_flight:
+        return [ComparedMetric(name, windows or in_flight or (), title, scale, main)]
+    if metric.asked == "phases":
+        return [ComparedMetric(name, (phase,), f"{title}, {phase}", scale, main) for phase in PHASES]
+    places = REST if metric.asked == "rest" else (*AIR, *(w for w in (*ALL, *EVERY) if w not in AIR))
+    return [ComparedMetric(name, places, title, scale, main)]

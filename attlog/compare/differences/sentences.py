@@ -2,7 +2,7 @@
 
 Every number of a sentence stands in the table, written by the same functions
 (:mod:`attlog.compare.differences.wording`).
-The subject of a lead is who is better; where nothing is told apart that is said, with how far apart the two can be.
+The subject of a lead is who is better; where nothing differs significantly that is said, with the interval.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from attlog.present.names import AGREEMENT
 from attlog.present.numbers import counted, listed
 
 LEADS = ("inclination_rmse_deg", "heading_rmse_deg", "noise_tilt_deg", "lag_ms")
-"""Which question leads: the first of these that is told apart, else the first that has an answer."""
+"""Which question leads: the first of these that differs significantly, else the first that has an answer."""
 STATUS = {
     "diverged": "diverged",
     "not_converged": "did not settle",
@@ -62,7 +62,7 @@ def _sentences(found: Comparison, name: str) -> ConfigurationSentences:
 
 
 def _sentence(view: DirectedDifference, first: str, second: str) -> str:
-    """One question on its own: about the better one where one is told, with the numbers as the table shows them."""
+    """One question on its own, about the better one if it is significantly so; numbers as the table shows them."""
     if view.direction == "worse":
         return f"{first} {clause(view.turned, second)}."
     return f"{second} {clause(view, first)}."
@@ -70,8 +70,8 @@ def _sentence(view: DirectedDifference, first: str, second: str) -> str:
 
 def _leading(views: list[DirectedDifference]) -> DirectedDifference:
     in_order = sorted(views, key=lambda v: LEADS.index(v.question.metric) if v.question.metric in LEADS else len(LEADS))
-    told = [v for v in in_order if v.direction in ("better", "worse")]
-    return (told or in_order)[0]
+    significant = [v for v in in_order if v.direction in ("better", "worse")]
+    return (significant or in_order)[0]
 
 
 def _why(found: Comparison, name: str) -> str:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from attlog.compare.differences.comparison import LogDifference, PooledDifference, Question
 from attlog.compare.differences.paired import Direction
+from attlog.compare.differences.questions import PLACES
+from attlog.metrics import definitions
+from attlog.metrics.base import Wording, named
 from attlog.present.numbers import MINUS, decimals, number, unit_sign
 
-NO_LATER_MS = 1.0
-"""An interval that ends below this, or below what the logs resolve, means: no later."""
-TURNED: dict[Direction, Direction] = {"better": "worse", "worse": "better", "same": "same", "not told": "not told"}
+TURNED: dict[Direction, Direction] = {"better": "worse", "worse": "better"}
+"""The direction of a difference as the other one sees it, where that is another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ class DirectedDifference:
             self.question,
             self._back(self.value),
             ci95,
-            TURNED[self.direction],
+            TURNED.get(self.direction, self.direction),
             self.logs,
             self.worse,
             self.better,
@@ -66,37 +68,16 @@ def directed(question: Question, found: LogDifference | PooledDifference) -> Dir
     return DirectedDifference(question, found.value, found.ci95, found.direction, *logs, found.floor)
 
 
-@dataclass(frozen=True, slots=True)
-class Wording:
-    """How a question is put into a clause: ``doing``, an amount, ``more`` or ``less``, "than"."""
-
-    doing: str
-    more: str
-    less: str
-
-
 def wording(question: Question) -> Wording:
-    """The words of a question."""
+    """The words of a question: its metric's own, else made of its title; a phase of the flight stands behind them."""
+    metric = named(definitions().values(), question.metric)
+    words, place = metric.wording, PLACES.get(question.windows[0]) if metric.asked == "phases" else None
+    if words is not None:
+        return words if place is None else replace(words, more=f"{words.more} {place}", less=f"{words.less} {place}")
     title = subject_of(question)
-    if question.metric.endswith("_rmse_deg"):
-        what = {"inclination_rmse_deg": "tilt", "heading_rmse_deg": "heading"}.get(question.metric, "attitude")
-        return Wording(f"holds {what}", "closer", "less closely")
-    if question.metric.startswith("noise_"):
-        where = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with idling motors"}
-        place = where.get(question.windows[0], "")
-        about = {"noise_tilt_deg": ""}.get(question.metric, f" in {question.metric.split('_')[1]}")
-        tail = f"{about} {place}".rstrip()
-        return Wording("is", f"quieter{tail}", f"noisier{tail}")
-    if question.metric.startswith("lag"):
-        axis = question.metric.removeprefix("lag_").removesuffix("ms").strip("_")
-        tail = f" in {axis}" if axis else ""
-        return Wording("is", f"less late{tail}", f"later{tail}")
-    if question.metric.startswith("drift_"):
-        place = "at rest" if "rest" in question.metric else "in the air"
-        return Wording("drifts", f"less {place}", f"more {place}")
     if question.better in ("low", "zero"):
-        return Wording("has a", f"smaller {title}", f"larger {title}")
-    return Wording("is", f"nearer to perfect in {title}", f"farther off in {title}")
+        return Wording("has a", f"smaller {title}", f"larger {title}", title)
+    return Wording("is", f"nearer to perfect in {title}", f"farther off in {title}", title)
 
 
 def subject_of(question: Question) -> str:
@@ -150,7 +131,7 @@ def span(view: DirectedDifference) -> str:
 
 
 def favour(view: DirectedDifference) -> str:
-    """A told difference as the better one sees it: ``24 % closer (15 % to 31 %, better on 8 of 9 logs)``."""
+    """A significant difference as the better one sees it: ``24 % closer (15 % to 31 %, better on 8 of 9 logs)``."""
     inside = (
         [] if view.ci95 is None else [f"{amount(view.ci95[1], view.question)} to {amount(view.ci95[0], view.question)}"]
     )
@@ -168,24 +149,25 @@ def clause(view: DirectedDifference, other: str) -> str:
     if view.logs > 1:
         sign, n = ("worse", view.worse) if view.direction == "worse" else ("better", view.better)
         count = f"{sign} on {n} of {view.logs} logs"
-    if view.direction == "not told":
-        if question.metric.startswith("lag") and view.ci95 and view.ci95[1] <= max(NO_LATER_MS, view.floor):
-            return f"is no later than {other} ({_no_later(view)})"
+    if view.direction == "not significant":
+        if words.none and view.ci95 and view.ci95[1] <= max(words.none, view.floor):
+            return f"{words.verb} no {words.less} than {other} ({_at_most(view, words.none)})"
         inside = ", ".join(p for p in (span(view.turned if view.flipped else view), "" if view.flipped else count) if p)
-        return f"cannot be told from {other} in {subject_of(question)}" + (f" ({inside})" if inside else "")
+        tail = f" ({inside})" if inside else ""
+        return f"does not differ significantly from {other} in {subject_of(question)}{tail}"
     ends = None if view.ci95 is None else sorted(view.ci95, key=lambda x: _size(x, question))
     between = "" if ends is None else f"{amount(ends[0], question)} to {amount(ends[1], question)}"
     inside = ", ".join(p for p in (between, count) if p)
     word = words.more if view.direction == "better" else words.less
     tail = f" ({inside})" if inside else ""
-    return f"{words.doing} {amount(view.value, question)} {word} than {other}{tail}"
+    return f"{words.verb} {amount(view.value, question)} {word} than {other}{tail}"
 
 
-def _no_later(view: DirectedDifference) -> str:
-    """How sure it is that there is no lag to speak of: both ends are small, or the one that counts."""
+def _at_most(view: DirectedDifference, none: float) -> str:
+    """How sure it is that there is no difference to speak of: both ends are small, or the one that counts."""
     low, high = view.ci95 or (0.0, 0.0)
     largest = max(abs(low), abs(high))
-    small = largest <= max(NO_LATER_MS, view.floor)
+    small = largest <= max(none, view.floor)
     return f"within {amount(largest, view.question)}" if small else f"at most {amount(high, view.question)}"
 
 

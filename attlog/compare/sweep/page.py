@@ -16,9 +16,9 @@ from attlog.present.numbers import counted
 def sweep_page(s: Sweep, about: Mapping[str, Any]) -> str:
     """The page as text; ``about``: version, command and logs as in the JSON."""
     title = f"{s.filter}: {counted(len(s.grid), 'setting')} on {counted(len(s.logs), 'log')}"
-    told = f"attlog {about['attlog']['version']} · {about['command']}"
+    subtitle = f"attlog {about['attlog']['version']} · {about['command']}"
     said = list(sentences(s, references_of(about)))
-    return render(SettingsPage("sweep", title, told, said, document(s, dict(about)), list(_sections(s, about))))
+    return render(SettingsPage("sweep", title, subtitle, said, document(s, dict(about)), list(_sections(s, about))))
 
 
 def _sections(s: Sweep, about: Mapping[str, Any]) -> Iterator[PageSection]:

@@ -70,7 +70,7 @@ def _forest(found: Comparison, question: Question, number: int) -> PageFigure:
     pooled = any(c.over is not None and c.over.logs > 1 for c in question.contrasts)
     lines = [*logs, "all logs"] if pooled else logs
     items: list[dict[str, Any]] = []
-    rows: list[list[Any]] = [["log", "configuration", "first", "scale", "value", "low95", "high95", "told"]]
+    rows: list[list[Any]] = [["log", "configuration", "first", "scale", "value", "low95", "high95", "significant"]]
     for c in question.contrasts:
         places: list[tuple[LogDifference | PooledDifference, int, str]]
         places = [(b, lines.index(b.log), b.log) for b in c.logs if b.value is not None]
@@ -91,7 +91,7 @@ def _forest(found: Comparison, question: Question, number: int) -> PageFigure:
                     "v": one.value,
                     "ci": ends,
                     "all": line == len(logs),
-                    "told": one.direction in ("better", "worse"),
+                    "significant": one.direction in ("better", "worse"),
                     "say": say,
                 }
             )
@@ -109,7 +109,7 @@ def _forest(found: Comparison, question: Question, number: int) -> PageFigure:
         "axis": scale_title(question, called[order[0]]),
     }
     caption = (
-        "Line: 95 % interval. Filled: told apart. Diamond: all logs together. Lines that leave the figure are cut."
+        "Line: 95 % interval. Filled: significant. Diamond: all logs together. Lines that leave the figure are cut."
     )
     title = f"{question.title} beside {called[order[0]]}"
     return PageFigure(f"forest{number}", "forest", title, caption, height, data, True, words)

@@ -30,12 +30,12 @@ class PageSection:
 
 @dataclass(slots=True)
 class SettingsPage:
-    """``name`` begins the names of tables saved from it; ``document`` is the JSON that can be saved; ``told``: the
+    """``name`` begins the names of tables saved from it; ``document`` is the JSON that can be saved; ``subtitle``: the
     version and the command."""
 
     name: str
     title: str
-    told: str
+    subtitle: str
     said: Sequence[str]
     document: dict[str, Any]
     sections: list[PageSection] = field(default_factory=list)

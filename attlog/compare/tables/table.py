@@ -34,7 +34,7 @@ def _table(found: Comparison, question: Question, name: str) -> ComparisonTable:
     contrast = next(c for c in question.contrasts if c.configuration == name)
     unit = unit_sign(question.unit)
     change = f"{called[name]} to {called[first]}"
-    head = ("log", *(f"{called[n]}{f', {unit}' if unit else ''}" for n in (first, name)), change, "95 %", "told")
+    head = ("log", *(f"{called[n]}{f', {unit}' if unit else ''}" for n in (first, name)), change, "95 %", "significant")
     rows, reasons = [], []
     for beside in contrast.logs:
         cells = question.cells.get(beside.log, {})
@@ -64,14 +64,14 @@ def _table(found: Comparison, question: Question, name: str) -> ComparisonTable:
 def _difference_cells(
     question: Question, found: LogDifference | PooledDifference, first: str, second: str
 ) -> tuple[str, str, str]:
-    """Change, interval and who is told to be better by how much."""
+    """Change, interval, and who is significantly better by how much."""
     view = directed(question, found)
     if view is None:
         return "", "", "–"
     if view.direction == "same":
         return "0", "", "equal"
     winner = {"better": second, "worse": first}.get(view.direction)
-    text = "not told" if winner is None else f"{winner}: {favour(view if winner == second else view.turned)}"
+    text = "not significant" if winner is None else f"{winner}: {favour(view if winner == second else view.turned)}"
     if view.logs > 1 and winner is None:
         text += f" ({second} better on {view.better} of {view.logs} logs)"
     return signed(view.value, question), span(view), text

@@ -21,11 +21,11 @@ WORST_SHOWN = 1.5
 def tune_page(t: Tuning, about: Mapping[str, Any], firmware: Mapping[str, str]) -> str:
     """The page as text; ``about``: version, command and logs as in the JSON."""
     where = counted(len(t.logs), "log") if len(t.logs) > 1 else "one log"
-    told = f"attlog {about['attlog']['version']} · {about['command']}"
+    subtitle = f"attlog {about['attlog']['version']} · {about['command']}"
     said = list(sentences(t, references_of(about)))
     whole = document(t, dict(about), dict(firmware))
     return render(
-        SettingsPage("tune", f"{t.filter}: gains from {where}", told, said, whole, list(_sections(t, firmware)))
+        SettingsPage("tune", f"{t.filter}: gains from {where}", subtitle, said, whole, list(_sections(t, firmware)))
     )
 
 

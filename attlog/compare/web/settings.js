@@ -5,7 +5,7 @@ const mixed = (a, b, share) => { const [x, y] = [channels(a), channels(b)]; retu
 const luminance = (color) => channels(color).reduce((sum, v, i) => sum + [0.2126, 0.7152, 0.0722][i] * (v <= 10 ? v / 3294.6 : ((v / 255 + 0.055) / 1.055) ** 2.4), 0);
 const contrast = (a, b) => { const [x, y] = [luminance(a), luminance(b)]; return (Math.max(x, y) + 0.05) / (Math.min(x, y) + 0.05); };
 const readable = (fill) => (contrast('#000000', fill) > contrast('#ffffff', fill) ? '#000000' : '#ffffff');
-const told = (d) => safe(short(d, 160));
+const label = (d) => safe(short(d, 160));
 const LETTER = 6.6, LABEL = 14, CELL = 40, CORNER = 8;
 const longest = (texts) => Math.max(1, ...texts.map((t) => Math.min(t.length, LABEL)));
 // labels of values that stand side by side: every second or third where all of them have no room
@@ -19,7 +19,7 @@ draws.cells = (id, f) => {
   const traces = [{
     type: 'bar', x: f.cells.map((c) => c.i), y: f.cells.map(() => 1), base: f.cells.map((c) => c.j - 0.5), width: 1, text: f.cells.map((c) => (wide < CELL ? '' : c.text)),
     textposition: 'inside', insidetextanchor: 'middle', textangle: 0, constraintext: 'none', textfont: { size: 12, color: fills.map(readable) },
-    marker: { color: fills, line: { color: css('--bg'), width: 1 } }, customdata: f.cells.map((c) => told(c.say)), hovertemplate: '%{customdata}<extra></extra>',
+    marker: { color: fills, line: { color: css('--bg'), width: 1 } }, customdata: f.cells.map((c) => label(c.say)), hovertemplate: '%{customdata}<extra></extra>',
   }];
   const near = f.cells.map((c, i) => [c, fills[i]]).filter(([c]) => c.near);
   traces.push({ type: 'scatter', mode: 'markers', x: near.map(([c]) => c.i - 0.5 + CORNER / wide), y: near.map(([c]) => c.j + 0.5 - CORNER / high), marker: { size: 5, color: near.map(([, fill]) => readable(fill)) }, hoverinfo: 'skip' });
@@ -29,15 +29,15 @@ draws.cells = (id, f) => {
   return { traces, layout: L };
 };
 
-// dots of settings: red the best, filled what cannot be told from it
+// dots of settings: red the best, filled what does not differ significantly from it
 const dots = (f, x, y, best, filled, more) => Object.assign({
-  type: 'scatter', mode: 'markers', x, y, cliponaxis: false, customdata: f.say.map(told), hovertemplate: '%{customdata}<extra></extra>',
+  type: 'scatter', mode: 'markers', x, y, cliponaxis: false, customdata: f.say.map(label), hovertemplate: '%{customdata}<extra></extra>',
   marker: { size: best.map((b) => (b ? 11 : 8)), symbol: filled.map((b) => (b ? 'circle' : 'circle-open')), color: best.map((b) => (b ? css('--bad') : css('--ac'))), line: { width: 1.6 } },
 }, more || {});
 
 draws.along = (id, f) => {
   const L = layout(id, { hovermode: 'closest' }), own = { hoverinfo: 'skip', say: undefined }, known = [f.y, ...f.logs.map((l) => l.y)].flat().filter((v) => v !== null);
-  const traces = f.logs.map((l) => plain(name_of(l.name), faded(css('--mu'), 0.5), f.x, l.y, { line: { color: faded(css('--mu'), 0.5), width: 1 }, hoverinfo: 'none', hovertemplate: told(l.name) + ': %{y:.4~g}<extra></extra>', say: undefined }));
+  const traces = f.logs.map((l) => plain(name_of(l.name), faded(css('--mu'), 0.5), f.x, l.y, { line: { color: faded(css('--mu'), 0.5), width: 1 }, hoverinfo: 'none', hovertemplate: label(l.name) + ': %{y:.4~g}<extra></extra>', say: undefined }));
   traces.push(plain(f.logs.length ? 'mean over the logs' : '', css('--ac'), f.x, f.y, Object.assign({ line: { color: css('--ac'), width: 2.5 } }, own)));
   traces.push(dots(f, f.x, f.y, f.x.map((_, i) => i === f.best), f.near));
   const top = Math.max(...known), low = Math.min(...known), from = low < 0.5 * top ? 0 : low - 0.2 * (top - low), to = f.log ? Math.log10 : (v) => v;

@@ -20,7 +20,7 @@ from attlog.estimators.engine import samples
 from attlog.flight.model import Imu
 from attlog.metrics.answer import Answer
 from attlog.metrics.answerable import plain_lag
-from attlog.metrics.base import Case, per_case
+from attlog.metrics.base import Case, Metric, named, per_case
 from attlog.metrics.drift import air as drift_air
 from attlog.metrics.drift import rest as drift_rest
 from attlog.metrics.errors import rmse
@@ -122,7 +122,7 @@ def ask(case: Case, question: str) -> Availability:
 
 def closest(case: Case) -> Availability:
     """Tilt errors against the reference."""
-    answer = looked_up(case, rmse.compute, "inclination_rmse_deg", AIR, "low")
+    answer = looked_up(case, rmse.compute, named(rmse.METRICS, "inclination_rmse_deg"), AIR)
     if answer.value is None:
         return refused(answer)
     return Availability((f"{answer.seconds:.0f} s to compare with {case.reference.source}",))
@@ -149,7 +149,7 @@ def late(case: Case) -> Availability:
     """A lag in quick movements: of the gyro alone it is a pure delay wherever the reference follows the gyro."""
     count = plain_lag.plainly(case, stand_in(case), AIR[0])
     if count is None:
-        answer = looked_up(case, lag.compute, lag.metric_id("lag", "all"), AIR)
+        answer = looked_up(case, lag.compute, named(lag.METRICS, lag.metric_id("lag", "all")), AIR)
         if answer.value is None:
             return refused(answer)
         count = answer.n
@@ -159,10 +159,10 @@ def late(case: Case) -> Availability:
 
 def drifting(case: Case) -> Availability:
     """Rests after settling, and flight against each heading reference."""
-    rest = looked_up(case, drift_rest.compute, drift_rest.METRICS[0].name, REST)
+    rest = looked_up(case, drift_rest.compute, drift_rest.METRICS[0], REST)
     air = {
-        words: looked_up(case, drift_air.compute, f"drift_air_deg_per_min.{name}", AIR)
-        for name, words in drift_air.HEADING_REFERENCES.items()
+        words: looked_up(case, drift_air.compute, metric, AIR)
+        for metric, words in zip(drift_air.METRICS, drift_air.HEADING_REFERENCES.values(), strict=True)
     }
     found = [f"{rest.seconds:.0f} s at rest after settling"] if rest.value is not None else []
     flown = {words: a.seconds for words, a in air.items() if a.value is not None}
@@ -175,13 +175,13 @@ def drifting(case: Case) -> Availability:
     return Availability((), tuple(w for p in both for w in p.why), tuple(c for p in both for c in p.codes))
 
 
-def looked_up(case: Case, compute: Compute, metric: str, windows: tuple[str, ...], better: str = "zero") -> Answer:
+def looked_up(case: Case, compute: Compute, metric: Metric, windows: tuple[str, ...]) -> Answer:
     """The stand-in's answer in the first window that has a value, else in the first that the metric is about."""
     first: Answer | None = None
     for window in windows:
-        answer = compute(case, stand_in(case), window).get(metric)
+        answer = compute(case, stand_in(case), window).get(metric.name)
         if answer is not None:
-            withhold(metric, better, answer)
+            withhold(metric, answer)
         if answer is not None and answer.value is not None:
             return answer
         first = first or answer

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, HeadingReference, Metric, applies_to, paragraph, per_row
+from attlog.metrics.base import Case, HeadingReference, Metric, Wording, applies_to, paragraph, per_row
 from attlog.metrics.drift import slope as drift
 from attlog.metrics.drift.rest import bias_beside
 from attlog.metrics.evidence.phases import why_never_airborne
@@ -53,6 +53,9 @@ METRICS: tuple[Metric, ...] = tuple(
             drift is told where the interval excludes zero, else bounded by its larger end. It says how the row drifts
             away from this heading reference: a drift of the heading reference counts too."""
         ),
+        resolution=drift.RESOLUTION,
+        wording=Wording("drifts", "less in the air", "more in the air", "drift in the air"),
+        covers=True,
     )
     for name, words in HEADING_REFERENCES.items()
 )

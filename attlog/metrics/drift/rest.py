@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.metrics.answer import Answer, SpanAnswer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
+from attlog.metrics.base import Case, Metric, Wording, applies_to, paragraph, per_row
 from attlog.metrics.drift import slope as drift
 from attlog.metrics.evidence.phases import why_none
 from attlog.metrics.evidence.samples import DRIFT_REST_S, DRIFT_SLACK_S, row_segments, within
@@ -28,7 +28,17 @@ _TEXT = paragraph(
     0.25 deg/min) is part of it for filters that follow the gyro."""
 )
 METRICS: tuple[Metric, ...] = (
-    Metric("drift_rest_deg_per_min", "Yaw drift at rest", "deg/min", "zero", ("rest",), _TEXT),
+    Metric(
+        "drift_rest_deg_per_min",
+        "Yaw drift at rest",
+        "deg/min",
+        "zero",
+        ("rest",),
+        _TEXT,
+        resolution=drift.RESOLUTION,
+        wording=Wording("drifts", "less at rest", "more at rest", "drift at rest"),
+        asked="rest",
+    ),
 )
 
 

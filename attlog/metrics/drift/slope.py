@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.metrics.answer import Answer, SpanAnswer
+from attlog.metrics.base import Resolution
 from attlog.metrics.evidence.samples import DRIFT_AIR_S, DRIFT_SLACK_S
 from attlog.metrics.statistics import intervals as interval
 from attlog.metrics.statistics.quantiles import chi_square, student
@@ -25,6 +26,7 @@ BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
 GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
 """A record makes one group for each 10 s, 4 at least and 12 at most."""
 MIN_BLOCKS = 3
+RESOLUTION = Resolution(60.0, "the 60 deg/min that an uncalibrated gyro turns by", "seconds")
 
 
 @dataclass(slots=True)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph
+from attlog.metrics.base import Case, Metric, Resolution, applies_to, paragraph
 from attlog.metrics.evidence.phases import rest_spans, why_none
 from attlog.metrics.evidence.samples import imu_of, seconds
 from attlog.metrics.noise.windows import filled_in
@@ -30,6 +30,8 @@ METRICS: tuple[Metric, ...] = (
             shows at rest, averaged over windows of 5 s (one window where the rest is shorter) once the filter has
             settled. Interval: t over the windows. The rate at rest contains the earth's turn (0.004 deg/s)."""
         ),
+        resolution=Resolution(1.0, "the 1 deg/s that an uncalibrated gyro is off by", "windows"),
+        asked="rest",
     ),
 )
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, paragraph, per_case, per_row, per_times
+from attlog.metrics.base import Case, Metric, Wording, paragraph, per_case, per_row, per_times
 from attlog.metrics.evidence.phases import why_no_errors, why_no_heading
 from attlog.metrics.evidence.samples import seconds
 from attlog.metrics.statistics import intervals as interval
@@ -49,6 +49,8 @@ _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s
     not correct are not ranked: their error grows with the flight."""
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
     truth or smoother: against the onboard attitude 13 to 30 % of what was told turned around in the remainder."""
+NAMES = {"total": "attitude", "heading": "heading", "inclination": "tilt"}
+"""What an error is called in a sentence."""
 _EXTREME = "An extreme of this record has no interval and is never ranked."
 METRICS: tuple[Metric, ...] = tuple(
     Metric(
@@ -64,6 +66,11 @@ METRICS: tuple[Metric, ...] = tuple(
             {_RANKED if angle == "inclination" else _RANKED_HEADING}"""
         ),
         "" if statistic == "rmse" else f"{angle}_rmse_deg",
+        wording=Wording(f"holds {NAMES[angle]}", "closer", "less closely", f"{NAMES[angle]} error")
+        if statistic == "rmse"
+        else None,
+        scale="ratio" if statistic == "rmse" else "difference",
+        covers=True,
     )
     for angle, meaning in ANGLES.items()
     for statistic, words in STATISTICS.items()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, paragraph, per_case
+from attlog.metrics.base import Case, Metric, Resolution, Wording, paragraph, per_case
 from attlog.metrics.evidence.phases import phase_of, why_none
 from attlog.metrics.evidence.samples import imu_of
 from attlog.metrics.noise.variances import AXES, PhaseVariances, measured
@@ -51,12 +51,41 @@ _TEXT_P2P = paragraph(
     """Width of the middle 99.8 % of the same residuals, the larger of roll and pitch. A width set by the few largest
     samples of this record: shown without an interval and never ranked."""
 )
+_RESOLUTION = Resolution(1.0, "its order of magnitude", "windows")
+
+
+def _noise(axis: str, title: str) -> Metric:
+    """The metric of the noise about one of AXES."""
+    about = "" if axis == "tilt" else f" in {axis}"
+    return Metric(
+        f"noise_{axis}_deg",
+        title,
+        "deg",
+        "low",
+        ("rest",),
+        _TEXT,
+        resolution=_RESOLUTION,
+        wording=Wording("is", f"quieter{about}", f"noisier{about}", f"noise{about}"),
+        scale="ratio",
+        asked="phases",
+    )
+
+
 METRICS: tuple[Metric, ...] = (
-    Metric("noise_tilt_deg", "Noise, roll and pitch", "deg", "low", ("rest",), _TEXT),
-    Metric("noise_roll_deg", "Noise, roll", "deg", "low", ("rest",), _TEXT),
-    Metric("noise_pitch_deg", "Noise, pitch", "deg", "low", ("rest",), _TEXT),
-    Metric("noise_heading_deg", "Noise, heading", "deg", "low", ("rest",), _TEXT),
-    Metric("noise_p2p_deg", "Noise, peak to peak", "deg", "low", ("rest",), _TEXT_P2P),
+    _noise("tilt", "Noise, roll and pitch"),
+    _noise("roll", "Noise, roll"),
+    _noise("pitch", "Noise, pitch"),
+    _noise("heading", "Noise, heading"),
+    Metric(
+        "noise_p2p_deg",
+        "Noise, peak to peak",
+        "deg",
+        "low",
+        ("rest",),
+        _TEXT_P2P,
+        resolution=_RESOLUTION,
+        asked="phases",
+    ),
 )
 LARGEST_DEG = 180.0
 """No angle is larger: an interval that reaches so far, as of two unlike windows, says nothing."""

@@ -43,8 +43,17 @@ METRICS: tuple[Metric, ...] = (
         "low",
         ("rest",),
         paragraph(_SHARED + _WALK),
+        asked="rest",
     ),
-    Metric("allan_bias_deg_per_h", "Bias instability, heading", "deg/h", "low", ("rest",), paragraph(_SHARED + _FLOOR)),
+    Metric(
+        "allan_bias_deg_per_h",
+        "Bias instability, heading",
+        "deg/h",
+        "low",
+        ("rest",),
+        paragraph(_SHARED + _FLOOR),
+        asked="rest",
+    ),
 )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.base import rotation
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
+from attlog.metrics.base import Case, Metric, Resolution, applies_to, paragraph, per_row
 from attlog.metrics.evidence.samples import detrended, seconds, within
 from attlog.metrics.ranking import following
 from attlog.metrics.statistics import intervals as interval
@@ -41,6 +41,7 @@ METRICS: tuple[Metric, ...] = (
             it, the same for all rows. Interval: t on the logarithm of the window powers. Beside it the share of
             hover within +-5 deg of the mean (Huang's check)."""
         ),
+        resolution=Resolution(5.0, "its order of magnitude", "windows"),
     ),
 )
 

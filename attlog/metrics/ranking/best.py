@@ -194,9 +194,7 @@ def rank(table: Table, rows: Iterable[Row], metrics: Mapping[str, Metric]) -> Ra
             metric = metrics[column]
             answers = {n: table[n][window][column] for n in names if column in table[n].get(window, {})}
             compared = _family(answers, metric, families.get(metric.decided_by))
-            families[column] = compared.without(
-                [n for n in compared.rows if withhold(column, metric.better, answers[n])]
-            )
+            families[column] = compared.without([n for n in compared.rows if withhold(metric, answers[n])])
         for column in (c for c in columns if c in families):
             _mark(found, window, column, families[column])
     return found

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_times
+from attlog.metrics.base import Case, Metric, Resolution, Wording, applies_to, paragraph, per_times
 from attlog.metrics.evidence.phases import why_no_errors
 from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
 from attlog.metrics.steps import events as steps
@@ -68,6 +68,19 @@ MAX_DISTORTION = 0.15
 MAX_SHARE, MAX_SHARE_UNSOUND, MAX_SHARE_HEAVY = 0.7, 0.25, 0.15
 HEAVY = 0.02
 """Where the specific force exceeds 2 g in more than this share of the time, a filter follows acceleration."""
+RESOLUTIONS = {
+    # a third of what the attitude loop of a usual autopilot has to spare
+    "lag": Resolution(50.0, "a lag of 50 ms", "steps"),
+    "gain": Resolution(1.0, "whether the movement is followed at all", "steps"),
+}
+
+
+def _wording(axis: str) -> Wording:
+    """How a comparison says the lag in one of AXES."""
+    about = "" if axis == "all" else f" in {axis}"
+    return Wording("lags", f"less{about}", f"more{about}", f"lag{about}", none=1.0)
+
+
 METRICS: tuple[Metric, ...] = tuple(
     Metric(
         metric_id(kind, axis),
@@ -76,6 +89,9 @@ METRICS: tuple[Metric, ...] = tuple(
         better,
         ("reference", "events"),
         text.format(axis=", all axes together" if axis == "all" else f" in {axis}"),
+        resolution=RESOLUTIONS.get(kind),
+        wording=_wording(axis) if kind == "lag" else None,
+        covers=kind == "lag",
     )
     for kind, title, unit, better, text in _KINDS
     for axis in AXES

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
+from attlog.metrics.base import Case, Metric, Resolution, applies_to, paragraph, per_row
 from attlog.metrics.evidence.phases import why_no_errors
 from attlog.metrics.statistics import intervals as interval
 from attlog.metrics.steps.curves import Curve, curves
@@ -31,6 +31,7 @@ METRICS: tuple[Metric, ...] = (
             """How far the row's peak in a step lies beyond the reference's own peak, in percent of the step; mean over
             events, t interval. Negative where the row falls short."""
         ),
+        resolution=Resolution(100.0, "an overshoot by the whole movement", "steps"),
     ),
     Metric(
         "settling_s",

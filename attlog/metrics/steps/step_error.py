@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.metrics.answer import Answer, missing
-from attlog.metrics.base import Case, Metric, applies_to, paragraph, per_row
+from attlog.metrics.base import Case, Metric, Resolution, Wording, applies_to, paragraph, per_row
 from attlog.metrics.evidence.phases import why_no_errors
 from attlog.metrics.statistics import intervals as interval
 from attlog.metrics.statistics.units import Ids, Summary, UnitValues, ids_of
@@ -36,9 +36,9 @@ _PCT = _ERROR + "Percent of the stroke, signed: negative where the row shows too
 _INTERVAL = """ Interval: order statistics, from 6 events on. Against the smoother rows that differ by less than
     0.05 deg are the same."""
 
-_KINDS: tuple[tuple[str, str, Literal["low", "zero"], str], ...] = (
-    ("deg", "deg", "low", _DEG),
-    ("pct", "%", "zero", _PCT),
+_KINDS: tuple[tuple[str, str, Literal["low", "zero"], str, Resolution | None], ...] = (
+    ("deg", "deg", "low", _DEG, None),
+    ("pct", "%", "zero", _PCT, Resolution(100.0, "an error of the whole movement", "steps")),
 )
 
 METRICS: tuple[Metric, ...] = tuple(
@@ -49,8 +49,11 @@ METRICS: tuple[Metric, ...] = tuple(
         better,
         ("reference", "events"),
         paragraph(text.format(after=after) + _INTERVAL),
+        resolution=resolution,
+        wording=Wording("has a", "smaller step error", "larger step error", "step error"),
+        covers=True,
     )
-    for unit, sign, better, text in _KINDS
+    for unit, sign, better, text, resolution in _KINDS
     for after in AFTER_S
 )
 

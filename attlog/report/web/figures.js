@@ -198,7 +198,7 @@ const draws = {
         if (some.length) traces.push({
           type: 'scatter', mode: 'markers', meta: r, name: name(r) + (all ? ', all logs' : ''), x: some.map((d) => d.v), y: some.map(at),
           error_x: { type: 'data', symmetric: false, array: some.map((d) => (d.ci ? inside(d.ci[1]) - d.v : 0)), arrayminus: some.map((d) => (d.ci ? d.v - inside(d.ci[0]) : 0)), color: colour(r), thickness: all ? 3 : 1.6, width: all ? 6 : 3 },
-          marker: { size: all ? 13 : 8, symbol: all ? 'diamond' : some.map((d) => (d.told ? 'circle' : 'circle-open')), color: colour(r), line: { color: colour(r), width: 1.6 } },
+          marker: { size: all ? 13 : 8, symbol: all ? 'diamond' : some.map((d) => (d.significant ? 'circle' : 'circle-open')), color: colour(r), line: { color: colour(r), width: 1.6 } },
           customdata: some.map((d) => safe(short(d.say, 160))), hovertemplate: '%{customdata}<extra></extra>',
         });
       }

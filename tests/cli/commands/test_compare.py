@@ -31,7 +31,7 @@ def test_two_settings_on_one_log(attlog, tmp_path: Path) -> None:
 
 def test_json_goes_to_standard_output_and_the_tables_do_not(attlog, tmp_path: Path) -> None:
     done = attlog("compare", str(STEPS), "vqf", "mahony", "-o", str(tmp_path), "--json", "-")
-    assert json.loads(done.out)["schema"] == "attlog-comparison/1"
+    assert json.loads(done.out)["schema"] == "attlog-comparison/2"
     assert "Tilt error" in done.err
 
 

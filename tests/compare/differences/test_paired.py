@@ -116,7 +116,7 @@ def test_values_without_units_are_told_apart_by_their_intervals() -> None:
     a, b = (Answer(v, "s", "all", ci95=(v - 1.0, v + 1.0)) for v in (5.0, 8.0))
     assert compared(a, b).direction == "worse"
     near = Answer(6.0, "s", "all", ci95=(5.0, 7.0))
-    assert compared(a, near).direction == "not told"
+    assert compared(a, near).direction == "not significant"
 
 
 @pytest.mark.parametrize("coarse", [0, 1])
@@ -127,4 +127,4 @@ def test_a_difference_that_one_side_cannot_resolve_is_not_told(coarse: int) -> N
     for both, resolved in ((events, 5.0), (values, 3.5)):
         assert compared(*both, "zero").direction == "worse"
         both[coarse].floor = resolved
-        assert compared(*both, "zero").direction == "not told"
+        assert compared(*both, "zero").direction == "not significant"

@@ -31,7 +31,7 @@ def test_the_sentence_of_nine_flights() -> None:
     lead = found.verdicts[0].lead
     assert re.fullmatch(
         r"kp 0\.3 holds tilt 22 % closer than kp 0\.6 \(1\d % to 2\d %, better on 8 of 9 logs\), "
-        r"and is no later than kp 0\.6 \(within 0\.0\d ms\)\.",
+        r"and lags no more than kp 0\.6 \(within 0\.0\d ms\)\.",
         lead,
     ), lead
 
@@ -47,22 +47,23 @@ def test_identical_configurations_have_no_difference_and_that_is_said() -> None:
         assert over.value == (1.0 if question.scale == "ratio" else 0.0)
 
 
-def test_what_is_later_is_said_to_be_later() -> None:
+def test_a_larger_lag_is_said() -> None:
     found = comparison({"inclination_rmse_deg": [(-0.3, 0.1)] * 4, "lag_ms": [(11.0, 0.1)] * 4})
     lead = found.verdicts[0].lead
     assert lead.startswith("kp 0.6 holds tilt 26 % closer than kp 0.3 (")
-    assert ", but is 11 ms later than kp 0.3 (11 ms to 11 ms, worse on 4 of 4 logs)." in lead
+    assert ", but lags 11 ms more than kp 0.3 (11 ms to 11 ms, worse on 4 of 4 logs)." in lead
 
 
-def test_an_interval_that_allows_a_lag_is_not_called_no_later() -> None:
+def test_an_interval_that_allows_a_larger_lag_is_not_called_no_more() -> None:
     found = comparison({"inclination_rmse_deg": [(-0.3, 0.1)], "lag_ms": [(2.0, 6.0)]})
-    assert found.verdicts[0].lead.endswith("and cannot be told from kp 0.3 in lag (−4.0 ms to +8.0 ms).")
+    assert found.verdicts[0].lead.endswith("and does not differ significantly from kp 0.3 in lag (−4.0 ms to +8.0 ms).")
 
 
-def test_where_nothing_is_told_the_interval_says_how_far_apart_they_can_be() -> None:
+def test_where_nothing_is_significant_the_interval_says_how_far_apart_they_can_be() -> None:
     found = comparison({"inclination_rmse_deg": [(0.02, 0.1), (-0.03, 0.1), (0.01, 0.1)]})
     assert re.match(
-        r"kp 0\.6 cannot be told from kp 0\.3 in tilt error \(−\d+ % to \+\d+ %, better on 1 of 3 logs\)\.",
+        r"kp 0\.6 does not differ significantly from kp 0\.3 in tilt error "
+        r"\(−\d+ % to \+\d+ %, better on 1 of 3 logs\)\.",
         found.verdicts[0].lead,
     )
 

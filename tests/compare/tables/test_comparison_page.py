@@ -39,7 +39,7 @@ def test_a_comparison_is_read_back_as_it_was_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "why"),
-    [("{", "no valid JSON"), ("[]", "its schema is None"), ('{"schema": "attlog-comparison/1"}', "is missing")],
+    [("{", "no valid JSON"), ("[]", "its schema is None"), ('{"schema": "attlog-comparison/2"}', "is missing")],
 )
 def test_what_is_no_comparison_is_refused(tmp_path: Path, text: str, why: str) -> None:
     path = tmp_path / "c.json"

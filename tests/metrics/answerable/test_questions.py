@@ -13,7 +13,7 @@ from attlog.base import rotation
 from attlog.base.errors import AttlogError
 from attlog.metrics.answer import missing
 from attlog.metrics.answerable import questions
-from attlog.metrics.ranking import resolution as telling
+from attlog.metrics.ranking.resolution import CODE
 from tests.conftest import SAMPLES, corpus_logs, corpus_root
 
 ONLY_FILTERS_TELL = {"px4_1.6.5_hand_rotation.ulg", "log_copter_3.1.1_nan.log", "bin_plane_3.0.4beta3_nomag.BIN"}
@@ -95,5 +95,5 @@ def test_a_refusal_says_why_and_of_an_uncertain_number_also_who_is_told_of_one()
     assert questions.refused(missing("no_rest", "no rest of 20 s", "deg", "rest")) == questions.Availability(
         (), ("no rest of 20 s",), ("no_rest",)
     )
-    (why,) = questions.refused(missing(telling.CODE, "too noisy", "deg", "rest")).why
+    (why,) = questions.refused(missing(CODE, "too noisy", "deg", "rest")).why
     assert why.startswith("too noisy; only a filter that is further off")
