@@ -132,10 +132,15 @@ def as_text(row: Row) -> str:
 
 
 def as_markdown(found: list[Row]) -> str:
-    """Tables by group."""
-    text = ""
-    for group in dict.fromkeys(row.task.group for row in found):
-        own = [row.cells() for row in found if row.task.group == group]
-        text += f"\n### {group}\n\n| {' | '.join(HEAD)} |\n|{' --- |' * len(HEAD)}\n"
-        text += "".join(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |\n" for cells in own)
-    return text
+    """One table; a line in bold begins each group."""
+    lines = ["| what | attlog | peer | ratio | aim |", "| --- | --- | --- | --- | --- |"]
+    group = ""
+    for row in found:
+        if row.task.group != group:
+            group = row.task.group
+            lines.append(f"| **{group}** | | | | |")
+        what, ours, peer, value, aim, verdict, _ = (cell.replace("|", "/") for cell in row.cells())
+        ratio = value if row.task.target is None or row.task.target.unit == "x" else ""
+        judged = ": ".join(part for part in (aim, verdict) if part)
+        lines.append(f"| {what} | {ours} | {peer} | {ratio} | {judged} |")
+    return "\n".join(lines) + "\n"

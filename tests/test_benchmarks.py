@@ -196,7 +196,8 @@ def test_a_verdict_says_met_missed_or_why_not(script: Script) -> None:
         "not measured because --quick leaves large logs out",
     ]  # fmt: skip
     assert [row.missed for row in rows] == [False, True, False, False, False]
-    assert "| what | ours |" in table.as_markdown(rows)
+    shown = table.as_markdown(rows).splitlines()
+    assert shown[2:4] == ["| **group** | | | | |", "| what | ours |  | 1 | ≤ 1.2: met (earlier aim 0.8: missed) |"]
     assert [row.verdict for row in table.rows([task(broken)], quick=False, minutes=-1)] == [
         "not measured because -1 minutes were over"
     ]
