@@ -131,7 +131,7 @@ def centred(rates: Array) -> Array:
 
 
 def mounting(g: Array, a: Array) -> Array:
-    """The rotation (3, 3) that takes rates ``g`` (n, 3) nearest to ``a`` (Kabsch 1976), if below MOUNTED_DEG.
+    """The rotation (3, 3) that takes rates ``g`` (n, 3) nearest to ``a`` (Kabsch1976), if below MOUNTED_DEG.
 
     A sensor that sits askew in the vehicle turns as far as the vehicle does; gravity tells of it.
     """
