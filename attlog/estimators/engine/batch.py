@@ -3,7 +3,8 @@
 Set i gives what a run of its own with the same values gives (float64: to the last bit or two;
 float32: rank a sweep with it, then confirm the winners in float64). One after the other, in
 float64, run filters whose step uses arrays otherwise than element by element, takes aids or
-cannot be compiled, and whole-run estimators.
+cannot be compiled, whole-run estimators, and what is too little work for a kernel of its own:
+it is compiled for each filter with the values of its switches, which takes seconds.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from attlog.kernels.obtain import at_hand, by_numba, obtained
 
 WIDTH = {"float64": 16, "float32": 32}
 """Parameter sets that one kernel carries: a few vector registers' worth, more gains nothing."""
+WORTH = 5_000_000
+"""Updates (sets times samples) from which on sets run side by side: one by one so many take a quarter of a second."""
 
 LOOP = """
 SETS_ = {sets}
@@ -146,11 +149,12 @@ def estimate_batch(
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag)
     results: list[Estimate | None] = [None] * len(resolved)
     for members in _alike(estimator, resolved):
+        beside = dtype == "float32" or len(members) * len(samples.t) >= WORTH
         for begin in range(0, len(members), WIDTH[dtype]):
             some = [resolved[i] for i in members[begin : begin + WIDTH[dtype]]]
             found = loop.with_line(
                 estimator,
-                lambda some=some: _run(estimator, some, samples, q0, every, aids, dtype),  # type: ignore[misc]
+                lambda some=some, beside=beside: _run(estimator, some, samples, q0, every, aids, dtype, beside),  # type: ignore[misc]
             )
             for i, one in zip(members[begin:], found, strict=False):
                 results[i] = one
@@ -173,11 +177,13 @@ def _run(
     every: int,
     aids: Aids | None,
     dtype: str,
+    beside: bool,
 ) -> list[Estimate]:
-    """Estimates of up to one kernel width of parameter sets with equal switches."""
+    """Estimates of up to one kernel width of parameter sets with equal switches, ``beside`` each other or in turn."""
     packed = [estimator.pack(v) for v in values]
     switches = {i: float(packed[0][i]) for i, p in enumerate(estimator.own) if p.choices}
-    advance = kernel(estimator, switches, dtype) if cache.jit_wanted() and len(samples.t) else None
+    wanted = beside and cache.jit_wanted() and len(samples.t)
+    advance = kernel(estimator, switches, dtype) if wanted else None
     if advance is None:
         return [loop.run(estimator, samples, v, q0, every, aids) for v in values]
     width, count = WIDTH[dtype], len(values)

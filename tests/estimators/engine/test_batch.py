@@ -13,6 +13,7 @@ import attlog
 from attlog.base import rotation
 from attlog.base.errors import UsageError
 from attlog.estimators import base, get
+from attlog.estimators.engine import batch
 from attlog.estimators.engine.batch import estimate_batch, kernel
 from attlog.estimators.registry import BUILT_IN
 from tests.conftest import few
@@ -34,21 +35,41 @@ def flight(n: int = 3000) -> tuple[np.ndarray, ...]:
     return t[keep], gyr[keep], acc[keep], mag[keep]
 
 
+@pytest.fixture(autouse=True)
+def side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However little there is to do."""
+    monkeypatch.setattr(batch, "WORTH", 0)
+
+
 SETS = [{"kp": 0.1 + 0.2 * i, "ki": 0.002 * i} for i in range(19)]
 
 
 @pytest.mark.parametrize("name", few(["mahony", "complementary"], 1))
 def test_each_set_equals_a_run_of_its_own_to_the_bit(name: str) -> None:
     x = flight()
-    batch = estimate_batch(get(name), SETS, *x)
-    assert len(batch) == len(SETS)
-    for values, one in zip(SETS, batch, strict=True):
+    found = estimate_batch(get(name), SETS, *x)
+    assert len(found) == len(SETS)
+    for values, one in zip(SETS, found, strict=True):
         alone = attlog.estimate(name, *x, **values)
         assert np.array_equal(one.q, alone.q)
         assert np.array_equal(one.bias, alone.bias)
         assert np.array_equal(one.t, alone.t)
         assert np.array_equal(one.segment, alone.segment)
         assert one.skipped == alone.skipped
+
+
+def test_little_work_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    x = flight(300)
+
+    def refused(*_: object) -> None:
+        raise AssertionError("a kernel for many sets was asked for")
+
+    monkeypatch.setattr(batch, "kernel", refused)
+    monkeypatch.setattr(batch, "WORTH", len(SETS) * len(x[0]) + 1)
+    assert len(estimate_batch(get("mahony"), SETS, *x)) == len(SETS)
+    monkeypatch.setattr(batch, "WORTH", len(SETS) * len(x[0]))
+    with pytest.raises(AssertionError, match="asked for"):
+        estimate_batch(get("mahony"), SETS, *x)
 
 
 ONE_BY_ONE = {"mekf"}
@@ -76,8 +97,8 @@ def test_switches_declination_start_and_decimation_may_differ_or_be_given() -> N
     x = flight()
     sets: list[dict[str, Any]] = [{}, {"mag_form": "vector"}, {"declination": 7.0}, {"init": "first"}, {"kp": 3.0}]
     q0 = rotation.from_euler(0.1, 0.2, 0.3)
-    batch = estimate_batch(get("mahony"), sets, *x, preset="xu-1.1", q0=q0, every=5, sampling="instant")
-    for values, one in zip(sets, batch, strict=True):
+    found = estimate_batch(get("mahony"), sets, *x, preset="xu-1.1", q0=q0, every=5, sampling="instant")
+    for values, one in zip(sets, found, strict=True):
         alone = attlog.estimate("mahony@xu-1.1", *x, q0=q0, every=5, sampling="instant", **values)
         assert np.array_equal(one.q, alone.q)
 
@@ -109,8 +130,8 @@ def test_a_step_that_cannot_be_rewritten_runs_one_by_one() -> None:
     )  # fmt: skip
     assert kernel(estimator, {}, "float64") is None
     x = flight()
-    batch = estimate_batch(estimator, [{}, {"gain": 2.0}], *x)
-    assert np.array_equal(batch[0].q, attlog.estimate(estimator, *x).q)
+    found = estimate_batch(estimator, [{}, {"gain": 2.0}], *x)
+    assert np.array_equal(found[0].q, attlog.estimate(estimator, *x).q)
 
 
 NAMES = '''"""A filter that uses the names of the code around it."""

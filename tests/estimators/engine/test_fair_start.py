@@ -9,6 +9,7 @@ import pytest
 
 from attlog.base import rotation
 from attlog.estimators import estimate, get
+from attlog.estimators.engine import batch
 from attlog.estimators.engine.batch import estimate_batch
 from attlog.estimators.engine.stabilised import stabilised
 from attlog.estimators.engine.start import MOTION_S, first_seconds, start_attitude
@@ -200,6 +201,7 @@ def test_a_late_field_is_the_same_thinned_in_a_batch_and_in_plain_python(
         monkeypatch.setenv("ATTLOG_NO_JIT", "1")
     assert run(name, x, every=7).q == pytest.approx(whole.q[::7], abs=1e-9)
     data = (x["t"], x["gyr"], x["acc"], x["mag"])
+    monkeypatch.setattr(batch, "WORTH", 0)
     for one in estimate_batch(get(name), [{}, {"declination": 0.0}], *data, every=7):
         assert one.q == pytest.approx(whole.q[::7], abs=1e-9)
         assert one.skipped == whole.skipped
