@@ -85,12 +85,12 @@ class _Sensors:
         self.baro = [BaroSensor(scenario, k, seed) for k in range(len(kinds.baro))]
         self.slow = [*self.mags, *self.gnss, *self.baro]
 
-    def advance(self, truth: Truth, step: int, raw: Array) -> None:
-        """Measure period number ``step``, whose raw rows are ``raw`` and which ends with row ``step + 1`` of
+    def advance(self, truth: Truth, step: int, raw: Array, end: int) -> None:
+        """Measure the periods from number ``step`` on, whose raw rows are ``raw`` and which end with row ``end`` of
         ``truth``."""
         for imu in self.imus:
             imu.advance(step, raw)
-        now = float(truth.t[step + 1])
+        now = float(truth.t[end])
         for sensor in self.slow:
             sensor.advance(truth, now)
 
@@ -129,21 +129,22 @@ def _prescribed(scenario: Scenario, home: Environment, truth: Truth, sensors: _S
     down = np.array([0.0, 0.0, home.gravity])
     for step in range(0, len(truth.t) - 1, BLOCK):
         count = min(BLOCK, len(truth.t) - 1 - step)
+        now = step + count
         m = moved(scenario, step * period + np.arange(1, count * sub + 1, dtype=np.float64) * (period / sub))
         raw = np.zeros((count * sub, RAW))
         raw[:, 0:3], raw[:, 3:6] = m.w, m.w_dot
         raw[:, 6:9] = rotation.rotate_inverse(m.q, m.a - down)
         raw[:, 8] += m.shock
-        for k in range(count):
-            sensors.advance(truth, step + k, raw[k * sub : (k + 1) * sub])
-            pilot.step(float(truth.t[step + k + 1]), sensors.measured(truth, step + k + 1))
+        sensors.advance(truth, step, raw, now)
+        for row in range(step + 1, now + 1):
+            pilot.step(float(truth.t[row]), sensors.measured(truth, row))
 
 
 def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot, seed: int) -> None:
     """Fill ``truth`` with what the body does under the autopilot's commands; each holds for one period."""
     sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
     body = Body(scenario.vehicle, home.gravity, home.density, math.radians(scenario.place.heading_deg))
-    truth.wind[:] = wind_at(scenario.wind, truth.t, seed)
+    truth.wind[:], truth.field[:] = wind_at(scenario.wind, truth.t, seed), home.field_t
     broken = [f for f in scenario.fault if f.part == "rotor"]
     raw = np.zeros((sub, RAW))
     command = np.zeros(4)
@@ -160,7 +161,7 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
         truth.wind[k + 1] *= share_at(-float(truth.p[k, 2]))
         body.advance(command, truth.wind[k + 1], period / sub, raw)
         _note(scenario, home, truth, body, k + 1)
-        sensors.advance(truth, k, raw)
+        sensors.advance(truth, k, raw, k + 1)
         command = np.asarray(pilot.step(float(truth.t[k + 1]), sensors.measured(truth, k + 1)), np.float64)
 
 
@@ -169,8 +170,9 @@ def _note(scenario: Scenario, home: Environment, truth: Truth, body: Body, row: 
     s = body.state
     truth.p[row], truth.v[row], truth.q[row], truth.w[row] = s[0:3], s[3:6], s[6:10], s[10:13]
     truth.a[row], truth.w_dot[row], truth.rotor[row] = body.now[0:3], body.now[3:6], s[13:17]
-    truth.field[row] = field_at(scenario, home, truth.p[row : row + 1])[0] if scenario.anomaly else home.field_t
-    truth.ground[row] = s[TOUCHING : TOUCHING + POINTS].any()
+    if scenario.anomaly:
+        truth.field[row] = field_at(scenario, home, truth.p[row : row + 1])[0]
+    truth.ground[row] = any(s[TOUCHING : TOUCHING + POINTS].tolist())
 
 
 def _there(

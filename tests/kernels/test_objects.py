@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from attlog.kernels import emit, folder, generate, obtain, processor, sources, store
-from attlog.kernels.calling import caller
+from attlog.kernels.calling import Call, bound
 from attlog.kernels.kernel import LINE, Kernel
 from attlog.kernels.obtain import at_hand, by_numba, made_object, obtained
 from tests.conftest import few
@@ -184,9 +184,29 @@ def test_read_only_arrays_and_scratch(home: Path) -> None:
     assert by_numba(kernel(**told))(data, 3, out) == 3.0
 
 
+def test_a_bound_kernel_reads_its_arrays_anew_at_each_call_and_takes_numbers_in_their_order(home: Path) -> None:
+    weights = np.arange(6, dtype=np.int32).reshape(3, 2)
+    for function in (obtained(kernel()), by_numba(kernel())):
+        x = np.ones(3)
+        call = bound(function, x, weights, ..., ...)
+        for n, negative in ((3, 1), (1, 0), (2, 1)):
+            x[:] = n, 0.5, -1.0
+            expected = sum(float(weights[i, 0]) * x[i] + np.sin(x[i]) for i in range(n))
+            assert call(n, negative) == pytest.approx(-expected if negative else expected, rel=1e-14)
+        with pytest.raises(ValueError, match="zip"):
+            call(3)
+
+
+def test_to_bind_what_does_not_fit_is_refused(home: Path) -> None:
+    x, weights = np.ones(3), np.ones((3, 2), np.int32)
+    for wrong in ((x[::-1], weights, ..., 0), (..., weights, 3, 0), (x, weights.astype(float), 3, 0), (x, weights, 3)):
+        with pytest.raises(TypeError, match="argument"):
+            bound(obtained(kernel()), *wrong)
+
+
 def test_each_thread_has_scratch_of_its_own(home: Path) -> None:
     told = kernel(entry="f", signature="void(i8)", scratch=(("f8", (2,)), ("i8", (3, 4))))
-    call = caller(told, lambda number, *places: seen[number].append(places), None)
+    call = Call(told, lambda number, *places: seen[number].append(places), None)
     seen: dict[int, list[tuple[int, ...]]] = {0: [], 1: []}
     with ThreadPoolExecutor(1) as other:
         for _ in range(2):

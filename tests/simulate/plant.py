@@ -27,7 +27,7 @@ class Body:
         self.place = np.array(ROTOR_SIGNS) * vehicle.arm_m / np.sqrt(2.0)
         self.spins = np.array(ROTOR_TURNS)
 
-    def move(self, shares: Array, dt: float, parts: int = 5) -> None:
+    def move(self, shares: Array, dt: float, parts: int = 2) -> None:
         v, h = self.vehicle, dt / parts
         inertia = np.array(v.inertia_kg_m2)
         for _ in range(parts):
@@ -38,7 +38,8 @@ class Body:
             torque = np.array(
                 [-thrust @ self.place[:, 1], thrust @ self.place[:, 0], v.torque_m * (thrust @ self.spins)]
             )
-            turn = h * (torque - np.cross(self.w, inertia * self.w)) / inertia
+            (p, q, r), (a, b, c) = self.w.tolist(), (inertia * self.w).tolist()
+            turn = h * (torque - [q * c - r * b, r * a - p * c, p * b - q * a]) / inertia
             self.q = rotation.normalize(rotation.multiply(self.q, rotation.from_rotvec((self.w + 0.5 * turn) * h)))
             self.w = self.w + turn
 

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from attlog.base import rotation
 from attlog.base.errors import PluginError, UsageError
 from attlog.estimators import Estimate, EstimatorSpec, LogFacts, LogInfo, parse, registry
-from attlog.estimators.aids import AT_REST
+from attlog.estimators.aids import AT_REST, SIZE
 from attlog.estimators.base import Estimator
 from attlog.estimators.engine.loop import SIGMAS, kernel
 from attlog.estimators.engine.samples import MISSING, NEW, Sampling
@@ -44,6 +44,7 @@ from attlog.estimators.engine.vectors import turn_vector_back
 from attlog.estimators.plugin_errors import plugin_errors
 from attlog.simulate.autopilot.onboard_aids import Inbox
 from attlog.simulate.autopilot.onboard_samples import Cleaner, Sample
+from attlog.simulate.physics.kernel import bound
 
 Array = NDArray[np.float64]
 TRUTH = "truth"
@@ -75,11 +76,12 @@ def _with_errors(estimator: Estimator, advance: Callable[..., Any]) -> Callable[
 
 
 class _One:
-    """What the compiled loop takes, for one sample: the same arrays every time, whose places it then knows."""
+    """What the compiled loop takes, for one sample: the same arrays every time, to which it is bound."""
 
     def __init__(self) -> None:
         self.dt, self.substeps, self.use = np.zeros(1), np.zeros(1, np.int64), np.array([NEW])
         self.gyr, self.acc, self.mag = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))
+        self.news, self.quiet, self.aid = np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros((2, SIZE))
 
 
 class Live:
@@ -113,7 +115,7 @@ class Live:
         facts = log or LogFacts(info=LogInfo(declination_deg=declination, imu_rate_hz=imu_rate, mag_rate_hz=mag_rate))
         self.values = {k: v for k, (v, _) in filter_.resolve(self.row.preset, given, log=facts).items()}
         self._params = filter_.pack(self.values)
-        self._advance = _with_errors(filter_, kernel(filter_))
+        self._kernel = kernel(filter_)
         self._north = declination_rad(self.values)
         self._turn = (math.cos(0.5 * self._north), math.sin(0.5 * self._north))
         self.aids = Inbox(self._north, "at_rest" in filter_.uses)
@@ -136,7 +138,7 @@ class Live:
         self._state: Array | None = None
         self._silent = False
         self._no_heading: list[tuple[float, float]] = []
-        self._m = np.zeros(3)
+        self._m = [0.0, 0.0, 0.0]
         self._out = np.empty((1, filter_.outputs))
         self._one = _One()
         self._kept: list[tuple[float, int, Array]] = []
@@ -218,10 +220,15 @@ class Live:
 
     def _begin(self, begin: Sample, seen: StartVectors) -> None:
         """The state at the first sample of a segment."""
-        self._state = initial_state(self.row.estimator, seen, self._params, self.values, self._q0)
-        uses = "mag" in self.row.estimator.uses
+        filter_, one = self.row.estimator, self._one
+        state = initial_state(filter_, seen, self._params, self.values, self._q0)
+        data = (one.dt, one.substeps, one.gyr, one.acc, one.mag, one.use, 1, self._out)
+        aided = (one.news, one.quiet, one.aid) if filter_.aided else ()
+        self._advance = _with_errors(filter_, bound(self._kernel, state, self._params, *data, *aided))
+        self._state = state
+        uses = "mag" in filter_.uses
         self._silent = uses and self._q0 is None and self._field_expected and not seen.mag.any()
-        self._m[:] = 0.0
+        self._m = [0.0, 0.0, 0.0]
         self._begun, self._late = begin.t, 0
         self._before = Sample(begin.t, 0.0, 1, np.zeros(3), np.zeros(3), np.zeros(3), MISSING, None)
 
@@ -234,18 +241,16 @@ class Live:
         source = self._before if at_start else s
         # The first sample of a segment takes no step; its own vectors are not taken either.
         if self._silent or source.use == MISSING or (not at_start and s.substeps == 0):
-            self._m[:] = 0.0
+            self._m = [0.0, 0.0, 0.0]
         elif source.use == NEW:
-            self._m[:] = source.mag
+            self._m = source.mag.tolist()
         else:
             self._turn_field(source, 1)
         one = self._one
         one.dt[0], one.substeps[0], one.gyr[0], one.acc[0], one.mag[0] = s.dt, s.substeps, s.gyr, source.acc, self._m
-        data: tuple[Any, ...] = (one.dt, one.substeps, one.gyr, one.acc, one.mag, one.use, 1, self._out)
         if s.aid is not None:
-            news = int(np.isfinite(s.aid[1, :AT_REST]).any())
-            data += (np.array([news]), np.array([0]), s.aid)
-        self._advance(state, self._params, *data)
+            one.news[0], one.aid[:] = np.isfinite(s.aid[1, :AT_REST]).any(), s.aid
+        self._advance()
         if self.row.estimator.origin != "attlog" and not 0.0 < float(state[:4] @ state[:4]) < math.inf:
             raise PluginError(f"{self.row.estimator.origin}: cannot fly: gives {state[:4]} as attitude at {s.t:.2f} s")
         if at_start and s.substeps > 1:
@@ -255,7 +260,7 @@ class Live:
             state[:] = realigned(self.row.estimator, state, self._params, s.mag)
             self._out[0] = state[: self.row.estimator.outputs]
             self._silent = False
-            self._m[:] = 0.0
+            self._m = [0.0, 0.0, 0.0]
             self.skipped["late_field"] += self._late
         self._late += 1
         self._before = s

@@ -17,7 +17,7 @@ from attlog.simulate.autopilot.onboard_aids import Inbox
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Sample:
     """One cleaned sample, as a row of :class:`attlog.estimators.engine.samples.Samples`, with its aid or None.
 

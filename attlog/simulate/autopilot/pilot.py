@@ -15,6 +15,7 @@ from attlog.simulate.autopilot.guidance import Guidance
 from attlog.simulate.autopilot.navigation import Navigator
 from attlog.simulate.autopilot.onboard import TRUTH, Live, stepping
 from attlog.simulate.flight import Onboard
+from attlog.simulate.physics.kernel import bound
 from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.scenario.vehicle import ROTOR_SIGNS, ROTOR_TURNS
 
@@ -40,9 +41,11 @@ class Pilot:
         self._gains = controller.Gains.of(scenario.controller)
         self._packed, self._state = self._gains.pack(), controller.start()
         self._shares = controller.mixer(ROTOR_SIGNS, ROTOR_TURNS)
-        self._control = controller.compiled()
         self._out = np.zeros(ROTORS + 7)
         self._guidance = Guidance(scenario.command, scenario.controller, vehicle.hover_command(gravity), gravity)
+        self._attitude, self._rate = np.zeros(4), np.zeros(3)
+        wanted = (self._guidance.command, self._shares, self._dt, self._out)
+        self._control = bound(controller.compiled(), self._state, self._packed, self._attitude, self._rate, *wanted)
         self._navigator = Navigator(gravity)
         name, params = scenario.estimator.name, scenario.estimator.params
         self._live: Live | None = None
@@ -81,7 +84,8 @@ class Pilot:
             placed = self._navigator.placed(t)
         if self._ready:
             guidance.step(t, self._dt, self._q, p, v, placed)
-        self._control(self._state, self._packed, self._q, rate, guidance.command, self._shares, self._dt, self._out)
+        self._attitude[:], self._rate[:] = self._q, rate
+        self._control()
         motors = self._out[:ROTORS].copy()
         if guidance.armed and guidance.landed:
             motors[:] = self._gains.idle
@@ -137,9 +141,10 @@ class Pilot:
     def _note(self, t: float, motors: Array) -> None:
         """Keep what this step believed and wanted."""
         guidance, out = self._guidance, self._out
-        believed = self._q if self._ready else np.full(4, np.nan)
-        command = guidance.command[:4]
-        self._kept.append(np.concatenate([[t], believed, self._bias, command, out[ROTORS:], motors]))
+        kept = np.empty(19 + ROTORS)
+        kept[0], kept[1:5], kept[5:8] = t, self._q if self._ready else math.nan, self._bias
+        kept[8:12], kept[12:19], kept[19:] = guidance.command[:4], out[ROTORS:], motors
+        self._kept.append(kept)
         for name, line in self._lines.items():
             value = getattr(guidance, name)
             if value != line[-1][1]:

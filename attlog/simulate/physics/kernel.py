@@ -6,10 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from attlog.kernels import loops
+from attlog.kernels.calling import bound
 from attlog.kernels.kernel import Kernel
 from attlog.kernels.loops import Scratch, function_of
 
-__all__ = ["function_of", "kernel_of"]
+__all__ = ["bound", "function_of", "kernel_of"]
 
 SOURCES = ("simulate", "estimators", "kernels", "base/earth.py", "base/errors.py", "base/limits.py", "base/rotation.py")
 """Files below the package that say what a loop of the simulator does."""

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.simulate.physics.kernel import function_of, kernel_of
+from attlog.simulate.physics.kernel import bound, function_of, kernel_of
 from attlog.simulate.scenario.vehicle import ROTOR_SIGNS, ROTOR_TURNS, Vehicle
 
 Array = NDArray[np.float64]
 P, V, Q, W, ROTOR, ANGLE = 0, 3, 6, 10, 13, 17
 ANCHOR, TOUCHING, BROKEN = 21, 37, 45
-STATE = 49
+STATE, RAW = 49, 17
 """p, v (earth), q, w, rotor speeds and angles (4 each), anchors (8 x 2), touching (8), broken rotors (4)."""
 NOW = 20
 """v' 0, w' 3, specific force (body) 6; stage values behind."""
@@ -56,14 +56,20 @@ class Body:
         self.now = np.zeros(NOW)
         self.health = np.ones(4)
         """Thrust of each rotor over what it should be."""
-        self._run = function_of(KERNEL, sub_steps)
+        self._command, self._wind = np.zeros(4), np.zeros(3)
+        self._run, self._raw = function_of(KERNEL, sub_steps), np.zeros((0, RAW))
 
     def advance(self, command: Array, wind: Array, h: float, raw: Array) -> None:
         """Move on by ``len(raw)`` steps of ``h`` s under motor commands (4,) and wind (3,) m/s, earth axes.
 
-        ``raw`` (n, 17) is filled: w, w', specific force at the centre of gravity, rotor speeds, rotor angles.
+        ``raw`` (n, 17) is filled: w, w', specific force at the centre of gravity, rotor speeds, rotor angles. Handed
+        the same array every time, it is looked at once.
         """
-        self._run(self.state, command, self.health, wind, self.numbers, self.points, h, len(raw), raw, self.now)
+        if raw is not self._raw:
+            fixed = (self.state, self._command, self.health, self._wind, self.numbers, self.points)
+            self._raw, self._steps = raw, bound(self._run, *fixed, ..., len(raw), raw, self.now)
+        self._command[:], self._wind[:] = command, wind
+        self._steps(h)
 
 
 def _numbers(v: Vehicle, gravity: float, density: float) -> tuple[Array, Array]:

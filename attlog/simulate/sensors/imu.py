@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.base import biquad, rotation
 from attlog.simulate.flight import ImuStream
-from attlog.simulate.physics.kernel import function_of, kernel_of
+from attlog.simulate.physics.kernel import bound, function_of, kernel_of
 from attlog.simulate.physics.streams import generator
 from attlog.simulate.scenario.scenario import Scenario
 from attlog.simulate.sensors.damage import damaged, silent
-from attlog.simulate.sensors.imu_kernel import OUT, SIGNATURE, STATE, imu_samples
+from attlog.simulate.sensors.imu_kernel import OUT, RAW, SIGNATURE, STATE, imu_samples
 from attlog.simulate.sensors.settings import ImuSettings
 from attlog.simulate.sensors.timing import instants, kept
 
@@ -38,6 +39,7 @@ class ImuSensor:
         raw_hz = 1.0 / self.h
         timing = generator(seed, "imu", number, "timing")
         self.instants = instants(s.rate_hz, scenario.seconds, s.jitter_s, timing)
+        self.times: list[float] = self.instants.tolist()
         self.kept = kept(self.instants, s.loss_pct, s.gaps, generator(seed, "imu", number, "loss"))
         self.faults = [f for f in scenario.fault if f.part in ("gyro", "acc") and f.instance == number]
         self.kept &= ~silent(self.faults, self.instants)
@@ -72,32 +74,19 @@ class ImuSensor:
         )
         self.harmonics, self.shake, self.phase = _vibration(s, seed, number)
         self.state = np.zeros(STATE)
-        self.run = function_of(KERNEL, imu_samples)
+        self.run, self._raw = function_of(KERNEL, imu_samples), np.zeros((0, RAW))
         self.next, self.told = 0, 0
         self.late = s.hidden_delay_s + (s.delay_s if s.delay_s > self.period else 0.0)
 
     def advance(self, step: int, raw: Array) -> None:
-        """Take the raw rows (m * substeps, RAW) of the m periods that begin with number ``step``."""
-        periods = len(raw) // self.substeps
-        noise = self._drawn(len(raw))
+        """Take the raw rows (m * substeps, RAW) of the m periods that begin with number ``step``.
+
+        Handed the same array every time, it is looked at once.
+        """
+        if self._drawn(len(raw)) or raw is not self._raw:
+            self._raw, self._samples = raw, self._bound(raw)
         before = self.next
-        self.next = self.run(
-            step * self.substeps,
-            self.h,
-            raw,
-            noise,
-            self.bias[step : step + periods],
-            self.substeps,
-            self.matrices,
-            self.numbers,
-            self.harmonics,
-            self.shake,
-            self.phase,
-            self.state,
-            self.instants,
-            before,
-            self.out,
-        )
+        self.next = self._samples(step * self.substeps, self.used - len(raw), before)
         if self.faults and self.next > before:
             t = self.instants[before : self.next]
             for part, columns in (("gyro", slice(1, 4)), ("acc", slice(4, 7))):
@@ -112,16 +101,16 @@ class ImuSensor:
 
         The unit triggers the loop, so a publication within one period is not late; a hidden delay is.
         """
-        end = self.next
-        if self.late > 0.0:
-            end = min(end, int(np.searchsorted(self.instants, now - self.late + 1e-9, side="right")))
-        rows = slice(self.told, max(end, self.told))
-        self.told = rows.stop
-        if rows.stop - rows.start == 1 and self.kept[rows.start]:
+        begin, end, limit = self.told, self.told, now - self.late + 1e-6 * self.h
+        while end < self.next and self.times[end] <= limit:
+            end += 1
+        self.told = end
+        if end - begin == 1 and self.kept[begin]:
             row = np.empty((1, 8))
-            row[0, 0] = self.instants[rows.start] + self.settings.hidden_delay_s
-            row[0, 1:] = self.out[rows.start, :7]
+            row[0, 0] = self.times[begin] + self.settings.hidden_delay_s
+            row[0, 1:] = self.out[begin, :7]
             return row
+        rows = slice(begin, end)
         keep = self.kept[rows]
         t = self.instants[rows][keep] + self.settings.hidden_delay_s
         return np.column_stack([t, self.out[rows][keep, :7]])
@@ -148,13 +137,19 @@ class ImuSensor:
             acc_bias=self.bias[row, 3:],
         )
 
-    def _drawn(self, rows: int) -> Array:
-        """The next rows (rows, 6) of standard normal noise; how many are asked for at a time changes no number."""
-        if self.used + rows > len(self.block):
+    def _bound(self, raw: Array) -> Callable[[int, int, int], int]:
+        """The loop over these raw rows: of the first row's number, the noise's row, the next sample."""
+        errors = (self.bias, self.substeps, self.matrices, self.numbers, self.harmonics, self.shake, self.phase)
+        return bound(self.run, ..., self.h, raw, self.block, ..., *errors, self.state, self.instants, ..., self.out)
+
+    def _drawn(self, rows: int) -> bool:
+        """Use the next rows of standard normal noise, in any portions. Whether the block is a new one."""
+        empty = self.used + rows > len(self.block)
+        if empty:
             fresh = self.noise.standard_normal((max(BLOCK * self.substeps, rows), 6))
             self.block, self.used = np.concatenate([self.block[self.used :], fresh]), 0
         self.used += rows
-        return self.block[self.used - rows : self.used]
+        return empty
 
 
 def warming(s: ImuSettings, t: Array) -> Array:

@@ -21,7 +21,7 @@ STATE = 50
 """y (6) 0, filter memories (6 x 2) 6, angle (3) 18, velocity (3) 21, last instant 24, clipped (2) 25, primed 27,
 true rate and force of the raw row before 28, y of the raw row before 34."""
 SIGNATURE = (
-    "i8(i8, f8, f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, :, ::1], f8[::1], f8[::1], f8[:, :, ::1], "
+    "i8(i8, f8, f8[:, ::1], f8[:, ::1], i8, f8[:, ::1], i8, f8[:, :, ::1], f8[::1], f8[::1], f8[:, :, ::1], "
     "f8[:, :, ::1], f8[::1], f8[::1], i8, f8[:, ::1])"
 )
 
@@ -31,6 +31,7 @@ def imu_samples(
     h: float,
     raw: Any,
     noise: Any,
+    used: int,
     bias: Any,
     substeps: int,
     matrices: Any,
@@ -46,7 +47,8 @@ def imu_samples(
     """Run through the raw rows from number ``first`` on, which end at ``(first + 1) h`` ...; fill ``out`` from row
     ``k`` on; the next row's number.
 
-    ``bias`` has a row for every ``substeps`` raw rows. ``numbers``: lever arm (3), limits (2), steps (2), noise
+    ``noise`` (n, 6) is standard normal, its row ``used`` the first one's; ``bias`` (periods, 6) has a row for every
+    ``substeps`` raw rows of the flight. ``numbers``: lever arm (3), limits (2), steps (2), noise
     (2), low-pass on (2) and coefficients (2 x 5), interval (1 or 0), hover speed.
     """
     mean = numbers[21] > 0.5
@@ -71,7 +73,7 @@ def imu_samples(
                     f0 += size * shake[n, r, 3] * math.sin(angle + phase[n, r, 3])
                     f1 += size * shake[n, r, 4] * math.sin(angle + phase[n, r, 4])
                     f2 += size * shake[n, r, 5] * math.sin(angle + phase[n, r, 5])
-        b = j // substeps
+        b = (first + j) // substeps
         fresh = state[27] < 0.5
         state[27] = 1.0
         if mean:
@@ -94,7 +96,7 @@ def imu_samples(
                 y = matrices[0, c, 0] * x0 + matrices[0, c, 1] * x1 + matrices[0, c, 2] * x2
             else:
                 y = matrices[1, c, 0] * f0 + matrices[1, c, 1] * f1 + matrices[1, c, 2] * f2
-            y += bias[b, i] + numbers[7 + g] * noise[j, i]
+            y += bias[b, i] + numbers[7 + g] * noise[used + j, i]
             limit = numbers[3 + g]
             if abs(y) >= limit:
                 y = limit if y > 0 else -limit
