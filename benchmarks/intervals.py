@@ -391,10 +391,10 @@ def show(total: Flight) -> None:
 
 
 QUESTIONS = {
-    "closest": ("inclination_rmse_deg",),
-    "quiet": ("noise_tilt_deg",),
-    "late": ("lag_ms",),
-    "drifting": ("drift_rest_deg_per_min", "drift_air_deg_per_min."),
+    "accuracy": ("inclination_rmse_deg",),
+    "noise": ("noise_tilt_deg",),
+    "lag": ("lag_ms",),
+    "yaw_drift": ("drift_rest_deg_per_min", "drift_air_deg_per_min."),
 }
 
 

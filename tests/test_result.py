@@ -273,8 +273,10 @@ def test_verdicts_of_the_schema_before_are_read_in_todays_words(
     document = json.loads(written.read_text())
     document["schema"] = "attlog-result/4"
     document["audit"] = [{"name": "field", "verdict": before, "text": "x"}]
+    document["verdicts"] = [{**v, "question": "late"} for v in document["verdicts"][:1]]
     file = tmp_path / "older.json"
     file.write_text(json.dumps(document))
     found = Result.load(file)
     assert [c.verdict for c in found.audit] == [now]
+    assert [v.question for v in found.verdicts] == ["lag"]
     assert found.estimators == Result.load(written).estimators  # what the file leaves out is restored as well

@@ -366,9 +366,9 @@ def _open(unanswered: list[OpenQuestion]) -> list[Problem]:
     """The questions without an answer as one entry; their cards say why."""
     if not unanswered:
         return []
-    titles = " ".join(item.title for item in unanswered)
+    titles = ", ".join(item.title.lower() for item in unanswered)
     remedies = dict.fromkeys(item.remedy for item in unanswered if item.remedy)
-    return [Problem("unanswered", "note", f"Not answered: {titles}", count=len(unanswered), remedy=" ".join(remedies))]
+    return [Problem("unanswered", "note", f"Not answered: {titles}.", count=len(unanswered), remedy=" ".join(remedies))]
 
 
 def _once(told: list[Problem]) -> list[Problem]:

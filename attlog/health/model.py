@@ -24,7 +24,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Answerable:
-    """Whether one of the four questions (closest, quiet, late, drifting) can be answered from this log.
+    """Whether one of the four questions (accuracy, noise, lag, yaw_drift) can be answered from this log.
 
     ``reason`` is a sentence with the numbers; ``setting`` names what would log what is
     missing, for the firmware that flew, empty where nothing is missing.

@@ -37,11 +37,11 @@ def _answerable(question: str, found: Availability, case: Case) -> Answerable:
 def setting(question: str, codes: tuple[str, ...], case: Case) -> str:
     """What would log, or what to fly for, what a question lacks; empty where nothing is known or a fault is told."""
     log, reference = case.log, case.reference
-    if question in ("quiet", "drifting"):
+    if question in ("noise", "yaw_drift"):
         return log.advice("rest")
     if reference.kind == "none":
         known = reference.fault or log.truth is not None or log.onboard is not None
         return "" if known else log.advice("attitude")
     if "reference_too_slow" in codes:
         return log.advice("attitude", reference.rate)
-    return STEPS if question == "late" and log.kind.hovers and {"no_events", "too_few_events"} & {*codes} else ""
+    return STEPS if question == "lag" and log.kind.hovers and {"no_events", "too_few_events"} & {*codes} else ""

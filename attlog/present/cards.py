@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 
 from attlog.present.numbers import MINUS, listed
-from attlog.present.sentences.drifting import SITUATIONS
-from attlog.present.sentences.quiet import WHERE
+from attlog.present.sentences.noise import WHERE
+from attlog.present.sentences.yaw_drift import SITUATIONS
 from attlog.result import Verdict
 
 
@@ -15,10 +15,10 @@ def caption(verdict: Verdict) -> str:
     """What the bars of a card are."""
     drift = "Drift at rest" if "rest" in verdict.metric else "Drift in the air"
     return {
-        "closest": "Tilt error, RMS",
-        "quiet": f"Noise of roll and pitch (1σ within 5 s), {WHERE.get(verdict.window, verdict.window)}",
-        "late": f"Lag against the reference; {MINUS}: ahead of it",
-        "drifting": drift,
+        "accuracy": "Tilt error, RMS",
+        "noise": f"Noise of roll and pitch (1σ within 5 s), {WHERE.get(verdict.window, verdict.window)}",
+        "lag": f"Lag against the reference; {MINUS}: ahead of it",
+        "yaw_drift": drift,
     }.get(verdict.question, "")
 
 

@@ -21,7 +21,7 @@ FAR = 4.0
 FULL_BAR_MS = 20.0
 """Lags below this do not fill a bar, so that half a millisecond does not look like much."""
 
-SECTIONS = {"closest": "flight", "quiet": "rest", "late": "step", "drifting": "drift"}
+SECTIONS = {"accuracy": "flight", "noise": "rest", "lag": "step", "yaw_drift": "drift"}
 
 
 def card(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
@@ -36,7 +36,7 @@ def card(verdict: Verdict, look: Mapping[str, Look]) -> dict[str, Any]:
     ranked = {name for name, _, _ in kept if name not in unranked and not look[name].lost}
     low, high = span(
         [v for name, v, _ in kept if name in ranked or abs(v) <= FAR * middle],
-        FULL_BAR_MS if verdict.question == "late" else 0.0,
+        FULL_BAR_MS if verdict.question == "lag" else 0.0,
     )
     pale = "; pale: shown, not ranked" if any(name in unranked for name, _, _ in kept) else ""
     return {

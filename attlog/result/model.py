@@ -84,7 +84,7 @@ def nothing_ran(rows: Iterable[EstimatorRow]) -> str:
 class Verdict:
     """The answer to one of the four questions in plain sentences.
 
-    ``question``: closest, quiet, late, drifting. ``sentence`` is plain text. ``bars`` are
+    ``question``: accuracy, noise, lag, yaw_drift. ``sentence`` is plain text. ``bars`` are
     (row, value, unit) for the card, ``not_judged`` (row, reason), ``notes`` sentences on
     what was measured, for the card's details.
     """

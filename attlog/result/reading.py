@@ -24,6 +24,10 @@ WORDS_BEFORE = {
     ("verdict", "cannot_judge"): "unknown",
     ("kind", "run"): "continuous",
     ("code", "bent"): "not_a_pure_delay",
+    ("question", "closest"): "accuracy",
+    ("question", "quiet"): "noise",
+    ("question", "late"): "lag",
+    ("question", "drifting"): "yaw_drift",
 }
 """(key, value) of older schemas, and what the value is called now."""
 MOST = 3

@@ -73,11 +73,9 @@ def test_what_a_refused_attitude_judges_is_not_said_beside_it(log: FlightLog) ->
 
 def test_checks_that_could_not_be_made_and_open_questions_are_one_entry_each(log: FlightLog) -> None:
     checks = [not_judged("delay", "Unknown."), not_judged("trim", "None.")]
-    found = findings(
-        log, checks, [], [OpenQuestion("How late?", "Fly steps."), OpenQuestion("How quiet?", "Fly steps.")]
-    )
+    found = findings(log, checks, [], [OpenQuestion("Lag", "Fly steps."), OpenQuestion("Yaw drift", "Fly steps.")])
     assert [(p.code, p.severity) for p in found] == [("unanswered", "note"), ("not_checked", "info")]
-    assert found[0].text == "Not answered: How late? How quiet?"
+    assert found[0].text == "Not answered: lag, yaw drift."
     assert found[0].remedy == "Fly steps."
     assert "delay, trim" in found[1].text
 

@@ -219,7 +219,7 @@ def prepared(log: FlightLog, phases: Segments | None = None) -> Case:
 def test_the_four_questions_are_answerable_on_a_good_log() -> None:
     log = good("px4_steps.ulg")
     questions = {a.question: a for a in answerable(log, prepared(log))}
-    assert list(questions) == ["closest", "quiet", "late", "drifting"]
+    assert list(questions) == ["accuracy", "noise", "lag", "yaw_drift"]
     assert all(a.can for a in questions.values())
 
 
@@ -237,11 +237,11 @@ def test_no_rest_names_what_logs_it() -> None:
     for stream in (imu.gyro, imu.acc):
         stream.t, stream.x = stream.t[flown], stream.x[flown]
     case = prepared(log)
-    quiet = {a.question: a for a in answerable(log, case)}["quiet"]
+    quiet = {a.question: a for a in answerable(log, case)}["noise"]
     assert not quiet.can
     assert quiet.setting.startswith("The log begins before arming already: let the vehicle stand still")
     log.armed = None
-    quiet = {a.question: a for a in answerable(log, case)}["quiet"]
+    quiet = {a.question: a for a in answerable(log, case)}["noise"]
     assert quiet.setting.startswith("SDLOG_MODE is 2 already"), "a setting that is made is not advised"
 
 
@@ -257,14 +257,14 @@ def test_a_rest_counts_only_when_filters_have_settled() -> None:
     for seconds, can in ((26.0, False), (30.0, True)):
         one = Segments([*phases.of("continuous"), Segment("rest.long", first.t0, first.t0 + seconds)])
         found = {a.question: a for a in answerable(log, prepared(log, one))}
-        assert found["drifting"].can == can
-        assert found["quiet"].can
+        assert found["yaw_drift"].can == can
+        assert found["noise"].can
 
 
 def test_movements_are_counted_where_filters_are_judged_by_them() -> None:
     log = good("px4_steps.ulg")
     chosen = reference.choose(log, segments.build(log))
-    late = {a.question: a for a in answerable(log, prepared(log))}["late"]
+    late = {a.question: a for a in answerable(log, prepared(log))}["lag"]
     assert late.can
     assert int(re.findall(r"\d+", late.reason)[0]) == len(steps.scored(chosen))
 

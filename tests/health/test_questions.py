@@ -21,7 +21,7 @@ def test_a_rest_is_long_enough_for_drift_in_info_exactly_where_it_is_in_an_analy
     t = np.arange(0.0, seconds, 0.02)
     log = still_log(t)
     log.attitudes, log.onboard = {}, None
-    said = {a.question: a for a in questions.answerable(log, prepare(log))}["drifting"]
+    said = {a.question: a for a in questions.answerable(log, prepare(log))}["yaw_drift"]
     row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.01) * t))
     phases = [Segment("continuous", 0.0, seconds), Segment("rest.long", 0.0, seconds)]
     found = drift_rest.compute(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
@@ -43,4 +43,4 @@ def test_what_would_log_an_attitude_is_told_where_nothing_is_there_to_compare_wi
     log.attitudes, log.onboard = ({"ATT": level}, "ATT") if attitude else ({}, None)
     case = prepare(log, {"reference": reference})
     assert case.reference.kind == reference
-    assert questions.setting("closest", (), case) == told
+    assert questions.setting("accuracy", (), case) == told

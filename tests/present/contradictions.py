@@ -29,7 +29,7 @@ def contradictions(result: Result) -> list[str]:
     for verdict in result.verdicts:
         said = verdict.sentence
         rules = [*superlatives(result, verdict), *bounds(result, verdict), *figures(result, verdict)]
-        rules += untold(result, verdict) if verdict.question == "drifting" else []
+        rules += untold(result, verdict) if verdict.question == "yaw_drift" else []
         rules += [*answered(result, verdict), *bars(result, verdict), *heading_references(result, verdict)]
         odd = CODE.finditer(" ".join([said, *verdict.notes]))
         rules += [f"code or id in words: {m[0]!r}" for m in odd if m[0] not in messages]
@@ -94,22 +94,22 @@ WORST = ("is farthest", "agrees least", "wanders most", "lags most", "drifts mos
 
 def claims(verdict: Verdict, clause: str, said: str) -> Iterator[tuple[str, str, str]]:
     """(words, metric, window) of every superlative in a clause."""
-    air = "airborne" if verdict.question != "closest" else verdict.window
+    air = "airborne" if verdict.question != "accuracy" else verdict.window
     heading = said.find("In heading")
     after = heading >= 0 and said.find(clause) >= heading
-    metric = {"closest": HEADING if after else TILT, "quiet": NOISE, "late": LAG}.get(verdict.question, "")
-    window = verdict.window if verdict.question in ("closest", "quiet", "late") else air
-    if verdict.question == "drifting":
+    metric = {"accuracy": HEADING if after else TILT, "noise": NOISE, "lag": LAG}.get(verdict.question, "")
+    window = verdict.window if verdict.question in ("accuracy", "noise", "lag") else air
+    if verdict.question == "yaw_drift":
         rest = "In the air against" not in said[: said.find(clause) + len(clause)]
         metric, window = (DRIFT_REST, "rest") if rest else (drift_metric(said), "airborne")
     for words in ("is closest", "are closest", "agrees best", "agree best", "wanders least", "wander least", *WORST):
         if words in clause:
             yield words, metric, window
-    if verdict.question == "late" and (m := re.search(r"(?:is|are) least off", clause)):
+    if verdict.question == "lag" and (m := re.search(r"(?:is|are) least off", clause)):
         yield m[0], STEP, verdict.window
-    if verdict.question == "drifting" and "least: " in clause:
+    if verdict.question == "yaw_drift" and "least: " in clause:
         yield "least: ", metric, window
-    if verdict.question == "quiet" and " least," in clause:
+    if verdict.question == "noise" and " least," in clause:
         phase = next((p for words, p in PHASES.items() if clause.lower().startswith(words)), None)
         if phase:
             yield " least,", NOISE, phase
@@ -126,7 +126,7 @@ def drift_metric(said: str) -> str:
 def bounds(result: Result, verdict: Verdict) -> Iterator[str]:
     """A row of which nothing is told stays below the number that is said, by both ends of its interval."""
     said = verdict.sentence
-    unit, metric = {"late": ("ms", LAG), "drifting": ("deg/min", "")}.get(verdict.question, ("", ""))
+    unit, metric = {"lag": ("ms", LAG), "yaw_drift": ("deg/min", "")}.get(verdict.question, ("", ""))
     for part in re.split(r"(?=In the air against)", said):
         stated = re.findall(r"less than (?:[\d.,]+°/min to )?([\d.,]+)", part)
         if not stated or not unit:
@@ -162,7 +162,7 @@ def figures(result: Result, verdict: Verdict) -> Iterator[str]:
     if any(words in verdict.sentence for words in NO_ANSWER):
         return
     known = {text for row in result.estimators for text in numbers_of(row, verdict.question)}
-    own = result.reference.sigma_tilt_deg if result.reference is not None and verdict.question == "closest" else None
+    own = result.reference.sigma_tilt_deg if result.reference is not None and verdict.question == "accuracy" else None
     known |= set() if own is None else {number(own, "deg", False)}
     said = re.sub(r"^Do not rely on this, .*?\. (?=[A-Z])", "", verdict.sentence)
     said = re.sub(r" to show even [^;.]*", "", said)  # what is known without the log
@@ -174,8 +174,8 @@ def figures(result: Result, verdict: Verdict) -> Iterator[str]:
 def numbers_of(row: EstimatorRow, question: str) -> Iterator[str]:
     """The values and interval ends of a row as they are written, without sign too."""
     wanted = {
-        "closest": (TILT, HEADING), "quiet": (NOISE, TILT), "late": (LAG, STEP, STEP_PCT),
-        "drifting": (DRIFT_REST, DRIFT_AIR),
+        "accuracy": (TILT, HEADING), "noise": (NOISE, TILT), "lag": (LAG, STEP, STEP_PCT),
+        "yaw_drift": (DRIFT_REST, DRIFT_AIR),
     }[question]  # fmt: skip
     for window in row.metrics.values():
         for metric, answer in window.items():
@@ -229,7 +229,7 @@ def bars(result: Result, verdict: Verdict) -> Iterator[str]:
 def heading_references(result: Result, verdict: Verdict) -> Iterator[str]:
     """With truth no other heading reference is in the sentence."""
     said = verdict.sentence
-    if verdict.question != "drifting" or "In the air against" not in said:
+    if verdict.question != "yaw_drift" or "In the air against" not in said:
         return
     truth = f"{DRIFT_AIR}.truth"
     told = any(

@@ -113,7 +113,7 @@ def _compared(row: EstimatorRow, metric: str, window: str) -> bool:
 def verdict(question: str, made: Result) -> Verdict:
     """The verdict on one question."""
     found = {v.question: v for v in verdicts(made)}
-    assert list(found) == ["closest", "quiet", "late", "drifting"]
+    assert list(found) == ["accuracy", "noise", "lag", "yaw_drift"]
     return found[question]
 
 

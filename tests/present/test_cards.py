@@ -28,7 +28,7 @@ def test_the_first_words_of_a_verdict_are_bold(sentence, lead):
 
 def test_rows_with_the_same_reason_stand_together_by_name_and_the_reference_itself_is_left_out():
     given = [("a@x-1", "short"), ("b", "short"), ("onboard", "it is the reference itself")]
-    verdict = Verdict("late", "", "", "lag_ms", "all", [], given)
+    verdict = Verdict("lag", "", "", "lag_ms", "all", [], given)
     names = {"a@x-1": "A, X 1", "b": "B"}
     assert reasons(verdict, names, {"a@x-1", "b", "c"}) == [("A, X 1 and B", "short")]
     assert reasons(verdict, names, {"a@x-1", "b"}) == [("All filters", "short")]

@@ -10,7 +10,7 @@ from tests.present.made import absent, drift, lag, merged, noise, result, row, s
 
 def test_nothing_at_all_still_gives_four_sentences():
     found = verdicts(Result({}, "", {}, {}))
-    assert [v.question for v in found] == ["closest", "quiet", "late", "drifting"]
+    assert [v.question for v in found] == ["accuracy", "noise", "lag", "yaw_drift"]
     assert all(v.sentence.startswith("Cannot be judged: ") and v.sentence.endswith(".") for v in found)
 
 
@@ -36,9 +36,9 @@ def test_a_gyro_that_reads_wrong_standing_still_is_said_by_every_card():
     made.gyro_bias = [CommonBias("rest", "rest", dps=[-24.2, -24.1, 2.5])]
     assert not any(found.sentence.startswith("Do not rely") for found in verdicts(made)), "it was taken off"
     made.estimators[0].status = "not_judged"
-    assert sentence("quiet", made).startswith("Do not rely")
+    assert sentence("noise", made).startswith("Do not rely")
     made.audit[0].verdict = "warning"
-    assert not sentence("quiet", made).startswith("Do not rely")
+    assert not sentence("noise", made).startswith("Do not rely")
 
 
 def test_what_a_filter_of_nan_is_missing_is_not_blamed_on_the_log():
@@ -49,5 +49,5 @@ def test_what_a_filter_of_nan_is_missing_is_not_blamed_on_the_log():
         reason="returned NaN from 0.0 s on",
     )
     found = {v.question: v for v in verdicts(result([nan, row("a", noise(0.01))]))}
-    assert ("nan", "returned NaN from 0.0 s on") in found["quiet"].not_judged
-    assert sentence("quiet", result([nan])) == "Cannot be judged: returned NaN from 0.0 s on."
+    assert ("nan", "returned NaN from 0.0 s on") in found["noise"].not_judged
+    assert sentence("noise", result([nan])) == "Cannot be judged: returned NaN from 0.0 s on."

@@ -8,6 +8,8 @@ import hashlib
 import json
 import re
 
+from attlog.result import Result
+from attlog.result.reading import read
 from tests.conftest import ROOT
 
 PAGE = (ROOT / "reports" / "example.html").read_text(encoding="utf-8")
@@ -21,7 +23,8 @@ def test_it_is_the_report_of_the_demo():
 
 
 def test_it_answers_all_four_questions():
-    assert [v["question"] for v in RESULT["verdicts"]] == ["closest", "quiet", "late", "drifting"]
+    result = read(Result, json.dumps(RESULT).encode(), "example.html")
+    assert [v.question for v in result.verdicts] == ["accuracy", "noise", "lag", "yaw_drift"]
     for verdict in RESULT["verdicts"]:
         assert verdict["bars"]
         assert not verdict["sentence"].startswith(("Cannot", "No filter's"))

@@ -86,7 +86,11 @@ def lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[Text
     yield from _part("Physics", checks, width, [STYLES[c["verdict"]] for c in report["audit"]])
     questions = report["answerable"]
     answers = [
-        (q["question"], "yes" if q["can"] else "no", " ".join(x for x in (q["reason"], q["setting"]) if x))
+        (
+            q["question"].replace("_", " "),
+            "yes" if q["can"] else "no",
+            " ".join(x for x in (q["reason"], q["setting"]) if x),
+        )
         for q in questions
     ]
     yield from _part("What can be answered", answers, width, ["" if q["can"] else "red" for q in questions])

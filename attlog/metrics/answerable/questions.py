@@ -120,7 +120,7 @@ def ask(case: Case, question: str) -> Availability:
     return ASKED[question](case)
 
 
-def closest(case: Case) -> Availability:
+def accuracy(case: Case) -> Availability:
     """Tilt errors against the reference."""
     answer = looked_up(case, rmse.compute, named(rmse.METRICS, "inclination_rmse_deg"), AIR)
     if answer.value is None:
@@ -128,7 +128,7 @@ def closest(case: Case) -> Availability:
     return Availability((f"{answer.seconds:.0f} s to compare with {case.reference.source}",))
 
 
-def quiet(case: Case) -> Availability:
+def noise(case: Case) -> Availability:
     """Windows of noise in each phase."""
     row = stand_in(case)
     gyro = injection.GyroAttitude(row.t, row.q, row.segment)
@@ -145,7 +145,7 @@ def quiet(case: Case) -> Availability:
     return Availability(tuple(found)) if found else Availability((), (why,), (code,))
 
 
-def late(case: Case) -> Availability:
+def step_lag(case: Case) -> Availability:
     """A lag in quick movements: of the gyro alone it is a pure delay wherever the reference follows the gyro."""
     count = plain_lag.plainly(case, stand_in(case), AIR[0])
     if count is None:
@@ -157,7 +157,7 @@ def late(case: Case) -> Availability:
     return Availability((f"{count} quick movements, compared with {name} at {case.reference.rate:.0f} Hz",))
 
 
-def drifting(case: Case) -> Availability:
+def yaw_drift(case: Case) -> Availability:
     """Rests after settling, and flight against each heading reference."""
     rest = looked_up(case, drift_rest.compute, drift_rest.METRICS[0], REST)
     air = {
@@ -196,9 +196,9 @@ def refused(answer: Answer) -> Availability:
 
 
 ASKED: dict[str, Callable[[Case], Availability]] = {
-    "closest": closest,
-    "quiet": quiet,
-    "late": late,
-    "drifting": drifting,
+    "accuracy": accuracy,
+    "noise": noise,
+    "lag": step_lag,
+    "yaw_drift": yaw_drift,
 }
 """The questions in the order of the report."""

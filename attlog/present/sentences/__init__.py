@@ -7,20 +7,21 @@ sentence cannot contradict a star. A drift or lag whose interval holds zero is b
 by the interval's larger end, never called absent.
 """
 
-from attlog.present.sentences.closest import closest
-from attlog.present.sentences.drifting import drifting
-from attlog.present.sentences.late import late
-from attlog.present.sentences.quiet import quiet
+from attlog.present.sentences.accuracy import accuracy_verdict
+from attlog.present.sentences.lag import lag_verdict
+from attlog.present.sentences.noise import noise_verdict
 from attlog.present.sentences.spoiled import spoiled
+from attlog.present.sentences.yaw_drift import yaw_drift_verdict
 from attlog.result import Result, Verdict
 
-QUESTIONS = {"closest": "accuracy", "quiet": "noise", "late": "lag", "drifting": "yaw drift"}
+QUESTIONS = {"accuracy": "accuracy", "noise": "noise", "lag": "lag", "yaw_drift": "yaw drift"}
 """What the questions are called, in the order of the page."""
 
 
 def verdicts(result: Result) -> list[Verdict]:
     """The verdicts of a result in the order of the page; always all of them."""
-    return [spoiled(result, verdict) for verdict in (closest(result), quiet(result), late(result), drifting(result))]
+    answers = (accuracy_verdict, noise_verdict, lag_verdict, yaw_drift_verdict)
+    return [spoiled(result, answer(result)) for answer in answers]
 
 
 __all__ = ["QUESTIONS", "verdicts"]

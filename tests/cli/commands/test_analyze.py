@@ -69,7 +69,7 @@ def test_every_metric_has_a_definition_and_a_unit_in_its_name(document):
 
 def test_three_verdicts_stand_in_json_and_page(document):
     data, page = document
-    assert [v["question"] for v in data["verdicts"]] == ["closest", "quiet", "late", "drifting"]
+    assert [v["question"] for v in data["verdicts"]] == ["accuracy", "noise", "lag", "yaw_drift"]
     assert all(v["sentence"] for v in data["verdicts"])
     assert "<script" in page
     assert "http://" not in page.split("<script")[0]

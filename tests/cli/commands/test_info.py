@@ -27,7 +27,7 @@ def test_it_names_vehicle_sensors_and_what_can_be_answered(attlog, samples, log,
     assert source in report["log"]["imu"]["source"]
     assert report["log"]["simulated"] is True
     assert {c["verdict"] for c in report["audit"]} <= {"ok", "warning", "fault", "unknown"}
-    assert {a["question"] for a in report["answerable"]} == {"closest", "quiet", "late", "drifting"}
+    assert {a["question"] for a in report["answerable"]} == {"accuracy", "noise", "lag", "yaw_drift"}
     text = attlog("info", samples / log)
     assert text.code == 0
     assert firmware in text.out

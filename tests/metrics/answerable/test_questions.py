@@ -66,7 +66,7 @@ def test_info_says_of_every_log_what_analyze_can_answer(path: Path, monkeypatch:
     if path.name in ONLY_FILTERS_TELL:
         assert "reference_contradicted" in {p.code for p in result.problems}
         assert inspect_answers(path) != answered, "no longer an exception"
-        answered |= {"closest": True, "late": inspect_answers(path)["late"]}
+        answered |= {"accuracy": True, "lag": inspect_answers(path)["lag"]}
     said = inspect(path)["answerable"]
     large = {a["question"] for a in said if "only a filter that is further off" in (a["reason"] or "")}
     assert {a["question"]: a["can"] or (a["question"] in large and answered[a["question"]]) for a in said} == answered
@@ -79,10 +79,10 @@ def test_of_a_flight_too_short_for_any_small_drift_only_large_ones_are_told(monk
         pytest.skip("no corpus")
     path = root / "logs" / "cases" / "copter_3.6.8_compass.bin"
     without_smoother(monkeypatch)
-    said = next(a for a in inspect(path)["answerable"] if a["question"] == "drifting")
+    said = next(a for a in inspect(path)["answerable"] if a["question"] == "yaw_drift")
     assert not said["can"]
     assert "only a filter that is further off than that is told" in said["reason"]
-    told = next(v for v in analysis.evaluate(analysis.prepare(path)).verdicts if v.question == "drifting")
+    told = next(v for v in analysis.evaluate(analysis.prepare(path)).verdicts if v.question == "yaw_drift")
     assert told.bars
     assert all(abs(value) > 60.0 for _, value, _ in told.bars)
 

@@ -75,7 +75,7 @@ def test_dots_in_words_are_value_and_interval():
 def test_a_row_that_is_not_ranked_and_far_beyond_runs_out_of_its_card():
     bars = [("vqf", 1.0, "deg/min"), ("gyro", -40.0, "deg/min"), ("mahony@xu-0.6", 2.0, "deg/min")]
     verdict = Verdict(
-        "drifting", "?", "VQF drifts least.", "drift_rest_deg_per_min", "rest", bars, [("gyro", "diverged")]
+        "yaw_drift", "?", "VQF drifts least.", "drift_rest_deg_per_min", "rest", bars, [("gyro", "diverged")]
     )
     drawn = {bar["id"]: bar for bar in card(verdict, looks(make_result()))["bars"]}
     assert drawn["gyro"]["beyond"] == "◂ "

@@ -22,7 +22,7 @@ SITUATIONS = ("at rest", "in the air")
 """Where the heading may drift; reasons of this question start with it."""
 
 
-def drifting(result: Result) -> Verdict:
+def yaw_drift_verdict(result: Result) -> Verdict:
     """The verdict on heading drift: told where the interval excludes zero, else bounded by its larger end."""
     reference = quoted_heading_reference(result)
     rest = contest(result, DRIFT_REST, REST)
@@ -35,8 +35,8 @@ def drifting(result: Result) -> Verdict:
         if found is shown or not has_value(found, name)
     ]
     return Verdict(
-        "drifting",
-        "How fast does the heading drift?",
+        "yaw_drift",
+        "Yaw drift",
         says(result, rest, air, reference),
         shown.metric,
         shown.window,

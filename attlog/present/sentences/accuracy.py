@@ -27,7 +27,7 @@ ONBOARD_CHECKS = ("onboard against smoother", "onboard against truth")
 """The checks that say whether the onboard attitude is the wrong one."""
 
 
-def closest(result: Result) -> Verdict:
+def accuracy_verdict(result: Result) -> Verdict:
     """The verdict on errors: in flight where there is any, else over the whole log."""
     tilt = contest(result, TILT, AIR)
     heading = contest(result, HEADING, (tilt.window,))
@@ -38,14 +38,14 @@ def closest(result: Result) -> Verdict:
     else:
         sentence = cannot(result, tilt.absent, "the log holds no attitude to compare with")
     return Verdict(
-        "closest", title(result), sentence, TILT, tilt.window, bars(tilt), left_out(tilt), notes(result, tilt)
+        "accuracy", title(result), sentence, TILT, tilt.window, bars(tilt), left_out(tilt), notes(result, tilt)
     )
 
 
 def title(result: Result) -> str:
-    """The question: agreement with what flew is no truth."""
+    """What is answered: agreement with what flew is no accuracy."""
     whom = result.reference.choice if result.reference else ""
-    return "Which filter is closest?" if whom != "onboard" else "Which filter agrees best with onboard?"
+    return "Accuracy" if whom != "onboard" else "Agreement with onboard"
 
 
 def says(result: Result, tilt: ColumnRanking, heading: ColumnRanking) -> str:

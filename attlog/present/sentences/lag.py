@@ -24,7 +24,7 @@ SLOW_IMU_S = 0.015
 SHOWN_DELAY_MS = 0.5
 
 
-def late(result: Result) -> Verdict:
+def lag_verdict(result: Result) -> Verdict:
     """The verdict on quick movements: who is late, and who shows a wrong angle afterwards."""
     lag, step = contest(result, LAG, AIR), contest(result, STEP_DEG, AIR)
     impure = [a for a in lag.absent if a.code in NOT_PURE and a.row.kind == "replay" and not is_baseline(a.row)]
@@ -37,9 +37,7 @@ def late(result: Result) -> Verdict:
         sentence = f"No filter's lag can be judged: {why_not(lag)}.{onboard_lag(lag)}{step_part(result, step)}"
     else:
         sentence = cannot(result, lag.absent, "the flight holds too few quick movements (3 per axis are needed)")
-    return Verdict(
-        "late", "How late in a step?", sentence, LAG, lag.window, bars(lag), left_out(lag), notes(result, lag)
-    )
+    return Verdict("lag", "Lag", sentence, LAG, lag.window, bars(lag), left_out(lag), notes(result, lag))
 
 
 def says(result: Result, lag: ColumnRanking) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from attlog.present.contest import ColumnRanking, contest
 from attlog.present.numbers import counted as count
-from attlog.present.sentences.closest import TILT
+from attlog.present.sentences.accuracy import TILT
 from attlog.present.sentences.reasons import cannot, why_not
 from attlog.present.sentences.words import QuestionWords, bars, last, leading, left_out, onboard_part, some, values
 from attlog.present.table.rows import AIR, PHASES
@@ -18,7 +18,7 @@ WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "
 WORDS = QuestionWords("wanders least", "wander least", "wanders most", "is the only filter to be ranked")
 
 
-def quiet(result: Result) -> Verdict:
+def noise_verdict(result: Result) -> Verdict:
     """The verdict on noise: the first phase in which filters could be compared leads, others follow in one clause."""
     phases = [contest(result, NOISE, (phase,)) for phase in PHASES]
     ranked = [found for found in phases if found.ranked]
@@ -30,9 +30,7 @@ def quiet(result: Result) -> Verdict:
         sentence = f"No filter can be ranked: {why_not(lead)}.{onboard_part(lead)}"
     else:
         sentence = cannot(result, lead.absent, "no phase of the log is long enough")
-    return Verdict(
-        "quiet", "How much does it wander?", sentence, NOISE, lead.window, bars(lead), left_out(lead), notes(shown)
-    )
+    return Verdict("noise", "Noise", sentence, NOISE, lead.window, bars(lead), left_out(lead), notes(shown))
 
 
 def says(result: Result, ranked: list[ColumnRanking]) -> str:
