@@ -9,6 +9,7 @@ import numpy as np
 from attlog.flight import physics, receiver
 from attlog.flight.ardupilot import vehicle
 from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.mavlink import vibration
 from attlog.flight.mavlink.clock import UNIX_US, PacketClock
 from attlog.flight.model import Firmware, FlightLog, Gnss, Stream, TimeLine
 from attlog.flight.modes import ardupilot_mode, px4_custom_mode
@@ -59,6 +60,9 @@ def fill(builder: LogBuilder, clock: PacketClock, instance: int, autopilot: int 
     builder.attempt("VFR_HUD", lambda: hud(builder, clock, instance, log), None)
     log.rpm = builder.attempt("Rotor speed", lambda: rpm(builder, clock, instance), None)
     log.battery = builder.attempt("SYS_STATUS", lambda: battery(builder, clock, instance), None)
+    log.clippings = builder.attempt("Clipping", lambda: vibration.clippings(builder, clock, instance), [])
+    if autopilot == ARDUPILOT:
+        log.onboard_vibration = builder.attempt("VIBRATION", lambda: vibration.level(builder, clock, instance), None)
     log.texts = builder.attempt("Texts", builder.texts, [])
 
 

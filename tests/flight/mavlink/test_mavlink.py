@@ -222,3 +222,18 @@ def test_of_two_vehicles_in_a_file_the_one_asked_for_is_read(tmp_path: Path) -> 
     assert "several_systems" in {p.code for p in first.problems}
     with pytest.raises(UsageError, match="system 9"):
         flight.read(path, system=9)
+
+
+@pytest.mark.parametrize(("autopilot", "levels"), [(3, [1.0, 2.0, 30.0]), (12, None)])
+def test_clipped_samples_are_counted_by_unit_and_levels_are_those_of_ardupilot(autopilot: int, levels: Any) -> None:
+    columns = raw_imu(5, 1.0)
+    own = {"time_usec": columns["time_usec"], "_t_us": columns["_t_us"]}
+    own |= {c: np.full(5, v) for c, v in zip(("vibration_x", "vibration_y", "vibration_z"), (1, 2, 30), strict=True)}
+    own |= {f"clipping_{k}": np.zeros(5, np.uint32) for k in (0, 2)}
+    own["clipping_1"] = np.array([7, 7, 9, 0, 4], np.uint32)  # it begins anew when a unit does
+    log = read({("RAW_IMU", ME): raw_imu(500, 50), ("VIBRATION", ME): own}, autopilot)
+    assert [c.new.tolist() for c in log.clippings] == [[0] * 5, [0, 0, 2, 0, 4], [0] * 5]
+    assert (log.clippings[1].source, log.clippings[1].whole) == ("VIBRATION.clipping_1", True)
+    assert np.diff(log.clippings[1].t) == pytest.approx(1.0)
+    told = None if log.onboard_vibration is None else log.onboard_vibration.x[0].tolist()
+    assert told == levels
