@@ -124,7 +124,8 @@ def _end(log: FlightLog, segments: Segments, events: Sequence[Event], sound: boo
     """How it ended, the fullest first."""
     crashes = _crashes(segments.endings)
     if crashes:
-        full, short = _crash(crashes[0], _where(log.kind, segments, crashes[0][0].t))
+        blow = next((e.t for e in crashes[0] if e.kind == "impact"), crashes[0][0].t)
+        full, short = _crash(crashes[0], _where(log.kind, segments, blow))
         again = f"; crashed again at {crashes[1][0].t:.1f} s{_size(crashes[1])}" if len(crashes) > 1 else ""
         return list(dict.fromkeys((f"{full}{again}.", f"{short}{again}.", f"{short}.")))
     warned = any(e.severity in ("warning", "serious") for e in events if e.kind != "hard_landing")

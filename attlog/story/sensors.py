@@ -15,7 +15,8 @@ STRONG_M_S2, STRONG_S = 15.0, 5
 ONBOARD_M_S2 = 60.0
 FEW, SOME = 3, 10
 """Clipped samples up to so many are chance, and no warning."""
-LANDING_S = 1.0
+LANDING_S, BLOW_S = 1.0, 0.1
+"""Before the end of a flight: what a touch-down, or the blow of a crash, does to a range is no clipping in flight."""
 FAST_HZ = 40.0
 
 
@@ -36,7 +37,7 @@ def _driven(segments: Segments) -> list[Span]:
     flights = segments.spans("airborne")
     crashes = [e.t for e in segments.endings if e.is_crash]
     if flights:
-        return [(a, b if any(abs(b - t) < 0.5 for t in crashes) else b - LANDING_S) for a, b in flights]
+        return [(a, b - (BLOW_S if any(abs(b - t) < 0.5 for t in crashes) else LANDING_S)) for a, b in flights]
     return merge(segments.spans("armed"))
 
 

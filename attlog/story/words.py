@@ -23,7 +23,8 @@ PLAIN = re.compile(
 )
 """ArduPilot gives most of its texts one level: these words make one a warning."""
 NO_WARNING = re.compile(
-    r"failsafe (cleared|deactivated)|glitch cleared|autotest|^SRC=|no error|fail.?safe.*(off|disabled)", re.I
+    r"failsafe (cleared|deactivated)|glitch cleared|autotest|^SRC=|^scenario: |no error|fail.?safe.*(off|disabled)",
+    re.I,
 )
 REALIGNED = re.compile(r"yaw re-?aligned|yaw align|yaw reset|emergency yaw", re.IGNORECASE)
 ANOMALY = re.compile(r"anomaly|re-?aligned|reset|emergency", re.IGNORECASE)

@@ -64,14 +64,14 @@ SAID = {
     ],
     "px4_1.14_hard_landing.ulg": [
         "Octorotor, PX4 1.14.0",
-        "5 to 75 s",
+        "4 to 75 s",
         "Battery failsafe at 23.7 s",
         "Kill switch at 74.9 s",
         "10 g",
         "upright",
     ],
     "px4_1.14_clipping_field.ulg": ["stood armed to 14 s", "9° of tilt", "landed safely", "Nothing went wrong"],
-    "copter_two_compasses.bin": ["ArduCopter 4.0.1", "3 to 237 s", "40° of tilt", "landed safely", "re-aligned yaw"],
+    "copter_two_compasses.bin": ["ArduCopter 4.0.1", "4 to 237 s", "40° of tilt", "landed safely", "re-aligned yaw"],
     "copter_4.6_standing_accused.BIN": ["ArduCopter 4.6-dev", "never left the ground", "1119 s"],
     "copter_4.2_radio_4hz.tlog": [
         "telemetry at 4 Hz",

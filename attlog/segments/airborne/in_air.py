@@ -80,7 +80,7 @@ def find(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list
     flying = _signs(log.kind, grid, levels, driven, power / max(usual, LEAST_DRIVE), lifting)
     found = _flights(log.kind, flying, grid, levels, driven, power)
     rolls = log.kind.fixed_wing  # the force of a take-off run tells no lift-off
-    edges = [(float(t[a]) if rolls else _liftoff(grid, a), _landing(grid, b)) for a, b in found]
+    edges = [(float(t[a]) if rolls else _liftoff(grid, a, driven), _landing(grid, b)) for a, b in found]
     heights = ", ".join(f"height by {level.source}" for level in levels[:2])
     why = f"driven ({source}) and moving as only the air lets it" + (f", {heights}" if heights else "")
     known = bool(levels) or (source != "arming" and not grid.slow)
@@ -207,16 +207,23 @@ def _held(a: int, b: int, grid: Grid) -> bool:
     return slow and float(np.quantile(sideways, 0.6)) > LEANS_M_S2
 
 
-def _liftoff(grid: Grid, first: int) -> float:
-    """When the force first left its level on the ground, around the first sign of flight."""
+def _liftoff(grid: Grid, first: int, driven: Mask) -> float:
+    """When the force first left its level on the ground, around the first sign of flight; nothing lifts undriven."""
     a, b = max(first - round(0.5 / STEP_S), 0), min(first + round(2.5 / STEP_S), len(grid.t))
+    a += int(np.argmax(driven[a : first + 1]))
     before = grid.size[max(a - round(2.0 / STEP_S), 0) : a]
     if grid.slow or len(before) < 5:
         return float(grid.t[first])
     level = float(np.median(before))
     spread = 1.4826 * float(np.median(np.abs(before - level)))
-    left = np.flatnonzero(np.abs(grid.size[a:b] - level) > max(LEAVES_M_S2, SPREADS * spread))
-    return float(grid.t[a + left[0]] if len(left) else grid.t[first])
+    off, limit = np.abs(grid.size[a:b] - level), max(LEAVES_M_S2, SPREADS * spread)
+    left = np.flatnonzero(off > limit)
+    if not len(left):
+        return float(grid.t[first])
+    k = int(left[0])
+    share = (limit - off[k - 1]) / (off[k] - off[k - 1]) if k else 1.0
+    # Means over an even count of the grid's steps belong to the middle of a step.
+    return float(grid.t[a + k]) - (1.5 - share) * STEP_S
 
 
 def _landing(grid: Grid, end: int) -> float:
@@ -226,4 +233,9 @@ def _landing(grid: Grid, end: int) -> float:
         return float(grid.t[min(end, len(grid.t) - 1)])
     bump = np.abs(grid.size[a:b] - np.median(grid.size[a:b]))
     stands_out = bump.max() > max(2.0 * LEAVES_M_S2, OUTSTANDING * float(np.median(bump)))
-    return float(grid.t[a + int(np.argmax(bump)) if stands_out else end])
+    if not stands_out:
+        return float(grid.t[end])
+    k = int(np.argmax(bump))
+    while k and bump[k - 1] > 0.5 * bump.max():  # a blow is in the means around it, and feet touch more than once
+        k -= 1
+    return float(grid.t[a + k])
