@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from attlog.base import rotation
 from attlog.flight.model import FlightLog
 from attlog.health.model import Check
-from attlog.segments import resets
+from attlog.segments import resets, spans
 from attlog.segments.model import Segments
 
 Array = NDArray[np.float64]
@@ -28,6 +28,8 @@ def checks(log: FlightLog, segments: Segments) -> list[Check]:
     limit = f"ok up to {LEAST_DEG:.0f} deg, fault above {LARGE_DEG:.0f} deg in flight"
     index, _ = resets.known(log, log.onboard or "", segments)
     index = index[in_use(attitude.t[index], float(attitude.t[0]), segments)]
+    lost = [(s.t0, s.t1) for kind in ("loss_of_control", "impact") for s in segments.of(kind)]
+    index = index[~spans.inside(attitude.t[index], lost)]
     sizes = resets.unexplained_deg(attitude, imu) if len(index) else None
     if sizes is None:
         return [Check("attitude jumps", "ok", f"{log.onboard} never jumps while in use.", 0.0, "deg", limit)]
