@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 from attlog.simulate.sensors.settings import STRICT, ZERO, NotNegative, Three
 
 Part = Literal["gyro", "acc", "mag", "gnss", "baro", "rotor"]
-Kind = Literal["stuck", "silent", "zero", "offset", "scale", "noise", "spikes", "flipped", "off"]
+Kind = Literal["stuck", "silent", "zero", "offset", "scale", "noise", "spikes", "flipped", "off", "unbalanced"]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -20,7 +20,7 @@ class PlantedFault:
     ``stuck`` at its last value, ``silent`` (no samples), ``zero``, ``offset`` by ``value`` (SI; T for mag, m and
     m/s NED for gnss, m for baro uses the first), ``scale`` by ``factor``, ``noise`` of standard deviation ``size``
     added (SI), ``spikes`` of ``size`` in ``share_pct`` of the samples, ``flipped`` (x and y change sign); a rotor
-    is ``off`` or ``scale`` d in thrust.
+    is ``off``, ``scale`` d in thrust or ``unbalanced``: it shakes every inertial unit ``factor`` times as much.
     """
 
     t: NotNegative

@@ -51,26 +51,28 @@ def fly(scenario: Scenario, seed: int = 0, autopilot: Maker | None = None) -> Fl
     sensors = _Sensors(scenario, seed, home)
     pilot = (autopilot or make)(scenario, home.gravity, home.declination)
     with np.errstate(all="ignore"):  # what overflows is told below, with the time and what to look at
-        if scenario.motion is None:
-            _flown(scenario, home, truth, sensors, pilot, seed)
-        else:
-            _prescribed(scenario, home, truth, sensors, pilot)
+        first = 0
+        if scenario.command or scenario.motion is None:
+            first = _flown(scenario, home, truth, sensors, pilot, seed)
+        if scenario.motion is not None:
+            _prescribed(scenario, home, truth, sensors, pilot, first)
     check_truth(truth)
-    check_samples([(f"imu[{k}]", s.stream()) for k, s in enumerate(sensors.imus)])
+    imus = [s.stream() for s in sensors.imus]
+    check_samples([(f"imu[{k}]", imu) for k, imu in enumerate(imus)])
     return Flight(
         scenario=scenario,
         seed=seed,
         gravity=home.gravity,
         declination_deg=math.degrees(home.declination),
         truth=truth,
-        imus=[s.stream() for s in sensors.imus],
+        imus=imus,
         mags=[s.stream() for s in sensors.mags],
         gnss=[s.stream() for s in sensors.gnss],
         baro=[s.stream() for s in sensors.baro],
         onboard=pilot.onboard(),
         battery=battery(scenario, seed, truth),
         rpm=rpm(scenario, seed, truth),
-        events=events(scenario, truth),
+        events=events(scenario, truth, imus),
     )
 
 
@@ -118,19 +120,26 @@ def _no_truth(scenario: Scenario) -> Truth:
     return Truth(t, np.zeros((n, 4)), w, w_dot, p, v, a, np.zeros((n, 4)), wind, field, np.zeros(n, bool))
 
 
-def _prescribed(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot) -> None:
-    """Fill ``truth`` with the prescribed motion; the estimator on board runs along, its commands move nothing."""
+def _prescribed(
+    scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot, first: int
+) -> None:
+    """Fill ``truth`` from row ``first`` on with the prescribed motion, from where it lies if it flew before.
+
+    The estimator on board runs along, its commands move nothing.
+    """
     sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
-    known = moved(scenario, truth.t)
-    truth.q[:], truth.w[:], truth.w_dot[:] = known.q, known.w, known.w_dot
-    truth.p[:], truth.v[:], truth.a[:] = known.p, known.v, known.a
-    truth.field[:] = field_at(scenario, home, truth.p)
-    truth.ground[:] = True
+    lying = (truth.q[first].copy(), truth.p[first].copy()) if first else None
+    rows = slice(first, None)
+    known = moved(scenario, truth.t[rows] - truth.t[first], lying)
+    truth.q[rows], truth.w[rows], truth.w_dot[rows] = known.q, known.w, known.w_dot
+    truth.p[rows], truth.v[rows], truth.a[rows] = known.p, known.v, known.a
+    truth.field[rows] = field_at(scenario, home, truth.p[rows])
+    truth.ground[rows] = True
     down = np.array([0.0, 0.0, home.gravity])
-    for step in range(0, len(truth.t) - 1, BLOCK):
+    for step in range(first, len(truth.t) - 1, BLOCK):
         count = min(BLOCK, len(truth.t) - 1 - step)
-        now = step + count
-        m = moved(scenario, step * period + np.arange(1, count * sub + 1, dtype=np.float64) * (period / sub))
+        now, since = step + count, (step - first) * period
+        m = moved(scenario, since + np.arange(1, count * sub + 1, dtype=np.float64) * (period / sub), lying)
         raw = np.zeros((count * sub, RAW))
         raw[:, 0:3], raw[:, 3:6] = m.w, m.w_dot
         raw[:, 6:9] = rotation.rotate_inverse(m.q, m.a - down)
@@ -140,19 +149,25 @@ def _prescribed(scenario: Scenario, home: Environment, truth: Truth, sensors: _S
             pilot.step(float(truth.t[row]), sensors.measured(truth, row))
 
 
-def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot, seed: int) -> None:
-    """Fill ``truth`` with what the body does under the autopilot's commands; each holds for one period."""
+def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensors, pilot: Autopilot, seed: int) -> int:
+    """Fill ``truth`` with what the body does under the autopilot's commands, each of which holds for one period.
+
+    The last row that is filled: of the flight's end, or of where somebody takes it up.
+    """
     sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
     body = Body(scenario.vehicle, home.gravity, home.density, math.radians(scenario.place.heading_deg))
     truth.wind[:], truth.field[:] = wind_at(scenario.wind, truth.t, seed), home.field_t
-    broken = [f for f in scenario.fault if f.part == "rotor"]
+    broken = [f for f in scenario.fault if f.part == "rotor" and f.kind != "unbalanced"]
+    last = len(truth.t) - 1
+    if scenario.motion is not None and scenario.motion.after_s is not None:
+        last = min(round(scenario.motion.after_s / period), last)
     raw = np.zeros((sub, RAW))
     command = np.zeros(4)
     truth.wind[0] *= share_at(scenario.vehicle.foot_m)
     for _ in range(round(SETTLING_S / period)):
         body.advance(command, truth.wind[0], period / sub, raw)
     _note(scenario, home, truth, body, 0)
-    for k in range(len(truth.t) - 1):
+    for k in range(last):
         if broken:
             body.health[:] = 1.0
             for fault in broken:
@@ -163,6 +178,7 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
         _note(scenario, home, truth, body, k + 1)
         sensors.advance(truth, k, raw, k + 1)
         command = np.asarray(pilot.step(float(truth.t[k + 1]), sensors.measured(truth, k + 1)), np.float64)
+    return last
 
 
 def _note(scenario: Scenario, home: Environment, truth: Truth, body: Body, row: int) -> None:

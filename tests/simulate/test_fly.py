@@ -10,6 +10,7 @@ import pytest
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
+from attlog.base import rotation
 from attlog.base.errors import UsageError
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
@@ -100,15 +101,17 @@ def test_in_a_flight_gyro_and_accelerometer_agree_with_the_truth() -> None:
     assert np.abs(p - truth.p[1:]).max() < 1e-3
 
 
-def test_events_tell_lift_off_faults_and_impact() -> None:
+def test_events_tell_lift_off_faults_overturn_and_impact() -> None:
     fault = [{"t": 8.0, "part": "rotor", "kind": "off", "instance": 2}]
     flight = fly(hop(fault=fault), 2)
     told = [what for _, what in flight.events]
     assert told[0] == "lift-off"
     assert told[1] == "fault: rotor 2 off"
-    assert told[2].startswith("impact at ")
-    speed = float(told[2].split()[2])
-    at = np.argmin(np.abs(flight.truth.t - flight.events[2][0]))
+    tilt = np.degrees(rotation.inclination_angle(flight.truth.q))
+    assert flight.events[2] == (pytest.approx(flight.truth.t[np.argmax(tilt > 90.0)]), "overturn")
+    assert told[3].startswith("impact at ")
+    speed = float(told[3].split()[2])
+    at = np.argmin(np.abs(flight.truth.t - flight.events[3][0]))
     assert np.linalg.norm(flight.truth.v[at - 1]) == pytest.approx(speed, abs=0.06)
 
 
@@ -193,3 +196,29 @@ def test_two_minutes_fly_in_seconds() -> None:
 def test_numbers_that_run_away_are_refused_and_not_written(values: dict[str, Any], told: str) -> None:
     with pytest.raises(UsageError, match=told):
         fly(hop(**values))
+
+
+def test_what_flew_is_carried_on_from_where_and_how_it_lies() -> None:
+    """Place, attitude and force have no step where a hand takes it up, and the move ends where it says."""
+    moves = [{"seconds": 2, "up_m": 1, "north_m": 2, "east_m": -1, "roll_deg": 30}]
+    commands = [{"t": 1, "do": "arm"}, {"t": 1.2, "do": "disarm"}]
+    values = {"seconds": 5.0, "command": commands, "place": {"heading_deg": 40}, "estimator": {"name": "truth"}}
+    flight = fly(build(values | {"motion": {"after_s": 2.0, "move": moves}}))
+    p, v = flight.truth.p, flight.truth.v
+    k = int(np.searchsorted(flight.truth.t, 2.0))
+    assert np.abs(np.diff(p, axis=0)).max() < 0.006
+    assert p[-1] - p[k] == pytest.approx([2.0, -1.0, -1.0], abs=1e-9)
+    roll, _, heading = np.degrees(rotation.to_euler(flight.truth.q[-1]))
+    assert (roll, heading) == (pytest.approx(30.0, abs=0.1), pytest.approx(40.0, abs=0.1))
+    assert np.gradient(p[k + 1 :, 0], flight.truth.t[k + 1 :]) == pytest.approx(v[k + 1 :, 0], abs=0.01)
+    assert (2.0, "carried by hand") in flight.events
+
+
+def test_a_rotor_out_of_balance_shakes_as_many_times_as_much_for_as_long_as_it_is() -> None:
+    fault = {"t": 10.5, "seconds": 1.5, "part": "rotor", "kind": "unbalanced", "factor": 10.0, "instance": 2}
+    calm, shaken = (fly(hop(fault=faults, seconds=13.0)).imus[0] for faults in ([], [fault]))
+    t, more = calm.t_sample, np.abs(shaken.acc - calm.acc).max(axis=1)
+    during = (t > 10.52) & (t < 11.98)
+    assert more[t < 10.499].max() == 0.0
+    assert np.quantile(more[during], 0.5) > 2.0
+    assert more[t > 12.01].max() < 0.01

@@ -14,9 +14,10 @@ from attlog.simulate.scenario.scenario import load, names
 
 WANTED = {
     "static", "lift-drop", "rotation", "hover", "steps", "initial-angle", "tracking", "waypoints", "yaw", "aggressive",
-    "drift", "vibration", "mag-anomaly", "gnss-loss", "crash",
+    "drift", "vibration", "mag-anomaly", "gnss-loss", "crash", "carried-home", "roll-in", "flip", "hard-landing",
+    "no-liftoff", "clipping",
 }  # fmt: skip
-FLOWN = sorted(WANTED - {"static", "lift-drop", "rotation"})
+FLOWN = sorted(WANTED - {"static", "lift-drop", "rotation", "flip", "no-liftoff"})
 
 
 @functools.lru_cache(maxsize=16)

@@ -17,13 +17,18 @@ OF_TELEMETRY = {"rate", "truth_packet_times"}
 """What is always said of 50 Hz, and of a truth without a clock."""
 OPEN = {"not_checked", "unanswered"}
 OWN = {
-    "crash": {"crash"}, "mag-anomaly": {"field_against_motors"}, "gnss-loss": {"GNSS"}, "vibration": {"vibration"},
+    "crash": {"crash"}, "carried-home": {"crash"}, "flip": {"crash"}, "roll-in": {"crash"}, "clipping": {"vibration"},
+    "mag-anomaly": {"field_against_motors"}, "gnss-loss": {"GNSS"}, "vibration": {"vibration"},
 }  # fmt: skip
 """What a scenario plants."""
 UNSEEN = {("vibration", ".tlog"): {"vibration"}}
 """Means over 20 ms do not show what rotors shake."""
-MAY = {("crash", ".tlog"): {"attitude_jumps"}}
-"""Hundreds of degrees per second at 25 Hz look like jumps."""
+SPINS = {"gyro_range", "gyro_clipped"}
+MAY = {
+    ("crash", ".tlog"): {"attitude_jumps"}, ("roll-in", ".ulg"): SPINS, ("roll-in", ".bin"): SPINS,
+    ("roll-in", ".tlog"): {"attitude_jumps"},
+}  # fmt: skip
+"""Hundreds of degrees per second at 25 Hz look like jumps; thousands go beyond a gyro's range."""
 TRUTH = "estimator.name=truth"
 
 

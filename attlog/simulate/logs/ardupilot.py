@@ -45,7 +45,7 @@ MILLIGAUSS = 1e-7
 RAW_HZ = 500.0
 """A unit that samples faster is logged in GYR and ACC."""
 PWM_MIN, PWM_MAX = 1000, 2000
-SLOW_HZ, VIBE_HZ, EKF_HZ = 10.0, 5.0, 10.0
+SLOW_HZ, VIBE_HZ, EKF_HZ = 10.0, 10.0, 10.0
 _NAN = float("nan")
 
 

@@ -116,7 +116,7 @@ def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
 def _imu_status(imu: ImuStream, gyro_id: int, acc_id: int) -> Columns:
     """Once a second: counts, vibration, temperature, and mean and variance over the second."""
     k = every(imu.t_sample, STATUS_HZ)
-    counts = np.cumsum(imu.clipped, axis=0)[k]
+    counts = np.cumsum(imu.clipped, axis=0)[k, :, None] * [1, 0, 0]  # the flight counts all axes together
     shaking = vibration(imu)
     parts = np.add.reduceat(np.ones(len(imu.t)), k) if len(k) else np.zeros(0)
     means = {}
@@ -126,7 +126,7 @@ def _imu_status(imu: ImuStream, gyro_id: int, acc_id: int) -> Columns:
         means[f"var_{name}"] = np.maximum(np.add.reduceat(x**2, k, axis=0) / parts[:, None] - mean**2, 0.0)
     return topic(
         "vehicle_imu_status", timestamp=micros(imu.t[k]), accel_device_id=acc_id, gyro_device_id=gyro_id,
-        accel_clipping=np.tile(counts[:, 1:], 3), gyro_clipping=np.tile(counts[:, :1], 3), accel_rate_hz=imu.rate_hz,
+        accel_clipping=counts[:, 1], gyro_clipping=counts[:, 0], accel_rate_hz=imu.rate_hz,
         gyro_rate_hz=imu.rate_hz, accel_raw_rate_hz=imu.rate_hz, gyro_raw_rate_hz=imu.rate_hz,
         accel_vibration_metric=np.sqrt(np.sum(shaking[k] ** 2, axis=1)), temperature_accel=imu.temperature[k],
         temperature_gyro=imu.temperature[k], **means,

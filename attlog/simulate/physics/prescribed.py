@@ -29,17 +29,24 @@ class BodyMotion:
     shock: Array
 
 
-def moved(scenario: Scenario, t: Array) -> BodyMotion:
-    """The prescribed motion of a scenario at times ``t`` (n,) s. The centre of gravity starts at its height over
-    the feet."""
+def moved(scenario: Scenario, t: Array, lying: tuple[Array, Array] | None = None) -> BodyMotion:
+    """The prescribed motion of a scenario at times ``t`` (n,) s since it began.
+
+    It begins at the attitude (4,) and place (3,) of ``lying``, else at the scenario's angles, with the centre of
+    gravity at its height over the feet.
+    """
     motion = scenario.motion
     assert motion is not None
-    start = [motion.roll_deg, motion.pitch_deg, scenario.place.heading_deg, 0.0]
+    place = np.array([0.0, 0.0, -scenario.vehicle.foot_m])
+    start = [motion.roll_deg, motion.pitch_deg, scenario.place.heading_deg, 0.0, 0.0, 0.0]
+    if lying is not None:
+        start[:3] = np.degrees(rotation.to_euler(lying[0])).tolist()
+        place = lying[1]
     value = np.tile(np.array(start), (len(t), 1))
     first, second, shock = np.zeros_like(value), np.zeros_like(value), np.zeros(len(t))
     now, begin = list(start), 0.0
     for move in motion.move:
-        wanted = [move.roll_deg, move.pitch_deg, move.heading_deg, move.up_m]
+        wanted = [move.roll_deg, move.pitch_deg, move.heading_deg, move.up_m, move.north_m, move.east_m]
         u = np.clip((t - begin) / move.seconds, 0.0, 1.0)
         begin += move.seconds
         for k, goal in enumerate(wanted):
@@ -56,12 +63,11 @@ def moved(scenario: Scenario, t: Array) -> BodyMotion:
     w, w_dot = _body_rates(angles, rates, accelerations)
     arm = np.array(motion.arm_m)
     home = rotation.rotate(rotation.from_euler(*np.radians(start[:3])), arm)
-    p = rotation.rotate(q, arm) - home + np.array([0.0, 0.0, -scenario.vehicle.foot_m])
+    p = rotation.rotate(q, arm) - home + place
     v = rotation.rotate(q, np.cross(w, arm))
     a = rotation.rotate(q, np.cross(w_dot, arm) + np.cross(w, np.cross(w, arm)))
-    p[:, 2] -= value[:, 3]
-    v[:, 2] -= first[:, 3]
-    a[:, 2] -= second[:, 3]
+    for moving, ways in ((p, value), (v, first), (a, second)):
+        moving += ways[:, [4, 5, 3]] * [1.0, 1.0, -1.0]
     return BodyMotion(q, w, w_dot, p, v, a, shock)
 
 

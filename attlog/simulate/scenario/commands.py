@@ -45,8 +45,8 @@ class Command:
 class Move:
     """Within ``seconds`` on to these angles and height, smoothly (fifth-order, no jump in rate or acceleration).
 
-    What is not given stays. ``shock_m_s2``: the blow at the end, along body down, that rings off in hundredths of a
-    second.
+    What is not given stays; ``north_m east_m`` count from where it began. ``shock_m_s2``: the blow at the end, along
+    body down, that rings off in hundredths of a second.
     """
 
     seconds: Positive
@@ -54,6 +54,8 @@ class Move:
     pitch_deg: Annotated[float | None, Field(ge=-85, le=85)] = None
     heading_deg: float | None = None
     up_m: float | None = None
+    north_m: float | None = None
+    east_m: float | None = None
     shock_m_s2: NotNegative = 0.0
 
 
@@ -61,9 +63,11 @@ class Move:
 class PrescribedMotion:
     """A prescribed motion by hand or on a table; rotors stand still. It begins at these angles and goes through
     ``move`` one after the other, then rests. It turns about a point fixed to the earth; ``arm_m`` is the way from
-    there to the centre of gravity in body axes."""
+    there to the centre of gravity in body axes. After commands: from ``after_s`` on somebody carries what flew, from
+    where and how it lies; roll and pitch of the start are not asked for then."""
 
     roll_deg: float = 0.0
     pitch_deg: Annotated[float, Field(ge=-85, le=85)] = 0.0
     arm_m: Three = ZERO
+    after_s: NotNegative | None = None
     move: tuple[Move, ...] = ()

@@ -33,13 +33,13 @@ NAME = r"^[^/\\\x00-\x1f]*$"
 """Names are names of files: no path."""
 MOST_STEPS = 20_000_000
 """Steps of physics in a flight: what an hour or two at the default rates take, about 1 GB and minutes."""
-OF_ROTORS = ("off", "scale")
+OF_ROTORS = ("off", "scale", "unbalanced")
 
 
 @dataclass(frozen=True, config=STRICT)
 class Scenario:
     """A flight to simulate. With ``motion`` it is prescribed, else ``command`` tells the autopilot what to do and
-    when."""
+    when; with both it is flown, and carried from ``motion.after_s`` on."""
 
     name: Annotated[str, Field(pattern=NAME)] = ""
     title: str = ""
@@ -126,8 +126,7 @@ def _contradictions(scenario: Scenario) -> list[str]:
             found.append(f"sensors.imu[{k}].vibration: harmonics, acc_m_s2 and gyro_dps must be equally long")
     if not scenario.sensors.imu:
         found.append("sensors.imu: at least one is needed")
-    if scenario.motion is not None and scenario.command:
-        found.append("motion, command: give one of them; a prescribed motion flies no commands")
+    found += _both_motions(scenario)
     battery = scenario.sensors.battery
     if battery.empty_v > battery.full_v:
         found.append(f"sensors.battery: empty_v {battery.empty_v:g} is above full_v {battery.full_v:g}")
@@ -145,7 +144,22 @@ def _contradictions(scenario: Scenario) -> list[str]:
             found.append(f"fault[{k}].kind: a rotor can be {' or '.join(OF_ROTORS)}, not {fault.kind}")
         if fault.part != "rotor" and fault.kind == "off":
             found.append(f"fault[{k}].kind: only a rotor is off; a sensor that sends nothing is silent")
+        if fault.part != "rotor" and fault.kind == "unbalanced":
+            found.append(f"fault[{k}].kind: only a rotor is unbalanced; a sensor that shakes has noise")
     return found
+
+
+def _both_motions(scenario: Scenario) -> Iterator[str]:
+    """Commands and a motion by hand go together only where one comes after the other."""
+    motion = scenario.motion
+    if motion is None:
+        return
+    if scenario.command and motion.after_s is None:
+        yield "motion, command: give one of them, or motion.after_s, from when on what flew is carried"
+    if motion.after_s is not None and not scenario.command:
+        yield "motion.after_s: nothing flew before; leave it out, or give commands"
+    if motion.after_s is not None and scenario.command and scenario.command[-1].t > motion.after_s:
+        yield f"motion.after_s: {motion.after_s:g} s is before the last command, {scenario.command[-1].t:g} s"
 
 
 def _refused_spans(scenario: Scenario) -> Iterator[str]:

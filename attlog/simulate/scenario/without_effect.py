@@ -28,7 +28,7 @@ ASKED_OF = {
     "kill": set(),
 }
 """The values of a command that count for what it does (:mod:`attlog.simulate.autopilot.guidance`)."""
-HOW_MUCH = {"offset": "value", "scale": "factor", "noise": "size", "spikes": "size"}
+HOW_MUCH = {"offset": "value", "scale": "factor", "unbalanced": "factor", "noise": "size", "spikes": "size"}
 """The value that says how much a fault does; all others need none."""
 
 
@@ -44,7 +44,7 @@ def _late(scenario: Scenario) -> Iterator[str]:
     for k, command in enumerate(scenario.command):
         if command.t >= end:
             yield f"command[{k}]: {command.do} at {command.t:g} s is not flown; {over}"
-    begin = 0.0
+    begin = (scenario.motion.after_s or 0.0) if scenario.motion else 0.0
     for k, move in enumerate(scenario.motion.move if scenario.motion else ()):
         if begin >= end:
             yield f"motion.move[{k}]: begins at {begin:g} s and is not made; {over}"
@@ -84,5 +84,5 @@ def _harmless(scenario: Scenario) -> Iterator[str]:
             yield f"fault[{k}]: {fault.kind} changes nothing as long as {needed} is {standard[needed]}"
         if fault.seconds == 0.0:
             yield f"fault[{k}].seconds: 0 s change nothing; leave it out for a fault that lasts to the end"
-        if fault.part == "rotor" and scenario.motion is not None:
+        if fault.part == "rotor" and scenario.motion is not None and not scenario.command:
             yield f"fault[{k}]: rotors stand still in a prescribed motion"

@@ -43,6 +43,7 @@ class ImuSensor:
         self.kept = kept(self.instants, s.loss_pct, s.gaps, generator(seed, "imu", number, "loss"))
         self.faults = [f for f in scenario.fault if f.part in ("gyro", "acc") and f.instance == number]
         self.kept &= ~silent(self.faults, self.instants)
+        self.unbalanced = [f for f in scenario.fault if f.part == "rotor" and f.kind == "unbalanced"]
         self.out = np.zeros((len(self.instants), OUT))
         self.bias = _biases(s, seed, number, round(scenario.seconds * scenario.loop.rate_hz), self.period)
         self.noise = generator(seed, "imu", number, "noise")
@@ -73,6 +74,7 @@ class ImuSensor:
             ]
         )
         self.harmonics, self.shake, self.phase = _vibration(s, seed, number)
+        self.balanced = self.shake.copy()
         self.state = np.zeros(STATE)
         self.run, self._raw = function_of(KERNEL, imu_samples), np.zeros((0, RAW))
         self.next, self.told = 0, 0
@@ -85,6 +87,8 @@ class ImuSensor:
         """
         if self._drawn(len(raw)) or raw is not self._raw:
             self._raw, self._samples = raw, self._bound(raw)
+        if self.unbalanced:
+            self._shake_at(step * self.period)
         before = self.next
         self.next = self._samples(step * self.substeps, self.used - len(raw), before)
         if self.faults and self.next > before:
@@ -95,6 +99,13 @@ class ImuSensor:
                 self.out[before : self.next, columns] = damaged(
                     faults, t, self.out[before : self.next, columns], last, self.seed
                 )
+
+    def _shake_at(self, t: float) -> None:
+        """Shake at ``t`` s, in place, as rotors do that are out of balance then."""
+        self.shake[:] = self.balanced
+        for fault in self.unbalanced:
+            if fault.holds(t):
+                self.shake[:, fault.instance] *= fault.factor
 
     def arrived(self, now: float) -> Array:
         """Rows (k, 8) that arrived since it was last asked: t_sample, dt, gyro, acc.
