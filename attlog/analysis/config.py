@@ -9,14 +9,34 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from attlog import estimators
-from attlog.base.errors import UsageError, suggestion
+from attlog.base.errors import UsageError
 from attlog.base.files.settings_file import text_of, toml_of
-from attlog.base.setting_values import Kind, either, number, or_none, text, truth, whole, words
+from attlog.base.validation import NumberRange, Parsed, checked
+
+REFERENCES = ("auto", "truth", "smoother", "onboard", "none")
+
+
+def reference_of(value: Any) -> str:
+    """What is compared with, as it is written. ValueError for what no reference is called."""
+    if isinstance(value, str) and (value in REFERENCES or value.startswith("onboard:")):
+        return value
+    raise ValueError("must be auto, truth, smoother, onboard, onboard:NAME (such as onboard:AHR2) or none")
+
+
+def gyro_bias_of(value: Any) -> str:
+    """What is subtracted from the gyro, as it is written. ValueError for anything else."""
+    if value in ("rest", "none", "onboard"):
+        return str(value)
+    raise ValueError("must be rest, none or onboard")
+
+
+def _rows(value: Any) -> Any:
+    return estimators.items(value) if isinstance(value, str) else value
 
 
 @dataclass
@@ -32,43 +52,45 @@ class Config:
     on the log's clock (0 = first IMU sample). Whatever is set is checked: UsageError.
     """
 
-    estimators: list[str] = field(default_factory=lambda: ["default"])
-    imu: int | Literal["all"] | None = None
-    mag: int | Literal["none"] | None = None
-    reference: str = "auto"
+    estimators: Annotated[list[str], Parsed(_rows)] = field(default_factory=lambda: ["default"])
+    imu: Annotated[int, NumberRange()] | Literal["all"] | None = None
+    mag: Annotated[int, NumberRange()] | Literal["none"] | None = None
+    reference: Annotated[str, Parsed(reference_of)] = "auto"
     window: str | None = None
-    score_from: float | None = None
+    score_from: Annotated[float, NumberRange(0.0, 1e6)] | None = None
     clock: Literal["sample", "publication"] = "sample"
-    declination: float | Literal["auto", "model", "param"] = "auto"
+    declination: Annotated[float, NumberRange(-180.0, 180.0)] | Literal["auto", "model", "param"] = "auto"
     trim: bool = True
-    input_delay: float | Literal["auto", "off"] = "auto"
-    gyro_bias: Literal["rest", "none", "onboard"] = "rest"
-    boot: int | None = None
-    system: int | None = None
+    input_delay: Annotated[float, NumberRange(-1000.0, 1000.0)] | Literal["auto", "off"] = "auto"
+    gyro_bias: Annotated[Literal["rest", "none", "onboard"], Parsed(gyro_bias_of)] = "rest"
+    boot: Annotated[int, NumberRange(0)] | None = None
+    system: Annotated[int, NumberRange(0, 255)] | None = None
     params: str | None = None
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def __setattr__(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, _checked(name, value))
+        if not _is_default(name, value):
+            value = getattr(Config.build({name: value}), name)
+        object.__setattr__(self, name, value)
 
     @classmethod
     def of(cls, config: Config | Mapping[str, Any] | None) -> Config:
         """A configuration from itself, a mapping with the same names, or None for the defaults. UsageError as below."""
         if isinstance(config, Config):
             return config
-        return cls.build(dict(config or {}), origin="config")
+        return cls.build(dict(config), origin="config") if config else cls()
 
     @classmethod
-    def build(cls, values: dict[str, Any], origin: str = "options") -> Config:
+    def build(cls, values: dict[str, Any], origin: str = "") -> Config:
         """A configuration from plain values. UsageError lists every problem, with suggestions for unknown names."""
-        lines = []
-        for name, value in values.items():
-            try:
-                _checked(name, value)
-            except UsageError as wrong:
-                lines.append(f"{origin}: {wrong}")
-        if lines:
-            raise UsageError("\n".join(lines))
-        return cls(**values)
+        return checked(cls, values, origin)
+
+    @classmethod
+    def trusted(cls, values: Mapping[str, Any]) -> Config:
+        """A configuration from values that were checked before, as those that the command line's parsers made."""
+        config = cls()
+        config.__dict__.update(values)
+        return config
 
     @classmethod
     def load(cls, path: Path, **options: Any) -> Config:
@@ -88,51 +110,12 @@ class Config:
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
-def _rows(value: Any) -> list[str]:
-    if isinstance(value, str):
-        return estimators.items(value)
-    if not isinstance(value, (list, tuple)) or not all(isinstance(item, str) for item in value):
-        raise ValueError
-    return list(value)
+DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Config)} | {"estimators": ["default"]}
 
 
-def _reference(value: Any) -> str:
-    if not isinstance(value, str) or not (
-        value in ("auto", "truth", "smoother", "onboard", "none") or value.startswith("onboard:")
-    ):
-        raise ValueError
-    return value
-
-
-KINDS = {
-    "estimators": Kind(("a list of text",), _rows),
-    "imu": or_none(either(whole(), words("all"))),
-    "mag": or_none(either(whole(), words("none"))),
-    "reference": Kind(
-        ("auto", "truth", "smoother", "onboard", "onboard:NAME (such as onboard:AHR2)", "none"), _reference
-    ),
-    "window": or_none(text()),
-    "score_from": or_none(number(0.0, 1e6)),
-    "clock": words("sample", "publication"),
-    "declination": either(number(-180.0, 180.0), words("auto", "model", "param")),
-    "trim": truth(),
-    "input_delay": either(number(-1000.0, 1000.0), words("auto", "off")),
-    "gyro_bias": words("rest", "none", "onboard"),
-    "boot": or_none(whole(0)),
-    "system": or_none(whole(0, 255)),
-    "params": or_none(text()),
-}
-"""What each key may be."""
-
-
-def _checked(name: str, value: Any) -> Any:
-    """The value as the configuration holds it. UsageError tells what would do."""
-    if name not in KINDS:
-        raise UsageError(f"unknown key {name!r}{suggestion(str(name), KINDS)}")
-    try:
-        return KINDS[name].checked(value)
-    except ValueError as error:
-        raise UsageError(f"{name}: {error}") from None
+def _is_default(name: str, value: Any) -> bool:
+    """Whether a value is the default of a key: it needs no check."""
+    return name in DEFAULTS and type(value) is type(DEFAULTS[name]) and value == DEFAULTS[name]
 
 
 def _from_json(text: str, path: Path, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -227,7 +227,7 @@ def _described(case: Case) -> dict[str, Any]:
 
 def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
     """The same case with the next best reference, or none: nothing computed with the refused one is kept."""
-    options = choices.reference_options(Config.of(case.settings))
+    options = choices.reference_options(Config.trusted(case.settings))
     refused = case.reference.refused | {case.reference.kind: fault}
     ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)
     ref.steps.append(step)

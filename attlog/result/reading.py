@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
-from functools import cache
+from collections.abc import Iterable
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from attlog.base.errors import UsageError
-from attlog.base.validation import lines
+from attlog.base.validation import adapter, lines
 from attlog.result.document import NOT_UTF8, SCHEMA, SCHEMA_NAME, SCHEMA_NUMBER, expanded
 
 T = TypeVar("T")
@@ -32,10 +31,6 @@ WORDS_BEFORE = {
 """(key, value) of older schemas, and what the value is called now."""
 MOST = 3
 """So many things that are wrong are told."""
-
-
-adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
-"""What checks a document and makes an instance of a class."""
 
 
 def read(kind: type[T], content: bytes, name: str) -> T:

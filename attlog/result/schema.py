@@ -10,12 +10,12 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from attlog import metrics
 from attlog.base.plain import IN_JSON
+from attlog.base.validation import adapter
 from attlog.metrics.answer import Answer
 from attlog.metrics.evidence.common_bias import CommonBias
 from attlog.metrics.statistics.units import UnitValues
 from attlog.result.document import MEASURED_TIMES, OWN, SCHEMA, SENTENCES
 from attlog.result.model import Result
-from attlog.result.reading import adapter
 
 
 class DocumentSchema(GenerateJsonSchema):

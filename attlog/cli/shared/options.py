@@ -90,11 +90,15 @@ ConfigFile = Annotated[
 ]
 Boot = Annotated[
     int | None,
-    typer.Option(metavar="N", help="Take this power-up of a log with several, from 0. [default: with most data]"),
+    typer.Option(
+        metavar="N", min=0, help="Take this power-up of a log with several, from 0. [default: with most data]"
+    ),
 ]
 System = Annotated[
     int | None,
-    typer.Option(metavar="N", help="Take this MAVLink system of a log with several. [default: the autopilot]"),
+    typer.Option(
+        metavar="N", min=0, max=255, help="Take this MAVLink system of a log with several. [default: the autopilot]"
+    ),
 ]
 
 

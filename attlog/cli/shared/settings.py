@@ -107,10 +107,16 @@ def configured(options: LogOptions) -> Config:
 
 
 def from_file(file: Path | None, options: dict[str, Any]) -> Config:
-    """The configuration of a file, where there is one, and of values that win."""
-    from attlog.analysis.config import Config
+    """The configuration of a file, where there is one, and of typed values that win."""
+    from attlog.analysis.config import Config, gyro_bias_of, reference_of
 
-    return Config.build(options) if file is None else Config.load(file, **options)
+    for name, parse in (("reference", reference_of), ("gyro_bias", gyro_bias_of)):
+        if name in options:
+            try:
+                parse(options[name])
+            except ValueError as error:
+                raise UsageError(f"--{name.replace('_', '-')} {options[name]!r} {error}") from None
+    return Config.trusted(options) if file is None else Config.load(file, **options)
 
 
 def for_comparison(options: ComparisonOptions, before: dict[str, Any] | None = None) -> Config:
@@ -123,6 +129,10 @@ def _typed(options: LogOptions) -> dict[str, Any]:
     """The options that were typed, by their names in a configuration."""
     names = [field.name for field in fields(options) if field.name not in ("config", "deterministic")]
     found = {name: value for name in names if (value := getattr(options, name)) is not None}
+    if "estimators" in found:
+        from attlog import estimators
+
+        found["estimators"] = estimators.items(found["estimators"])
     if "imu" in found:
         found["imu"] = _instance(found["imu"], "all", "--imu")
     if "mag" in found:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from attlog.analysis.config import KINDS, Config
+from attlog.analysis.config import DEFAULTS, Config
 from attlog.base.errors import AttlogError, UsageError, suggestion
 from attlog.base.files.settings_file import text_of, toml_of
 from attlog.compare.configurations.configuration import Configuration, build
@@ -46,16 +46,16 @@ def read(path: Path) -> ConfigurationFile:
     tables = values.pop(TABLE, None)
     found.metrics, wrong = _metrics(values.pop("metrics", []))
     problems += [f"{_at(path, lines, 'metrics')}: {w}" for w in wrong]
-    known = [name for name in KINDS if name != "estimators"]
+    known = [name for name in DEFAULTS if name != "estimators"]
     for key in [k for k in values if k not in known]:
         hint = suggestion(key, ["metrics", TABLE, *known])
         problems.append(f"{_at(path, lines, key)}: unknown key {key}{hint}")
         del values[key]
     try:
-        Config.build(dict(values), origin=str(path))
+        config = Config.build(values)
+        found.options = {name: getattr(config, name) for name in values}
     except UsageError as error:
-        problems += str(error).splitlines()
-    found.options = values
+        problems += [f"{_at(path, lines, text_.partition(':')[0])}: {text_}" for text_ in str(error).splitlines()]
     if not isinstance(tables, list) or not tables:
         problems.append(f"{path}: holds no [[{TABLE}]]")
         tables = []

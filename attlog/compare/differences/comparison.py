@@ -11,7 +11,7 @@ from attlog.base.errors import UsageError
 from attlog.base.files.settings_file import bytes_of
 from attlog.base.limits import MAX_RESULT_BYTES
 from attlog.base.plain import plain
-from attlog.base.validation import lines
+from attlog.base.validation import checked
 from attlog.compare.differences.paired import Direction, Scale
 
 SCHEMA = "attlog-comparison/2"
@@ -169,12 +169,7 @@ class Comparison:
             document = json.loads(bytes_of(Path(path), MAX_RESULT_BYTES).decode("utf-8"))
         except (ValueError, RecursionError) as error:
             raise UsageError(f"{path}: not a comparison of attlog: no valid JSON: {error}") from None
-        from pydantic import TypeAdapter, ValidationError
-
         schema = document.get("schema") if isinstance(document, dict) else None
         if schema != SCHEMA:
             raise UsageError(f"{path}: not a comparison of attlog: its schema is {schema!r}, not {SCHEMA}")
-        try:
-            return TypeAdapter(cls).validate_json(json.dumps(document))
-        except ValidationError as error:
-            raise UsageError(f"{path}: not a comparison of attlog: {'; '.join(lines(error, cls))}") from None
+        return checked(cls, document, f"{path}: not a comparison of attlog", strict=True)

@@ -11,14 +11,15 @@ heading_rmse_deg = { max_ratio_to_onboard = 1.2 }
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal
 
 from attlog.base.errors import LogUnreadable, UsageError, suggestion
 from attlog.base.files.settings_file import text_of, toml_of
+from attlog.base.validation import NumberRange, Parsed, checked_or_problems
 from attlog.compare.gates.gates import Gate, Gates
 from attlog.compare.gates.limits import KINDS, GateLimit
 from attlog.compare.gates.rows import windows
@@ -26,15 +27,49 @@ from attlog.metrics import definitions
 from attlog.segments.model import WINDOWS, Segments
 
 TABLE = "gates"
-KEYS = (*KINDS, "filters", "window", "optional")
 
 
-class _Wrong(Exception):
-    """What is wrong with one gate: sentences with the key that each is about."""
+def _patterns(value: Any) -> Any:
+    """Names or patterns of filters as a list."""
+    if isinstance(value, str):
+        value = [value]
+    if not isinstance(value, list) or not value or "" in value:
+        raise ValueError("must be a list of names or patterns")
+    return value
 
-    def __init__(self, *told: tuple[str, str]) -> None:
-        super().__init__(told)
-        self.told = told
+
+@dataclass
+class GateTable:
+    """What one gate may say in a file. A ratio is above 0; ``baseline`` true: not worse than that of all gates."""
+
+    min: Annotated[float, NumberRange(0.0)] | None = None
+    max: Annotated[float, NumberRange(0.0)] | None = None
+    max_ratio_to_onboard: Annotated[float, NumberRange(above=0.0)] | None = None
+    max_above_onboard: Annotated[float, NumberRange()] | None = None
+    max_ratio_to_baseline: Annotated[float, NumberRange(above=0.0)] | None = None
+    max_above_baseline: Annotated[float, NumberRange()] | None = None
+    baseline: Literal[True] | str | None = None
+    filters: Annotated[list[str], Parsed(_patterns)] | None = None
+    window: str | None = None
+    optional: bool = False
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    def limits(self) -> tuple[GateLimit, ...]:
+        """Its limits, in the order of KINDS; not worse than a baseline where it names one and no limit beside it."""
+        values = [(kind, getattr(self, kind)) for kind in KINDS if kind != "baseline"]
+        found = [GateLimit(kind, value) for kind, value in values if value is not None]
+        if self.baseline is not None and not any(limit.against == "baseline" for limit in found):
+            found.append(GateLimit("baseline", 0.0))
+        return tuple(found)
+
+
+@dataclass
+class CommonKeys:
+    """What stands beside the gates of a file."""
+
+    strict: bool = True
+    baseline: str | None = None
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
 
 def read(path: Path) -> Gates:
@@ -54,24 +89,20 @@ def read(path: Path) -> Gates:
     if not isinstance(table, Mapping):
         problems.append(f"{path}: holds no [{TABLE}]")
         raise UsageError("\n".join(problems))
-    common = dict(table)
-    strict, baseline = common.pop("strict", True), common.pop("baseline", None)
-    if not isinstance(strict, bool):
-        problems.append(f"{_at(path, lines, 'strict')}: strict={strict!r}: use true or false")
-    if baseline is not None and not isinstance(baseline, str):
-        problems.append(f"{_at(path, lines, 'baseline')}: baseline={baseline!r}: give the name of a file or folder")
-        baseline = None
+    names = {f.name for f in fields(CommonKeys)}
+    common, wrong = checked_or_problems(CommonKeys, {k: v for k, v in table.items() if k in names}, strict=True)
+    problems += [f"{_at(path, lines, str(place[0]))}: {said}" for place, said in wrong]
+    baseline = table["baseline"] if isinstance(table.get("baseline"), str) else None
     gates = []
-    for metric, one in _entries(common):
-        try:
-            gates.append(_gate(metric, one, path, baseline))
-        except _Wrong as wrong:
-            problems += [f"{_at(path, lines, key or metric, metric)}: {metric}: {said}" for key, said in wrong.told]
+    for metric, one in _entries({k: v for k, v in table.items() if k not in names}):
+        gate, said_of = _gate(metric, one, path, baseline)
+        problems += [f"{_at(path, lines, key or metric, metric)}: {metric}: {said}" for key, said in said_of]
+        gates += [] if gate is None else [gate]
     if not gates and not problems:
         problems.append(f"{path}: [{TABLE}] holds no gate, such as lag_ms = {{ max = 5 }}")
-    if problems:
+    if problems or common is None:
         raise UsageError("\n".join(problems))
-    return Gates(tuple(gates), bool(strict))
+    return Gates(tuple(gates), common.strict)
 
 
 def _entries(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -87,73 +118,38 @@ def _entries(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
             yield name, one
 
 
-def _gate(metric: str, table: Any, path: Path, baseline: str | None) -> Gate:
-    """A gate of its table. _Wrong tells all that is wrong with it."""
+def _gate(metric: str, table: Any, path: Path, baseline: str | None) -> tuple[Gate | None, list[tuple[str, str]]]:
+    """A gate of its table, or None and all that is wrong with it: sentences with the key that each is about."""
     if metric not in definitions():
-        raise _Wrong(("", f"there is no such metric{suggestion(metric, [*definitions(), 'baseline', 'strict'])}"))
+        return None, [("", f"there is no such metric{suggestion(metric, [*definitions(), 'baseline', 'strict'])}")]
     if not isinstance(table, Mapping):
-        raise _Wrong(("", f"is {table!r}; write {metric} = {{ max = 2.0 }}"))
-    wrong = [(k, f"unknown key {k}{suggestion(k, KEYS)}") for k in table if k not in KEYS]
-    filters, window, optional = table.get("filters"), table.get("window"), table.get("optional", False)
-    if isinstance(filters, str):
-        filters = [filters]
-    if filters is not None and not (
-        isinstance(filters, list) and filters and all(isinstance(f, str) and f for f in filters)
-    ):
-        wrong.append(("filters", f"filters={filters!r}: give a list of names or patterns"))
-    if window is not None:
-        wrong += _window(metric, window)
-    if not isinstance(optional, bool):
-        wrong.append(("optional", f"optional={optional!r}: use true or false"))
-    limits, place = [], table.get("baseline")
-    for kind in (k for k in KINDS if k != "baseline" and k in table):
-        try:
-            limits.append(GateLimit(kind, _number(kind, table[kind], metric)))
-        except ValueError as error:
-            wrong.append((kind, str(error)))
-    if place is not None and place is not True and not isinstance(place, str):
-        wrong.append(("baseline", f"baseline={place!r}: give true, or the name of a file or folder"))
-        place = None
-    if place is not None and not any(limit.against == "baseline" for limit in limits):
-        limits.append(GateLimit("baseline", 0.0))
-    low, high = (next((v.value for v in limits if v.kind == k), None) for k in ("min", "max"))
-    if low is not None and high is not None and low > high:
+        return None, [("", f"is {table!r}; write {metric} = {{ max = 2.0 }}")]
+    found, problems = checked_or_problems(GateTable, table, strict=True)
+    wrong = [(str(place[0]), said) for place, said in problems]
+    if isinstance(table.get("window"), str):
+        wrong += _window(metric, table["window"])
+    low, high = (table.get(key) for key in ("min", "max"))
+    if isinstance(low, (int, float)) and isinstance(high, (int, float)) and low > high:
         wrong.append(("min", f"min={low:g} is above max={high:g}"))
-    if not limits and not wrong:
+    if found is None:
+        return None, wrong
+    limits = found.limits()
+    if not limits:
         wrong.append(("", f"has no limit; give one of {', '.join(KINDS)}"))
-    beside = place if isinstance(place, str) else baseline
+    beside = found.baseline if isinstance(found.baseline, str) else baseline
     if any(limit.against for limit in limits) and definitions()[metric].better == "high":
         wrong.append(("", "more is better here: give min, not a limit to something else"))
     if any(limit.against == "baseline" for limit in limits) and beside is None and not wrong:
         wrong.append(("", f'needs a baseline: write baseline = "main.json" below [{TABLE}]'))
     if wrong:
-        raise _Wrong(*wrong)
-    return Gate(
-        metric,
-        tuple(limits),
-        window,
-        None if filters is None else tuple(filters),
-        optional,
-        path.parent / beside if beside is not None else None,
-    )
+        return None, wrong
+    filters = None if found.filters is None else tuple(found.filters)
+    place = None if beside is None else path.parent / beside
+    return Gate(metric, limits, found.window, filters, found.optional, place), []
 
 
-def _number(kind: str, value: Any, metric: str) -> float:
-    """The number of a limit. ValueError says what is wrong with it."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ValueError(f"{kind}={value!r}: give a number")
-    if "ratio" in kind and value <= 0.0:
-        raise ValueError(f"{kind}={value:g}: give a ratio above 0")
-    if value < 0.0 and kind in ("min", "max"):
-        good = "its size counts" if definitions()[metric].better == "zero" else "it is never negative"
-        raise ValueError(f"{kind}={value:g}: give a number from 0 on: {good}")
-    return float(value)
-
-
-def _window(metric: str, window: Any) -> list[tuple[str, str]]:
+def _window(metric: str, window: str) -> list[tuple[str, str]]:
     """What is wrong with a window."""
-    if not isinstance(window, str):
-        return [("window", f"window={window!r}: give a name")]
     if window in WINDOWS:
         return []
     try:

@@ -8,19 +8,17 @@ here and radians inside.
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 from collections.abc import Iterator, Mapping
-from datetime import date, time
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from attlog.base.errors import UsageError, suggestion
 from attlog.base.files.settings_file import text_of, toml_of
-from attlog.base.validation import lines
+from attlog.base.validation import checked
 from attlog.simulate.autopilot.loop import Controller, EstimatorChoice, LoggingRates, Loop
 from attlog.simulate.fault import PlantedFault
 from attlog.simulate.scenario.commands import Command, PrescribedMotion
@@ -95,12 +93,7 @@ def values_of(name_or_path: str | Path) -> dict[str, Any]:
 
 def build(values: Mapping[str, Any], origin: str = "scenario") -> Scenario:
     """A scenario from plain values, as TOML holds them. UsageError lists every problem with its place."""
-    # As JSON a list may stand for a tuple and nothing else for a number: neither "15" nor true.
-    text = json.dumps(dict(values), default=_written)
-    try:
-        scenario = TypeAdapter(Scenario).validate_json(text, strict=True)
-    except ValidationError as error:
-        raise UsageError("\n".join(f"{origin}: {line}" for line in lines(error, Scenario))) from None
+    scenario = checked(Scenario, values, origin, strict=True)
     problems = [*_refused_spans(scenario), *_contradictions(scenario)]
     if problems:
         raise UsageError("\n".join(f"{origin}: {line}" for line in problems))
@@ -171,10 +164,3 @@ def _refused_spans(scenario: Scenario) -> Iterator[str]:
                     yield f"{where}.{key}: [{first:g}, {last:g}] ends before it begins"
                 elif first < 0.0:
                     yield f"{where}.{key}: [{first:g}, {last:g}] begins before the flight, which starts at 0 s"
-
-
-def _written(value: object) -> str:
-    """What TOML knows beside JSON's values: dates and times, as text. TypeError for anything else."""
-    if isinstance(value, (date, time)):
-        return value.isoformat()
-    raise TypeError(f"{value!r} is no value of a TOML file")

@@ -44,7 +44,7 @@ def test_json_goes_to_standard_output_and_the_tables_do_not(attlog, tmp_path: Pa
         (["{log}", "mahony:kpp=1", "vqf:lowpas=2"], 2, "did you mean lowpass?"),
         (["{log}", "mahony", "vqf", "--metric", "lagms"], 2, "did you mean lag_ms?"),
         (["{log}", "mahony", "vqf", "--format", "xls"], 2, "'md', 'csv', 'tex'"),
-        (["{log}", "mahony", "vqf", "--reference", "thruth"], 2, "use auto, truth"),
+        (["{log}", "mahony", "vqf", "--reference", "thruth"], 2, "must be auto, truth"),
         (["{log}", "none.toml"], 66, "cannot be read"),
         (["none.bin", "mahony", "vqf"], 66, "none.bin"),
     ],

@@ -74,7 +74,7 @@ def test_everything_wrong_is_told_at_once_with_its_line(tmp_path: Path) -> None:
     for begin, part in (
         (", line 1: ", "there is no metric inclination_rmse; did you mean inclination_rmse_deg?"),
         (", line 2: ", "unknown key refrence; did you mean reference?"),
-        (": ", "window: use text (got 3)"),
+        (", line 3: ", "window: must be a valid string (got 3)"),
         (", line 7: configuration 1: ", "there is no estimator mahoni; did you mean mahony?"),
         (
             ", line 11: configuration 2: ",
