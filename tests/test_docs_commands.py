@@ -141,6 +141,7 @@ def test_every_python_example_runs(document: str, folder: Path, monkeypatch: pyt
     import numpy as np
 
     monkeypatch.chdir(folder)
+    shutil.copy(folder / "made_before.py", folder / "my_filter.py")
     if document == "docs/batch.md":
         shell("rm -rf out; attlog batch flights --estimators gyro,mahony -o out", folder)
     t = np.arange(0.0, 2.0, 0.01)
